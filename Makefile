@@ -1,0 +1,29 @@
+# make fit   train a classifier against the Moiré Attack, attack it again, write a report
+# make test  lint and run the tests
+PYTHON ?= python3
+VENV := .venv/bin
+
+.PHONY: fit test clean
+
+fit: .venv/installed
+	$(VENV)/python training/fit.py recipe=moire_at
+
+test: .venv/installed-dev
+	$(VENV)/ruff check .
+	$(VENV)/ruff format --check .
+	$(VENV)/python -m pytest
+
+.venv/bin/python:
+	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'moireaug needs Python 3.11 or newer, got ' + sys.version.split()[0] + '. Name one: make PYTHON=python3.12')"
+	$(PYTHON) -m venv .venv
+
+.venv/installed: .venv/bin/python pyproject.toml
+	$(VENV)/python -m pip install --quiet --disable-pip-version-check --editable .
+	touch $@
+
+.venv/installed-dev: .venv/installed
+	$(VENV)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	touch $@
+
+clean:
+	rm -rf .venv

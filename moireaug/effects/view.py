@@ -1,0 +1,232 @@
+"""Pose and lens: where on the screen does a pixel of the photo look?
+
+Convention: continuous coordinates, pixel centres at half integers, x right, y down. *Image* coordinates span
+[0, W] x [0, H] on the picture that is shown, *photo* coordinates [0, W] x [0, H] on the photo. The homography maps
+image to photo; the lens maps photo to ideal (pinhole) coordinates, so that exposing a photo needs no inverse of it.
+Everything here is float64, differentiable in every field, and of shape (B,) for fields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+NEWTON_STEPS = 8
+FAR = 8.0  # points that look past the horizon are put this many pictures away
+
+
+def _matrix(rows: list[list[Tensor | float]], like: Tensor) -> Tensor:
+    return torch.stack([torch.stack([like.new_zeros(like.shape) + v for v in row], -1) for row in rows], -2)
+
+
+def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor, ...]:
+    """What a point (x, y) of the screen's plane becomes: x, y and depth as pairs of coefficients of x and y."""
+    (sy, cy), (sp, cp), (sr, cr) = ((torch.sin(a), torch.cos(a)) for a in map(torch.deg2rad, (yaw, pitch, roll)))
+    across = (cy * cr, cy * sr)
+    down = (sp * sy * cr - cp * sr, sp * sy * sr + cp * cr)
+    depth = (cp * sy * cr + sp * sr, cp * sy * sr - sp * cr)
+    return *across, *down, *depth
+
+
+def camera_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
+    """Pinhole camera before zoom, fit and shift: homography (B, 3, 3) about the centres of image and photo."""
+    xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
+    diagonal = (size[0] ** 2 + size[1] ** 2) ** 0.5
+    f = diagonal / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
+    return _matrix([[xx, xy, 0.0], [yx, yy, 0.0], [zx / f, zy / f, 1.0]], f)
+
+
+def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
+    """The homography of the paper's released code, M = A2 T RX RY RZ A1 in index coordinates of the sensor's raster.
+
+    The focal length is d / (2 sin gamma), and d where sin gamma = 0, d being the raster's diagonal; a negative one is
+    used as it is. There gamma turns clockwise, and theta moves the lower edge away: gamma = -roll, theta = -pitch and phi = yaw.
+    """
+    theta, phi, gamma = (torch.deg2rad(a) for a in (-view["pitch"], view["yaw"], -view["roll"]))
+    h, w = size[0] * scale, size[1] * scale
+    one, zero = torch.ones_like(gamma), torch.zeros_like(gamma)
+    sin_gamma = torch.sin(gamma)
+    frontal = sin_gamma == 0
+    f = torch.where(frontal, one, 0.5 / torch.where(frontal, one, sin_gamma)) * (h * h + w * w) ** 0.5
+
+    def turn(angle: Tensor, a: int, b: int) -> Tensor:
+        entries = [[one if i == j else zero for j in range(4)] for i in range(4)]
+        entries[a][a] = entries[b][b] = torch.cos(angle)
+        entries[a][b], entries[b][a] = -torch.sin(angle), torch.sin(angle)
+        return _matrix(entries, gamma)
+
+    a1 = _matrix([[1.0, 0.0, -w / 2], [0.0, 1.0, -h / 2], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]], gamma)
+    t = _matrix([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, f], [0, 0, 0, 1.0]], gamma)
+    a2 = _matrix([[f, 0, w / 2, 0], [0, f, h / 2, 0], [0, 0, 1.0, 0]], gamma)
+    m = a2 @ t @ turn(theta, 1, 2) @ turn(phi, 0, 2) @ turn(gamma, 0, 1) @ a1
+    # index coordinates of the raster are scale * (x - centre) + scale * centre - 1/2 in centred image coordinates
+    to_index = _matrix([[scale, 0, w / 2 - 0.5], [0, scale, h / 2 - 0.5], [0, 0, 1.0]], gamma)
+    to_index_inverse = _matrix(
+        [[1 / scale, 0, (0.5 - w / 2) / scale], [0, 1 / scale, (0.5 - h / 2) / scale], [0, 0, 1.0]], gamma
+    )
+    m = to_index_inverse @ m @ to_index
+    return m / m[:, 2:, 2:]  # depth positive in the centre, whatever the sign of the focal length
+
+
+POSES: dict[str, Callable[[dict[str, Tensor], tuple[int, int], float], Tensor]] = {
+    "camera": camera_pose,
+    "released": released_pose,
+}
+
+
+def homography(
+    view: dict[str, Tensor],
+    k1: Tensor,
+    k2: Tensor,
+    size: tuple[int, int],
+    scale: float,
+    *,
+    pose: str = "camera",
+    fit: bool = True,
+) -> Tensor:
+    """Image to ideal photo coordinates, (B, 3, 3) float64.
+
+    Args:
+        view: the (B,) fields of `View` by name, angles in degrees.
+        k1, k2: (B,) lens coefficients: a fitted picture stays in view after the distortion, too.
+        size: height and width of image and photo.
+        scale: sensor pixels per photo pixel; only the "released" pose reads it.
+        pose: a key of `POSES`.
+        fit: see `View`.
+    """
+    m = POSES[pose](view, size, scale)
+    h, w = size
+    if pose == "camera":
+        zoom = view["zoom"] * (_fitting_zoom(m, k1, k2, size) if fit else 1.0)
+        place = _matrix([[zoom, 0, view["shift_x"] * w], [0, zoom, view["shift_y"] * h], [0, 0, 1.0]], zoom)
+        m = place @ m
+    centre = m.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
+    return centre @ m @ torch.linalg.inv(centre)
+
+
+def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
+    """The greatest magnification at which the picture's border still lies inside the photo, (B,)."""
+    half = m.new_tensor([size[1] / 2, size[0] / 2])
+    border = m.new_tensor(
+        [[x, y] for x in (-1, -0.5, 0, 0.5, 1) for y in (-1, -0.5, 0, 0.5, 1) if max(x * x, y * y) == 1]
+    )
+    seen = apply_homography(m, (border * half).expand(m.shape[0], -1, -1))
+    to_edge = 1 / (seen / half).abs().amax(-1)  # along the ray through each point, (B, 16)
+    edge = seen * to_edge[..., None]
+    return (to_edge * distortion(edge, k1, k2, size)).amin(-1)
+
+
+def apply_homography(m: Tensor, points: Tensor) -> Tensor:
+    """(B, 3, 3) on points (B, N, 2). Points behind the camera land `FAR` pictures away, never on the photo."""
+    lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
+    ahead = lifted[..., 2:] > 1e-9
+    return torch.where(ahead, lifted[..., :2] / torch.where(ahead, lifted[..., 2:], 1.0), 1e9)
+
+
+def distortion(points: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
+    """The factor 1 + k1 r^2 + k2 r^4 at photo points (B, N, 2) measured from the photo's centre, r = 1 in its corners."""
+    r2 = points.square().sum(-1) * (4 / (size[0] ** 2 + size[1] ** 2))
+    return 1 + r2 * (k1[:, None] + k2[:, None] * r2)
+
+
+def undistortion(points: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
+    """The factor (B, N) that takes ideal points (B, N, 2), measured from the photo's centre, to photo points: the
+    inverse of the lens, by Newton steps.
+
+    Beyond the photo's corners (r > 1), where the polynomial may fold, its tangent at r = 1 is followed instead.
+    """
+    half_diagonal = (size[0] ** 2 + size[1] ** 2) ** 0.5 / 2
+    k1, k2 = k1[:, None], k2[:, None]
+    ideal = points.norm(dim=-1) / half_diagonal
+    slope = 1 + 3 * k1 + 5 * k2
+    beyond = 1 + (ideal - 1 - k1 - k2) / slope
+
+    def newton(r: Tensor) -> Tensor:
+        r2 = r * r
+        error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
+        return (r - error / (1 + r2 * (3 * k1 + 5 * k2 * r2)).clamp(min=0.05)).clamp(min=0, max=1)
+
+    with torch.no_grad():
+        r = ideal.clamp(min=0, max=1)
+        for _ in range(NEWTON_STEPS):
+            r = newton(r)
+    r = torch.where(beyond > 1, beyond, newton(r))
+    tiny = ideal < 1e-12
+    return torch.where(tiny, 1.0, r / torch.where(tiny, 1.0, ideal))
+
+
+def image_to_photo(points: Tensor, matrix: Tensor, size: tuple[int, int], lens: tuple[Tensor, Tensor] | None) -> Tensor:
+    """Image coordinates (B, N, 2) to photo coordinates through homography (B, 3, 3) and lens. Differentiable."""
+    seen = apply_homography(matrix, points)
+    if lens is None:
+        return seen
+    centre = seen.new_tensor([size[1] / 2, size[0] / 2])
+    return (seen - centre) * undistortion(seen - centre, *lens, size)[..., None] + centre
+
+
+def look(
+    matrix: Tensor,
+    rows: Tensor,
+    cols: Tensor,
+    size: tuple[int, int],
+    *,
+    affine: bool,
+    lens: tuple[Tensor, Tensor] | None,
+) -> tuple[Tensor, Tensor]:
+    """Where the lattice `rows` x `cols` lands: from photo to image when exposing, from image to photo when registering.
+
+    Args:
+        matrix: (B, 3, 3) homography.
+        rows, cols: (h,) or (B, h), and (w,) or (B, w), coordinates; they set the dtype of the result.
+        size: height and width of photo and image.
+        affine: the last row of `matrix` is (0, 0, 1).
+        lens: (k1, k2), each (B,), to go through the lens before the homography, or None.
+
+    Returns:
+        x and y, each (B, h, w). Rays past the horizon land `FAR` pictures away.
+    """
+    h, w = size
+    centre = matrix.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
+    # the constant terms are folded in float64, before the cast to the lattice's dtype
+    m = (matrix @ centre).to(rows.dtype)[..., None, None]
+    u, v = (cols - w / 2)[..., None, :], (rows - h / 2)[..., :, None]
+    if lens is not None:
+        k1, k2 = (k.to(rows.dtype)[:, None, None] for k in lens)
+        r2 = (u * u + v * v) * (4 / (h * h + w * w))
+        bend = 1 + r2 * (k1 + k2 * r2)
+        u, v = u * bend, v * bend
+    x = m[:, 0, 0] * u + (m[:, 0, 1] * v + m[:, 0, 2])
+    y = m[:, 1, 0] * u + (m[:, 1, 1] * v + m[:, 1, 2])
+    if affine:
+        return x, y
+    d = m[:, 2, 0] * u + (m[:, 2, 1] * v + m[:, 2, 2])
+    ahead = d > 1e-6
+    d = torch.where(ahead, d, 1.0).reciprocal()
+    limit = FAR * max(h, w)
+    x, y = torch.where(ahead, x * d, -limit), torch.where(ahead, y * d, -limit)
+    return x.clamp(-limit, limit), y.clamp(-limit, limit)
+
+
+def jacobian(
+    inverse: Tensor, rows: Tensor, cols: Tensor, size: tuple[int, int], *, lens: tuple[Tensor, Tensor] | None
+) -> Tensor:
+    """d(image x, y) / d(photo u, v) on the lattice `rows` x `cols`: (B, h, w, 2, 2), the last axis over u and v."""
+    h, w = size
+    u, v = torch.broadcast_tensors((cols - w / 2)[None, :], (rows - h / 2)[:, None])
+    p = torch.stack([u, v], -1).expand(inverse.shape[0], -1, -1, -1)
+    through_lens = torch.eye(2, dtype=p.dtype, device=p.device).expand(*p.shape, 2)
+    if lens is not None:
+        k1, k2 = (k[:, None, None, None, None] for k in lens)
+        c = 4 / (h * h + w * w)
+        r2 = c * p.square().sum(-1)[..., None, None]
+        along = p[..., :, None] * p[..., None, :]
+        through_lens = (1 + r2 * (k1 + k2 * r2)) * through_lens + 2 * c * (k1 + 2 * k2 * r2) * along
+        p = p * (1 + r2 * (k1 + k2 * r2))[..., 0]
+    centre = inverse.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
+    m = (inverse @ centre)[:, None, None]
+    lifted = (m[..., :2] @ p[..., None])[..., 0] + m[..., 2]
+    d = lifted[..., 2:].clamp(min=1e-6)
+    through_view = (m[..., :2, :2] - (lifted[..., :2] / d)[..., None] * m[..., 2:, :2]) / d[..., None]
+    return through_view @ through_lens

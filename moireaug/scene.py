@@ -1,0 +1,332 @@
+"""What stands in front of the camera, and how it may vary.
+
+A [`Scene`][] is five records of plain numbers: `Panel`, `View`, `Lens`, `Sensor` and `Develop`. Every numeric field
+that is documented as a *range* takes a number or a `(low, high)` pair; pairs are drawn uniformly, once per image, by
+`Scene.sample`. The same five records, filled with `(B,)` tensors, make up a `Shot`: a Shot is a Scene whose ranges have
+been drawn. No tensor is ever made here.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, fields
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import torch
+
+    from moireaug.plan import Plan
+    from moireaug.shot import Shot
+
+Range = float | tuple[float, float]
+
+POSES = ("camera", "released")
+EXPOSURES = ("auto", "spectral", "point", "supersample:n")
+RESIZES = ("area", "antialias", "point")
+DEMOSAICS = ("bilinear",)
+
+
+def _ranged(default: Range, low: float, high: float, unit: str = "", *, open_low: bool = False) -> Any:
+    """A field that is a number or a `(low, high)` pair inside the given bounds."""
+    return field(default=default, metadata={"low": low, "high": high, "unit": unit, "open_low": open_low})
+
+
+def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
+    """Return `got` if it is allowed; otherwise a ValueError that lists what is, the closest first."""
+    allowed = tuple(allowed)
+    if isinstance(got, str) and got in allowed:
+        return got
+    close = difflib.get_close_matches(str(got), allowed, n=1, cutoff=0.5)
+    hint = f" Did you mean {close[0]!r}?" if close else ""
+    raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}; got {got!r}.{hint}")
+
+
+def _check_number(name: str, value: object, low: float, high: float, unit: str, open_low: bool) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a number or a (low, high) pair of numbers; got {value!r}.")
+    number = float(value)
+    if not math.isfinite(number) or number < low or number > high or (open_low and number == low):
+        left = "(" if open_low else "["
+        raise ValueError(f"{name} must lie in {left}{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}.")
+    return number
+
+
+class _Part:
+    """Checks every ranged field at construction; drawn records (fields that have a shape) pass unchecked."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not f.metadata or hasattr(value, "shape"):
+                continue
+            name, bounds = f"{type(self).__name__}.{f.name}", f.metadata
+            if isinstance(value, (tuple, list)):
+                if len(value) != 2:
+                    raise ValueError(
+                        f"{name} must be a number or a (low, high) pair; got {len(value)} values: {value!r}."
+                    )
+                low, high = (_check_number(name, v, **bounds) for v in value)
+                if low > high:
+                    raise ValueError(f"{name} must be a (low, high) pair with low <= high; got {value!r}.")
+                value = low if low == high else (low, high)
+            else:
+                value = _check_number(name, value, **bounds)
+            object.__setattr__(self, f.name, value)
+
+
+def ranged_fields(part: _Part) -> list[str]:
+    """The names of a part's ranged fields, in the order in which they are drawn."""
+    return [f.name for f in fields(part) if f.metadata]
+
+
+def bounds(value: Range) -> tuple[float, float]:
+    """`(low, high)` of a range; a plain number is a range of no width."""
+    return value if isinstance(value, tuple) else (value, value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel(_Part):
+    """The screen.
+
+    Args:
+        scale: panel pixels per image pixel, along each axis (the paper's alpha). A range.
+        layout: how a panel pixel is made of subpixels; a key of `moireaug.effects.panel.LAYOUTS`.
+        lit: share of each subpixel's area that emits, the rest being black matrix. A range.
+    """
+
+    scale: Range = _ranged(1.0, 0.0, 1000.0, "panel pixels per image pixel", open_low=True)
+    layout: str = "rgb_stripe"
+    lit: Range = _ranged(1.0, 0.0, 1.0, open_low=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class View(_Part):
+    """Where the camera stands. All fields but `fit` and `pose` are ranges.
+
+    The angles turn the screen about its centre: first `roll` in its plane, then `yaw`, then `pitch`.
+
+    Args:
+        yaw: degrees about the vertical axis; positive moves the right edge away from the camera.
+        pitch: degrees about the horizontal axis; positive moves the upper edge away from the camera.
+        roll: degrees in the image plane, counter-clockwise positive as seen in the photo.
+        zoom: magnification of the picture in the photo; 1 is edge to edge when frontal.
+        shift_x, shift_y: shift of the picture in the photo, as a fraction of the photo's width and height.
+        fov: degrees of view that the picture's diagonal spans from the camera: a small value is a far camera.
+        fit: step back until the whole picture is in the photo, before `zoom` and the shifts apply.
+        pose: "camera" is a pinhole camera as described; "released" is the homography of the paper's released code:
+            whole degrees, focal length tied to the roll (`fov`, `zoom` and the shifts are not read).
+    """
+
+    yaw: Range = _ranged(0.0, -89.0, 89.0, "degrees")
+    pitch: Range = _ranged(0.0, -89.0, 89.0, "degrees")
+    roll: Range = _ranged(0.0, -180.0, 180.0, "degrees")
+    zoom: Range = _ranged(1.0, 0.0, 100.0, open_low=True)
+    shift_x: Range = _ranged(0.0, -1.0, 1.0)
+    shift_y: Range = _ranged(0.0, -1.0, 1.0)
+    fov: Range = _ranged(40.0, 1.0, 89.0, "degrees")
+    fit: bool = True
+    pose: str = "camera"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of("View.pose", self.pose, POSES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lens(_Part):
+    """The optics. Both coefficients map photo to ideal coordinates, `ideal = p (1 + k1 r^2 + k2 r^4)`, r = 1 in the
+    photo's corners: a positive coefficient bends the photo like a barrel, a negative one like a pincushion.
+
+    Args:
+        k1, k2: radial distortion. Ranges.
+        blur: standard deviation of the Gaussian point spread, in sensor pixels. A range.
+    """
+
+    k1: Range = _ranged(0.0, -1.0, 1.0)
+    k2: Range = _ranged(0.0, -1.0, 1.0)
+    blur: Range = _ranged(0.0, 0.0, 20.0, "sensor pixels")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if hasattr(self.k1, "shape"):
+            return
+        for k1 in bounds(self.k1):
+            for k2 in bounds(self.k2):
+                # the slope of r (1 + k1 r^2 + k2 r^4) on 0..1 is least at its ends or where its own slope is zero
+                inner = [-3 * k1 / (10 * k2)] if k2 else []
+                slopes = [1 + 3 * k1 * t + 5 * k2 * t * t for t in (1.0, *inner) if 0 <= t <= 1]
+                if min(slopes) <= 0.05:
+                    raise ValueError(
+                        f"Lens.k1 = {self.k1!r}, Lens.k2 = {self.k2!r} fold the photo onto itself before its corners: "
+                        f"1 + 3 k1 r^2 + 5 k2 r^4 must stay above 0.05 for r in [0, 1], and is {min(slopes):.3g} at "
+                        f"k1 = {k1:g}, k2 = {k2:g}. Bring the coefficients closer to 0."
+                    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor(_Part):
+    """The Bayer sensor.
+
+    Args:
+        scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the raw reading.
+        fill: width of the light-sensitive aperture as a share of the pixel pitch. A range.
+        exposure: how panel light is integrated over a sensor pixel: "auto" (the cheapest method that meets the scene's
+            tolerance), "spectral", "point" (as the paper does) or "supersample:n" (n x n samples a pixel).
+        gain: what the raw reading is multiplied by before it saturates at 1. A range.
+        read_noise: standard deviation of the Gaussian read noise, in raw units [0, 1]. A range.
+    """
+
+    scale: float = 1.0
+    fill: Range = _ranged(1.0, 0.0, 1.0, open_low=True)
+    exposure: str = "auto"
+    gain: Range = _ranged(1.0, 0.0, 1000.0, open_low=True)
+    read_noise: Range = _ranged(0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.scale, (tuple, list)):
+            raise ValueError(
+                f"Sensor.scale must be one number, because it fixes the size of the raw reading of a whole batch; "
+                f"got {self.scale!r}. Vary Panel.scale or View.zoom instead."
+            )
+        scale = _check_number("Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel", False)
+        object.__setattr__(self, "scale", scale)
+        samples = re.fullmatch(r"supersample:([1-9]\d{0,2})", str(self.exposure))
+        if not samples:
+            one_of("Sensor.exposure", self.exposure, EXPOSURES[:3] + ("supersample:4", "supersample:8"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Develop(_Part):
+    """From raw to photo.
+
+    Args:
+        demosaic: "bilinear".
+        brighten: added to the encoded photo before it is clipped to [0, 1]. A range.
+        resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias" (triangle filter) or
+            "point" (bilinear without a prefilter, as the paper's code does).
+        registered: bring the photo back to the image's frame, so that labels, boxes and masks stay valid.
+        linear_light: the panel turns sRGB codes into light and the camera light into sRGB codes.
+    """
+
+    demosaic: str = "bilinear"
+    brighten: Range = _ranged(0.0, -1.0, 1.0)
+    resize: str = "area"
+    registered: bool = True
+    linear_light: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of("Develop.resize", self.resize, RESIZES)
+        one_of("Develop.demosaic", self.demosaic, DEMOSAICS)
+
+
+PARTS: dict[str, type[_Part]] = {"panel": Panel, "view": View, "lens": Lens, "sensor": Sensor, "develop": Develop}
+
+
+def part_from_dict(name: str, values: dict[str, Any]) -> Any:
+    """Build one part from plain values; an unknown key is refused with the closest known one."""
+    known = {f.name for f in fields(PARTS[name])}
+    for key in values:
+        one_of(f"a field of Scene.{name}", key, sorted(known))
+    return PARTS[name](**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A camera in front of a screen: `Panel + View + Lens + Sensor + Develop`. Immutable, hashable, no tensors.
+
+    Args:
+        panel, view, lens, sensor, develop: the five parts; each has its own defaults, which do nothing but show an RGB
+            stripe to a Bayer sensor.
+        tolerance: contrast, in raw units, below which the plan leaves a contribution out.
+
+    Raises:
+        ValueError, TypeError: a value out of its range, with what was got and what is allowed.
+    """
+
+    panel: Panel = Panel()
+    view: View = View()
+    lens: Lens = Lens()
+    sensor: Sensor = Sensor()
+    develop: Develop = Develop()
+    tolerance: float = 1 / 512
+
+    def __post_init__(self) -> None:
+        for name, kind in PARTS.items():
+            if not isinstance(getattr(self, name), kind):
+                raise TypeError(f"Scene.{name} must be a {kind.__name__}; got {getattr(self, name)!r}.")
+        _check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "", False)
+        from moireaug.effects.panel import LAYOUTS
+
+        one_of("Panel.layout", self.panel.layout, LAYOUTS)
+
+    @staticmethod
+    def preset(name: str) -> Scene:
+        """The scene of that name in `moireaug.presets.PRESETS`.
+
+        Raises:
+            ValueError: an unknown name; the message lists the known ones and the closest.
+        """
+        from moireaug.presets import PRESETS
+
+        return PRESETS[one_of("a preset", name, PRESETS)]
+
+    def plan(self) -> Plan:
+        """The ordered effects that this scene calls for, each with its reason. Computed once per scene."""
+        return _cached_plan(self)
+
+    def sample(self, n: int, size: tuple[int, int], generator: torch.Generator | None = None) -> Shot:
+        """Draw the ranges for `n` images of `size` (height, width), from `generator` or torch's global one."""
+        from moireaug.shot import draw
+
+        return draw(self, n, size, generator)
+
+    def capture(self, images: torch.Tensor, generator: torch.Generator | None = None) -> torch.Tensor:
+        """Draw a shot for `images` (B, 3, H, W) and return their photos, of the same shape."""
+        from moireaug.capture import capture
+
+        return capture(images, self.sample(images.shape[0], tuple(images.shape[-2:]), generator))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, strings and pairs, fit for JSON and YAML; `from_dict` is the inverse."""
+        return {k: v if k == "tolerance" else {a: list(b) if isinstance(b, tuple) else b for a, b in v.items()}
+                for k, v in asdict(self).items()}  # fmt: skip
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> Scene:
+        """Rebuild a scene; a part that is absent keeps its defaults, `preset` may name the scene to start from.
+
+        Raises:
+            ValueError, TypeError: an unknown key (the message names the closest) or a value out of its range.
+        """
+        values = dict(values)
+        base = Scene.preset(values.pop("preset")) if "preset" in values else Scene()
+        for key in values:
+            one_of("a key of a scene", key, (*PARTS, "tolerance", "preset"))
+        merged = base.to_dict()
+        parts = {k: part_from_dict(k, merged[k] | dict(values.get(k) or {})) for k in PARTS}
+        return Scene(**parts, tolerance=values.get("tolerance", base.tolerance))
+
+
+@functools.lru_cache(maxsize=256)
+def _cached_plan(scene: Scene) -> Plan:
+    from moireaug.plan import make_plan
+
+    return make_plan(scene)
+
+
+def as_scene(scene: Scene | str | dict[str, Any]) -> Scene:
+    """A Scene from a Scene, a preset's name or a plain dict; what every public `scene=` argument accepts."""
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, str):
+        return Scene.preset(scene)
+    if isinstance(scene, dict):
+        return Scene.from_dict(scene)
+    raise TypeError(f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}.")
