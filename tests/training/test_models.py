@@ -1,0 +1,240 @@
+"""Classifiers by name: shapes, weights that come back, heads that are replaced, and errors that say what to do."""
+
+import pytest
+import torch
+from torch import nn
+
+from training import models
+
+
+def saved(model, path):
+    torch.save(model.state_dict(), path)
+    return str(path)
+
+
+def same(one, other, keys):
+    return all(torch.equal(one.state_dict()[key], other.state_dict()[key]) for key in keys)
+
+
+@pytest.mark.parametrize("size", [(32, 32), (48, 48), (64, 64), (33, 47)])
+@pytest.mark.parametrize("width", [4, 16])
+def test_small_resnet_maps_images_to_logits(size, width):
+    logits = models.SmallResNet(7, width)(torch.rand(2, 3, *size))
+    assert logits.shape == (2, 7) and logits.isfinite().all()
+
+
+def test_small_resnet_is_small():
+    assert 80_000 < sum(parameter.numel() for parameter in models.SmallResNet(16).parameters()) < 200_000
+
+
+def test_every_parameter_and_the_image_receive_a_gradient():
+    model, images = models.SmallResNet(5, 4), torch.rand(4, 3, 32, 32, requires_grad=True)
+    nn.functional.cross_entropy(model(images), torch.arange(4)).backward()
+    assert all(parameter.grad is not None and parameter.grad.any() for parameter in model.parameters())
+    assert images.grad.any()
+
+
+def test_small_resnet_leaves_its_input_alone_and_centres_it():
+    model, images = models.SmallResNet(5, 4).eval(), torch.full((1, 3, 32, 32), 0.5)
+    seen = []
+    model.stem.register_forward_hook(lambda module, inputs, output: seen.append(inputs[0]))
+    model(images)
+    assert (seen[0] == 0).all() and (images == 0.5).all()
+
+
+def test_small_resnet_learns():
+    generator = torch.Generator().manual_seed(0)
+    labels = torch.arange(32) % 2
+    images = torch.rand(32, 3, 32, 32, generator=generator) * 0.5
+    images[labels == 1, :, :16] += 0.3
+    torch.manual_seed(0)
+    model = models.SmallResNet(2, 4)
+    optimiser = torch.optim.SGD(model.parameters(), 0.05, momentum=0.9)
+    for _ in range(15):
+        optimiser.zero_grad()
+        nn.functional.cross_entropy(model(images), labels).backward()
+        optimiser.step()
+    assert (model.eval()(images).argmax(1) == labels).all()
+
+
+@pytest.mark.parametrize("arguments", [(0, 16), (5, 0)])
+def test_small_resnet_refuses_empty_layers(arguments):
+    with pytest.raises(ValueError, match="at least 1"):
+        models.SmallResNet(*arguments)
+
+
+def test_names_hold_classifiers_only():
+    assert models.names()[0] == "small_resnet"
+    assert {"resnet18", "mobilenet_v2", "vit_b_16"} < set(models.names())
+    assert not any("rcnn" in name or "raft" in name or "quantized" in name for name in models.names())
+
+
+@pytest.mark.parametrize(
+    "name", ["small_resnet", "squeezenet1_1", "shufflenet_v2_x0_5", "mnasnet0_5", "regnet_x_400mf"]
+)
+def test_build_gives_the_number_of_classes_asked_for(name):
+    assert models.build(name, 7).eval()(torch.rand(1, 3, 64, 64)).shape == (1, 7)
+
+
+def test_googlenet_has_one_output_even_in_training():
+    assert models.build("googlenet", 7)(torch.rand(2, 3, 64, 64)).shape == (2, 7)
+
+
+@pytest.mark.parametrize("name", ["small_resnet", "squeezenet1_1", "shufflenet_v2_x0_5"])
+def test_weights_come_back_unchanged(name, tmp_path):
+    model = models.build(name, 7)
+    again = models.build(name, 7, saved(model, tmp_path / "weights.pth"))
+    assert same(model, again, model.state_dict())
+
+
+@pytest.mark.parametrize(
+    ("name", "head"),
+    [
+        ("small_resnet", {"head.weight", "head.bias"}),
+        ("squeezenet1_1", {"classifier.1.weight", "classifier.1.bias"}),
+        ("shufflenet_v2_x0_5", {"fc.weight", "fc.bias"}),
+    ],
+)
+@pytest.mark.parametrize("classes", [3, 1])
+def test_another_number_of_classes_replaces_the_head_alone(name, head, classes, tmp_path):
+    model = models.build(name, 7)
+    tuned = models.build(name, classes, saved(model, tmp_path / "weights.pth"))
+    assert same(model, tuned, model.state_dict().keys() - head)
+    assert all(tuned.state_dict()[key].shape[0] == classes for key in head)
+
+
+def test_files_without_batch_counters_load(tmp_path):
+    model = models.build("small_resnet", 7)
+    state = {key: value for key, value in model.state_dict().items() if not key.endswith("num_batches_tracked")}
+    torch.save(state, tmp_path / "old.pth")
+    assert same(model, models.build("small_resnet", 7, str(tmp_path / "old.pth")), state)
+
+
+def narrowed(state):
+    return state | {"stem.weight": state["stem.weight"][:, :1]}
+
+
+def one_less(state):
+    return {key: value for key, value in state.items() if key != "norm.bias"}
+
+
+def one_more(state):
+    return state | {"tail.weight": torch.zeros(2)}
+
+
+def other_features(state):
+    return state | {"head.weight": torch.zeros(7, 63)}
+
+
+def half_a_head(state):
+    return state | {"head.bias": torch.zeros(3)}
+
+
+def shorter_norm(state):
+    return state | {"norm.weight": torch.zeros(3)}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (narrowed, r"1 of another shape \(stem.weight\)"),
+        (one_less, r"1 missing \(norm.bias\)"),
+        (one_more, r"1 unknown \(tail.weight\)"),
+        (other_features, r"1 of another shape \(head.weight\)"),
+        (half_a_head, r"1 of another shape \(head.bias\)"),
+        (shorter_norm, r"1 of another shape \(norm.weight\)"),
+    ],
+)
+def test_every_other_mismatch_is_refused(spoil, sentence, tmp_path):
+    torch.save(spoil(dict(models.build("small_resnet", 7).state_dict())), tmp_path / "weights.pth")
+    with pytest.raises(ValueError, match=f"do not fit 'small_resnet'.*{sentence}"):
+        models.build("small_resnet", 7, str(tmp_path / "weights.pth"))
+
+
+def test_weights_of_another_model_are_refused_even_with_other_classes(tmp_path):
+    path = saved(models.build("squeezenet1_1", 7), tmp_path / "weights.pth")
+    with pytest.raises(ValueError, match="do not fit 'small_resnet'.*missing.*unknown"):
+        models.build("small_resnet", 3, path)
+    with pytest.raises(ValueError, match="do not fit 'squeezenet1_0'"):
+        models.build("squeezenet1_0", 3, path)
+
+
+def test_weights_of_another_width_are_refused(tmp_path):
+    path = saved(models.SmallResNet(7, width=8), tmp_path / "weights.pth")
+    with pytest.raises(ValueError, match="of another shape"):
+        models.build("small_resnet", 7, path)
+
+
+class Opener:
+    """Unpickling it would run code: the sort of file that must never be opened blindly."""
+
+    def __reduce__(self):
+        return (open, ("never-written", "w"))
+
+
+@pytest.mark.parametrize("damage", ["empty", "text", "cut", "flipped", "code"])
+def test_a_file_that_cannot_be_read_is_named(damage, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "weights.pth"
+    saved(models.build("small_resnet", 7), path)
+    whole = path.read_bytes()
+    path.write_bytes(
+        {"empty": b"", "text": b"<html>not found</html>", "cut": whole[: len(whole) // 2]}.get(damage, whole)
+    )
+    if damage == "flipped":
+        path.write_bytes(bytes(255 - byte for byte in whole[:4000]) + whole[4000:])
+    if damage == "code":
+        torch.save({"a": Opener()}, path)
+    with pytest.raises(ValueError, match=r"weights\.pth' could not be read.*fetch it again"):
+        models.build("small_resnet", 7, str(path))
+    assert not (tmp_path / "never-written").exists()
+
+
+@pytest.mark.parametrize("content", [[torch.zeros(2)], {"state_dict": {"a": torch.zeros(2)}}, torch.zeros(3)])
+def test_a_file_that_holds_no_state_dict_is_named(content, tmp_path):
+    torch.save(content, tmp_path / "weights.pth")
+    with pytest.raises(ValueError, match=r"weights\.pth' holds something other than a state_dict"):
+        models.build("small_resnet", 7, str(tmp_path / "weights.pth"))
+
+
+def test_a_missing_file_is_named_with_the_published_weights():
+    with pytest.raises(ValueError, match="no weights file 'nowhere.pth'.*IMAGENET1K_V1"):
+        models.build("squeezenet1_1", 7, "nowhere.pth")
+    with pytest.raises(ValueError, match="no weights file 'DEFAULT'"):
+        models.build("small_resnet", 7, "DEFAULT")
+
+
+def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
+    published = models.build("squeezenet1_1", 1000)
+
+    def get_model(name, weights=None, **options):
+        assert name == "squeezenet1_1"
+        return published if weights else original(name, **options)
+
+    original = models.torchvision.models.get_model
+    monkeypatch.setattr(models.torchvision.models, "get_model", get_model)
+    tuned = models.build("squeezenet1_1", 7, "DEFAULT")
+    assert same(published, tuned, [key for key in published.state_dict() if not key.startswith("classifier")])
+
+    def offline(name, weights=None, **options):
+        if weights:
+            raise OSError("no route to host")
+        return original(name, **options)
+
+    monkeypatch.setattr(models.torchvision.models, "get_model", offline)
+    with pytest.raises(ValueError, match="'IMAGENET1K_V1' of 'squeezenet1_1' could not be fetched.*no route"):
+        models.build("squeezenet1_1", 7, "IMAGENET1K_V1")
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("resnet19", "Closest: resnet18"), ("small-resnet", "Closest: small_resnet"), ("", "Please use 'small_resnet'")],
+)
+def test_an_unknown_name_lists_the_closest(name, hint):
+    with pytest.raises(ValueError, match=f"no model named {name!r}.*{hint}"):
+        models.build(name, 7)
+
+
+def test_no_classes_are_refused():
+    with pytest.raises(ValueError, match="num_classes=0"):
+        models.build("resnet18", 0)

@@ -1,0 +1,151 @@
+"""The sign data set: the same for the same seed, balanced, and neither trivial nor noise."""
+
+import numpy as np
+import pytest
+import torch
+
+from training import signs
+
+CLASS_COUNT = len(signs.CLASSES)
+
+
+@pytest.fixture(scope="module")
+def train():
+    return signs.make("train", 40 * CLASS_COUNT, size=32)
+
+
+@pytest.fixture(scope="module")
+def test():
+    return signs.make("test", 12 * CLASS_COUNT, size=32)
+
+
+def nearest_mean_accuracy(train, test, train_labels=None):
+    images, labels = train[0].flatten(1).float(), train[1] if train_labels is None else train_labels
+    means = torch.stack([images[labels == label].mean(0) for label in range(CLASS_COUNT)])
+    return (torch.cdist(test[0].flatten(1).float(), means).argmin(1) == test[1]).float().mean().item()
+
+
+@pytest.mark.parametrize("size", [16, 33, 48])
+def test_images_are_uint8_planes_and_labels_int64(size):
+    images, labels = signs.make("val", 5, size=size)
+    assert images.shape == (5, 3, size, size) and images.dtype == torch.uint8 and images.is_contiguous()
+    assert labels.shape == (5,) and labels.dtype == torch.int64
+
+
+def test_empty_set():
+    images, labels = signs.make("train", 0)
+    assert images.shape == (0, 3, 48, 48) and labels.shape == (0,)
+
+
+def test_same_seed_same_images_whatever_n_and_whatever_was_drawn_before(train):
+    torch.manual_seed(1)
+    np.random.seed(1)
+    images, labels = signs.make("train", 21, size=32)
+    assert torch.equal(images, train[0][:21]) and torch.equal(labels, train[1][:21])
+
+
+def test_faces_kept_in_memory_are_not_drawn_upon(train):
+    signs._face.cache_clear()
+    signs._noise_tile.cache_clear()
+    images, _ = signs.make("train", 3 * CLASS_COUNT, size=32)
+    assert torch.equal(images, train[0][: 3 * CLASS_COUNT])
+
+
+@pytest.mark.parametrize("other", [{"split": "val"}, {"split": "test"}, {"seed": 1}])
+def test_splits_and_seeds_share_no_image_and_no_order(train, other):
+    images, labels = signs.make(**({"split": "train", "n": 64, "size": 32} | other))
+    assert not torch.equal(labels, train[1][:64])
+    distance = torch.cdist(images.flatten(1).float(), train[0].flatten(1).float(), p=1) / images[0].numel()
+    assert distance.min() > 2
+
+
+def test_no_image_twice_in_one_split(train):
+    distance = torch.cdist(train[0].flatten(1).float(), train[0].flatten(1).float(), p=1) / train[0][0].numel()
+    assert (distance + 255 * torch.eye(len(distance))).min() > 2
+
+
+@pytest.mark.parametrize("n", [1, CLASS_COUNT, 3 * CLASS_COUNT + 5, 200])
+def test_classes_are_balanced_to_within_one_image(n):
+    counts = np.bincount([signs.label_of("train", index) for index in range(n)], minlength=CLASS_COUNT)
+    assert counts.sum() == n and counts.max() - counts.min() <= 1
+
+
+def test_labels_come_in_another_order_in_every_block():
+    orders = {tuple(signs.label_of("train", CLASS_COUNT * b + i) for i in range(CLASS_COUNT)) for b in range(20)}
+    assert len(orders) == 20
+
+
+def test_render_draws_all_its_chance_from_the_generator():
+    first, again, other = (signs.render(3, np.random.default_rng(seed), 48) for seed in (5, 5, 6))
+    assert first.dtype == np.uint8 and first.shape == (48, 48, 3)
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
+def test_labels_change_the_sign_alone_and_every_pair_of_classes_differs():
+    pictures = [signs.render(label, np.random.default_rng(0), 48).astype(int) for label in range(CLASS_COUNT)]
+    differing = [np.abs(a - b).mean() for i, a in enumerate(pictures) for b in pictures[:i]]
+    assert min(differing) > 0.3
+
+
+@pytest.mark.parametrize("style", range(3))
+def test_faces_are_distinct_opaque_and_premultiplied(style):
+    faces = [np.asarray(signs._face(name, style, 128)) for name in signs.CLASSES]
+    assert len({face.tobytes() for face in faces}) == CLASS_COUNT
+    for face in faces:
+        assert face[64, 64, 3] == 255
+        assert (face[..., :3] <= face[..., 3:]).all()
+
+
+def test_left_and_right_are_mirror_images():
+    left, right = (np.asarray(signs._face(name, 1, 128)).astype(int) for name in ("turn_left", "turn_right"))
+    assert np.abs(left - right).mean() > 5
+    assert np.abs(left[:, ::-1] - right).mean() < 2
+
+
+def test_pictures_use_the_range_without_burning_out(train):
+    images = train[0].float()
+    assert 70 < images.mean() < 150
+    assert images.flatten(1).std(1).min() > 3
+    assert ((images == 0) | (images == 255)).float().mean() < 0.15
+
+
+def test_nearest_class_mean_beats_chance_but_is_far_from_solving_it(train, test):
+    accuracy = nearest_mean_accuracy(train, test)
+    assert 3 / CLASS_COUNT < accuracy < 0.6
+
+
+def test_nearest_class_mean_on_shuffled_labels_is_at_chance(train, test):
+    shuffled = train[1][torch.randperm(len(train[1]), generator=torch.Generator().manual_seed(0))]
+    assert nearest_mean_accuracy(train, test, shuffled) < 2.5 / CLASS_COUNT
+
+
+def test_mean_colour_alone_does_not_give_the_class_away(train, test):
+    train, test = ((images.float().mean((2, 3)), labels) for images, labels in (train, test))
+    assert nearest_mean_accuracy(train, test) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"split": "dev", "n": 1}, "no split 'dev'.*train, val, test"),
+        ({"split": "dev", "n": 0}, "no split 'dev'"),
+        ({"split": "train", "n": -1}, "n=-1 is negative"),
+        ({"split": "train", "n": 1, "size": 8}, "size=8 is too small"),
+        ({"split": "train", "n": 0, "size": -8}, "size=-8 is too small"),
+        ({"split": "train", "n": 1, "seed": -1}, "seed=-1 is negative"),
+    ],
+)
+def test_wrong_arguments_are_refused_with_a_sentence(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        signs.make(**arguments)
+
+
+@pytest.mark.parametrize("label", [-1, CLASS_COUNT])
+def test_a_label_that_is_no_class_is_refused(label):
+    with pytest.raises(ValueError, match=f"label={label} is no class"):
+        signs.render(label, np.random.default_rng(0), 48)
+
+
+def test_a_negative_index_is_refused():
+    with pytest.raises(ValueError, match="index=-1 is negative"):
+        signs.label_of("train", -1)

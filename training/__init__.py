@@ -1,0 +1,1 @@
+"""Training against the moiré: data, models, recipes and the report."""

@@ -1,0 +1,182 @@
+"""Classifiers to train and to attack: one compact ResNet for small images, and every torchvision classifier by name."""
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+import torchvision
+from torch import Tensor, nn
+
+
+class ResidualBlock(nn.Module):
+    """Pre-activation residual block: (B, inputs, H, W) to (B, outputs, H / stride, W / stride), rounded up.
+
+    Source: He et al., "Identity Mappings in Deep Residual Networks" (2016), figure 1b.
+    """
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__()
+        self.norm1 = nn.BatchNorm2d(inputs)
+        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
+        self.norm2 = nn.BatchNorm2d(outputs)
+        self.conv2 = nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False)
+        same = inputs == outputs and stride == 1
+        self.shortcut = None if same else nn.Conv2d(inputs, outputs, 1, stride, bias=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        y = torch.relu(self.norm1(x))
+        skip = x if self.shortcut is None else self.shortcut(y)
+        y = self.conv1(y)
+        return skip + self.conv2(torch.relu(self.norm2(y)))
+
+
+class SmallResNet(nn.Module):
+    """A ResNet for images of 32 to 64 px, small enough to train on a CPU.
+
+    Args:
+        num_classes: number of logits.
+        width: channels of the stem; the two stages have twice and four times as many.
+
+    Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is centred inside, so
+    an attack in [0, 1] needs no wrapper.
+    """
+
+    def __init__(self, num_classes: int, width: int = 16) -> None:
+        super().__init__()
+        if num_classes < 1 or width < 1:
+            raise ValueError(
+                f"SmallResNet got num_classes={num_classes} and width={width}; both must be at least 1. "
+                "Please pass positive integers."
+            )
+        # Stride 2 at once: full resolution costs most of the time, and a 48 px sign is still legible at 24 px.
+        self.stem = nn.Conv2d(3, width, 3, 2, 1, bias=False)
+        self.blocks = nn.Sequential(
+            ResidualBlock(width, 2 * width, stride=2),
+            ResidualBlock(2 * width, 2 * width),
+            ResidualBlock(2 * width, 4 * width, stride=2),
+            ResidualBlock(4 * width, 4 * width),
+        )
+        self.norm = nn.BatchNorm2d(4 * width)
+        self.head = nn.Linear(4 * width, num_classes)
+
+    def forward(self, images: Tensor) -> Tensor:
+        x = self.blocks(self.stem((images - 0.5) * 4.0))
+        return self.head(torch.relu(self.norm(x)).mean((2, 3)))
+
+
+# The auxiliary heads exist for training from scratch in the original recipes and turn the output into a tuple.
+# transform_input undoes the ImageNet normalisation that every other torchvision model expects, in favour of their own.
+_SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
+_EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
+_AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
+
+
+def names() -> list[str]:
+    """Every name that `build` knows, "small_resnet" first."""
+    return ["small_resnet", *torchvision.models.list_models(module=torchvision.models)]
+
+
+def build(name: str, num_classes: int, weights: str | None = None) -> nn.Module:
+    """A classifier by name, freshly initialised or with weights.
+
+    Args:
+        name: "small_resnet" (takes [0, 1] images) or any torchvision classifier (its ImageNet normalisation is the
+            caller's to apply).
+        num_classes: number of logits.
+        weights: a state_dict file, or the name of torchvision weights such as "IMAGENET1K_V1" or "DEFAULT". When they
+            were made for another number of classes, the head stays freshly initialised and all else is loaded.
+
+    Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of another model.
+    """
+    if name not in names():
+        closest = difflib.get_close_matches(name, names(), n=3, cutoff=0.3)
+        hint = f" Closest: {', '.join(closest)}." if closest else ""
+        raise ValueError(
+            f"There is no model named {name!r}.{hint} "
+            "Please use 'small_resnet' or a name from torchvision.models.list_models(module=torchvision.models)."
+        )
+    if num_classes < 1:
+        raise ValueError(f"num_classes={num_classes} must be at least 1. Please pass the number of classes.")
+    model = _fresh(name, num_classes)
+    if weights is not None:
+        state = _published(name, weights) if weights in _published_names(name) else _read(name, weights)
+        _load(model, state, f"The weights {weights!r} do not fit {name!r}")
+    return model
+
+
+def _fresh(name: str, num_classes: int) -> nn.Module:
+    if name == "small_resnet":
+        return SmallResNet(num_classes)
+    return torchvision.models.get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
+
+
+def _published_names(name: str) -> list[str]:
+    return [] if name == "small_resnet" else list(torchvision.models.get_model_weights(name).__members__)
+
+
+def _published(name: str, weights: str) -> dict[str, Tensor]:
+    """State of torchvision's own model with these weights, downloaded once into the torch hub folder."""
+    try:
+        return torchvision.models.get_model(name, weights=weights).state_dict()
+    except (OSError, RuntimeError) as error:
+        raise ValueError(
+            f"The torchvision weights {weights!r} of {name!r} could not be fetched ({error}). "
+            "Please check the network, or pass the path of a downloaded state_dict file."
+        ) from error
+
+
+def _read(name: str, path: str) -> Mapping[str, Tensor]:
+    """The state_dict in a file, on the CPU; nothing but tensors is unpickled."""
+    if not Path(path).is_file():
+        published = _published_names(name)
+        other = f", or one of {', '.join(published)}" if published else ""
+        raise ValueError(f"There is no weights file {path!r}. Please pass the path of a state_dict file{other}.")
+    try:
+        state = torch.load(path, weights_only=True, map_location="cpu")
+    # A damaged file surfaces as RuntimeError, UnpicklingError, EOFError, KeyError, ... : whichever byte was hit.
+    except Exception as error:
+        raise ValueError(
+            f"The weights file {path!r} could not be read ({type(error).__name__}): it is damaged, or holds more than "
+            "tensors. Please fetch it again, or save it anew with torch.save(model.state_dict(), path)."
+        ) from error
+    if not isinstance(state, Mapping) or not all(isinstance(value, Tensor) for value in state.values()):
+        raise ValueError(
+            f"The weights file {path!r} holds something other than a state_dict (a mapping of names to tensors). "
+            "Please save it anew with torch.save(model.state_dict(), path)."
+        )
+    return state
+
+
+def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str) -> None:
+    """Copies state into model, but for a head made for another number of classes; raises ValueError otherwise."""
+    own = model.state_dict()
+    given = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
+    # Files written before PyTorch 0.4.1 lack these counters, which matter only without a momentum.
+    missing = [key for key in own if key not in given and not key.endswith("num_batches_tracked")]
+    surplus = [key for key in given if key not in own]
+    changed = [key for key in given if key in own and given[key].shape != own[key].shape]
+    head = changed if _is_head(changed, own, given) else []
+    wrong = [key for key in changed if key not in head]
+    problems = [
+        f"{len(keys)} {what} ({', '.join(keys[:3])}{', ...' if len(keys) > 3 else ''})"
+        for keys, what in ((missing, "missing"), (surplus, "unknown"), (wrong, "of another shape"))
+        if keys
+    ]
+    if problems:
+        raise ValueError(
+            f"{complaint}: of their tensors, {' and '.join(problems)}. "
+            "Please name the model that they were saved from; only the number of classes may differ."
+        )
+    model.load_state_dict(own | {key: value for key, value in given.items() if key not in head})
+
+
+def _is_head(changed: list[str], own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> bool:
+    """Whether the tensors that changed shape are all those of one layer, in their number of outputs alone.
+
+    Any layer but the last would change the inputs of the next one too.
+    """
+    layers = {key.rpartition(".")[0] for key in changed}
+    whole = [key for key in own if key.rpartition(".")[0] in layers]
+    same_inputs = all(given[key].dim() > 0 and given[key].shape[1:] == own[key].shape[1:] for key in changed)
+    return len(layers) == 1 and len(whole) == len(changed) and same_inputs

@@ -1,0 +1,458 @@
+"""Message and traffic signs on varied backgrounds: a data set drawn in memory, the same for the same seed.
+
+Every image has its own generator, seeded by (seed, split, index): any one can be drawn alone, in any order. Classes
+are confusable on purpose (30 / 50 / 80, left / right, pictograms, words), and the background holds sign colours too.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import torch
+from PIL import Image, ImageDraw, ImageFilter, ImageFont
+
+CLASSES: tuple[str, ...] = (
+    *("stop", "yield", "no_entry", "priority_road", "speed_30", "speed_50", "speed_80", "turn_left", "turn_right"),
+    *("roundabout", "warning_curve", "warning_crossing", "board_exit", "board_slow", "lane_open", "lane_closed"),
+)
+SPLITS: tuple[str, ...] = ("train", "val", "test")
+
+Colour = tuple[int, int, int]
+Box = list[tuple[float, float]]
+Pen = ImageDraw.ImageDraw
+
+_FACE = 512  # side of the canvas on which a sign face is drawn, once
+_FINE = 2  # supersampling of a picture; the faces are filtered to match beforehand
+_STYLES = 3  # looks per class: colours, weight of the lettering, painted or lit
+_WHITE, _BLACK, _YELLOW = (244, 244, 240), (18, 18, 20), (250, 196, 20)
+_REDS, _BLUES = ((196, 20, 32), (214, 36, 28), (170, 16, 36)), ((16, 82, 170), (24, 104, 196), (10, 60, 140))
+_LIGHTS = ((255, 168, 24), (250, 250, 236), (255, 84, 40))
+_SIGN_COLOURS = (*_REDS, *_BLUES, _YELLOW, _WHITE, _BLACK, (20, 130, 70), _LIGHTS[0])
+# Dot-matrix letters, five columns by seven rows; each number is a row, its highest bit at the left.
+_LETTERS = {
+    "E": (31, 16, 16, 30, 16, 16, 31),
+    "X": (17, 17, 10, 4, 10, 17, 17),
+    "I": (14, 4, 4, 4, 4, 4, 14),
+    "T": (31, 4, 4, 4, 4, 4, 4),
+    "S": (15, 16, 16, 14, 1, 1, 30),
+    "L": (16, 16, 16, 16, 16, 16, 31),
+    "O": (14, 17, 17, 17, 17, 17, 14),
+    "W": (17, 17, 17, 21, 21, 27, 17),
+}
+
+
+# Faces: each draws one sign on a 512 x 512 transparent canvas, in one of three styles.
+
+
+def _disc(pen: Pen, radius: float, fill: Colour, x: float = 256, y: float = 256) -> None:
+    pen.ellipse((x - radius, y - radius, x + radius, y + radius), fill=fill)
+
+
+def _polygon(sides: int, radius: float, turn: float, x: float = 256, y: float = 256) -> Box:
+    """Corners of a regular polygon; the first lies turn degrees clockwise from the top."""
+    angles = np.radians(turn - 90 + 360 / sides * np.arange(sides))
+    return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
+
+
+def _arrow(pen: Pen, points: Box, width: int, head: float, fill: Colour) -> None:
+    """A bent line with round joints and a triangular head beyond its last point."""
+    pen.line(points, fill=fill, width=width, joint="curve")
+    (x0, y0), (x, y) = points[-2:]
+    pen.polygon(_polygon(3, head, 90 + math.degrees(math.atan2(y - y0, x - x0)), x, y), fill=fill)
+
+
+def _text(pen: Pen, text: str, height: int, fill: Colour, weight: int) -> None:
+    font = ImageFont.load_default(size=height)
+    pen.text((256, 256), text, font=font, fill=fill, anchor="mm", stroke_width=weight, stroke_fill=fill)
+
+
+def _stop(pen: Pen, style: int) -> None:
+    pen.polygon(_polygon(8, 254, 22.5), fill=_WHITE)
+    pen.polygon(_polygon(8, 236, 22.5), fill=_REDS[style])
+    _text(pen, "STOP", 150 + 8 * style, _WHITE, 5 + style)
+
+
+def _yield(pen: Pen, style: int) -> None:
+    pen.polygon(_polygon(3, 270, 180, y=200), fill=_REDS[style])
+    pen.polygon(_polygon(3, 150 + 12 * style, 180, y=200), fill=_YELLOW if style == 2 else _WHITE)
+
+
+def _no_entry(pen: Pen, style: int) -> None:
+    _disc(pen, 252, _WHITE)
+    _disc(pen, 240, _REDS[style])
+    pen.rectangle((76 + 6 * style, 212, 436 - 6 * style, 300), fill=_WHITE)
+
+
+def _priority_road(pen: Pen, style: int) -> None:
+    for radius, fill in ((254, _BLACK if style == 1 else _WHITE), (242, _WHITE), (170 + 10 * style, _YELLOW)):
+        pen.polygon(_polygon(4, radius, 0), fill=fill)
+
+
+def _speed(pen: Pen, style: int, text: str) -> None:
+    _disc(pen, 252, _BLACK if style == 2 else _WHITE)
+    _disc(pen, 246, _REDS[style])
+    _disc(pen, 190 + 4 * style, _BLACK if style == 2 else _WHITE)
+    _text(pen, text, 280, _LIGHTS[1] if style == 2 else _BLACK, 5 + 3 * style)
+
+
+def _turn(pen: Pen, style: int, side: int) -> None:
+    _disc(pen, 252, _WHITE)
+    _disc(pen, 240, _BLUES[style])
+    bend = [(256 - 70, 400), (256 - 70, 246), (256 + 60, 246)] if style else [(256 - 130, 256), (256 + 60, 256)]
+    _arrow(pen, [(256 + side * (x - 256), y) for x, y in bend], 62, 110, _WHITE)
+
+
+def _roundabout(pen: Pen, style: int) -> None:
+    _disc(pen, 252, _WHITE)
+    _disc(pen, 240, _BLUES[style])
+    for start in (30, 150, 270):
+        angles = np.radians(start + np.linspace(0, 62, 9))
+        _arrow(pen, [(256 + 130 * math.cos(a), 256 + 130 * math.sin(a)) for a in angles], 46, 66, _WHITE)
+
+
+def _warning(pen: Pen, style: int) -> tuple[float, float]:
+    """The blank warning sign, a triangle or a diamond; returns the height of its middle and the pictogram's scale."""
+    if style == 2:
+        pen.polygon(_polygon(4, 254, 0), fill=_BLACK)
+        pen.polygon(_polygon(4, 240, 0), fill=_YELLOW)
+        return 256, 1.4
+    pen.polygon(_polygon(3, 290, 0, y=316), fill=_REDS[style])
+    pen.polygon(_polygon(3, 200, 0, y=316), fill=_YELLOW if style == 1 else _WHITE)
+    return 326, 1.05
+
+
+def _warning_curve(pen: Pen, style: int) -> None:
+    y, k = _warning(pen, style)
+    bend = ((-30, 84), (-30, 10), (20, -36), (20, -62))
+    _arrow(pen, [(256 + k * dx, y + k * dy) for dx, dy in bend], round(40 * k), 56 * k, _BLACK)
+
+
+def _warning_crossing(pen: Pen, style: int) -> None:
+    y, k = _warning(pen, style)
+    _disc(pen, 25 * k, _BLACK, 256 + 4 * k, y - 90 * k)
+    legs_and_trunk = ((2, -60, -4, 10), (-4, 0, -44, 84), (-4, 0, 44, 84))
+    arms = ((-50, -4, -2, -48), (-2, -48, 54, -6))
+    for limbs, width in ((legs_and_trunk, 34), (arms, 22)):
+        for x0, y0, x1, y1 in limbs:
+            pen.line((256 + k * x0, y + k * y0, 256 + k * x1, y + k * y1), fill=_BLACK, width=round(width * k))
+
+
+def _lamps(pen: Pen, dots: np.ndarray, colour: Colour) -> None:
+    """A board of round lamps, lit where dots (rows, columns) is True, as wide as the canvas and centred on it."""
+    rows, columns = dots.shape
+    pitch = 488 / max(rows, columns)
+    left, top = 256 - pitch * columns / 2, 256 - pitch * rows / 2
+    pen.rectangle((left - 12, top - 12, 524 - left, 524 - top), fill=(70, 72, 74))
+    pen.rectangle((left - 4, top - 4, 516 - left, 516 - top), fill=(16, 16, 18))
+    for row, column in np.argwhere(dots):
+        _disc(pen, 0.47 * pitch, colour, left + pitch * (column + 0.5), top + pitch * (row + 0.5))
+
+
+def _word(pen: Pen, style: int, text: str) -> None:
+    rows = [[_LETTERS[letter][row] >> (4 - bit) & 1 for letter in text for bit in range(-1, 5)] for row in range(7)]
+    # Bit -1 shifts by five and so reads a zero: the gap before each letter.
+    _lamps(pen, np.pad(np.array(rows, bool), ((2 + style, 2 + style), (0, 1))), _LIGHTS[style])
+
+
+def _lane(pen: Pen, style: int, opened: bool) -> None:
+    mask = Image.new("1", (17, 17))
+    if opened:
+        _arrow(ImageDraw.Draw(mask), [(8, 1), (8, 10)], 3, 6, 1)
+    else:
+        for line in ((3, 3, 13, 13), (13, 3, 3, 13)):
+            ImageDraw.Draw(mask).line(line, fill=1, width=2 + (style > 0))
+    _lamps(pen, np.asarray(mask), ((60, 235, 120), _LIGHTS[1], _LIGHTS[0])[style] if opened else _LIGHTS[2 - style])
+
+
+_DRAW: dict[str, Callable[[Pen, int], None]] = {
+    "stop": _stop,
+    "yield": _yield,
+    "no_entry": _no_entry,
+    "priority_road": _priority_road,
+    "speed_30": lambda pen, style: _speed(pen, style, "30"),
+    "speed_50": lambda pen, style: _speed(pen, style, "50"),
+    "speed_80": lambda pen, style: _speed(pen, style, "80"),
+    "turn_left": lambda pen, style: _turn(pen, style, -1),
+    "turn_right": lambda pen, style: _turn(pen, style, 1),
+    "roundabout": _roundabout,
+    "warning_curve": _warning_curve,
+    "warning_crossing": _warning_crossing,
+    "board_exit": lambda pen, style: _word(pen, style, "EXIT"),
+    "board_slow": lambda pen, style: _word(pen, style, "SLOW"),
+    "lane_open": lambda pen, style: _lane(pen, style, True),
+    "lane_closed": lambda pen, style: _lane(pen, style, False),
+}
+
+
+@cache
+def _face(name: str, style: int, side: int) -> Image.Image:
+    """The sign alone, (side, side), premultiplied by its alpha so that it can be resampled without dark fringes."""
+    canvas = Image.new("RGBA", (_FACE, _FACE))
+    _DRAW[name](ImageDraw.Draw(canvas), style)
+    return canvas.convert("RGBa").reduce(_FACE // side)
+
+
+# Pictures: float32 (side, side, 3) arrays, 0 to 1, at the final resolution; shapes are drawn at twice that.
+
+
+@cache
+def _noise_tile(slope: float) -> Image.Image:
+    """Fractal noise with amplitude 1 / frequency^slope, 512 x 512, every value of [0, 1] equally frequent."""
+    frequency = np.hypot(np.fft.fftfreq(512)[:, None], np.fft.rfftfreq(512))
+    frequency[0, 0] = 1.0
+    white = np.fft.rfft2(np.random.default_rng(7).standard_normal((512, 512)))
+    rank = np.fft.irfft2(white / frequency**slope).ravel().argsort(kind="stable").argsort(kind="stable")
+    return Image.fromarray((rank.reshape(512, 512) / 512**2).astype(np.float32))
+
+
+def _noise(rng: np.random.Generator, side: int, extent: float, slope: float = 1.5, flat: float = 1.0) -> np.ndarray:
+    """A random window (side, side, 1) of the noise tile, extent tile pixels wide and flat times as high."""
+    x, y = rng.uniform(0, 512 - extent), rng.uniform(0, 512 - extent * flat)
+    box = (x, y, x + extent, y + extent * flat)
+    return np.asarray(_noise_tile(slope).resize((side, side), Image.Resampling.BILINEAR, box))[..., None]
+
+
+def _colour(rng: np.random.Generator, low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
+    """A colour between two, (3,), with a little of its own in every channel."""
+    return (np.array(low) + rng.random() * np.subtract(high, low) + rng.normal(0, 0.03, 3)).astype(np.float32)
+
+
+def _sky(rng: np.random.Generator, side: int) -> np.ndarray:
+    fall = np.linspace(0, 1, side, dtype=np.float32)[:, None, None]
+    zenith, horizon = _colour(rng, (0.2, 0.42, 0.75), (0.62, 0.66, 0.72)), _colour(rng, (0.7,) * 3, (0.95,) * 3)
+    sky = zenith + (horizon - zenith) * fall
+    clouds = np.clip(_noise(rng, side, rng.uniform(50, 120), 2.0) * 3 - rng.uniform(1, 3), 0, 1)
+    return sky + (_colour(rng, (0.75,) * 3, (0.98,) * 3) - sky) * clouds
+
+
+def _foliage(rng: np.random.Generator, side: int) -> np.ndarray:
+    leaves = _noise(rng, side, rng.uniform(50, 110), 1.0) * 0.6 + _noise(rng, side, rng.uniform(20, 60), 1.5) * 0.4
+    shade = _colour(rng, (0.03, 0.06, 0.02), (0.16, 0.14, 0.06))
+    return shade + (_colour(rng, (0.30, 0.50, 0.14), (0.72, 0.60, 0.26)) - shade) * np.clip(1.6 * leaves - 0.3, 0, 1)
+
+
+def _road(rng: np.random.Generator, side: int) -> np.ndarray:
+    grain = _noise(rng, side, rng.uniform(60, 140), 0.5, 0.4) + _noise(rng, side, 80, 1.5, 0.5)
+    road = _colour(rng, (0.22,) * 3, (0.52, 0.5, 0.47)) * (0.6 + 0.4 * grain)
+    down, across = np.linspace(0, 1, side, dtype=np.float32)[:, None], np.linspace(-1, 1, side, dtype=np.float32)
+    off_lane = np.abs(across - rng.uniform(-0.8, 0.8) - rng.uniform(-1, 1) * down) - 0.02 - 0.08 * down
+    return road + (0.6 - 0.7 * road) * np.clip(0.5 - off_lane * side / 2, 0, 1)[..., None]
+
+
+def _part(x: np.ndarray) -> np.ndarray:
+    return x - np.floor(x)
+
+
+def _facade(rng: np.random.Generator, side: int) -> np.ndarray:
+    wall = _colour(rng, (0.48, 0.26, 0.18), (0.84, 0.78, 0.68))
+    y, x = np.mgrid[:side, :side].astype(np.float32)
+    x, y = x + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * y, y + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * x
+    row, brick = rng.uniform(3, 6), rng.uniform(7, 15)
+    wide, high = (float(length) for length in rng.uniform(16, 40, 2))
+    course = y / row
+    joint = (_part(course) < 0.9 / row) | (_part(x / brick + np.floor(course) / 2) < 0.9 / brick)
+    across, up = _part(x / wide), _part(y / high)
+    pane = (across < 0.55) & (up < 0.65)
+    frame = (across < 0.62) & (up < 0.7)
+    shine = _colour(rng, (0.08, 0.1, 0.14), (0.5, 0.6, 0.7)) * (0.4 + _noise(rng, side, 60))
+    picture = wall * (0.8 + 0.3 * _noise(rng, side, 100, 0.5))
+    picture[joint] = wall * 0.75 + 0.1
+    picture[frame] = wall * 0.4 + 0.5
+    picture[pane] = shine[pane]
+    return picture
+
+
+def _night(rng: np.random.Generator, side: int) -> np.ndarray:
+    return _colour(rng, (0.02, 0.03, 0.05), (0.14, 0.14, 0.2)) * (0.5 + _noise(rng, side, 90))
+
+
+_SCENES = (_sky, _foliage, _road, _facade)
+
+
+def _scene(rng: np.random.Generator, side: int) -> np.ndarray:
+    """A street without its sign: night, or one surface, often above another."""
+    if rng.random() < 0.15:
+        return _night(rng, side)
+    upper, lower = rng.integers(len(_SCENES), size=2)
+    picture = _SCENES[upper](rng, side)
+    if rng.random() < 0.4:
+        horizon = int(rng.uniform(0.3, 1) * side)
+        picture[horizon:] = _SCENES[lower](rng, side)[horizon:]
+    return picture
+
+
+def _clutter(pen: Pen, rng: np.random.Generator, side: int) -> None:
+    """Plates, posters, lamps in the colours of signs, so that a colour alone says little about the class."""
+    for _ in range(rng.integers(0, 5)):
+        # Farther off than the sign, so duller.
+        dull, grey = rng.uniform(0.3, 0.9), rng.uniform(40, 160)
+        colours = np.array(_SIGN_COLOURS)[rng.integers(len(_SIGN_COLOURS), size=3)] * dull + grey * (1 - dull)
+        x, y = rng.uniform(-0.1, 1.1, 2) * side
+        radius, turn, sides = rng.uniform(0.05, 0.3) * side, rng.uniform(-30, 30), rng.choice((3, 4, 4, 8, 24))
+        for shrink, colour in zip((1, 0.8, 0.35), colours[: rng.integers(1, 4)], strict=False):
+            pen.polygon(_polygon(sides, radius * shrink, turn, x, y), fill=tuple(int(c) for c in colour))
+
+
+def _pose(rng: np.random.Generator, side: int) -> tuple[np.ndarray, float]:
+    """Where the sign hangs: the homography (3, 3) from the face, [-1, 1] each way, to picture pixels; its radius."""
+    radius = side * rng.uniform(0.26, 0.52)
+    x, y = side * (0.5 + np.clip(rng.normal(0, 0.07, 2), -0.2, 0.2))
+    roll, yaw, pitch = np.radians(rng.normal(0, (7, 22, 10)).clip(-48, 48))
+    cos, sin = np.cos((roll, yaw, pitch)), np.sin((roll, yaw, pitch))
+    about_z = np.array([[cos[0], -sin[0], 0], [sin[0], cos[0], 0], [0, 0, 1]])
+    about_y = np.array([[cos[1], 0, sin[1]], [0, 1, 0], [-sin[1], 0, cos[1]]])
+    about_x = np.array([[1, 0, 0], [0, cos[2], -sin[2]], [0, sin[2], cos[2]]])
+    plane = about_z @ about_y @ about_x
+    distance = 4.0  # in radii of the sign: near enough for the perspective to show
+    plane[:, 2] = (0, 0, distance)
+    return np.array([[radius * distance, 0, x], [0, radius * distance, y], [0, 0, 1]]) @ plane, radius
+
+
+def _warp(face: Image.Image, pose: np.ndarray, side: int) -> Image.Image:
+    onto_face = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 2 / face.width]]) @ np.linalg.inv(pose)
+    warp = tuple((onto_face / onto_face[2, 2]).ravel()[:8])
+    return face.transform((side, side), Image.Transform.PERSPECTIVE, warp, Image.Resampling.BILINEAR)
+
+
+def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Premultiplied paint (side, side, 3) after years: bleached by the sun, grimy in patches."""
+    paint = paint + rng.uniform(0, 0.45) * rng.random() * (0.62 * alpha - paint)
+    if rng.random() < 0.5:
+        return paint
+    grime = rng.uniform(0, 0.6) * np.clip(_noise(rng, len(paint), 70) * 2 - 0.8, 0, 1)
+    return paint + grime * (np.float32((0.24, 0.2, 0.15)) * alpha - paint)
+
+
+def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float) -> None:
+    """What comes between sign and camera: a sticker, a scribble, a twig with leaves from beyond the rim."""
+    if rng.random() < 0.2:
+        x, y = middle + rng.uniform(-0.6, 0.6, 2) * radius
+        sticker = _polygon(rng.choice((4, 20)), radius * rng.uniform(0.1, 0.25), rng.uniform(0, 90), x, y)
+        pen.polygon(sticker, fill=tuple(_SIGN_COLOURS[rng.integers(len(_SIGN_COLOURS))]))
+    if rng.random() < 0.1:
+        scribble = middle + rng.uniform(-0.7, 0.7, (6, 2)) * radius
+        pen.line([tuple(p) for p in scribble], fill=tuple(rng.integers(0, 200, 3)), width=2, joint="curve")
+    if rng.random() < 0.3:
+        angle = rng.uniform(0, 2 * math.pi)
+        rim = middle + 1.3 * radius * np.array((math.cos(angle), math.sin(angle)))
+        twig = rim + np.linspace(0, 1, 5)[:, None] * (middle + rng.uniform(-0.6, 0.6, 2) * radius - rim)
+        twig += rng.normal(0, 0.05, twig.shape) * radius
+        pen.line([tuple(p) for p in twig], fill=(62, 48, 34), width=2)
+        for x, y in np.repeat(twig, 3, 0) + rng.normal(0, 0.12, (15, 2)) * radius:
+            green = rng.uniform(0.5, 1.2)
+            leaf = _polygon(4, radius * rng.uniform(0.06, 0.13), rng.uniform(0, 90), x, y)
+            pen.polygon(leaf, fill=(int(70 * green), int(110 * green), int(40 * green)))
+
+
+def _light(rng: np.random.Generator, side: int) -> np.ndarray:
+    """Illumination (side, side, 3): exposure, a slope across the picture, the colour of the day, cast shadows."""
+    ramp = np.linspace(-1, 1, side, dtype=np.float32)
+    slope = rng.normal(0, 0.22, 2).astype(np.float32)
+    light = 1 + (slope[0] * ramp[:, None] + slope[1] * ramp).clip(-0.6, 0.6)[..., None]
+    if rng.random() < 0.4:
+        edge = np.clip(_noise(rng, side, rng.uniform(30, 90), 2.0) * rng.uniform(4, 20) - rng.uniform(1, 8), 0, 1)
+        light = light * (1 - rng.uniform(0.3, 0.65) * edge)
+    return light * (math.exp(rng.normal(-0.1, 0.25)) * rng.normal(1, 0.05, 3)).astype(np.float32)
+
+
+def _photograph(rng: np.random.Generator, picture: np.ndarray) -> np.ndarray:
+    """Haze, blur, sensor noise and rounding: float (side, side, 3) to uint8 of the same shape."""
+    if rng.random() < 0.2:
+        picture = picture + rng.uniform(0.1, 0.5) * (rng.uniform(0.5, 0.85) - picture)
+    image = Image.fromarray(_uint8(picture))
+    if rng.random() < 0.6:
+        # Unequal radii: part defocus, part motion.
+        blur = rng.uniform(0.2, 0.9) + rng.uniform(0, 0.6, 2) * rng.random() ** 2
+        image = image.filter(ImageFilter.GaussianBlur(tuple(blur * len(picture) / 48)))
+    picture = np.asarray(image).astype(np.float32) / 255
+    grain = rng.standard_normal(picture.shape, np.float32) * (0.3 + picture)
+    return _uint8(picture + rng.uniform(0.005, 0.08) * grain)
+
+
+def _uint8(picture: np.ndarray) -> np.ndarray:
+    return (picture.clip(0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
+    """One photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all its chance comes from rng.
+
+    Raises ValueError for a label that is no class and for a size below 16.
+    """
+    if not 0 <= label < len(CLASSES):
+        raise ValueError(f"label={label} is no class. Please pass a number from 0 to {len(CLASSES) - 1}, see CLASSES.")
+    _check_size(size)
+    fine = _FINE * size
+    canvas = Image.fromarray(_uint8(_scene(rng, size))).resize((fine, fine), Image.Resampling.NEAREST)
+    pen = ImageDraw.Draw(canvas)
+    _clutter(pen, rng, fine)
+    pose, radius = _pose(rng, fine)
+    middle = pose[:2, 2] / pose[2, 2]
+    if rng.random() < 0.6:
+        grey, half = int(rng.integers(60, 180)), rng.uniform(0.03, 0.08) * radius
+        pen.rectangle((middle[0] - half, middle[1], middle[0] + half, fine), fill=(grey, grey, grey))
+    name, style = CLASSES[label], int(rng.integers(_STYLES))
+    shines = name.startswith(("board", "lane")) or (name.startswith("speed") and style == 2)
+    sign = _warp(_face(name, style, 128 if radius > 36 else 64), pose, fine)
+    if not shines:
+        sign = sign.convert("RGBA")
+        _cover(ImageDraw.Draw(sign), rng, middle, radius)
+        sign = sign.convert("RGBa")
+    layer = np.asarray(sign.reduce(_FINE)) / np.float32(255)
+    paint, alpha = layer[..., :3] * rng.uniform(0.85, 1.05, 3).astype(np.float32), layer[..., 3:]
+    light = _light(rng, size)
+    picture = np.asarray(canvas.reduce(_FINE)) / np.float32(255) * (1 - alpha)
+    if shines:
+        # Its light is its own: neither shade nor exposure dims it, and it spills over.
+        glow = np.asarray(Image.fromarray(_uint8(paint)).filter(ImageFilter.GaussianBlur(0.04 * size)))
+        picture = picture * light + paint + glow * np.float32(rng.uniform(0.1, 0.6) / 255)
+    else:
+        picture = (picture + _wear(rng, paint, alpha)) * light
+    return _photograph(rng, picture)
+
+
+def label_of(split: str, index: int, seed: int = 0) -> int:
+    """The class of one image: every run of len(CLASSES) indices holds each class once, in an order of its own."""
+    _check_split(split, seed)
+    if index < 0:
+        raise ValueError(f"index={index} is negative. Please pass the place of an image in its split, from 0.")
+    block, place = divmod(index, len(CLASSES))
+    return int(_generator(split, block, seed, stream=1).permutation(len(CLASSES))[place])
+
+
+def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
+    """The first n images of a split, uint8 (n, 3, size, size), and their classes, int64 (n,).
+
+    Args:
+        split: "train", "val" or "test"; they share no randomness.
+        n: any prefix of a longer set is the shorter set; classes are balanced to within one image.
+        size: side in pixels, at least 16.
+        seed: not negative; another seed is another data set.
+
+    Raises ValueError for an unknown split, a negative n or seed, and a size below 16.
+    """
+    _check_split(split, seed)
+    _check_size(size)
+    if n < 0:
+        raise ValueError(f"n={n} is negative. Please pass the number of images to draw.")
+    labels = [label_of(split, index, seed) for index in range(n)]
+    images = np.empty((n, size, size, 3), np.uint8)
+    for index, label in enumerate(labels):
+        images[index] = render(label, _generator(split, index, seed, stream=0), size)
+    return torch.from_numpy(images).permute(0, 3, 1, 2).contiguous(), torch.tensor(labels, dtype=torch.int64)
+
+
+def _generator(split: str, index: int, seed: int, stream: int) -> np.random.Generator:
+    return np.random.default_rng((seed, SPLITS.index(split), index, stream))
+
+
+def _check_split(split: str, seed: int) -> None:
+    if split not in SPLITS:
+        raise ValueError(f"There is no split {split!r}. Please pass one of {', '.join(SPLITS)}.")
+    if seed < 0:
+        raise ValueError(f"seed={seed} is negative. Please pass 0 or a positive integer.")
+
+
+def _check_size(size: int) -> None:
+    if size < 16:
+        raise ValueError(f"size={size} is too small to tell the signs apart. Please pass at least 16 pixels.")
