@@ -1,0 +1,46 @@
+"""Intervals: what n images can tell."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+Z95 = 1.959964
+
+
+def wilson(hits: int, n: int) -> tuple[float, float]:
+    """95 % interval of a proportion (Wilson, 1927); (0, 1) where nothing was counted."""
+    if n == 0:
+        return 0.0, 1.0
+    p, z2 = hits / n, Z95**2
+    centre = (p + z2 / (2 * n)) / (1 + z2 / n)
+    half = Z95 / (1 + z2 / n) * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n))
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def paired_gain(ours: Tensor, theirs: Tensor) -> tuple[float, float, float]:
+    """Difference of two accuracies on the same images, with its 95 % interval: (gain, low, high).
+
+    Args:
+        ours, theirs: (n,) bool, which images each model classifies correctly.
+
+    The interval is Agresti and Min's (2005): half an image is added to each of the four outcomes, so that it keeps its
+    width where the two models agree on every image.
+    """
+    n = len(ours)
+    if n == 0:
+        return 0.0, -1.0, 1.0
+    won = int((ours & ~theirs).sum())
+    lost = int((theirs & ~ours).sum())
+    a, b, m = won + 0.5, lost + 0.5, n + 2.0
+    centre = (a - b) / m
+    half = Z95 * math.sqrt(max(0.0, (a + b) - (a - b) ** 2 / m)) / m
+    return (won - lost) / n, max(-1.0, centre - half), min(1.0, centre + half)
+
+
+def ratio_of_means(photo: Tensor, image: Tensor) -> Tensor:
+    """Mean brightness of each photo over its image's, (B, 1, 1, 1), at most 1; 1 for a black image."""
+    mean = image.mean((1, 2, 3), keepdim=True)
+    return torch.where(mean > 0, photo.mean((1, 2, 3), keepdim=True) / mean.clamp(min=1e-6), 1.0).clamp(max=1.0)
