@@ -1,0 +1,65 @@
+"""Examples for a report: the same images clean, photographed and attacked, with what each model says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from moireaug.attacks import MoireAttack, evaluating
+from moireaug.capture import capture
+from moireaug.effects.tone import clip
+from moireaug.evaluation.ladder import Model
+from moireaug.scene import Scene
+
+AMPLIFY = 8  # how much an attack's change of the photo is enlarged to be seen
+
+
+def examples(
+    models: Mapping[str, Model],
+    images: Tensor,
+    labels: Tensor,
+    scene: Scene,
+    eps: float,
+    steps: int,
+    classes: Mapping[int, str],
+    seed: int = 0,
+) -> list[dict[str, Any]]:
+    """One dict an image: its `label`, and `cells` of `title`, `image` (H, W, 3) uint8 and `predictions`.
+
+    Every model is shown the same photo, and attacked on its own; predictions are (model, class name, right or not).
+    """
+    generator = torch.Generator().manual_seed(seed)
+    shot = scene.sample(len(images), tuple(images.shape[-2:]), generator)
+    photo = capture(images, shot)
+    columns = [("clean image", images, models), ("photographed", photo, models)]
+    for name, model in models.items():
+        attack = MoireAttack(model=model, scene=scene, eps=eps, steps=steps)
+        attacked = attack(images, labels, shot=shot, generator=generator).images
+        columns.append((f"attack on {name}, {eps * 255:g}/255", attacked, {name: model}))
+        columns.append((f"its change, × {AMPLIFY}", clip(0.5 + AMPLIFY * (attacked - photo)), {}))
+    said = [{n: _predict(m, shown) for n, m in asked.items()} for _, shown, asked in columns]
+    out = []
+    for i, label in enumerate(labels.tolist()):
+        cells = [
+            {
+                "title": title,
+                "image": _pixels(shown[i]),
+                "predictions": [(n, classes.get(k[i], str(k[i])), k[i] == label) for n, k in answers.items()],
+            }
+            for (title, shown, _), answers in zip(columns, said, strict=True)
+        ]
+        out.append({"label": classes.get(label, str(label)), "cells": cells})
+    return out
+
+
+def _predict(model: Model, images: Tensor) -> list[int]:
+    with evaluating(model), torch.no_grad():
+        return model(images).argmax(1).tolist()
+
+
+def _pixels(image: Tensor) -> np.ndarray:
+    return (image.detach().float().cpu() * 255).round().to(torch.uint8).permute(1, 2, 0).numpy()

@@ -1,0 +1,170 @@
+"""Data sets by name: uint8 images (3, size, size) and labels, split into train, val and test."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+import torchvision
+from PIL import Image
+from torch import Tensor
+from torch.utils.data import Dataset, Subset, TensorDataset
+from torchvision.transforms import v2
+
+from training import signs
+from training.schema import Data
+
+AUGMENT = ("none", "shift", "shift_flip")
+
+
+class Splits(NamedTuple):
+    """Three data sets of (uint8 image, label), the classes' names, and the number of classes of a model for them."""
+
+    train: Dataset
+    val: Dataset
+    test: Dataset
+    classes: dict[int, str]
+    num_classes: int
+
+
+class Folder(torchvision.datasets.ImageFolder):
+    """ImageFolder of uint8 tensors that names the file it cannot read."""
+
+    def __getitem__(self, index: int) -> tuple[Tensor, int]:
+        path, _ = self.samples[index]
+        try:
+            return super().__getitem__(index)
+        except (OSError, SyntaxError, ValueError) as error:
+            raise ValueError(f"The image {path} could not be read ({error}). Remove or replace the file.") from error
+
+
+def _resize(size: int) -> v2.Compose:
+    """The shorter side to `size`, the centre cut out: what ImageNet models are evaluated on, less the 256 px margin."""
+    return v2.Compose([v2.Lambda(_rgb), v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
+
+
+def _rgb(image: Image.Image) -> Image.Image:
+    return image.convert("RGB")
+
+
+def _take(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
+    """A fixed random subset of n items; all of them if n is None or not smaller."""
+    if n is None or n >= len(data):  # type: ignore[arg-type]
+        return data
+    order = torch.randperm(len(data), generator=torch.Generator().manual_seed(seed))  # type: ignore[arg-type]
+    return Subset(data, order[:n].tolist())
+
+
+def _split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
+    """Training images and a fixed random part held out for validation."""
+    total = len(data)  # type: ignore[arg-type]
+    held = cfg.val if cfg.val is not None else total // 10
+    if not 0 < held < total:
+        raise ValueError(f"data.val must leave training images: got {held} of {total}. Pass data.val=N below that.")
+    order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()
+    return _take(Subset(data, order[held:]), cfg.train), Subset(data, order[:held])
+
+
+def _signs(cfg: Data) -> Splits:
+    sets = [TensorDataset(*signs.make(s, getattr(cfg, s) or 0, size=cfg.size)) for s in ("train", "val", "test")]
+    return Splits(*sets, dict(enumerate(signs.CLASSES)), len(signs.CLASSES))
+
+
+def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Callable[[Data], Splits]:
+    def load(cfg: Data) -> Splits:
+        try:
+            sets = [
+                make(cfg.root, transform=_resize(cfg.size), download=cfg.download, **split) for split in (train, test)
+            ]
+        except (RuntimeError, OSError) as error:
+            raise ValueError(
+                f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
+                "Pass data.download=true to fetch it, or data.root=DIR where torchvision has put it."
+            ) from error
+        names = getattr(sets[1], "classes", None) or [str(i) for i in range(43)]
+        return Splits(*_split(sets[0], cfg), _take(sets[1], cfg.test), dict(enumerate(names)), len(names))
+
+    return load
+
+
+def _folder(cfg: Data) -> Splits:
+    root = Path(cfg.root)
+    if not root.is_dir():
+        raise ValueError(f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ inside it.")
+    halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
+    try:
+        sets = [Folder(half, transform=_resize(cfg.size)) for half in halves]
+    except (FileNotFoundError, RuntimeError) as error:
+        raise ValueError(
+            f"data.root={cfg.root!r} does not look like an image folder: {error}. "
+            "It must hold train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, with images inside."
+        ) from error
+    names = sets[1].classes
+    if sets[0].classes != names:
+        odd = sorted(set(sets[0].classes) ^ set(names))
+        raise ValueError(f"train/ and test/ under {cfg.root!r} must hold the same class folders; these differ: {odd[:5]}.")
+    index = list(range(len(names)))
+    if cfg.class_index:
+        known = _class_index(Path(cfg.class_index))
+        lost = [n for n in names if n not in known]
+        if lost:
+            raise ValueError(f"{cfg.class_index} names no class_index for the folders {lost[:5]} of {cfg.root!r}.")
+        index = [known[n] for n in names]
+        for half in sets:
+            half.target_transform = index.__getitem__
+    train, val = _split(sets[0], cfg)
+    classes = dict(zip(index, names, strict=True))
+    return Splits(train, val, _take(sets[1], cfg.test), classes, max(index) + 1)
+
+
+def _class_index(path: Path) -> dict[str, int]:
+    """Folder name to class index, from a CSV with the columns wnid (or folder) and class_index."""
+    try:
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        return {row.get("folder") or row["wnid"]: int(row["class_index"]) for row in rows}
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise ValueError(
+            f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV file with a header and the "
+            "columns folder (or wnid) and class_index, one row a folder."
+        ) from error
+
+
+LOADERS: dict[str, Callable[[Data], Splits]] = {
+    "signs": _signs,
+    "cifar10": _torchvision(torchvision.datasets.CIFAR10, {"train": False}, {"train": True}),
+    "cifar100": _torchvision(torchvision.datasets.CIFAR100, {"train": False}, {"train": True}),
+    "gtsrb": _torchvision(torchvision.datasets.GTSRB, {"split": "test"}, {"split": "train"}),
+    "folder": _folder,
+}
+
+
+def load(cfg: Data) -> Splits:
+    """The data set of that name.
+
+    Raises:
+        ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says what to do.
+    """
+    if cfg.augment not in AUGMENT:
+        raise ValueError(f"data.augment must be one of {', '.join(AUGMENT)}; got {cfg.augment!r}.")
+    return LOADERS[cfg.name](cfg)
+
+
+def augment(images: Tensor, kind: str) -> Tensor:
+    """Shift each image of a float batch (B, 3, H, W) by up to an eighth, zero padded, and flip half of them."""
+    if kind == "none":
+        return images
+    b, _, h, w = images.shape
+    reach = max(1, h // 8)
+    where = {"device": images.device}
+    dy, dx = (torch.randint(-reach, reach + 1, (b, 1, 1), **where) for _ in range(2))
+    rows, cols = torch.arange(h, **where)[None, :, None] + dy, torch.arange(w, **where)[None, None, :] + dx
+    if kind == "shift_flip":
+        flip = torch.rand(b, 1, 1, **where) < 0.5
+        cols = torch.where(flip, w - 1 - cols, cols)
+    inside = (rows >= 0) & (rows < h) & (cols >= 0) & (cols < w)
+    index = (rows.clamp(0, h - 1) * w + cols.clamp(0, w - 1)).flatten(1)[:, None].expand(-1, 3, -1)
+    return images.flatten(2).gather(2, index).reshape(images.shape) * inside[:, None]

@@ -1,0 +1,147 @@
+"""Train a classifier against the Moiré Attack, attack it again, and report what was gained and what it cost.
+
+    python training/fit.py recipe=moire_at
+    python training/fit.py -m recipe=clean,moire_at seed=0,1
+    python training/fit.py recipe=moire_fast data=folder data.root=DIR train.epochs=30
+
+Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with report.html,
+metrics.json, best.ckpt, last.ckpt and config.yaml. Its baseline, recipe `clean` with the same settings, is trained
+first, or reused where it was trained before.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
+
+import hydra
+import lightning as L
+import torch
+from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint, TQDMProgressBar
+from lightning.pytorch.utilities import rank_zero_only
+from omegaconf import DictConfig, OmegaConf
+
+from training import runs
+from training.classifier import Batches, Classifier
+from training.data import Splits, load
+from training.reattack import attack_again, publish
+from training.schema import RECIPES, Adversary, register
+
+
+def fit(cfg: DictConfig) -> dict[str, Any]:
+    """Train, attack again, report: one run. Returns its metrics."""
+    out, mark = runs.folder(cfg), runs.fingerprint(runs.settings(cfg))
+    baseline = None if cfg.recipe == "clean" else plain_twin(cfg)
+
+    began = time.perf_counter()
+    splits = load(cfg.data)
+    seconds = {"data": time.perf_counter() - began}
+    if not cfg.resume:
+        runs.make_room(out, mark)
+    model, train = train_model(cfg, splits, out)
+    seconds["train"] = train["seconds"]
+    if rank_zero_only.rank != 0:
+        return {}
+
+    began = time.perf_counter()
+    rows = attack_again(model, splits, cfg, title=cfg.recipe)
+    seconds["re-attack"] = time.perf_counter() - began
+    return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
+
+
+def plain_twin(cfg: DictConfig) -> dict[str, Any]:
+    """The metrics of recipe `clean` with this run's settings: from `runs/` if its settings are the same, else trained."""
+    plain = OmegaConf.load(RECIPES / "clean.yaml")
+    twin = OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean"})
+    out = runs.folder(twin)
+    known = runs.read_metrics(out)
+    if known and known.get("fingerprint") == runs.fingerprint(runs.settings(twin)) and (out / "best.ckpt").is_file():
+        print(f"The baseline is reused from {out}.")
+        return known
+    print("The baseline comes first: recipe clean, with the same settings.")
+    twin.resume = cfg.resume and (out / "last.ckpt").is_file()
+    return fit(twin)
+
+
+def train_model(cfg: DictConfig, splits: Splits, out: Path) -> tuple[Classifier, dict[str, Any]]:
+    """Train and return the averaged weights that did best on validation, with what it cost."""
+    L.seed_everything(cfg.seed, verbose=False)
+    last = out / "last.ckpt"
+    if cfg.resume and not last.is_file():
+        raise ValueError(f"resume=true needs {last}, which does not exist: leave it out to train from the start.")
+    classifier = Classifier(cfg, splits.num_classes)
+    out.mkdir(parents=True, exist_ok=True)
+    runs.write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
+    keep = {"dirpath": out, "enable_version_counter": False}
+    best = ModelCheckpoint(filename="best", monitor="val_score", mode="max", **keep)
+    callbacks = [
+        EMAWeightAveraging(decay=cfg.train.ema),
+        best,
+        ModelCheckpoint(filename="last", save_on_train_epoch_end=True, **keep),
+        TQDMProgressBar(leave=False),
+    ]
+    trainer = L.Trainer(
+        **OmegaConf.to_container(cfg.trainer),  # type: ignore[arg-type]
+        max_epochs=cfg.train.epochs, callbacks=callbacks, logger=False, num_sanity_val_steps=0,
+        enable_model_summary=False, use_distributed_sampler=False, benchmark=False,
+    )  # fmt: skip
+    began = time.perf_counter()
+    say = rank_zero_only(print)
+    say(f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}, {cfg.train.epochs} epochs")
+    try:
+        trainer.fit(classifier, Batches(cfg, splits), ckpt_path=str(last) if cfg.resume else None)
+    except (SystemExit, KeyboardInterrupt):
+        if last.is_file():
+            again = runs.command([a for a in sys.argv if a != "resume=true"])
+            say(f"\nInterrupted. Every whole epoch is kept in {last}; go on with\n  {again} resume=true")
+        else:
+            say("\nInterrupted before the first epoch was over: nothing was kept.")
+        raise SystemExit(130) from None
+    except (RuntimeError, EOFError, KeyError, OSError) as error:
+        if not cfg.resume:
+            raise
+        raise ValueError(f"{last} could not be resumed ({error}). Leave resume=true out to train from the start.") from error
+    images = sum(h["seconds"] for h in classifier.history)
+    share = cfg.adversary.share if cfg.adversary.kind != "none" else 0.0
+    state = torch.load(out / "best.ckpt", map_location="cpu", weights_only=True)
+    classifier.load_state_dict(state["state_dict"])
+    return classifier.eval(), {
+        "seconds": images,
+        "wall_seconds": time.perf_counter() - began,
+        "epochs": len(classifier.history),
+        "best_epoch": int(state["epoch"]),
+        "images_per_second": len(splits.train) * len(classifier.history) / max(images, 1e-9),  # type: ignore[arg-type]
+        "passes": 1 + share * cfg.adversary.steps,
+        "collapsed_at": classifier.collapsed_at,
+        "history": classifier.history,
+    }
+
+
+@hydra.main(version_base="1.3", config_path=None, config_name="root")
+def main(cfg: DictConfig) -> None:
+    quiet()
+    try:
+        fit(cfg)
+    except ValueError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+def quiet() -> None:
+    """What Lightning says at every start, and a user of these recipes has no use for, stays unsaid."""
+    for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", ".*does not have many workers.*")
+    warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
+    warnings.filterwarnings("ignore", ".*smaller than the logging interval.*")
+
+
+register()
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,187 @@
+"""Attack any classifier: a run's best checkpoint, or a torchvision model with given weights on a folder of images.
+
+    python training/reattack.py run=runs/moire_at/seed0
+    python training/reattack.py run=runs/moire_at/seed0 scene=dashcam_at_led_sign reattack.n=1600
+    python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR data.class_index=CSV \\
+        data.size=224 scene=paper_code
+
+Writes report.html and metrics.json: with `run=` into <run>/reattack/<scene>/, else into runs/reattack/<model>/.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
+
+import hydra
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor, nn
+from torch.utils.data import DataLoader
+from tqdm import tqdm
+
+from moireaug.evaluation import Row, climb, ladder, paired_gain, report
+from moireaug.evaluation.pictures import examples
+from moireaug.scene import as_scene
+from training import runs
+from training.classifier import as_model
+from training.data import Splits, load
+from training.schema import register
+
+
+def device() -> torch.device:
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def batches(splits: Splits, cfg: DictConfig) -> Iterator[tuple[Tensor, Tensor]]:
+    """The test images of a re-attack: the first n of a fixed shuffle, as [0, 1] floats."""
+    n = min(cfg.reattack.n, len(splits.test))  # type: ignore[arg-type]
+    order = torch.randperm(len(splits.test), generator=torch.Generator().manual_seed(cfg.reattack.seed))  # type: ignore[arg-type]
+    subset = torch.utils.data.Subset(splits.test, order[:n].tolist())
+    for images, labels in DataLoader(subset, cfg.reattack.batch_size):
+        yield images.to(device()).float() / 255, labels.to(device())
+
+
+def attack_again(model: nn.Module, splits: Splits, cfg: DictConfig, title: str) -> list[Row]:
+    """Climb the ladder on the test images, with a progress bar; the shots depend on the seed alone."""
+    r, model = cfg.reattack, model.to(device()).eval()
+    rungs = ladder(tuple(r.eps), r.steps)
+    total = -(-min(r.n, len(splits.test)) // r.batch_size)  # type: ignore[arg-type]
+    rows: list[Row] = []
+    steps = climb(model, batches(splits, cfg), as_scene(plain(cfg.scene)), rungs, seed=r.seed, classes=splits.num_classes)
+    for rows in tqdm(steps, total=total, desc=f"Attacking {title} again", unit="batch", leave=False):
+        pass
+    return rows
+
+
+def plain(value: Any) -> Any:
+    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+
+
+def publish(
+    out: Path,
+    cfg: DictConfig,
+    model: nn.Module,
+    splits: Splits,
+    rows: list[Row],
+    *,
+    train: dict[str, Any] | None,
+    baseline: dict[str, Any] | None,
+    seconds: dict[str, float],
+) -> dict[str, Any]:
+    """Write report.html, then metrics.json, and print the summary. Returns the metrics."""
+    out.mkdir(parents=True, exist_ok=True)
+    began = time.perf_counter()
+    models = {cfg.recipe: model} | ({"clean": beside(cfg, baseline, splits)} if baseline else {})
+    images, labels = next(iter(batches(splits, cfg)))
+    shown = examples(models, images[:4], labels[:4], as_scene(plain(cfg.scene)), max(cfg.reattack.eps[:2]),
+                     cfg.reattack.steps, splits.classes, seed=cfg.reattack.seed)  # fmt: skip
+    seconds = seconds | {"pictures": time.perf_counter() - began}
+    scene = as_scene(plain(cfg.scene))
+    metrics: dict[str, Any] = {
+        "recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model,
+        "train": train, **describe(rows), "time": seconds,
+        "scene_name": cfg.scene if isinstance(cfg.scene, str) else "custom", "scene": scene.to_dict(),
+        "plan": str(scene.plan()), "config": runs.settings(cfg), "fingerprint": runs.fingerprint(runs.settings(cfg)),
+        "environment": runs.environment(), "command": runs.command(), "baseline": None, "gain": {}, "gain_interval": {},
+    }  # fmt: skip
+    if baseline:
+        shared = ("recipe", "seed", "data", "model", "clean_accuracy", "train", "reattack")
+        metrics["baseline"] = {k: baseline[k] for k in shared}
+        for name, ours in metrics["correct"].items():
+            if name in baseline["correct"]:
+                pair = (torch.tensor([c == "1" for c in s]) for s in (ours, baseline["correct"][name]))
+                gain, low, high = paired_gain(*pair)
+                metrics["gain"][name], metrics["gain_interval"][name] = gain, [low, high]
+    report.write(out / "report.html", metrics, shown)
+    runs.write_text(out / "metrics.json", json.dumps(metrics, indent=1))
+    print(report.summary(metrics))
+    print(f"Report: {out / 'report.html'}")
+    return metrics
+
+
+def describe(rows: list[Row]) -> dict[str, Any]:
+    """The rows as plain values, with every image's outcome as a string of 0 and 1, for paired comparisons."""
+    outcomes = {r.name: "".join(str(int(c)) for c in r.correct) for r in rows}
+    return {"clean_accuracy": rows[0].accuracy, "reattack": [r.to_dict() for r in rows], "correct": outcomes}
+
+
+def beside(cfg: DictConfig, baseline: dict[str, Any], splits: Splits) -> nn.Module:
+    """The baseline's model, for the pictures."""
+    return from_run(Path(cfg.runs) / baseline["recipe"] / f"seed{baseline['seed']}", splits.num_classes)[0]
+
+
+def from_run(run: Path, num_classes: int | None = None) -> tuple[nn.Module, DictConfig]:
+    """The best model of a run, and the settings it was trained with.
+
+    Raises:
+        ValueError: no run there, or a checkpoint that cannot be read.
+    """
+    if not (run / "config.yaml").is_file() or not (run / "best.ckpt").is_file():
+        raise ValueError(f"run={run} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py writes them.")
+    try:
+        cfg = OmegaConf.load(run / "config.yaml")
+        state = torch.load(run / "best.ckpt", map_location="cpu", weights_only=True)["state_dict"]
+        state = {k.removeprefix("model."): v for k, v in state.items()}
+        head = next(v for k, v in reversed(state.items()) if k.endswith("weight"))
+        model = as_model(cfg.model, num_classes or len(head), None)
+        model.load_state_dict(state)
+    except Exception as error:
+        raise ValueError(
+            f"The checkpoint {run / 'best.ckpt'} could not be read ({type(error).__name__}: {error}). "
+            "It may be damaged: train again with the command in the report, or name another run."
+        ) from error
+    return model.to(device()).eval(), cfg
+
+
+def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
+    """Attack a run or a named model; returns the metrics.
+
+    Args:
+        cfg: the composed configuration. given: the overrides on the command line, which go before a run's own settings.
+    """
+    began, baseline = time.perf_counter(), None
+    if cfg.run is None:
+        splits = load(cfg.data)
+        classes = 1000 if cfg.data.class_index else splits.num_classes
+        model = as_model(cfg.model, classes, cfg.weights).to(device()).eval()
+        out = Path(cfg.runs) / "reattack" / cfg.model
+    else:
+        run = Path(cfg.run)
+        model, own = from_run(run)
+        for key in (o.lstrip("+~").split("=", 1)[0] for o in given):
+            if key != "run":
+                OmegaConf.update(own, key, OmegaConf.select(cfg, key))
+        own.runs = str(run.parent.parent)
+        cfg, splits = own, load(own.data)
+        out = run / "reattack" / (cfg.scene if isinstance(cfg.scene, str) else "custom")
+        twin = Path(cfg.runs) / "clean" / f"seed{cfg.seed}"
+        if cfg.recipe != "clean" and (known := runs.read_metrics(twin)):
+            plainly, _ = from_run(twin)
+            again = attack_again(plainly, splits, cfg, title="clean")
+            baseline = known | describe(again)
+    seconds = {"data": time.perf_counter() - began}
+    began = time.perf_counter()
+    rows = attack_again(model, splits, cfg, title=cfg.recipe)
+    seconds["re-attack"] = time.perf_counter() - began
+    train = (runs.read_metrics(Path(cfg.runs) / cfg.recipe / f"seed{cfg.seed}") or {}).get("train")
+    return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
+
+
+@hydra.main(version_base="1.3", config_path=None, config_name="reattack")
+def main(cfg: DictConfig) -> None:
+    try:
+        reattack(cfg, list(hydra.core.hydra_config.HydraConfig.get().overrides.task))
+    except ValueError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+register()
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""A run's folder: what marks it as whole, whose settings it was made with, and how its files are written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from training.schema import Config
+
+# What a run's result does not depend on.
+_FREE = ("runs", "resume")
+
+
+def settings(cfg: DictConfig) -> dict[str, Any]:
+    """The settings that a run's result depends on, as plain values."""
+    plain = OmegaConf.to_container(cfg, resolve=True)
+    return {k: v for k, v in plain.items() if k not in _FREE}  # type: ignore[union-attr]
+
+
+def fingerprint(values: Mapping[str, Any]) -> str:
+    """Twelve hex digits that change with any setting."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
+
+
+def folder(cfg: DictConfig | Config) -> Path:
+    return Path(cfg.runs) / cfg.recipe / f"seed{cfg.seed}"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, path)
+
+
+def read_metrics(path: Path) -> dict[str, Any] | None:
+    """The metrics of a whole run, or None where there is none; `metrics.json` is written last."""
+    try:
+        return json.loads((path / "metrics.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def make_room(path: Path, mark: str) -> None:
+    """Move a run with other settings aside, so that nothing is lost; its new name is printed."""
+    config = path / "config.yaml"
+    if not config.is_file():
+        return
+    old = fingerprint(settings(OmegaConf.load(config)))
+    if old != mark:
+        aside = path.with_name(f"{path.name}-{old}")
+        if not aside.exists():
+            os.replace(path, aside)
+            print(f"{path} held a run with other settings; it is now {aside}")
+
+
+def environment() -> dict[str, Any]:
+    """Versions and machine, for the record."""
+    import kornia
+    import lightning
+    import numpy
+    import torchvision
+
+    return {
+        "python": platform.python_version(),
+        **{m.__name__: m.__version__ for m in (torch, torchvision, kornia, lightning, numpy)},
+        "cpu": _cpu(),
+        "threads": torch.get_num_threads(),
+        "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu",
+    }
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def command(argv: list[str] | None = None) -> str:
+    """The command line of this run, as a user would type it."""
+    argv = sys.argv if argv is None else argv
+    return " ".join(["python", f"training/{Path(argv[0]).name}", *argv[1:]])

@@ -1,0 +1,124 @@
+"""Every setting of a run, with its type and default. A recipe in `recipes/` holds only what differs.
+
+Lengths of time are epochs, eps is in [0, 1] units, sizes are pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING, OmegaConf
+
+RECIPES = Path(__file__).resolve().parents[1] / "recipes"
+
+
+@dataclass
+class Data:
+    name: str = MISSING
+    root: str | None = None  # folder: holds train/ and test/, or class folders alone (then all of it is test data)
+    size: int = 32  # images are resized to size x size
+    train: int | None = None  # images; null is all there are
+    val: int | None = None  # null is a tenth of the training images
+    test: int | None = None
+    class_index: str | None = None  # folder: CSV with the columns wnid (or folder) and class_index
+    augment: str = "none"  # "none", "shift" (zero padded, by up to an eighth) or "shift_flip"
+    workers: int = 0
+    download: bool = False  # torchvision's own sets
+
+
+DATA = {
+    "signs": Data(name="signs", size=48, train=6000, val=640, test=1600),
+    "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
+    "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
+    "gtsrb": Data(name="gtsrb", root="data", augment="shift"),
+    "folder": Data(name="folder", root=MISSING, augment="shift"),
+}
+
+
+@dataclass
+class Adversary:
+    """What training images are turned into. Cost in forward and backward passes an image: 1 + share * steps."""
+
+    kind: str = "none"  # none, moire (random), moire_attack (adversarial noise on it), pgd (noise on pixels)
+    share: float = 1.0  # of each batch; the other images stay clean
+    eps: float = 0.0
+    steps: int = 0
+    step_size: float | None = None  # in units of eps; null is min(1, 2.5 / steps)
+    random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
+
+
+@dataclass
+class Train:
+    epochs: int = 12
+    batch_size: int = 128  # of all devices together
+    lr: float = 0.1
+    momentum: float = 0.9
+    weight_decay: float = 5e-4
+    label_smoothing: float = 0.0
+    ema: float = 0.98  # decay of the averaged weights a step; they are the ones validated and kept
+
+
+@dataclass
+class Trainer:
+    """Passed to lightning.Trainer as they are."""
+
+    accelerator: str = "auto"
+    devices: Any = 1
+    num_nodes: int = 1
+    strategy: str = "auto"
+    precision: Any = "32-true"
+    deterministic: Any = False  # true is refused by CUDA's bilinear resampling; a CPU run is exact anyway
+
+
+@dataclass
+class Reattack:
+    n: int = 480  # test images
+    batch_size: int = 96
+    eps: list[float] = field(default_factory=lambda: [2 / 255, 4 / 255, 8 / 255])
+    steps: int = 20
+    seed: int = 1234
+
+
+@dataclass
+class Config:
+    recipe: str = MISSING
+    seed: int = 0
+    runs: str = "runs"
+    scene: Any = "screen_photo"  # a preset's name, or a mapping of Scene's fields with an optional `preset`
+    model: str = "small_resnet"  # or any torchvision classifier
+    weights: str | None = None  # a state_dict file, or torchvision's name of weights
+    data: Data = field(default_factory=Data)
+    adversary: Adversary = field(default_factory=Adversary)
+    train: Train = field(default_factory=Train)
+    trainer: Trainer = field(default_factory=Trainer)
+    reattack: Reattack = field(default_factory=Reattack)
+    resume: bool = False  # go on from last.ckpt of the same run
+
+
+@dataclass
+class ReattackConfig(Config):
+    recipe: str = "pretrained"
+    run: str | None = None  # a run's folder; its own settings hold, but for those on the command line
+
+
+QUIET = {"run": {"dir": "${runs}/${recipe}/seed${seed}"}, "sweep": {"dir": "${runs}", "subdir": "${recipe}/seed${seed}"},
+         "output_subdir": None, "job_logging": {"root": {"handlers": []}, "disable_existing_loggers": False}}  # fmt: skip
+
+
+def register() -> None:
+    """Make the schema, the data sets and every recipe of `recipes/` known to Hydra."""
+    store = ConfigStore.instance()
+    store.store(name="schema", node=Config)
+    for name, node in DATA.items():
+        store.store(group="data", name=name, node=node)
+    for path in sorted(RECIPES.glob("*.yaml")):
+        node = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
+        store.store(group="recipe", name=path.stem, package="_global_", node=node)
+    defaults = ["schema", {"data": "signs"}, {"recipe": "clean"}, "_self_"]
+    store.store(name="root", node={"defaults": defaults, "hydra": QUIET})
+    store.store(name="reattack_schema", node=ReattackConfig)
+    still = QUIET | {"run": {"dir": "."}}
+    store.store(name="reattack", node={"defaults": ["reattack_schema", {"data": "signs"}, "_self_"], "hydra": still})
