@@ -1,8 +1,19 @@
 """moireaug: physical, differentiable moiré for vision models."""
 
+import importlib
+from typing import Any
+
 from moireaug.capture import capture, develop, expose
 from moireaug.plan import Plan
 from moireaug.scene import Develop, Lens, Panel, Scene, Sensor, View
 from moireaug.shot import Shot
 
 __all__ = ["Develop", "Lens", "Panel", "Plan", "Scene", "Sensor", "Shot", "View", "capture", "develop", "expose"]
+
+LAZY = ("attacks", "transforms")  # packages that are imported when first asked for
+
+
+def __getattr__(name: str) -> Any:
+    if name in LAZY:
+        return importlib.import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}.")

@@ -15,12 +15,17 @@ from torch import Tensor
 from moireaug.effects import bayer, exposure, noise, tone
 from moireaug.effects.panel import LAYOUTS
 from moireaug.effects.resize import register
-from moireaug.effects.view import jacobian, look
+from moireaug.effects.view import jacobian, look, nodes
 from moireaug.plan import Plan
 from moireaug.scene import bounds
 from moireaug.shot import Shot
 
-METHODS = {"spectral": exposure.spectral, "point": exposure.point, "supersample": exposure.supersample}
+METHODS = {
+    "spectral": exposure.spectral,
+    "mean": exposure.spectral,
+    "point": exposure.point,
+    "supersample": exposure.supersample,
+}
 
 
 def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
@@ -104,7 +109,7 @@ def _integrate(light: Tensor, shot: Shot, plan: Plan) -> Tensor:
         "lit": shot.panel.lit,
         "dark": dark,
     }
-    if plan.exposure == "spectral":
+    if plan.exposure in ("spectral", "mean"):
         settings |= {"harmonics": plan.harmonics, "amplitude": _amplitude(shot, plan, inverse, rows, cols, light.dtype)}
     method, _, n = plan.exposure.partition(":")
     aperture = [(0.0, 0.0)]
@@ -130,8 +135,8 @@ def _amplitude(
     if not plan.harmonics:
         return None
     flat = plan.affine and shot.bends is None
-    nodes = [torch.linspace(p[0], p[-1], min(len(p), 1 if flat else exposure.NODES)).to(p) for p in (rows, cols)]
-    j = jacobian(inverse, *nodes, shot.size, lens=shot.bends)
+    lattice = (rows[:1], cols[:1]) if flat else (nodes(rows), nodes(cols))
+    j = jacobian(inverse, *lattice, shot.size, lens=shot.bends)
     pitch = shot.panel.scale / shot.readouts()[0].scale
     fields = shot.sensor.fill, shot.lens.blur, shot.panel.lit
     a = exposure.amplitudes(LAYOUTS[shot.scene.panel.layout], plan.harmonics, j, pitch, *fields).to(dtype)

@@ -86,47 +86,50 @@ def _frequencies(scene: Scene) -> Tensor:
     """Panel pixels per sensor pixel, d(X, Y) / d(u, v), at the corners and the centre of the photo for the views that
     magnify most: (N, 2, 2) float64."""
     v, lens = scene.view, scene.lens
-    angles = [_inside(a, 0.0, points=4) for a in (v.yaw, v.pitch)]
-    rolls = _inside(v.roll, 0.0, 90.0, -90.0, points=7)
-    grid = itertools.product(*angles, rolls, _inside(v.fov), _inside(lens.k1), _inside(lens.k2))
-    yaw, pitch, roll, fov, k1, k2 = torch.tensor(list(grid), dtype=torch.float64).T
+    turns = [_inside(a, 0.0) for a in (v.yaw, v.pitch)]
+    rolls = _inside(v.roll, 0.0, 90.0, -90.0, points=5)
+    grid = itertools.product(*turns, rolls, _inside(lens.k1), _inside(lens.k2))
+    yaw, pitch, roll, k1, k2 = torch.tensor(list(grid), dtype=torch.float64).T
     fields = {k: torch.zeros_like(yaw) for k in ranged_fields(v)}
-    fields |= {"yaw": yaw, "pitch": pitch, "roll": roll, "fov": fov, "zoom": torch.full_like(yaw, bounds(v.zoom)[1])}
+    fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
+    fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, bounds(v.zoom)[1])}
     found = []
     for size in ((256, 256), (192, 256), (256, 192)):
         m = homography(fields, k1, k2, size, scene.sensor.scale, pose=v.pose, fit=v.fit)
         ends = [torch.linspace(0, n, 3, dtype=torch.float64) for n in size]
-        found.append(jacobian(torch.linalg.inv(m), *ends, size, lens=(k1, k2)).flatten(0, 2))
-    return torch.cat(found) * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
+        j = jacobian(torch.linalg.inv(m), *ends, size, lens=(k1, k2)).flatten(1, 2)
+        found.append(j[:, [0, 2, 4, 6, 8]].flatten(0, 1))
+    return torch.cat(found).unique(dim=0) * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
 
 
-def _contrast(scene: Scene, layout: Layout, k: int, l: int, j: Tensor) -> float:  # noqa: E741
-    """Upper bound of a harmonic's amplitude in the raw reading, over the scene's ranges.
-
-    The sinc of the aperture is bounded by its envelope, because its zeros move with the view.
-    """
-    (px, py), fill, blur = layout.period, bounds(scene.sensor.fill)[0], bounds(scene.lens.blur)[0]
-    modulus = max(
+def _modulus(layout: Layout, lit: Range, k: int, l: int) -> float:
+    return max(
         abs(m * phasor)
         for channel in range(3)
-        for lit in _inside(scene.panel.lit, points=3)
-        for m, phasor in [harmonic(layout, channel, k, l, lit)]
+        for share in _inside(lit, points=3)
+        for m, phasor in [harmonic(layout, channel, k, l, share)]
     )
-    f = k / px * j[:, 0] + l / py * j[:, 1]  # (N, 2), cycles per sensor pixel along u and v
-    envelope = (1 / (math.pi * fill * f.abs()).clamp(min=1.0)).prod(-1)
-    spread = torch.exp(-2 * math.pi**2 * blur**2 * f.square().sum(-1))
-    return 2 * modulus * float((envelope * spread).max()) * bounds(scene.sensor.gain)[1]
 
 
 def _harmonics(scene: Scene) -> list[tuple[tuple[int, int], float]]:
-    """The harmonics whose contrast exceeds the tolerance, strongest first."""
-    layout, j, out = LAYOUTS[scene.panel.layout], _frequencies(scene), []
-    columns = any(s[3] - s[1] < layout.period[0] for s in layout.subpixels)
-    rows = any(s[4] - s[2] < layout.period[1] for s in layout.subpixels) or bounds(scene.panel.lit)[0] < 1
-    for k in range(HIGHEST + 1 if columns else 1):
-        for l in range(-HIGHEST if rows and k else 0, HIGHEST + 1 if rows else 1):  # noqa: E741
-            if (k, l) > (0, 0) and (contrast := _contrast(scene, layout, k, l, j)) > scene.tolerance:
-                out.append(((k, l), contrast))
+    """The harmonics whose contrast in the raw reading can exceed the tolerance, strongest first.
+
+    The sinc of the aperture is bounded by its envelope, because its zeros move with the view.
+    """
+    layout, lit = LAYOUTS[scene.panel.layout], scene.panel.lit
+    fill, blur, gain = bounds(scene.sensor.fill)[0], bounds(scene.lens.blur)[0], bounds(scene.sensor.gain)[1]
+    columns = any(s[3] - s[1] < layout.period[0] for s in layout.subpixels) or bounds(lit)[0] < 1
+    rows = any(s[4] - s[2] < layout.period[1] for s in layout.subpixels) or bounds(lit)[0] < 1
+    ks, ls = range(HIGHEST + 1 if columns else 1), range(-HIGHEST if rows else 0, HIGHEST + 1 if rows else 1)
+    pairs = {(k, l): 2 * gain * _modulus(layout, lit, k, l) for k in ks for l in ls if (k, l) > (0, 0)}
+    pairs = {pair: top for pair, top in pairs.items() if top > scene.tolerance}
+    j, out = _frequencies(scene), []
+    for (k, l), top in pairs.items():
+        f = k / layout.period[0] * j[:, 0] + l / layout.period[1] * j[:, 1]  # (N, 2) cycles per sensor pixel
+        envelope = (1 / (math.pi * fill * f.abs()).clamp(min=1.0)).prod(-1)
+        passed = envelope * torch.exp(-2 * math.pi**2 * blur**2 * f.square().sum(-1))
+        if (contrast := top * float(passed.max())) > scene.tolerance:
+            out.append(((k, l), contrast))
     return sorted(out, key=lambda item: -item[1])
 
 
@@ -137,63 +140,58 @@ def _bends(lens: Lens) -> bool:
 def make_plan(scene: Scene) -> Plan:
     """Decide from the scene's ranges alone which effects it calls for; see `Scene.plan`."""
     panel, v, lens, sensor, dev = scene.panel, scene.view, scene.lens, scene.sensor, scene.develop
-    released = v.pose == "released"
-    tilted = released or any(bounds(a) != (0.0, 0.0) for a in (v.yaw, v.pitch))
-    places = [bounds(a) for a in (v.roll, v.shift_x, v.shift_y)]
-    posed = tilted or any(p != (0.0, 0.0) for p in places) or bounds(v.zoom) != (1.0, 1.0)
-    bends = _bends(lens)
-    noisy, gain = bounds(sensor.read_noise)[1] > 0, bounds(sensor.gain)
+    tilted = v.pose == "released" or any(bounds(a) != (0.0, 0.0) for a in (v.yaw, v.pitch))
+    turned = any(bounds(a) != (0.0, 0.0) for a in (v.roll, v.shift_x, v.shift_y)) or bounds(v.zoom) != (1.0, 1.0)
+    posed, bends = tilted or turned, _bends(lens)
     harmonics = _harmonics(scene) if sensor.exposure in ("auto", "spectral") else []
     method = sensor.exposure
     if method == "auto":
         method = FALLBACK if len(harmonics) > MOST else "spectral"
-    held = method != "spectral"
-    light, t = math.prod((bounds(panel.lit)[1], 1 / 3)), f"{scene.tolerance:.2g}"
-    pitch = sensor.scale / bounds(panel.scale)[1], sensor.scale / bounds(panel.scale)[0]
-    if held:
-        layout = True, f"{panel.layout}, each subpixel read at {_show(pitch)} sensor pixels a panel pixel"
-    elif harmonics:
-        (k, l), top = harmonics[0]
-        layout = True, f"{panel.layout}: {len(harmonics)} harmonics above {t}, the strongest ({k}, {l}) up to {top:.2g}"
-    else:
-        layout = False, f"{panel.layout}: no contrast above {t} is left at the sensor, only its mean light {light:.2g}"
-    angles = ", ".join(
-        f"{a} {_show(getattr(v, a))}" for a in ("yaw", "pitch", "roll") if bounds(getattr(v, a)) != (0, 0)
-    )
-    why = {
-        "spectral": "the harmonics that the optics pass, each by its modulation transfer",
-        "point": "the panel read at each sensor pixel's centre",
-    }
-    steps = (
-        Step("decode", dev.linear_light, "sRGB codes to light" if dev.linear_light else "linear_light is off"),
-        Step(
-            "panel", held, f"{_show(panel.scale)} panel pixels an image pixel, one colour each"
-            if held else "the picture is smooth over a panel pixel to this method",
-        ),
-        Step("layout", *layout),
-        Step(
-            "pose", posed, ("released code's homography, " if released else "") + (angles + " degrees" if angles else "zoom or shift")
-            if posed else "frontal and edge to edge",
-        ),
-        Step("lens", bends, f"k1 {_show(lens.k1)}, k2 {_show(lens.k2)}" if bends else "k1 = k2 = 0"),
-        Step("exposure", True, f"{method}: {why.get(method, 'the mean over points of the aperture and the lens spread')}"),
-        Step("gain", gain != (1, 1), f"raw times {_show(gain)}" if gain != (1, 1) else "gain is 1"),
-        Step("read_noise", noisy, f"standard deviation {_show(sensor.read_noise)}" if noisy else "read_noise is 0"),
-        Step("saturate", gain[1] > 1, "gain above 1 can overexpose" if gain[1] > 1 else "no gain above 1"),
-        Step("demosaic", True, f"{dev.demosaic}, RGGB"),
-        Step(
-            "resize", sensor.scale != 1, f"{dev.resize}, {sensor.scale:g} sensor pixels a photo pixel"
-            if sensor.scale != 1 else "one sensor pixel a photo pixel",
-        ),
-        Step("encode", dev.linear_light, "light to sRGB codes" if dev.linear_light else "linear_light is off"),
-        Step(
-            "brighten", bounds(dev.brighten) != (0, 0), f"{_show(dev.brighten)} added"
-            if bounds(dev.brighten) != (0, 0) else "nothing to add",
-        ),
-        Step(
-            "register", dev.registered and (posed or bends), "back to the image's frame"
-            if dev.registered and (posed or bends)
-            else ("the photo is in the image's frame already" if dev.registered else "the photo stays in the camera's frame"),
-        ),
+    held = method not in ("spectral", "mean")
+    angles = [f"{a} {_show(getattr(v, a))}" for a in ("yaw", "pitch", "roll") if bounds(getattr(v, a)) != (0.0, 0.0)]
+    pose = ", ".join(angles) + " degrees" if angles else "zoom or shift"
+    pose = f"the released code's homography, {pose}" if v.pose == "released" else pose
+    frame = "the photo stays in the camera's frame"
+    table = (  # effect, whether it is called for, why it is, why it is not
+        ("decode", dev.linear_light, "sRGB codes to light", "linear_light is off"),
+        ("panel", held, f"{_show(panel.scale)} panel pixels an image pixel, each of one colour",
+         "the picture is smooth over a panel pixel to this method"),
+        ("layout", bool(held or harmonics), *[_layout_reason(scene, method, harmonics)] * 2),
+        ("pose", posed, pose, "frontal and edge to edge"),
+        ("lens", bends, f"k1 {_show(lens.k1)}, k2 {_show(lens.k2)}", "k1 = k2 = 0"),
+        ("exposure", True, f"{method}: {EXPOSED.get(method, EXPOSED['supersample'])}", ""),
+        ("gain", bounds(sensor.gain) != (1.0, 1.0), f"raw times {_show(sensor.gain)}", "gain is 1"),
+        ("read_noise", bounds(sensor.read_noise)[1] > 0, f"standard deviation {_show(sensor.read_noise)}",
+         "read_noise is 0"),
+        ("saturate", bounds(sensor.gain)[1] > 1, "gain above 1 can overexpose", "no gain above 1"),
+        ("demosaic", True, f"{dev.demosaic}, RGGB", ""),
+        ("resize", sensor.scale != 1, f"{dev.resize}, {sensor.scale:g} sensor pixels a photo pixel",
+         "one sensor pixel a photo pixel"),
+        ("encode", dev.linear_light, "light to sRGB codes", "linear_light is off"),
+        ("brighten", bounds(dev.brighten) != (0.0, 0.0), f"{_show(dev.brighten)} added", "nothing to add"),
+        ("register", dev.registered and (posed or bends), "back to the image's frame",
+         "the photo is in the image's frame already" if dev.registered else frame),
     )  # fmt: skip
+    steps = tuple(Step(effect, called, why if called else why_not) for effect, called, why, why_not in table)
     return Plan(steps, method, tuple(h for h, _ in harmonics) if method == "spectral" else (), affine=not tilted)
+
+
+EXPOSED = {
+    "spectral": "the harmonics that the optics pass, each by its modulation transfer",
+    "mean": "the panel's mean light alone, so no moiré",
+    "point": "the panel read at each sensor pixel's centre",
+    "supersample": "the mean over points of the aperture and the lens spread",
+}
+
+
+def _layout_reason(scene: Scene, method: str, harmonics: list[tuple[tuple[int, int], float]]) -> str:
+    panel, sensor, t = scene.panel, scene.sensor, f"{scene.tolerance:.2g}"
+    alpha = bounds(panel.scale)
+    pitch = _show((sensor.scale / alpha[1], sensor.scale / alpha[0]))
+    if method not in ("spectral", "mean"):
+        return f"{panel.layout}, {pitch} sensor pixels a panel pixel when frontal"
+    if not harmonics:
+        why = "nothing else is asked for" if method == "mean" else f"no contrast above {t} is left at the sensor"
+        return f"{panel.layout} gives its mean light alone: {why}"
+    (pair, top), n = harmonics[0], len(harmonics)
+    return f"{panel.layout}: {n} harmonic{'s' * (n > 1)} above {t}, the strongest {pair} up to {top:.2g}"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Range = float | tuple[float, float]
 
 POSES = ("camera", "released")
-EXPOSURES = ("auto", "spectral", "point", "supersample:n")
+EXPOSURES = ("auto", "spectral", "point", "mean", "supersample:4", "supersample:8")
 RESIZES = ("area", "antialias", "point")
 DEMOSAICS = ("bilinear",)
 
@@ -176,7 +176,8 @@ class Sensor(_Part):
         scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the raw reading.
         fill: width of the light-sensitive aperture as a share of the pixel pitch. A range.
         exposure: how panel light is integrated over a sensor pixel: "auto" (the cheapest method that meets the scene's
-            tolerance), "spectral", "point" (as the paper does) or "supersample:n" (n x n samples a pixel).
+            tolerance), "spectral", "point" (as the paper does), "supersample:n" (n x n samples a pixel), or "mean" (the
+            panel's mean light alone: a screen without moiré, the control of every experiment).
         gain: what the raw reading is multiplied by before it saturates at 1. A range.
         read_noise: standard deviation of the Gaussian read noise, in raw units [0, 1]. A range.
     """
@@ -196,9 +197,8 @@ class Sensor(_Part):
             )
         scale = _check_number("Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel", False)
         object.__setattr__(self, "scale", scale)
-        samples = re.fullmatch(r"supersample:([1-9]\d{0,2})", str(self.exposure))
-        if not samples:
-            one_of("Sensor.exposure", self.exposure, EXPOSURES[:3] + ("supersample:4", "supersample:8"))
+        if not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
+            one_of("Sensor.exposure", self.exposure, EXPOSURES)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,7 +103,7 @@ class Shot:
         return image_to_photo(points.double(), shot.matrix(), self.size, shot.bends).to(points.dtype)
 
     def to_photo_mask(self, mask: Tensor) -> Tensor:
-        """A mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest pixel, 0 off the picture."""
+        """A mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest pixel, 0 off the image."""
         if not self.moves:
             return mask
         h, w = self.size

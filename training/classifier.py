@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import lightning as L
@@ -16,12 +17,12 @@ from torch.utils.data.distributed import DistributedSampler
 
 from moireaug.attacks import PGD, Attack, MoireAttack, Normalized
 from moireaug.capture import capture
-from moireaug.scene import Scene, as_scene, one_of
+from moireaug.scene import Scene, one_of
 from training.data import Splits, augment
 from training.models import build
-from training.schema import Adversary, Config
+from training.schema import Adversary, Config, scene_of
 
-Perturb = Callable[[Tensor, Tensor], Tensor]
+Perturb = Callable[[Tensor, Tensor, float], Tensor]  # images, labels, share of eps in force -> images
 
 
 def as_model(name: str, num_classes: int, weights: str | None) -> nn.Module:
@@ -31,15 +32,15 @@ def as_model(name: str, num_classes: int, weights: str | None) -> nn.Module:
 
 
 def _clean(model: nn.Module, scene: Scene, cfg: Adversary) -> Perturb:
-    return lambda images, labels: images
+    return lambda images, labels, strength: images
 
 
 def _moire(model: nn.Module, scene: Scene, cfg: Adversary) -> Perturb:
-    return lambda images, labels: capture(images, scene.sample(len(images), tuple(images.shape[-2:])))
+    return lambda images, labels, strength: capture(images, scene.sample(len(images), tuple(images.shape[-2:])))
 
 
 def _attack(attack: Attack) -> Perturb:
-    return lambda images, labels: attack.last(images, labels)
+    return lambda images, labels, strength: replace(attack, eps=strength * attack.eps).last(images, labels)
 
 
 def _steps(cfg: Adversary) -> dict[str, Any]:
@@ -70,7 +71,7 @@ class Classifier(L.LightningModule):
         one_of("adversary.kind", a.kind, ADVERSARIES)
         if not 0 <= a.share <= 1:
             raise ValueError(f"adversary.share must lie in [0, 1]; got {a.share}.")
-        scene = as_scene(cfg.scene)
+        scene = scene_of(cfg)
         self.perturb = ADVERSARIES[a.kind](self.model, scene, a)
         strong = Adversary(kind=a.kind, eps=a.eps, steps=max(a.steps, 3), random_start=min(1.0, a.random_start))
         self.perturb_strongly = ADVERSARIES[a.kind](self.model, scene, strong)
@@ -94,16 +95,21 @@ class Classifier(L.LightningModule):
         images = augment(images.float() / 255, self.cfg.data.augment)
         n = round(self.cfg.adversary.share * len(images))  # batches are shuffled: the first n are a random share
         if n and self.cfg.adversary.kind != "none":
-            images = torch.cat([self.perturb(images[:n], labels[:n]), images[n:]])
+            images = torch.cat([self.perturb(images[:n], labels[:n], self._strength()), images[n:]])
         loss = F.cross_entropy(self(images), labels, label_smoothing=self.cfg.train.label_smoothing)
         if not torch.isfinite(loss):
             raise FloatingPointError(
-                f"the loss became {loss.item()} in epoch {self.current_epoch}, batch {index}. The last whole epoch is in "
-                "last.ckpt: go on from it with resume=true and a smaller train.lr, or with trainer.precision=32-true."
+                f"the loss became {loss.item()} in epoch {self.current_epoch}, batch {index}. The last whole epoch is "
+                "in last.ckpt: go on from it with resume=true, a smaller train.lr or trainer.precision=32-true."
             )
         self._loss.append(loss.detach())
         self.log("loss", loss, prog_bar=True, logger=False)
         return loss
+
+    def _strength(self) -> float:
+        """Share of eps in force: it rises linearly over the warm-up."""
+        ramp = self.cfg.adversary.warmup * self.trainer.estimated_stepping_batches
+        return min(1.0, (self.global_step + 1) / ramp) if ramp else 1.0
 
     def on_validation_epoch_start(self) -> None:
         self._hits = {"clean": [], "perturbed": []}
@@ -115,7 +121,7 @@ class Classifier(L.LightningModule):
         images = images.float() / 255
         self._hits["clean"].append((self(images).argmax(1) == labels).float())
         if self.cfg.adversary.kind != "none":
-            images = self.perturb_strongly(images, labels)
+            images = self.perturb_strongly(images, labels, 1.0)
             self._hits["perturbed"].append((self(images).argmax(1) == labels).float())
 
     def on_validation_epoch_end(self) -> None:
@@ -142,8 +148,8 @@ class Classifier(L.LightningModule):
             self.collapsed_at = self.current_epoch
             warnings.warn(
                 f"Catastrophic overfitting in epoch {self.current_epoch}: accuracy under a three-step attack fell to "
-                f"{now:.0%} from {best:.0%}. The best checkpoint is kept; train with adversary.steps=3, or with a larger "
-                "adversary.random_start.",
+                f"{now:.0%} from {best:.0%}. The best checkpoint is kept; train with adversary.steps=3, or with a "
+                "larger adversary.random_start.",
                 stacklevel=2,
             )
 
@@ -164,7 +170,7 @@ class Classifier(L.LightningModule):
 
 
 class Batches(L.LightningDataModule):
-    """The splits as loaders; the order of an epoch follows from the seed and the epoch alone, on any number of ranks."""
+    """The splits as loaders; an epoch's order follows from the seed and the epoch alone, on any number of ranks."""
 
     def __init__(self, cfg: Config, splits: Splits) -> None:
         super().__init__()

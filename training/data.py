@@ -105,7 +105,9 @@ def _folder(cfg: Data) -> Splits:
     names = sets[1].classes
     if sets[0].classes != names:
         odd = sorted(set(sets[0].classes) ^ set(names))
-        raise ValueError(f"train/ and test/ under {cfg.root!r} must hold the same class folders; these differ: {odd[:5]}.")
+        raise ValueError(
+            f"train/ and test/ under {cfg.root!r} must hold the same class folders; these differ: {odd[:5]}."
+        )
     index = list(range(len(names)))
     if cfg.class_index:
         known = _class_index(Path(cfg.class_index))
@@ -128,8 +130,8 @@ def _class_index(path: Path) -> dict[str, int]:
         return {row.get("folder") or row["wnid"]: int(row["class_index"]) for row in rows}
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise ValueError(
-            f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV file with a header and the "
-            "columns folder (or wnid) and class_index, one row a folder."
+            f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV file with a header and "
+            "the columns folder (or wnid) and class_index, one row a folder."
         ) from error
 
 

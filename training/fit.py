@@ -57,7 +57,7 @@ def fit(cfg: DictConfig) -> dict[str, Any]:
 
 
 def plain_twin(cfg: DictConfig) -> dict[str, Any]:
-    """The metrics of recipe `clean` with this run's settings: from `runs/` if its settings are the same, else trained."""
+    """The metrics of recipe `clean` with this run's settings: from `runs/` if it is there, else trained now."""
     plain = OmegaConf.load(RECIPES / "clean.yaml")
     twin = OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean"})
     out = runs.folder(twin)
@@ -107,7 +107,9 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path) -> tuple[Classifier,
     except (RuntimeError, EOFError, KeyError, OSError) as error:
         if not cfg.resume:
             raise
-        raise ValueError(f"{last} could not be resumed ({error}). Leave resume=true out to train from the start.") from error
+        raise ValueError(
+            f"{last} could not be resumed ({error}). Leave resume=true out to train from the start."
+        ) from error
     images = sum(h["seconds"] for h in classifier.history)
     share = cfg.adversary.share if cfg.adversary.kind != "none" else 0.0
     state = torch.load(out / "best.ckpt", map_location="cpu", weights_only=True)

@@ -28,11 +28,10 @@ from tqdm import tqdm
 
 from moireaug.evaluation import Row, climb, ladder, paired_gain, report
 from moireaug.evaluation.pictures import examples
-from moireaug.scene import as_scene
 from training import runs
 from training.classifier import as_model
 from training.data import Splits, load
-from training.schema import register
+from training.schema import register, scene_of
 
 
 def device() -> torch.device:
@@ -53,15 +52,9 @@ def attack_again(model: nn.Module, splits: Splits, cfg: DictConfig, title: str) 
     r, model = cfg.reattack, model.to(device()).eval()
     rungs = ladder(tuple(r.eps), r.steps)
     total = -(-min(r.n, len(splits.test)) // r.batch_size)  # type: ignore[arg-type]
-    rows: list[Row] = []
-    steps = climb(model, batches(splits, cfg), as_scene(plain(cfg.scene)), rungs, seed=r.seed, classes=splits.num_classes)
-    for rows in tqdm(steps, total=total, desc=f"Attacking {title} again", unit="batch", leave=False):
-        pass
+    steps = climb(model, batches(splits, cfg), scene_of(cfg), rungs, seed=r.seed, classes=splits.num_classes)
+    *_, rows = tqdm(steps, total=total, desc=f"Attacking {title} again", unit="batch", leave=False)
     return rows
-
-
-def plain(value: Any) -> Any:
-    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
 
 
 def publish(
@@ -80,10 +73,10 @@ def publish(
     began = time.perf_counter()
     models = {cfg.recipe: model} | ({"clean": beside(cfg, baseline, splits)} if baseline else {})
     images, labels = next(iter(batches(splits, cfg)))
-    shown = examples(models, images[:4], labels[:4], as_scene(plain(cfg.scene)), max(cfg.reattack.eps[:2]),
+    shown = examples(models, images[:4], labels[:4], scene_of(cfg), max(cfg.reattack.eps[:2]),
                      cfg.reattack.steps, splits.classes, seed=cfg.reattack.seed)  # fmt: skip
     seconds = seconds | {"pictures": time.perf_counter() - began}
-    scene = as_scene(plain(cfg.scene))
+    scene = scene_of(cfg)
     metrics: dict[str, Any] = {
         "recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model,
         "train": train, **describe(rows), "time": seconds,
@@ -124,7 +117,9 @@ def from_run(run: Path, num_classes: int | None = None) -> tuple[nn.Module, Dict
         ValueError: no run there, or a checkpoint that cannot be read.
     """
     if not (run / "config.yaml").is_file() or not (run / "best.ckpt").is_file():
-        raise ValueError(f"run={run} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py writes them.")
+        raise ValueError(
+            f"run={run} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py writes them."
+        )
     try:
         cfg = OmegaConf.load(run / "config.yaml")
         state = torch.load(run / "best.ckpt", map_location="cpu", weights_only=True)["state_dict"]

@@ -12,6 +12,8 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, OmegaConf
 
+from moireaug.scene import Scene, as_scene
+
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 
 
@@ -47,6 +49,7 @@ class Adversary:
     eps: float = 0.0
     steps: int = 0
     step_size: float | None = None  # in units of eps; null is min(1, 2.5 / steps)
+    warmup: float = 0.0  # share of training over which eps rises from 0
     random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
 
 
@@ -104,8 +107,17 @@ class ReattackConfig(Config):
     run: str | None = None  # a run's folder; its own settings hold, but for those on the command line
 
 
-QUIET = {"run": {"dir": "${runs}/${recipe}/seed${seed}"}, "sweep": {"dir": "${runs}", "subdir": "${recipe}/seed${seed}"},
-         "output_subdir": None, "job_logging": {"root": {"handlers": []}, "disable_existing_loggers": False}}  # fmt: skip
+QUIET = {
+    "run": {"dir": "${runs}/${recipe}/seed${seed}"},
+    "sweep": {"dir": "${runs}", "subdir": "${recipe}/seed${seed}"},
+    "output_subdir": None,
+    "job_logging": {"root": {"handlers": []}, "disable_existing_loggers": False},
+}
+
+
+def scene_of(cfg: Any) -> Scene:
+    """The configured scene: a preset's name, or a mapping."""
+    return as_scene(OmegaConf.to_container(cfg.scene, resolve=True) if OmegaConf.is_config(cfg.scene) else cfg.scene)
 
 
 def register() -> None:

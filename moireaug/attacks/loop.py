@@ -207,7 +207,9 @@ class Attack(ABC):
 class _Best:
     """Keeps each image's noise of the greatest margin, over steps and restarts, and the mean loss of each step."""
 
-    def __init__(self, shape: tuple[int, ...], labels: Tensor, targets: Tensor | None, views: int, like: Tensor) -> None:
+    def __init__(
+        self, shape: tuple[int, ...], labels: Tensor, targets: Tensor | None, views: int, like: Tensor
+    ) -> None:
         self.labels, self.targets, self.views = labels, targets, views
         self.noise = torch.zeros(shape, device=like.device)
         self.score = torch.full((shape[0],), -math.inf, device=like.device)
@@ -232,7 +234,9 @@ def check_labels(labels: Tensor, n: int, name: str) -> Tensor:
         TypeError, ValueError: with what was got and what is allowed.
     """
     if not isinstance(labels, Tensor) or labels.is_floating_point() or labels.dtype == torch.bool:
-        raise TypeError(f"{name} must be an integer tensor of class indices; got {getattr(labels, 'dtype', type(labels))}.")
+        raise TypeError(
+            f"{name} must be an integer tensor of class indices; got {getattr(labels, 'dtype', type(labels))}."
+        )
     if labels.shape != (n,):
         raise ValueError(f"{name} must have the shape ({n},), one class an image; got {tuple(labels.shape)}.")
     if n and labels.min() < 0:

@@ -23,8 +23,8 @@ class MoireAttack(Attack):
 
     Args:
         scene: a Scene, a preset's name or a dict.
-        eot: shots a step; with more than one, each step averages over so many fresh draws of the scene (expectation over
-            transformation), and the noise found is judged on `shot` alone. 1 attacks that very shot.
+        eot: shots a step; with more than one, each step averages over so many fresh draws of the scene (expectation
+            over transformation), and the noise found is judged on `shot` alone. 1 attacks that very shot.
         others: see `Attack`.
     """
 

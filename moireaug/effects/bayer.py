@@ -77,7 +77,7 @@ def readout(size: int, scale: float, resize: str) -> Readout:
 
 
 def demosaic_bilinear(mosaic: Tensor) -> Tensor:
-    """(B, h, w) RGGB mosaic to (B, 3, h, w), as in the paper: the mean of a colour's nearest neighbours, zero padded."""
+    """(B, h, w) RGGB mosaic to (B, 3, h, w) as in the paper: the mean of a colour's nearest pixels, zero padded."""
     cross = mosaic.new_tensor([[0.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 0.0]]) / 4
     square = mosaic.new_tensor([[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]]) / 4
     sparse = mosaic.new_zeros(mosaic.shape[0], 3, *mosaic.shape[1:])

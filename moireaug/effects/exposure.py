@@ -18,8 +18,6 @@ from torch import Tensor
 
 from moireaug.effects.panel import Layout, emits, harmonic, raster_table
 
-NODES = 33  # amplitudes are smooth: so many nodes along each axis carry them
-
 
 def shown(plane: Tensor, x: Tensor, y: Tensor, dark: bool) -> Tensor:
     """The picture at image coordinates, bilinear between pixel centres; past its edges dark, or its outermost pixel."""
@@ -55,7 +53,7 @@ def amplitudes(
     (px, py), out = layout.period, []
     j = jacobian * pitch[:, None, None, None, None]
     fill, blur, lit = (t[:, None, None] for t in (fill, blur, lit))
-    for k, l in harmonics:  # noqa: E741
+    for k, l in harmonics:
         fu, fv = (k / px * j[..., 0, i] + l / py * j[..., 1, i] for i in (0, 1))
         modulus, _ = harmonic(layout, 0, k, l, lit)
         out.append(2 * modulus * transfer(fu, fv, fill, blur))
@@ -77,7 +75,7 @@ def spectral(
     mean, phasor = harmonic(layout, channel, 0, 0, lit)
     light = (mean * phasor.real).to(dtype)[:, None, None]
     alpha = alpha.to(x.dtype)[:, None, None]
-    for i, (k, l) in enumerate(harmonics):  # noqa: E741
+    for i, (k, l) in enumerate(harmonics):
         cycles = x * (alpha * (k / px)) if k else 0.0
         if l:
             cycles = cycles + y * (alpha * (l / py))

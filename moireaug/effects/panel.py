@@ -45,7 +45,7 @@ LAYOUTS: dict[str, Layout] = {
 }
 
 
-def harmonic(layout: Layout, channel: int, k: int, l: int, lit: float | Tensor) -> tuple[float | Tensor, complex]:  # noqa: E741
+def harmonic(layout: Layout, channel: int, k: int, l: int, lit: float | Tensor) -> tuple[float | Tensor, complex]:
     """Fourier coefficient (k, l) of a channel's mask, as (modulus-like real factor, constant phasor).
 
     a[k, l] = 1/(Px Py) * integral over the cell of mask(x, y) exp(-2 pi i (k x / Px + l y / Py)).

@@ -6,9 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from moireaug.effects.view import look, undistortion
-
-NODES = 33  # the lens's inverse is smooth: so many nodes along each axis carry it to a thousandth of a pixel
+from moireaug.effects.view import look, nodes, undistortion
 
 
 def register(photo: Tensor, matrix: Tensor, lens: tuple[Tensor, Tensor] | None, *, affine: bool) -> Tensor:
@@ -23,8 +21,7 @@ def register(photo: Tensor, matrix: Tensor, lens: tuple[Tensor, Tensor] | None, 
     x, y = look(matrix, rows, cols, size, affine=affine, lens=None)
     x, y = x * (2 / w) - 1, y * (2 / h) - 1
     if lens is not None:
-        nodes = [torch.linspace(0.5, n - 0.5, min(n, NODES)).to(matrix) for n in size]
-        ideal = torch.stack(look(matrix, *nodes, size, affine=affine, lens=None), -1)
+        ideal = torch.stack(look(matrix, nodes(rows), nodes(cols), size, affine=affine, lens=None), -1)
         ideal = ideal - ideal.new_tensor([w / 2, h / 2])
         factor = undistortion(ideal.flatten(1, 2), *lens, size).reshape(ideal.shape[:-1]).to(photo.dtype)
         factor = F.interpolate(factor[:, None], size=size, mode="bilinear", align_corners=True)[:, 0]

@@ -51,9 +51,8 @@ class Rung:
 
 def no_moire(shot: Shot) -> Shot:
     """The same shot of a panel without subpixels: camera, light and noise stay, the stripes leave their mean light."""
-    scene = shot.scene
-    smooth = dataclasses.replace(scene, tolerance=1.0, sensor=dataclasses.replace(scene.sensor, exposure="spectral"))
-    return dataclasses.replace(shot, scene=smooth)
+    even = dataclasses.replace(shot.scene.sensor, exposure="mean")
+    return dataclasses.replace(shot, scene=dataclasses.replace(shot.scene, sensor=even))
 
 
 def _dimmed(b: Bout) -> Tensor:

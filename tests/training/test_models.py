@@ -153,7 +153,7 @@ def test_every_other_mismatch_is_refused(spoil, sentence, tmp_path):
 
 def test_weights_of_another_model_are_refused_even_with_other_classes(tmp_path):
     path = saved(models.build("squeezenet1_1", 7), tmp_path / "weights.pth")
-    with pytest.raises(ValueError, match="do not fit 'small_resnet'.*missing.*unknown"):
+    with pytest.raises(ValueError, match=r"do not fit 'small_resnet'.*missing.*unknown"):
         models.build("small_resnet", 3, path)
     with pytest.raises(ValueError, match="do not fit 'squeezenet1_0'"):
         models.build("squeezenet1_0", 3, path)
@@ -198,7 +198,7 @@ def test_a_file_that_holds_no_state_dict_is_named(content, tmp_path):
 
 
 def test_a_missing_file_is_named_with_the_published_weights():
-    with pytest.raises(ValueError, match="no weights file 'nowhere.pth'.*IMAGENET1K_V1"):
+    with pytest.raises(ValueError, match=r"no weights file 'nowhere.pth'.*IMAGENET1K_V1"):
         models.build("squeezenet1_1", 7, "nowhere.pth")
     with pytest.raises(ValueError, match="no weights file 'DEFAULT'"):
         models.build("small_resnet", 7, "DEFAULT")
@@ -222,7 +222,7 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
         return original(name, **options)
 
     monkeypatch.setattr(models.torchvision.models, "get_model", offline)
-    with pytest.raises(ValueError, match="'IMAGENET1K_V1' of 'squeezenet1_1' could not be fetched.*no route"):
+    with pytest.raises(ValueError, match=r"'IMAGENET1K_V1' of 'squeezenet1_1' could not be fetched.*no route"):
         models.build("squeezenet1_1", 7, "IMAGENET1K_V1")
 
 

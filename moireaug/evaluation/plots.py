@@ -1,0 +1,146 @@
+"""The report's plots, as SVG text. Each is drawn wide for a page and narrow for a phone.
+
+The colours are Okabe and Ito's (2008), told apart by every common kind of colour vision; in print the markers' shapes
+say the same.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from moireaug.evaluation.words import Metrics, finite, interval, is_attack, points, title_of
+
+OURS, THEIRS = "#0072B2", "#D55E00"  # this model, the baseline
+INK, FAINT = "#222222", "#DDDDDD"
+
+
+def ladder(
+    rows: Sequence[Metrics],
+    baseline: Sequence[Metrics],
+    names: tuple[str, str],
+    gains: dict[str, tuple[float | None, tuple[float, float] | None]],
+    narrow: bool = False,
+) -> str:
+    """Accuracy with its 95 % interval per rung, this model's under the baseline's, and the gain at the right.
+
+    Args:
+        rows, baseline: `Row.to_dict()` of each model; the baseline's may be empty. Rungs are matched by name.
+        names: of this model and of the baseline, for the legend.
+        gains: row name to (gain, its interval).
+    """
+    pitch = (0.56 if narrow else 0.37) if baseline else (0.46 if narrow else 0.29)
+    fig = Figure(figsize=(4.1 if narrow else 9.2, pitch * len(rows) + 0.95), layout="constrained", facecolor="white")
+    ax = fig.add_subplot(facecolor="white")
+    lift, down = (0.14 if baseline else 0.0), (0.13 if narrow else 0.0)  # a narrow plot has each title above its dots
+    sides = [(baseline, -lift, "D", THEIRS, f"baseline ({names[1]})")] if baseline else []
+    sides += [(rows, lift, "o", OURS, f"this model ({names[0]})")]
+    place = {row["name"]: i + down for i, row in enumerate(rows)}
+    for side, shift, marker, colour, label in sides:
+        ax.plot([], [], marker=marker, color=colour, linewidth=2, markersize=5, label=label)
+        for row in side:
+            value, ends = finite(row.get("accuracy")), interval(row.get("accuracy_interval"))
+            if row["name"] not in place or value is None:
+                continue
+            y = place[row["name"]] + shift
+            if ends:
+                ax.plot([100 * e for e in ends], [y, y], color=colour, linewidth=2, alpha=0.65, solid_capstyle="butt")
+            ax.plot([100 * value], [y], marker, color=colour, markersize=6 if marker == "o" else 5, clip_on=False)
+    for i, row in enumerate(rows):
+        if narrow:
+            ax.text(0, i - 0.27, title_of(row), size=8.5, color=INK, va="center", parse_math=False)
+        else:
+            ax.axhline(i, color=FAINT, linewidth=0.7, zorder=0)
+        if i and is_attack(row) and not is_attack(rows[i - 1]):
+            ax.axhline(i - 0.5, color=INK, linewidth=0.6, linestyle=(0, (4, 3)))
+    beside = {"transform": ax.get_yaxis_transform(), "size": 8.5, "color": INK, "va": "center"}
+    for name, (gain, ends) in gains.items():
+        text = points(gain) + (f"  [{points(ends[0])}, {points(ends[1])}]" if ends and not narrow else "")
+        ax.text(1.03, place[name], text, **beside)
+    if gains:
+        ax.text(1.03, -0.65, "gain" if narrow else "gain, points  [95 %]", **beside)
+    ax.set(xlim=(0, 100), ylim=(len(rows) - 0.45, -0.55), xticks=range(0, 101, 20))
+    titles = [] if narrow else [title_of(row) for row in rows]
+    ax.set_yticks(range(len(titles)), titles, parse_math=False)
+    counts = {row.get("n") for row in rows}
+    _finish(ax, f"accuracy, % of {counts.pop()} images" if len(counts) == 1 else "accuracy, % of images", "x")
+    _legend(fig, ax, narrow)
+    return _svg(fig)
+
+
+def curves(trains: Sequence[Metrics | None], names: tuple[str, str], narrow: bool = False) -> str | None:
+    """Loss and validation accuracy per epoch; None where no model has a history.
+
+    Args:
+        trains: `train` of this model and of the baseline.
+        names: of the two.
+    """
+    shape = (2, 1) if narrow else (1, 2)
+    fig = Figure(figsize=(4.1, 5.6) if narrow else (9.2, 3.4), layout="constrained", facecolor="white")
+    losses, rates = fig.subplots(*shape)
+    roles = [(f"baseline ({names[1]})", trains[1], THEIRS, "D"), (f"this model ({names[0]})", trains[0], OURS, "o")]
+    lines = {"clean": ("-", "clean images"), "perturbed": ((0, (3, 1.5)), "under its own adversary")}
+    last = 1
+    for label, train, colour, marker in roles:
+        look = {"color": colour, "marker": marker, "markersize": 3.2}
+        losses.plot(*_series(train, "loss"), **look)
+        for key, (dash, what) in lines.items():
+            epochs, values = _series(train, key)
+            if not epochs:
+                continue
+            rates.plot(epochs, [100 * v for v in values], linestyle=dash, label=f"{label}: {what}", **look)
+            kept = finite((train or {}).get("best_epoch"))
+            if kept is not None and kept + 1 in epochs:
+                best = values[epochs.index(int(kept) + 1)]
+                ring = {"color": colour, "markersize": 10, "fillstyle": "none", "clip_on": False}
+                rates.plot([kept + 1], [100 * best], "o", **ring)
+            last = max(last, *epochs)
+    if not any(len(line.get_xdata()) for line in (*losses.lines, *rates.lines)):
+        return None
+    for ax, label in ((losses, "training loss, nats"), (rates, "validation accuracy, %")):
+        ax.set_ylim((0, 100) if ax is rates else (0, None))
+        ax.set_xlim(1 - 0.04 * last, 1.04 * last)
+        ax.xaxis.get_major_locator().set_params(integer=True, nbins=7)
+        ax.set_ylabel(label, size=9, color=INK)
+        _finish(ax, "epoch", "y")
+    _legend(fig, rates, narrow)
+    return _svg(fig)
+
+
+def _series(train: Metrics | None, key: str) -> tuple[list[int], list[float]]:
+    """Epochs, counted from 1, and the values that are known."""
+    history = enumerate((train or {}).get("history") or [])
+    pairs = [
+        (int(finite(row.get("epoch", i)) or 0) + 1, v) for i, row in history if (v := finite(row.get(key))) is not None
+    ]
+    return [epoch for epoch, _ in pairs], [value for _, value in pairs]
+
+
+def _finish(ax: Axes, label: str, grid: str) -> None:
+    ax.set_xlabel(label, size=9, color=INK)
+    ax.tick_params(labelsize=9, labelcolor=INK, color=FAINT, length=0 if grid == "x" else 3)
+    ax.grid(axis=grid, color=FAINT, linewidth=0.7)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"] + (["left"] if grid == "x" else [])].set_visible(False)
+    ax.spines[:].set_color("#999999")
+
+
+def _legend(fig: Figure, ax: Axes, narrow: bool) -> None:
+    handles, _ = ax.get_legend_handles_labels()
+    if not handles:
+        return
+    legend = fig.legend(
+        handles=handles, loc="outside upper left", ncols=1 if narrow else 2, frameon=False, fontsize=9, labelcolor=INK
+    )
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # a recipe may have a dollar sign in its name
+
+
+def _svg(fig: Figure) -> str:
+    """The figure as SVG, its letters as outlines, so that it looks the same where a font is missing."""
+    file = io.StringIO()
+    fig.savefig(file, format="svg", metadata={"Date": None})
+    return file.getvalue()

@@ -1,0 +1,82 @@
+"""What all doors share: images of any type to the capture's floats and back, and boxes in the camera's frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from numbers import Real
+
+import torch
+from torch import Tensor
+
+from moireaug.capture import capture
+from moireaug.scene import Scene
+from moireaug.shot import Shot
+
+LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
+EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to a 256th of its rise
+
+
+def check_probability(p: float) -> float:
+    """`p` if it is a number in [0, 1]; otherwise a ValueError that says so."""
+    if isinstance(p, bool) or not isinstance(p, Real) or not 0 <= p <= 1:
+        raise ValueError(f"p must be a probability in [0, 1]; got {p!r}.")
+    return float(p)
+
+
+def moves(scene: Scene) -> bool:
+    """Whether things lie elsewhere in this scene's photos than in its images; see `Shot.moves`."""
+    return scene.sample(0, (1, 1)).moves
+
+
+def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
+    """The same shot of images of another size (height, width): every drawn number is relative to the picture."""
+    return shot if shot.size == tuple(size) else dataclasses.replace(shot, size=tuple(size))
+
+
+def photograph(images: Tensor, shot: Shot) -> Tensor:
+    """The photos of images of any type that a door takes, in that type.
+
+    Args:
+        images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned as the photo's luma;
+            uint8 or floating point in [0, 1]. Not modified.
+        shot: one draw for B images.
+
+    Returns:
+        (B, C, H, W) of the same dtype. Differentiable in floating-point images.
+
+    Raises:
+        TypeError, ValueError: another dtype or number of channels; a float image outside of [0, 1], or NaN.
+    """
+    if images.dtype != torch.uint8 and not images.is_floating_point():
+        raise TypeError(
+            f"images must be uint8 or floating point in [0, 1]; got {images.dtype}. "
+            "Convert them first, with v2.ToDtype(torch.float32, scale=True) for one."
+        )
+    if images.shape[-3] not in (1, 3):
+        raise ValueError(
+            f"images must have 3 channels (RGB) or 1 (grey); got {images.shape[-3]} in the shape "
+            f"{tuple(images.shape)}. Show the screen its RGB channels alone, and join the others again after."
+        )
+    grey = images.shape[-3] == 1
+    shown = images.float() / 255 if images.dtype == torch.uint8 else images
+    photo = capture(shown.expand(-1, 3, -1, -1), at_size(shot, images.shape[-2:]))
+    if grey:
+        photo = (photo * photo.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
+    if images.dtype == torch.uint8:
+        photo = (photo * 255).round()
+    return photo.to(images.dtype)
+
+
+def move_boxes(boxes: Tensor, shot: Shot) -> Tensor:
+    """Boxes (N, 4) of one image, x1, y1, x2, y2 in pixels, float, to those that enclose the same things in its photo.
+
+    Edges may bend, so points all along them are moved. The result may reach out of the photo.
+    """
+    t = torch.linspace(0, 1, EDGE_POINTS, dtype=torch.float64, device=boxes.device)
+    zero, one = torch.zeros_like(t), torch.ones_like(t)
+    x = torch.cat([t, one, t, zero])
+    y = torch.cat([zero, t, one, t])
+    low, high = boxes[:, None, :2].double(), boxes[:, None, 2:].double()
+    points = low + (high - low) * torch.stack([x, y], -1)
+    moved = shot.to_photo(points.reshape(1, -1, 2)).reshape(points.shape)
+    return torch.cat([moved.amin(1), moved.amax(1)], -1).to(boxes.dtype)

@@ -1,0 +1,178 @@
+"""The torchvision v2 door: RandomMoire for tensors, tv_tensors and PIL images, alone or in a `v2.Compose`."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import PIL.Image
+import torch
+from torch import Tensor
+from torchvision import tv_tensors
+from torchvision.transforms import v2
+from torchvision.transforms.v2 import functional as F
+from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
+
+from moireaug.scene import Scene, as_scene
+from moireaug.shot import Shot
+from moireaug.transforms._convert import at_size, check_probability, move_boxes, moves, photograph
+
+SHOWN = (PIL.Image.Image, tv_tensors.Image, Video, v2._utils.is_pure_tensor)
+CARRIED = (BoundingBoxes, Mask, KeyPoints)
+UPRIGHT = (BoundingBoxFormat.XYXY, BoundingBoxFormat.XYWH, BoundingBoxFormat.CXCYWH)
+PIL_MODES = ("RGB", "L", "RGBA", "LA")
+
+
+class RandomMoire(v2.Transform):
+    """Photograph images on a screen, each with probability `p`.
+
+        v2.Compose([v2.RandomHorizontalFlip(), RandomMoire(scene="screen_photo", p=0.5), v2.Normalize(mean, std)])
+
+    Args:
+        scene: a Scene, a preset's name or a dict. One shot is drawn per image, from torch's global generator:
+            DataLoader workers differ, and `torch.manual_seed` reproduces.
+        p: probability of a photo, in [0, 1].
+
+    Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H, W) and PIL images
+    of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB and returned as luma; uint8 or
+    floating point in [0, 1], so use it before `v2.Normalize`. Type, shape, dtype and device are kept; inputs are never
+    modified.
+
+    A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is one scene: its
+    frames share the shot and differ in sensor noise alone. Images of one sample share the draw. What is not chosen is
+    returned as it came. Differentiable in floating-point images.
+
+    Labels, masks, boxes and key points pass untouched, as the very objects that came, unless the scene leaves the
+    photo in the camera's frame (`Develop(registered=False)` with a pose or a lens): then masks, boxes, key points and
+    a PIL image's alpha move with the picture. Boxes become those that enclose the moved ones, clamped to the canvas
+    unless their `clamping_mode` is None; key points may leave the photo; both are in continuous coordinates, with pixel
+    centres at half integers. Integer ones are rounded.
+
+    Raises:
+        TypeError, ValueError: an unknown scene, a p out of range, another number of channels, dtype or PIL mode, float
+            images outside of [0, 1], images of different batch sizes in one sample; in the camera's frame also rotated
+            boxes, and boxes or key points that cannot be told apart by image.
+    """
+
+    def __init__(self, scene: Scene | str | dict = "screen_photo", p: float = 0.5) -> None:
+        super().__init__()
+        self.scene = as_scene(scene)
+        self.p = check_probability(p)
+        self._transformed_types = SHOWN + CARRIED if moves(self.scene) else SHOWN
+
+    def check_inputs(self, flat_inputs: list[Any]) -> None:
+        flat = [x for x, needed in zip(flat_inputs, self._needs_transform_list(flat_inputs), strict=True) if needed]
+        counts = sorted({_count(x) for x in flat if not isinstance(x, CARRIED)})
+        if len(counts) > 1:
+            raise ValueError(f"images of one sample must have one batch size; got {' and '.join(map(str, counts))}.")
+        for leaf in (x for x in flat if isinstance(x, CARRIED)):
+            _check_carried(leaf, *counts)
+
+    def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
+        n = next((_count(x) for x in flat_inputs if not isinstance(x, CARRIED)), 1)
+        # what is drawn does not depend on the size, and each leaf brings its own
+        return {"chosen": (torch.rand(n) < self.p).nonzero().flatten(), "n": n, "shot": self.scene.sample(n, (1, 1))}
+
+    def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
+        chosen, shot = params["chosen"], params["shot"]
+        if not len(chosen):
+            return inpt
+        if len(chosen) == params["n"]:
+            return apply_shot(inpt, shot)
+        rows = chosen.to(inpt.device)
+        plain = inpt.as_subclass(Tensor)
+        done = apply_shot(_wrap(plain[rows], inpt), shot[chosen])
+        return _wrap(plain.index_copy(0, rows, done.as_subclass(Tensor)), inpt)
+
+    def extra_repr(self) -> str:
+        return f"p={self.p}, scene={self.scene}"
+
+
+def apply_shot(inpt: Any, shot: Shot) -> Any:
+    """One leaf of a sample, an image or something that is carried with it, as it is in the shot's photo.
+
+    Arguments and errors as in `RandomMoire`; `shot` holds one draw per image, of any size, and one per video.
+    """
+    if isinstance(inpt, PIL.Image.Image):
+        return _apply_to_pil(inpt, shot)
+    plain = inpt.as_subclass(Tensor)
+    if isinstance(inpt, BoundingBoxes):
+        return _wrap(_apply_to_boxes(plain, inpt, at_size(shot, inpt.canvas_size)), inpt)
+    if isinstance(inpt, KeyPoints):
+        points = plain.double().reshape(len(shot), -1, 2)
+        moved = at_size(shot, inpt.canvas_size).to_photo(points).reshape(plain.shape)
+        return _wrap(_as(moved, plain.dtype), inpt)
+    if isinstance(inpt, Mask):
+        flat = plain.reshape(len(shot), -1, *plain.shape[-2:])
+        return _wrap(at_size(shot, plain.shape[-2:]).to_photo_mask(flat).reshape(plain.shape), inpt)
+    if isinstance(inpt, Video):
+        shot = _frames(shot, plain.shape[-4])
+    return _wrap(photograph(plain.reshape(-1, *plain.shape[-3:]), shot).reshape(plain.shape), inpt)
+
+
+def _frames(shot: Shot, n: int) -> Shot:
+    """Each draw for n frames, which differ in the seed of their sensor noise."""
+    shot = shot[torch.arange(len(shot)).repeat_interleave(n)]
+    return dataclasses.replace(shot, seed=shot.seed + torch.arange(n).repeat(len(shot) // max(n, 1)))
+
+
+def _apply_to_pil(image: PIL.Image.Image, shot: Shot) -> PIL.Image.Image:
+    planes = F.pil_to_tensor(image)[None]
+    colours = 3 if image.mode.startswith("RGB") else 1
+    photo = photograph(planes[:, :colours], shot)
+    alpha = at_size(shot, planes.shape[-2:]).to_photo_mask(planes[:, colours:])
+    return F.to_pil_image(torch.cat([photo, alpha], 1)[0], mode=image.mode)
+
+
+def _apply_to_boxes(plain: Tensor, boxes: BoundingBoxes, shot: Shot) -> Tensor:
+    corners = F.convert_bounding_box_format(plain.double(), boxes.format, BoundingBoxFormat.XYXY)
+    moved = move_boxes(corners, shot)
+    if getattr(boxes, "clamping_mode", "soft") is not None:
+        h, w = boxes.canvas_size
+        moved = torch.minimum(moved.clamp(min=0), moved.new_tensor([w, h, w, h]))
+    if not plain.is_floating_point():
+        moved = moved.round()  # the corners: a rounded width could miss the rounded corner
+    return F.convert_bounding_box_format(moved, BoundingBoxFormat.XYXY, boxes.format).to(plain.dtype)
+
+
+def _as(values: Tensor, dtype: torch.dtype) -> Tensor:
+    return values.to(dtype) if dtype.is_floating_point else values.round().to(dtype)
+
+
+def _wrap(plain: Tensor, like: Tensor) -> Tensor:
+    return tv_tensors.wrap(plain, like=like) if isinstance(like, tv_tensors.TVTensor) else plain
+
+
+def _count(image: Any) -> int:
+    """How many draws an image leaf takes: one, or one for each row of a batch."""
+    if isinstance(image, PIL.Image.Image):
+        if image.mode not in PIL_MODES:
+            raise ValueError(
+                f"PIL images must be of mode {', '.join(PIL_MODES)}; got {image.mode}. Convert with v2.RGB() before "
+                "this transform, or wrap a segmentation map as tv_tensors.Mask."
+            )
+        return 1
+    video = isinstance(image, Video)
+    shape = "(T, C, H, W) or (B, T, C, H, W)" if video else "(C, H, W) or (B, C, H, W)"
+    if image.ndim - video not in (3, 4):
+        hint = "" if video else " Wrap frames of one scene as tv_tensors.Video."
+        raise ValueError(
+            f"{'videos' if video else 'images'} must have the shape {shape}; got {tuple(image.shape)}.{hint}"
+        )
+    return image.shape[0] if image.ndim - video == 4 else 1
+
+
+def _check_carried(leaf: Tensor, n: int = 1) -> None:
+    """Refuse what cannot be moved: rotated boxes, and leaves of a batch that do not say which row is which image's."""
+    if isinstance(leaf, BoundingBoxes) and leaf.format not in UPRIGHT:
+        raise ValueError(
+            f"rotated boxes ({leaf.format.value}) do not stay boxes in a photo with perspective or a lens. Give them "
+            "as XYXY, XYWH or CXCYWH, or use a scene with Develop(registered=True), which moves nothing."
+        )
+    smallest = 4 if isinstance(leaf, BoundingBoxes) else 3  # boxes are (N, 4): they have no room for a batch
+    if n != 1 and (leaf.ndim < smallest or leaf.shape[0] != n):
+        raise ValueError(
+            f"a {type(leaf).__name__} of shape {tuple(leaf.shape)} does not say which of {n} images each row "
+            "belongs to. Apply the transform before batching, or use a scene with Develop(registered=True): it moves "
+            "nothing."
+        )

@@ -1,0 +1,310 @@
+"""Attacks: against closed forms, against models broken by construction, and leaving no trace."""
+
+import math
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture, expose
+from moireaug.attacks import LOSSES, PGD, MoireAttack, Normalized
+from moireaug.transforms import AdversarialMoire
+
+SCENE = Scene(
+    panel=Panel(scale=1.1), view=View(roll=(-5, 5)), lens=Lens(blur=0.25), sensor=Sensor(scale=2.0, gain=2.0),
+    develop=Develop(brighten=0.1),
+)  # fmt: skip
+EPS = 4 / 255
+
+
+class Small(nn.Module):
+    def __init__(self, classes=5):
+        super().__init__()
+        self.net = nn.Sequential(
+            nn.Conv2d(3, 8, 3, 2), nn.BatchNorm2d(8), nn.ReLU(), nn.Dropout(0.5), nn.AdaptiveAvgPool2d(4), nn.Flatten(),
+            nn.Linear(128, classes),
+        )  # fmt: skip
+
+    def forward(self, x):
+        return self.net(x)
+
+
+@pytest.fixture
+def model():
+    torch.manual_seed(3)
+    return Small()
+
+
+@pytest.fixture
+def batch():
+    g = torch.Generator().manual_seed(4)
+    return torch.rand(6, 3, 16, 16, generator=g), torch.randint(0, 5, (6,), generator=g)
+
+
+def predicted(model, images):
+    with attacks.evaluating(model), torch.no_grad():
+        return model(images).argmax(1)
+
+
+METHODS = {
+    "ma": lambda m, **k: MoireAttack(model=m, scene=SCENE, **k),
+    "ma margin": lambda m, **k: MoireAttack(model=m, scene=SCENE, loss="margin", **k),
+    "ma restarts": lambda m, **k: MoireAttack(model=m, scene=SCENE, restarts=2, random_start=1.0, **k),
+    "ma eot": lambda m, **k: MoireAttack(model=m, scene=SCENE, eot=2, **k),
+    "ma paper_code": lambda m, **k: MoireAttack(model=m, scene="paper_code", **k),
+    "pgd": lambda m, **k: PGD(model=m, **k),
+    "pgd margin": lambda m, **k: PGD(model=m, loss="margin", **k),
+}
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("targeted", [False, True])
+def test_a_result_is_what_it_says(name, targeted, model, batch):
+    images, labels = batch
+    targets = (labels + 1) % 5 if targeted else None
+    kept = images.clone()
+    result = METHODS[name](model, eps=EPS, steps=3)(images, labels, targets)
+    assert torch.equal(images, kept)
+    assert result.images.shape == images.shape and result.images.min() >= 0 and result.images.max() <= 1
+    assert result.noise.abs().max() <= EPS * (1 + 1e-6)
+    assert result.loss.shape == (3,) and result.eps == EPS
+    hit = predicted(model, result.images)
+    assert torch.equal(result.success, hit == targets if targeted else hit != labels)
+    if result.shot is not None:
+        assert torch.allclose(capture(images, result.shot, result.noise), result.images, atol=1e-6)
+
+
+class Linear(nn.Module):
+    """Logits linear in the photo: the worst noise of a ball is known in closed form."""
+
+    def __init__(self, size):
+        super().__init__()
+        g = torch.Generator().manual_seed(9)
+        self.weight = nn.Parameter(torch.randn(2, 3 * size * size, generator=g, dtype=torch.float64))
+
+    def forward(self, x):
+        return x.flatten(1) @ self.weight.T.to(x)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("steps", [1, 5])
+def test_a_linear_model_is_attacked_optimally(loss, steps):
+    """margin(delta) - margin(0) = eps * ||A^T w||_1, reached exactly, as long as nothing is clipped."""
+    scene = Scene(
+        panel=Panel(scale=1.1),
+        view=View(roll=3.0),
+        lens=Lens(blur=0.3),
+        sensor=Sensor(scale=2.0),
+        develop=Develop(brighten=0.2),
+    )
+    images = torch.rand(3, 3, 8, 8, dtype=torch.float64) * 0.5 + 0.3
+    model, labels = Linear(8), torch.tensor([0, 1, 0])
+    shot = scene.sample(3, (8, 8))
+    noise = torch.zeros(shot.raw_shape(), dtype=torch.float64, requires_grad=True)
+    before = attacks.margin(model(capture(images, shot, noise)), labels)
+    (slope,) = torch.autograd.grad(before.sum(), noise)
+    best = before + EPS * slope.abs().sum((1, 2, 3))
+    result = MoireAttack(model=model, scene=scene, eps=EPS, steps=steps, loss=loss)(images, labels, shot=shot)
+    reached = attacks.margin(model(result.images), labels)
+    assert torch.allclose(reached, best, rtol=1e-9)
+    assert (reached > before + 1e-3).all()
+
+
+def test_a_model_broken_by_construction_is_broken():
+    """Its decision hangs on a difference far below eps: an attack that cannot flip it is a broken attack."""
+
+    class Fragile(nn.Module):
+        def forward(self, x):
+            left, right = x[..., :8].mean((1, 2, 3)), x[..., 8:].mean((1, 2, 3))
+            return torch.stack([left, right], 1) * 1e4
+
+    images = torch.full((8, 3, 16, 16), 0.5)
+    images[:4, ..., :8] += 0.002
+    images[4:, ..., 8:] += 0.002
+    model = Fragile()
+    scene = Scene(lens=Lens(blur=2.0), sensor=Sensor(scale=2.0, gain=3.0))
+    labels = predicted(model, scene.capture(images))
+    assert labels.tolist() == [0] * 4 + [1] * 4
+    for loss in LOSSES:
+        assert MoireAttack(model=model, scene=scene, eps=EPS, steps=5, loss=loss)(images, labels).success.all()
+    # and what it cannot reach, it does not claim
+    assert not MoireAttack(model=model, scene=scene, eps=1e-7, steps=5)(images, labels).success.any()
+
+
+def trained(images, labels):
+    model = Small()
+    optimizer = torch.optim.Adam(model.parameters(), 0.01)
+    scene = SCENE.sample(len(images), (16, 16))
+    photos = capture(images, scene)
+    for _ in range(60):
+        optimizer.zero_grad()
+        nn.functional.cross_entropy(model(photos), labels).backward()
+        optimizer.step()
+    return model.eval(), scene
+
+
+def test_the_attack_beats_random_noise():
+    g = torch.Generator().manual_seed(0)
+    images = torch.rand(64, 3, 16, 16, generator=g)
+    labels = torch.arange(64) % 5
+    images[torch.arange(64), 0, :, labels * 3] *= 0.3  # the class is where a column is dark
+    model, shot = trained(images, labels)
+    signs = torch.randint(0, 2, shot.raw_shape(), generator=g) * 2.0 - 1
+    result = MoireAttack(model=model, scene=SCENE, eps=EPS, steps=10)(images, labels, shot=shot)
+    fooled = (predicted(model, capture(images, shot, EPS * signs)) != labels).float().mean()
+    assert result.success.float().mean() > fooled + 0.2
+    assert result.loss[-1] > result.loss[0]
+
+
+def test_more_eps_never_fools_fewer(batch):
+    g = torch.Generator().manual_seed(0)
+    images, labels = torch.rand(40, 3, 16, 16, generator=g), torch.arange(40) % 5
+    model, shot = trained(images, labels)
+    curve = MoireAttack(model=model, scene=SCENE, eps=[0, 2 / 255, 8 / 255, 1.0], steps=10)(images, labels, shot=shot)
+    rates = [r.success.float().mean().item() for r in curve]
+    assert [r.eps for r in curve] == [0, 2 / 255, 8 / 255, 1.0]
+    assert rates == sorted(rates) and rates[-1] == 1.0
+    assert torch.allclose(curve[0].images, capture(images, shot), atol=1e-6)
+
+
+def test_restarts_are_no_worse(model, batch):
+    images, labels = batch
+    shot = SCENE.sample(6, (16, 16))
+    margins = []
+    for restarts in (1, 4):
+        result = MoireAttack(model=model, scene=SCENE, eps=EPS, steps=2, restarts=restarts)(images, labels, shot=shot)
+        with attacks.evaluating(model), torch.no_grad():
+            margins.append(attacks.margin(model(result.images), labels))
+    assert (margins[1] >= margins[0] - 1e-5).all()
+
+
+class Explodes(nn.Module):
+    def __init__(self, inner, after):
+        super().__init__()
+        self.inner, self.after = inner, after
+
+    def forward(self, x):
+        self.after -= 1
+        if self.after < 0:
+            raise RuntimeError("out of memory")
+        return self.inner(x)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("after", [99, 1])
+def test_the_model_is_left_as_it_was_found(name, after, model, batch):
+    images, labels = batch
+    model.train()
+    model.net[1].eval()
+    model(images).sum().backward()
+    state = {k: v.clone() for k, v in model.state_dict().items()}
+    grads = [p.grad.clone() for p in model.parameters()]
+    modes, flags = [m.training for m in model.modules()], [p.requires_grad for p in model.parameters()]
+    attack = METHODS[name](Explodes(model, after), eps=EPS, steps=2)
+    if after == 1:
+        with pytest.raises(RuntimeError, match="out of memory"):
+            attack(images, labels)
+    else:
+        attack(images, labels)
+    assert all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
+    assert all(torch.equal(p.grad, g) for p, g in zip(model.parameters(), grads, strict=True))
+    assert [m.training for m in model.modules()] == modes
+    assert [p.requires_grad for p in model.parameters()] == flags
+
+
+@pytest.mark.parametrize("context", [torch.no_grad, torch.inference_mode])
+def test_attacks_work_where_gradients_are_off(context, model, batch):
+    with context():
+        images, labels = (t.clone() for t in batch)
+        for attack in (MoireAttack(model=model, scene=SCENE, steps=2), PGD(model=model, steps=2)):
+            assert attack(images, labels).noise.abs().max() > 0
+
+
+def test_one_generator_one_result(model, batch):
+    attack = MoireAttack(model=model, scene=SCENE, eps=EPS, steps=2, random_start=1.0)
+    runs = [attack(*batch, generator=torch.Generator().manual_seed(s)).images for s in (1, 1, 2)]
+    assert torch.equal(runs[0], runs[1]) and not torch.equal(runs[0], runs[2])
+
+
+def test_pgd_agrees_with_torchattacks():
+    """The independent check: the same start and step size, so the same noise."""
+    torchattacks = pytest.importorskip("torchattacks")
+    g = torch.Generator().manual_seed(0)
+    images, labels = torch.rand(32, 3, 16, 16, generator=g), torch.arange(32) % 5
+    model, _ = trained(images, labels)
+    labels = predicted(model, images)
+    theirs = torchattacks.BIM(model, eps=2 / 255, alpha=0.5 / 255, steps=6)(images, labels)
+    ours = PGD(model=model, eps=2 / 255, step_size=0.25, steps=6, random_start=0.0)(images, labels)
+    theirs_wrong = (predicted(model, theirs) != labels).float().mean()
+    assert ours.success.float().mean() >= theirs_wrong - 1 / 32
+    assert (ours.images - theirs).abs().mean() < 0.5 / 255
+
+
+BAD = [
+    (lambda m, x, y: MoireAttack(model=m, eps=-0.1), "eps must be a number >= 0"),
+    (lambda m, x, y: MoireAttack(model=m, eps=math.nan), "eps must be a number >= 0"),
+    (lambda m, x, y: MoireAttack(model=m, eps=[]), "eps must be a number >= 0"),
+    (lambda m, x, y: MoireAttack(model=m, eps=4), "Divide by 255?"),
+    (lambda m, x, y: MoireAttack(model=m, steps=-1), "steps must be an integer >= 0"),
+    (lambda m, x, y: MoireAttack(model=m, restarts=0), "restarts must be an integer >= 1"),
+    (lambda m, x, y: MoireAttack(model=m, eot=0), "eot must be an integer >= 1"),
+    (lambda m, x, y: MoireAttack(model=m, step_size=0), "step_size must be above 0"),
+    (lambda m, x, y: MoireAttack(model=m, loss="margins"), "Did you mean 'margin'?"),
+    (lambda m, x, y: MoireAttack(model=m, scene="papers"), "Did you mean 'paper'?"),
+    (lambda m, x, y: PGD(model=m)(x, y + 5), "[0, 4], the model's classes; got"),
+    (lambda m, x, y: PGD(model=m)(x, y - 9), "class indices >= 0"),
+    (lambda m, x, y: PGD(model=m)(x, y.float()), "integer tensor"),
+    (lambda m, x, y: PGD(model=m)(x, y[:2]), "shape (6,)"),
+    (lambda m, x, y: PGD(model=m)(x, y, y + 7), "the model's classes"),
+    (lambda m, x, y: PGD(model=m)(x * 255, y), "lie in [0, 1]"),
+    (lambda m, x, y: PGD(model=m)(x, y, shot=SCENE.sample(6, (16, 16))), "no camera"),
+    (lambda m, x, y: MoireAttack(model=m)(x, y, shot=SCENE.sample(2, (16, 16))), "drawn for 2 images"),
+    (lambda m, x, y: PGD(model=lambda i: i)(x, y), "must return logits (B, K)"),
+    (lambda m, x, y: AdversarialMoire(m, p=2), "p must be a probability"),
+    (lambda m, x, y: Normalized(m, std=(0.1, 0.0, 0.1)), "positive std"),
+]
+
+
+@pytest.mark.parametrize(("do", "sentence"), BAD, ids=[b[1][:28] for b in BAD])
+def test_wrong_input_gets_a_sentence(do, sentence, model, batch):
+    with pytest.raises((ValueError, TypeError)) as error:
+        do(model, *batch)
+    assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.uint8])
+def test_adversarial_moire_is_a_batch_transform(dtype, model, batch):
+    images, labels = batch
+    images = (images * 255).to(torch.uint8) if dtype == torch.uint8 else images
+    model.train()
+    shown, same = AdversarialMoire(model, scene=SCENE, eps=EPS, steps=2)(images, labels)
+    assert shown.dtype == dtype and shown.shape == images.shape and torch.equal(same, labels)
+    assert model.training and not torch.equal(shown, images)
+    untouched, _ = AdversarialMoire(model, scene=SCENE, p=0.0)(images, labels)
+    assert torch.equal(untouched, images)
+
+
+def test_adversarial_moire_in_a_collate(model, batch):
+    from torch.utils.data import DataLoader, TensorDataset, default_collate
+
+    adversarial = AdversarialMoire(model, scene=SCENE, eps=EPS, steps=1)
+    loader = DataLoader(TensorDataset(*batch), 3, collate_fn=lambda b: adversarial(*default_collate(b)))
+    shown = torch.cat([x for x, _ in loader])
+    assert shown.shape == batch[0].shape and not torch.equal(shown, batch[0])
+    assert list(adversarial.parameters()) == []  # the model is not a part of it
+
+
+def test_normalized_puts_the_normalisation_inside(model, batch):
+    mean, std = (0.4, 0.5, 0.6), (0.2, 0.3, 0.4)
+    m, s = torch.tensor(mean).view(3, 1, 1), torch.tensor(std).view(3, 1, 1)
+    model.eval()
+    assert torch.allclose(Normalized(model, mean, std)(batch[0]), model((batch[0] - m) / s))
+    assert set(Normalized(model).state_dict()) == {f"model.{k}" for k in model.state_dict()}
+
+
+def test_unread_sensor_pixels_get_no_noise(model, batch):
+    """Where the gradient is exactly zero the noise stays zero: paper_code reads 3 x 3 pixels around a centre."""
+    result = MoireAttack(model=model, scene="paper_code", eps=EPS, steps=2)(*batch)
+    raw = expose(batch[0], result.shot)
+    assert result.noise.shape == raw.shape
+    assert (result.noise[:, :, 0] == 0).float().mean() > 0.2

@@ -1,0 +1,263 @@
+"""The capture against the released chain, against brute force in float64, and against closed forms."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
+from moireaug.presets import PRESETS
+
+GOLDEN = np.load(Path(__file__).parent / "data" / "official_ma_golden.npz")
+
+
+def golden_shot(scene):
+    theta, phi, gamma = torch.from_numpy(GOLDEN["angles_theta_phi_gamma_deg"]).double().T
+    shot = scene.sample(4, (48, 48))
+    return dataclasses.replace(shot, view=dataclasses.replace(shot.view, pitch=-theta, yaw=phi, roll=-gamma))
+
+
+@pytest.mark.parametrize(("key", "brighten"), [("photos", 0.0), ("photos_plus20", 20 / 255)])
+def test_paper_code_is_the_released_chain(key, brighten):
+    scene = Scene.preset("paper_code")
+    scene = dataclasses.replace(scene, develop=dataclasses.replace(scene.develop, brighten=brighten))
+    images = torch.from_numpy(GOLDEN["images"]).permute(0, 3, 1, 2).float() / 255
+    photo = capture(images, golden_shot(scene)) * 255
+    difference = (photo.permute(0, 2, 3, 1) - torch.from_numpy(GOLDEN[key])).abs()
+    assert (difference < 0.1).float().mean() > 0.99
+    assert difference.max() < 0.5
+
+
+def test_the_golden_test_can_fail():
+    images = torch.from_numpy(GOLDEN["images"]).permute(0, 3, 1, 2).float() / 255
+    shot = golden_shot(Scene.preset("paper_code"))
+    turned = dataclasses.replace(shot, view=dataclasses.replace(shot.view, roll=-shot.view.roll))
+    difference = (capture(images, turned).permute(0, 2, 3, 1) * 255 - torch.from_numpy(GOLDEN["photos"])).abs()
+    assert (difference[1:] < 0.1).float().mean() < 0.9
+
+
+def test_only_the_sensor_pixels_that_a_photo_reads_are_exposed():
+    shot = Scene.preset("paper_code").sample(1, (48, 48))
+    rows, cols = shot.readouts()
+    assert len(rows.index) == len(cols.index) == 3 * 48 + 2  # a lead that keeps the Bayer parity, and an even number
+    full = dataclasses.replace(shot.scene, develop=dataclasses.replace(shot.scene.develop, resize="antialias"))
+    assert full.sample(1, (48, 48)).raw_shape()[2] * 2 == 9 * 48
+
+
+@pytest.mark.parametrize("scale", [5.0, 6.0, 7.0, 9.0])
+@pytest.mark.parametrize("size", [(12, 15), (7, 9)])
+def test_reading_windows_is_reading_everything(scale, size):
+    """A point resize of the whole sensor gives the photo that its few windows give."""
+    base = Scene(panel=Panel(scale=2), view=View(roll=7), sensor=Sensor(scale=scale), develop=Develop(resize="point"))
+    images = torch.rand(2, 3, *size, dtype=torch.float64)
+    shot = base.sample(2, size)
+    from moireaug.effects import bayer
+
+    everything = [bayer.Readout(tuple(range(n + n % 2)), 0, 0, s, scale) for s in size for n in [round(s * scale)]]
+    whole = _with_readouts(images, shot, everything)
+    inner = (slice(None), slice(None), slice(1, -1), slice(1, -1))
+    assert torch.allclose(capture(images, shot)[inner], whole[inner], atol=1e-9)
+
+
+def _with_readouts(images, shot, readouts):
+    class Whole(type(shot)):
+        def readouts(self):
+            return tuple(readouts)
+
+    values = {f.name: getattr(shot, f.name) for f in dataclasses.fields(shot)}
+    return capture(images, Whole(**values))
+
+
+VIEWS = {
+    "nearly frontal": View(roll=0.7),  # exactly frontal, the points of an aperture step over the stripes in lockstep
+    "oblique": View(yaw=25.0, pitch=-10.0, roll=5.0),
+    "bent": View(yaw=10.0, roll=2.0),
+}
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("layout", ["rgb_stripe", "bgr_stripe", "led"])
+@pytest.mark.parametrize("alpha", [0.8, 1.3])
+def test_spectral_is_the_limit_of_supersampling(view, layout, alpha):
+    """Flat light: brute force in float64 comes closer to the sum of harmonics the finer it is, as 1 / n."""
+    lens = Lens(blur=0.25, k1=0.05 if view == "bent" else 0.0)
+    scene = Scene(
+        panel=Panel(scale=alpha, layout=layout, lit=0.8), view=VIEWS[view], lens=lens,
+        sensor=Sensor(scale=2.0, exposure="spectral"), tolerance=1e-4,
+    )  # fmt: skip
+    flat = torch.full((1, 3, 8, 8), 0.7, dtype=torch.float64)
+    shot = scene.sample(1, (8, 8))
+    ours = expose(flat, shot)
+    errors = []
+    for n in (5, 20):
+        brute = dataclasses.replace(scene, sensor=Sensor(scale=2.0, exposure=f"supersample:{n}"))
+        errors.append((ours - expose(flat, dataclasses.replace(shot, scene=brute))).square().mean().sqrt().item())
+    assert errors[1] < 0.08 * ours.max().item()
+    assert errors[1] < errors[0] / 2.5
+
+
+def test_a_wrong_blur_is_not_that_limit():
+    """Negative control of the test above."""
+    scene = Scene(panel=Panel(scale=0.8), lens=Lens(blur=0.4), sensor=Sensor(scale=2.0, exposure="spectral"))
+    view = View(roll=0.7)
+    scene, flat = dataclasses.replace(scene, view=view), torch.full((1, 3, 8, 8), 0.7, dtype=torch.float64)
+    ours = expose(flat, scene.sample(1, (8, 8)))
+    brute = dataclasses.replace(scene, sensor=Sensor(scale=2.0, exposure="supersample:20"), lens=Lens(blur=0.2))
+    error = ours - expose(flat, brute.sample(1, (8, 8)))
+    assert error.square().mean().sqrt() > 0.08 * ours.max()
+
+
+@pytest.mark.parametrize(("exposure", "bound"), [("mean", 1e-12), ("spectral", 1e-5), ("supersample:8", 1e-2)])
+@pytest.mark.parametrize("layout", ["rgb_stripe", "bgr_stripe", "led"])
+def test_mean_light_is_the_lit_area(exposure, bound, layout):
+    """Over whole cycles of every harmonic's alias; bare points do not integrate, so `point` has no such bound."""
+    area = 1 / 3 if layout != "led" else 0.5 * 0.5 / 3
+    scene = Scene(panel=Panel(scale=1.421875, layout=layout), sensor=Sensor(scale=2.0, exposure=exposure))
+    raw = expose(torch.ones(1, 3, 128, 128, dtype=torch.float64), scene.sample(1, (128, 128)))
+    assert raw.mean((2, 3))[0].tolist() == pytest.approx([area] * 4, rel=bound)
+
+
+def alias(frequency, sampling):
+    """Where a frequency folds to, in cycles per sample."""
+    f = frequency * sampling % 1.0
+    return min(f, 1 - f)
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_alias_frequency_and_amplitude_are_closed_forms(k):
+    """Red plane of a flat screen, frontal: harmonic k of pitch p shows at k * 2 / p, folded, with 2 |a_k| MTF."""
+    n, alpha, blur = 128, 1.40625, 0.15  # 2 sensor pixels an image pixel: pitch 1.4222, whole cycles on the plane
+    scene = Scene(
+        panel=Panel(scale=alpha), lens=Lens(blur=blur), sensor=Sensor(scale=2.0, exposure="spectral"), tolerance=1e-9
+    )
+    raw = expose(torch.ones(1, 3, 4, n, dtype=torch.float64), scene.sample(1, (4, n)))
+    spectrum = torch.fft.rfft(raw[0, 0, 0]).abs() / n
+    f = k * alpha / 2  # cycles per sensor pixel
+    bin_ = round(alias(f, 2) * n)
+    assert alias(f, 2) * n == pytest.approx(bin_, abs=1e-9)
+    a = math.sin(math.pi * k / 3) / (math.pi * k)
+    mtf = math.sin(math.pi * f) / (math.pi * f) * math.exp(-2 * (math.pi * blur * f) ** 2)
+    assert spectrum[bin_].item() == pytest.approx(abs(a * mtf), abs=1e-4)
+
+
+def test_no_contrast_where_the_aperture_is_a_whole_number_of_pitches():
+    for alpha, flat in ((2.0, True), (1.0, False)):  # pitch 1 and 2 sensor pixels
+        scene = Scene(panel=Panel(scale=alpha), sensor=Sensor(scale=2.0, exposure="spectral"), tolerance=1e-9)
+        raw = expose(torch.ones(1, 3, 8, 32, dtype=torch.float64), scene.sample(1, (8, 32)))
+        assert (raw.std() < 1e-12) == flat
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+@pytest.mark.parametrize("name", PRESETS)
+def test_photos_keep_dtype_shape_and_range(name, dtype, images):
+    scene = Scene.preset(name)
+    photo = capture(images.to(dtype), scene.sample(4, (24, 32)))
+    assert photo.shape == images.shape and photo.dtype == dtype
+    assert photo.isfinite().all() and photo.min() >= 0 and photo.max() <= 1
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_float32_stays_near_float64(name, images):
+    scene = Scene.preset(name)
+    shot = dataclasses.replace(scene.sample(4, (24, 32)), scene=_quiet(scene))
+    difference = capture(images, shot) - capture(images.double(), shot)
+    assert difference.abs().mean() < 1e-5
+    assert difference.abs().quantile(0.999) < 2e-3  # sRGB is steep in the dark
+
+
+def _quiet(scene):
+    return dataclasses.replace(scene, sensor=dataclasses.replace(scene.sensor, read_noise=0.0))
+
+
+def test_autocast_changes_nothing(images):
+    scene = Scene.preset("screen_photo")
+    shot = scene.sample(4, (24, 32))
+    plain = capture(images, shot)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        assert torch.equal(capture(images, shot), plain)
+
+
+SIZES = [(1, 1), (1, 7), (7, 1), (2, 2), (3, 5), (33, 17)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("name", PRESETS)
+def test_small_and_odd_images(name, size):
+    photo = Scene.preset(name).capture(torch.rand(2, 3, *size))
+    assert photo.shape == (2, 3, *size) and photo.isfinite().all()
+
+
+def test_an_empty_batch():
+    assert Scene.preset("screen_photo").capture(torch.rand(0, 3, 8, 8)).shape == (0, 3, 8, 8)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.5, 2.0, 3.0, 4.0])
+@pytest.mark.parametrize("resize", ["area", "antialias", "point"])
+def test_a_flat_screen_without_stripes_is_flat(scale, resize):
+    """Demosaic and every resize of a constant is that constant, up to the border, odd sizes included."""
+    scene = Scene(lens=Lens(blur=5), sensor=Sensor(scale=scale), develop=Develop(resize=resize))
+    assert "layout" not in scene.plan()
+    photo = scene.capture(torch.full((1, 3, 9, 13), 0.6, dtype=torch.float64))
+    assert torch.allclose(photo, torch.full_like(photo, 0.2), atol=1e-12)
+
+
+def test_gain_saturates():
+    scene = Scene(lens=Lens(blur=5), sensor=Sensor(gain=6.0))
+    assert torch.equal(scene.capture(torch.ones(1, 3, 8, 8)), torch.ones(1, 3, 8, 8))
+
+
+def test_linear_light_is_undone_by_itself():
+    scene = Scene(lens=Lens(blur=5), sensor=Sensor(gain=3.0), develop=Develop(linear_light=True))
+    flat = torch.full((1, 3, 8, 8), 0.42, dtype=torch.float64)
+    assert torch.allclose(scene.capture(flat), flat, atol=1e-3)
+
+
+def test_a_registered_photo_lies_on_the_image():
+    """A smooth image, seen from everywhere: its photo, brought back, is the image times the mean light."""
+    y, x = torch.meshgrid(torch.linspace(0, 3, 64), torch.linspace(0, 3, 64), indexing="ij")
+    smooth = (0.5 + 0.25 * torch.sin(x + 0.7) + 0.2 * torch.cos(1.3 * y)).expand(8, 3, -1, -1).double()
+    scene = Scene(
+        view=View(yaw=(-40, 40), pitch=(-30, 30), roll=(-45, 45)), lens=Lens(blur=5, k1=(-0.1, 0.1)),
+        sensor=Sensor(scale=2.0),
+    )  # fmt: skip
+    photo = scene.capture(smooth, torch.Generator().manual_seed(2))
+    assert (photo * 3 - smooth).abs().max() < 0.02
+
+
+def test_noise_enters_the_raw_reading(images):
+    scene = Scene.preset("paper")
+    shot = scene.sample(4, (24, 32))
+    noise = 0.02 * torch.randn(shot.raw_shape())
+    assert torch.equal(capture(images, shot, noise), develop(expose(images, shot) + noise, shot))
+    assert not torch.equal(capture(images, shot, noise), capture(images, shot))
+    with pytest.raises(ValueError, match=r"raw reading's shape"):
+        capture(images, shot, noise[:2])
+
+
+BAD = [
+    (lambda i: i.numpy(), TypeError, "must be a torch.Tensor"),
+    (lambda i: (i * 255).to(torch.uint8), TypeError, "Divide uint8 images by 255"),
+    (lambda i: i[0], ValueError, r"\(B, 3, H, W\)"),
+    (lambda i: i[:, :1], ValueError, r"\(B, 3, H, W\)"),
+    (lambda i: i * 2, ValueError, "lie in [0, 1]"),
+    (lambda i: i - 0.5, ValueError, "lie in [0, 1]"),
+    (lambda i: i * float("nan"), ValueError, "must be finite"),
+    (lambda i: i[:2], ValueError, "drawn for 4 images of 24 x 32; got 2 of 24 x 32"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "kind", "sentence"), BAD, ids=[b[2][:20] for b in BAD])
+def test_wrong_images_get_a_sentence(spoil, kind, sentence, images):
+    shot = Scene().sample(4, (24, 32))
+    with pytest.raises(kind) as error:
+        capture(spoil(images), shot)
+    assert sentence.replace("\\", "") in str(error.value)
+
+
+def test_the_image_is_not_changed(images):
+    kept = images.clone()
+    Scene.preset("screen_photo").capture(images)
+    assert torch.equal(images, kept)

@@ -1,0 +1,127 @@
+"""Scene: ranges, validation, plain values; Shot: draws, replay, indexing."""
+
+import dataclasses
+import json
+import math
+import pickle
+
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
+from moireaug.presets import PRESETS
+from moireaug.scene import PARTS, as_scene, bounds, ranged_fields
+
+BAD = [
+    (lambda: Panel(scale=0), "Panel.scale must lie in (0, 1000]"),
+    (lambda: Panel(scale=(3, 1)), "low <= high"),
+    (lambda: Panel(scale=(1, 2, 3)), "3 values"),
+    (lambda: Panel(scale="big"), "must be a number"),
+    (lambda: Panel(scale=True), "must be a number"),
+    (lambda: Panel(scale=math.nan), "Panel.scale must lie in"),
+    (lambda: Panel(lit=1.5), "Panel.lit must lie in (0, 1]"),
+    (lambda: View(yaw=(0, 90)), "View.yaw must lie in [-89, 89] degrees"),
+    (lambda: View(fov=0), "View.fov must lie in [1, 89]"),
+    (lambda: View(pose="pinhole"), "'camera', 'released'"),
+    (lambda: Lens(k1=-0.5), "fold the photo"),
+    (lambda: Lens(k1=(-0.1, 0.1), k2=(-0.4, 0.0)), "fold the photo"),
+    (lambda: Sensor(scale=(1, 2)), "must be one number"),
+    (lambda: Sensor(scale=0.1), "Sensor.scale must lie in [0.25, 64]"),
+    (lambda: Sensor(exposure="spectra"), "Did you mean 'spectral'?"),
+    (lambda: Sensor(exposure="supersample:0"), "Sensor.exposure must be one of"),
+    (lambda: Sensor(gain=-1), "Sensor.gain must lie in"),
+    (lambda: Develop(resize="areal"), "Did you mean 'area'?"),
+    (lambda: Scene(panel=View()), "Scene.panel must be a Panel"),
+    (lambda: Scene(panel=Panel(layout="rgb_strip")), "Did you mean 'rgb_stripe'?"),
+    (lambda: Scene.preset("phone_at_moniter"), "Did you mean 'phone_at_monitor'?"),
+    (lambda: Scene.from_dict({"viev": {}}), "Did you mean 'view'?"),
+    (lambda: Scene.from_dict({"view": {"role": 3}}), "Did you mean 'roll'?"),
+    (lambda: as_scene(3), "a Scene, a preset's name or a dict; got int"),
+    (lambda: Scene().sample(-1, (8, 8)), "n >= 0"),
+    (lambda: Scene().sample(1, (0, 8)), "at least 1 x 1"),
+]
+
+
+@pytest.mark.parametrize(("make", "sentence"), BAD, ids=[b[1][:30] for b in BAD])
+def test_wrong_values_get_a_sentence(make, sentence):
+    with pytest.raises((ValueError, TypeError)) as error:
+        make()
+    assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_scenes_survive_json_and_pickle(name):
+    scene = Scene.preset(name)
+    assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
+    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert hash(scene) == hash(Scene.from_dict(scene.to_dict()))
+
+
+def test_a_dict_starts_from_a_preset():
+    scene = Scene.from_dict({"preset": "screen_photo", "view": {"roll": [-3, 3]}})
+    assert scene.view.roll == (-3.0, 3.0)
+    assert scene.panel == Scene.preset("screen_photo").panel
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_draws_fill_their_ranges(name):
+    scene = Scene.preset(name)
+    shot = scene.sample(400, (8, 8), torch.Generator().manual_seed(0))
+    for part in PARTS:
+        for field in ranged_fields(getattr(scene, part)):
+            low, high = bounds(getattr(getattr(scene, part), field))
+            drawn = getattr(getattr(shot, part), field)
+            assert drawn.shape == (400,) and drawn.dtype == torch.float64
+            assert drawn.min() >= low and drawn.max() <= high, field
+            if high > low:
+                assert drawn.max() - drawn.min() > 0.9 * (high - low), field
+                assert drawn.unique().numel() > 30, field
+
+
+def test_released_pose_turns_by_whole_degrees():
+    shot = Scene.preset("paper_code").sample(200, (8, 8))
+    for angle in (shot.view.yaw, shot.view.pitch, shot.view.roll):
+        assert (angle == angle.round()).all()
+        assert angle.min() >= -20 and angle.max() <= 19
+
+
+def test_same_seed_same_shot_and_prefix():
+    scene = Scene.preset("screen_photo")
+    a, b = (scene.sample(n, (8, 8), torch.Generator().manual_seed(5)) for n in (6, 3))
+    assert torch.equal(a.view.roll[:3], b.view.roll) and torch.equal(a.seed[:3], b.seed)
+    assert not torch.equal(a.view.roll, scene.sample(6, (8, 8), torch.Generator().manual_seed(6)).view.roll)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_shot_replays_bit_for_bit(name, images):
+    scene = Scene.preset(name)
+    shot = scene.sample(4, (24, 32))
+    first = capture(images, shot)
+    again = Shot.from_dict(json.loads(json.dumps(shot.to_dict())))
+    assert torch.equal(capture(images, shot), first)
+    assert torch.equal(capture(images, again), first)
+
+
+@pytest.mark.parametrize("rows", [slice(1, 3), [1, 2], torch.tensor([1, 2]), torch.tensor([False, True, True, False])])
+def test_rows_of_a_shot_are_rows_of_the_photo(rows, images):
+    scene = Scene.preset("screen_photo")
+    shot = scene.sample(4, (24, 32))
+    assert torch.allclose(capture(images[rows], shot[rows]), capture(images, shot)[rows], atol=1e-6)
+    assert len(shot[2]) == 1 and len(shot.repeat(3)) == 12
+
+
+def test_a_damaged_shot_dict_is_refused():
+    values = Scene().sample(2, (8, 8)).to_dict()
+    with pytest.raises(ValueError, match="missing \\['seed'\\]"):
+        Shot.from_dict({k: v for k, v in values.items() if k != "seed"})
+    values["view"]["roll"] = [0.0]
+    with pytest.raises(ValueError, match=r"view\.roll must hold 2 numbers"):
+        Shot.from_dict(values)
+
+
+def test_records_are_frozen():
+    scene = Scene()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        scene.view.roll = 3
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        scene.sample(1, (4, 4)).seed = None

@@ -1,0 +1,183 @@
+"""The albumentations door: targets, replay, serialisation and the seeding of workers."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from torch.utils.data import DataLoader, Dataset, Subset
+
+from moireaug import Shot
+from moireaug.transforms import albumentations as door
+from moireaug.transforms.albumentations import RandomMoire
+
+import albumentations as A  # isort: skip  # after the door, which keeps it from asking for its newest version
+
+
+def values(shape, dtype, seed=0):
+    x = np.random.default_rng(seed).random(shape)
+    return (x * 255).round().astype(dtype) if dtype == np.uint8 else x.astype(dtype)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+@pytest.mark.parametrize("shape", [(9, 12, 3), (9, 12), (9, 12, 1)], ids=str)
+@pytest.mark.parametrize("frame", ["registered", "camera"])
+def test_shape_dtype_and_range_are_kept(shape, dtype, frame, request):
+    image = values(shape, dtype)
+    before = image.copy()
+    out = A.Compose([RandomMoire(request.getfixturevalue(frame), p=1)])(image=image)["image"]
+    assert out.shape == shape and out.dtype == dtype and np.any(out != image)
+    assert out.min() >= 0 and out.max() <= (255 if dtype == np.uint8 else 1)
+    assert np.array_equal(image, before), "the input was modified"
+
+
+def compose(scene, kind=A.Compose):
+    return kind(
+        [RandomMoire(scene, p=1)],
+        bbox_params=A.BboxParams(format="pascal_voc", label_fields=["kinds"]),
+        keypoint_params=A.KeypointParams(format="xyas", remove_invisible=False, angle_in_degrees=True),
+    )
+
+
+def sample(image, box, points):
+    mask = (image[..., 0] > 0.5).astype(np.uint8)
+    return {
+        "image": image,
+        "mask": mask,
+        "masks": np.stack([mask, mask]),
+        "bboxes": [box],
+        "kinds": [1],
+        "keypoints": points,
+    }
+
+
+def test_registered_photos_leave_all_else_alone(registered, square):
+    given = sample(values((48, 64, 3), np.float32), square, [(35.0, 14.0, 30.0, 2.0)])
+    out = compose(registered)(**given)
+    assert out["mask"] is given["mask"] and out["masks"] is given["masks"]
+    assert np.allclose(out["bboxes"], [square]) and np.allclose(out["keypoints"], given["keypoints"])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_carried_lands_on_the_light(seed, clear, marked, square, find):
+    x1, y1, x2, y2 = square
+    tip = ((x1 + x2) / 2 - 0.5, (y1 + y2) / 2 - 0.5, 0.0, 10.0)  # points right, as long as the rectangle is wide
+    image = marked.permute(1, 2, 0).numpy()
+    steps = compose(clear, A.ReplayCompose)
+    steps.set_random_seed(seed)
+    out = steps(**sample(image, square, [tip]))
+    light, box = find(torch.from_numpy(out["image"]).permute(2, 0, 1))
+    (x, y, angle, length), *_ = out["keypoints"]
+    assert (torch.tensor([x, y]) + 0.5 - light).norm() < 1.0
+    assert (torch.tensor(out["bboxes"][0]) - box).abs().max() < 2.0
+    mask_light, _ = find(torch.from_numpy(out["mask"])[None])
+    assert (mask_light - light).norm() < 1.0 and np.array_equal(out["masks"][1], out["mask"])
+
+    shot = Shot.from_dict(out["replay"]["transforms"][0]["params"]["shot"])
+    left, right = shot.to_photo(torch.tensor([[[x1, (y1 + y2) / 2], [x2, (y1 + y2) / 2]]]))[0]
+    along = right - left
+    seen = torch.atan2(along[1], along[0]).rad2deg().item()
+    assert abs((seen - angle + 180) % 360 - 180) < 3
+    assert length == pytest.approx(along.norm().item(), rel=0.25)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32, bool])
+def test_masks_of_any_type_move(dtype, camera):
+    mask = np.ones((9, 12, 2), dtype)
+    out = A.Compose([RandomMoire(camera, p=1)], seed=0)(image=values((9, 12, 3), np.uint8), mask=mask)["mask"]
+    assert out.dtype == dtype and out.shape == mask.shape and set(np.unique(out)) == {0, 1}
+
+
+def test_empty_targets_stay_empty(camera):
+    out = compose(camera)(image=values((9, 12, 3), np.uint8), bboxes=[], kinds=[], keypoints=[])
+    assert len(out["bboxes"]) == 0 and len(out["keypoints"]) == 0
+
+
+def test_images_and_volumes_share_one_shot(camera):
+    frames = np.repeat(values((1, 9, 12, 3), np.uint8), 3, 0)
+    out = A.Compose([RandomMoire(camera, p=1)])(images=frames)["images"]
+    assert out.shape == frames.shape and np.array_equal(out[0], out[2]) and np.any(out != frames)
+    both = A.Compose([RandomMoire(camera, p=1)])(volume=frames, mask3d=np.ones((3, 9, 12), np.uint8))
+    assert both["mask3d"].shape == (3, 9, 12) and np.array_equal(both["mask3d"][0], both["mask3d"][2])
+
+
+@pytest.mark.parametrize("frame", ["registered", "camera"])
+def test_replay_is_exact_and_survives_json(frame, request):
+    image = values((9, 12, 3), np.uint8)
+    steps = A.ReplayCompose([RandomMoire(request.getfixturevalue(frame), p=1), A.HorizontalFlip(p=0.5)])
+    out = steps(image=image)
+    assert np.array_equal(A.ReplayCompose.replay(out["replay"], image=image)["image"], out["image"])
+    shot = out["replay"]["transforms"][0]["params"]["shot"]
+    assert json.loads(json.dumps(shot)) == shot
+    photo = door.apply_shot(image, Shot.from_dict(shot))
+    assert any(np.array_equal(out["image"], x) for x in (photo, photo[:, ::-1]))
+
+
+def test_a_pipeline_survives_json(registered):
+    steps = A.Compose([RandomMoire(registered, p=0.25)])
+    again = A.from_dict(json.loads(json.dumps(A.to_dict(steps))))
+    assert again[0].scene == registered and again[0].p == 0.25
+
+
+def test_p_and_seed(registered):
+    image = values((9, 12, 3), np.uint8)
+    kept = A.Compose([RandomMoire(registered, p=0)])(image=image)["image"]
+    assert kept is image
+    runs = []
+    for seed in (1, 1, 2):
+        steps = A.Compose([RandomMoire(registered, p=0.5)], seed=seed)
+        runs.append(np.stack([steps(image=image)["image"] for _ in range(16)]))
+    changed = [np.any(x != image) for x in runs[0]]
+    assert np.array_equal(runs[0], runs[1]) and not np.array_equal(runs[0], runs[2]) and 0 < sum(changed) < 16
+
+
+def test_torchs_global_generator_is_left_alone(registered):
+    steps = A.Compose([RandomMoire(registered, p=1)], seed=1)
+    torch.manual_seed(0)
+    steps(image=values((9, 12, 3), np.uint8))
+    after = torch.rand(1)
+    torch.manual_seed(0)
+    assert torch.equal(after, torch.rand(1))
+
+
+class Same(Dataset):
+    def __init__(self, transform):
+        self.transform = transform
+
+    def __len__(self):
+        return 8
+
+    def __getitem__(self, i):
+        return torch.from_numpy(self.transform(image=np.full((9, 12, 3), 128, np.uint8))["image"])
+
+
+def test_seeded_workers_draw_differently_and_reproducibly(registered):
+    data = Subset(Same(A.Compose([RandomMoire(registered, p=1)], seed=0)), range(8))
+
+    def epochs():
+        torch.manual_seed(0)
+        loader = DataLoader(data, batch_size=2, num_workers=2, worker_init_fn=door.seed_worker)
+        return torch.cat([torch.cat(list(loader)) for _ in range(2)])
+
+    first = epochs()
+    assert len({x.numpy().tobytes() for x in first}) == 16
+    assert torch.equal(first, epochs())
+
+
+def test_a_worker_without_a_transform_says_so(monkeypatch):
+    info = type("Info", (), {"dataset": Same(None)})
+    monkeypatch.setattr(torch.utils.data, "get_worker_info", lambda: info)
+    with pytest.raises(ValueError, match="found no albumentations transform among the attributes of Same"):
+        door.seed_worker(0)
+
+
+def test_errors_are_sentences(registered):
+    with pytest.raises(TypeError, match="scenes"):
+        RandomMoire(scenes="paper")
+    with pytest.raises(ValueError, match="p must be a probability"):
+        RandomMoire(p=2)
+    steps = A.Compose([RandomMoire(registered, p=1)])
+    with pytest.raises(ValueError, match="3 channels"):
+        steps(image=values((9, 12, 4), np.uint8))
+    with pytest.raises(ValueError, match="Undo the normalisation"):
+        steps(image=values((9, 12, 3), np.float32) * 2 - 1)

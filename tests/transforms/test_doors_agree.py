@@ -1,0 +1,76 @@
+"""One shot, one photo, whichever door it comes through; and no door opens another's library."""
+
+import subprocess
+import sys
+
+import numpy as np
+import PIL.Image
+import pytest
+import torch
+
+from moireaug import Shot, capture
+from moireaug.transforms import albumentations, kornia, torchvision
+
+
+def through_kornia(image, shot):
+    if image.dtype == torch.uint8:
+        pytest.skip("kornia takes no uint8")
+    door = kornia.RandomMoire(shot.scene, p=1, keepdim=True)
+    return door(image, params={**kornia.to_params(shot), "batch_prob": torch.ones(1)})
+
+
+def through_pil(image, shot):
+    if image.dtype != torch.uint8:
+        pytest.skip("PIL images are uint8")
+    grey = len(image) == 1
+    array = np.asarray(torchvision.apply_shot(PIL.Image.fromarray(image.permute(1, 2, 0).numpy().squeeze()), shot))
+    return torch.tensor(array[None] if grey else array.transpose(2, 0, 1))
+
+
+DOORS = {
+    "torchvision": torchvision.apply_shot,
+    "PIL": through_pil,
+    "kornia": through_kornia,
+    "albumentations": lambda image, shot: torch.from_numpy(
+        albumentations.apply_shot(image.permute(1, 2, 0).numpy(), shot)
+    ).permute(2, 0, 1),
+}
+
+
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("name", DOORS)
+def test_the_doors_give_the_same_photo(name, channels, dtype, registered):
+    image = torch.rand(channels, 10, 14, generator=torch.Generator().manual_seed(0))
+    image = (image * 255).round().to(dtype) if dtype == torch.uint8 else image
+    shot = registered.sample(1, (10, 14), torch.Generator().manual_seed(1))
+    photo = DOORS[name](image, Shot.from_dict(shot.to_dict()))
+    assert torch.equal(photo, torchvision.apply_shot(image, shot))
+    if channels == 3:
+        shown = image.float() / 255 if dtype == torch.uint8 else image
+        expected = capture(shown[None], shot)[0]
+        assert torch.equal(photo, (expected * 255).round().to(dtype) if dtype == torch.uint8 else expected)
+
+
+@pytest.mark.parametrize(
+    ("statement", "absent"),
+    [
+        ("import moireaug", ("torchvision", "albumentations")),
+        ("import moireaug.transforms; moireaug.transforms.kornia.RandomMoire", ("torchvision", "albumentations")),
+        ("import moireaug; moireaug.transforms.RandomMoire", ("albumentations",)),
+        ("from moireaug.transforms import RandomMoire; RandomMoire()", ("albumentations",)),
+        ("import moireaug; moireaug.transforms.albumentations.RandomMoire()", ("torchvision",)),
+    ],
+)
+def test_a_door_opens_no_other(statement, absent):
+    check = f"import sys; {statement}; sys.exit(str([m for m in {absent!r} if m in sys.modules] or ''))"
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True)
+    assert done.stderr.strip() == "", done.stderr
+
+
+def test_an_unknown_name_lists_the_doors():
+    import moireaug
+
+    with pytest.raises(AttributeError, match="it has AdversarialMoire, RandomMoire, albumentations"):
+        _ = moireaug.transforms.RandomMoires
+    assert {"RandomMoire", "kornia"} <= set(dir(moireaug.transforms))

@@ -1,0 +1,122 @@
+"""The kornia door: the augmentation contract, replay, and the scenes that it refuses."""
+
+import copy
+
+import pytest
+import torch
+from kornia.augmentation import AugmentationSequential, RandomHorizontalFlip, VideoSequential
+
+from moireaug import Develop, Scene, View, capture
+from moireaug.transforms.kornia import RandomMoire, from_params, to_params
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64], ids=str)
+@pytest.mark.parametrize("shape", [(3, 9, 12), (1, 9, 12), (2, 3, 9, 12), (2, 1, 9, 12)], ids=str)
+@pytest.mark.parametrize("keepdim", [False, True])
+def test_shape_dtype_and_range_are_kept(shape, dtype, keepdim, registered):
+    image = torch.rand(shape).to(dtype)
+    before = image.clone()
+    out = RandomMoire(registered, p=1, keepdim=keepdim)(image)
+    assert out.shape == (shape if keepdim or len(shape) == 4 else (1, *shape)) and out.dtype == dtype
+    assert out.min() >= 0 and out.max() <= 1 and not torch.equal(out.reshape(shape), image)
+    assert torch.equal(image, before), "the input was modified"
+
+
+def test_masks_boxes_and_keypoints_stay(registered):
+    steps = AugmentationSequential(RandomMoire(registered, p=1), data_keys=["input", "mask", "bbox_xyxy", "keypoints"])
+    image, mask = torch.rand(2, 3, 9, 12), torch.rand(2, 1, 9, 12).round()
+    boxes, points = torch.tensor([[[1.0, 2.0, 5.0, 6.0]]]).expand(2, -1, -1), torch.rand(2, 4, 2) * 9
+    new = steps(image, mask, boxes, points)
+    assert not torch.equal(new[0], image)
+    assert torch.equal(new[1], mask) and torch.equal(new[2], boxes) and torch.equal(new[3], points)
+    assert torch.equal(steps.transform_matrix, torch.eye(3).expand(2, 3, 3))
+
+
+@pytest.mark.parametrize("same_on_batch", [False, True])
+def test_one_draw_per_image_unless_same_on_batch(same_on_batch, registered):
+    batch = torch.rand(1, 3, 9, 12).expand(4, -1, -1, -1)
+    photos = RandomMoire(registered, p=1, same_on_batch=same_on_batch)(batch)
+    assert len({p.numpy().tobytes() for p in photos}) == (1 if same_on_batch else 4)
+
+
+@pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("same_on_batch", [False, True])
+def test_p_and_replay(p, same_on_batch, registered):
+    torch.manual_seed(1)
+    batch = torch.rand(8, 3, 9, 12)
+    flip = RandomHorizontalFlip(p=0.5)
+    steps = AugmentationSequential(flip, RandomMoire(registered, p=p, same_on_batch=same_on_batch), data_keys=["input"])
+    out = steps(batch)
+    assert torch.equal(out, steps(batch, params=steps._params))
+    assert p == 0 or not torch.equal(out, steps(batch))
+    door = RandomMoire(registered, p=p, same_on_batch=same_on_batch)
+    torch.manual_seed(2)
+    out = door(batch)
+    kept = torch.tensor([torch.equal(a, b) for a, b in zip(out, batch, strict=True)])
+    assert torch.equal(~kept, door._params["batch_prob"] > 0.5)
+    assert kept.float().mean() == 1 - p or (p == 0.5 and (same_on_batch or 0 < kept.sum() < 8))
+    torch.manual_seed(2)
+    assert torch.equal(out, door(batch))
+
+
+def test_parameters_hold_the_whole_shot(registered):
+    shot = registered.sample(3, (9, 12))
+    params = to_params(shot)
+    assert all(v.shape == (3,) for v in params.values())
+    assert from_params(registered, (9, 12), params).to_dict() == shot.to_dict()
+    door, image = RandomMoire(registered, p=1), torch.rand(3, 3, 9, 12)
+    out = door(image)
+    assert torch.equal(out, capture(image, from_params(registered, (9, 12), door._params)))
+
+
+def test_skipped_rows_cost_nothing_and_may_hold_nan(registered, monkeypatch):
+    door, batch = RandomMoire(registered, p=0.5), torch.rand(8, 3, 9, 12)
+    torch.manual_seed(0)
+    params = door.forward_parameters(batch.shape)
+    chosen = params["batch_prob"] > 0.5
+    assert 0 < chosen.sum() < 8
+    batch[~chosen] = torch.nan
+    batch.requires_grad_()
+    seen = []
+    real = RandomMoire.apply_transform.__globals__["photograph"]
+    monkeypatch.setitem(
+        RandomMoire.apply_transform.__globals__, "photograph", lambda x, s: seen.append(len(x)) or real(x, s)
+    )
+    out = door(batch, params=params)
+    assert seen == [int(chosen.sum())]
+    out[chosen].sum().backward()
+    assert out[chosen].isfinite().all() and out[~chosen].isnan().all()
+    assert batch.grad.isfinite().all() and batch.grad[chosen].abs().sum() > 0
+
+
+def test_in_a_video_sequence_frames_share_the_shot(registered):
+    clip = torch.rand(2, 1, 3, 9, 12).expand(-1, 4, -1, -1, -1)
+    out = VideoSequential(RandomMoire(registered, p=1), data_format="BTCHW", same_on_frame=True)(clip)
+    assert out.shape == clip.shape and torch.equal(out[:, 0], out[:, 3]) and not torch.equal(out[0, 0], out[1, 0])
+
+
+def test_a_copy_and_an_empty_batch(registered):
+    door = copy.deepcopy(RandomMoire(registered, p=1))
+    assert door(torch.rand(0, 3, 9, 12)).shape == (0, 3, 9, 12)
+
+
+@pytest.mark.parametrize("scene", ["paper", "paper_code"])
+def test_the_cameras_frame_is_refused(scene):
+    with pytest.raises(ValueError, match=r"registered=True, or use moireaug\.transforms\.RandomMoire"):
+        RandomMoire(scene)
+
+
+def test_a_frontal_scene_in_the_cameras_frame_moves_nothing_and_is_taken():
+    scene = Scene(view=View(fov=30.0), develop=Develop(registered=False))
+    assert RandomMoire(scene, p=1)(torch.rand(1, 3, 8, 8)).shape == (1, 3, 8, 8)
+
+
+def test_errors_are_sentences(registered):
+    with pytest.raises(ValueError, match="p must be a probability"):
+        RandomMoire(registered, p=2)
+    with pytest.raises(ValueError, match="Undo the normalisation"):
+        RandomMoire(registered, p=1)(torch.randn(1, 3, 9, 12) * 9)
+    with pytest.raises(ValueError, match="3 channels"):
+        RandomMoire(registered, p=1)(torch.rand(1, 4, 9, 12))
+    with pytest.raises(TypeError):
+        RandomMoire(registered, p=1)(torch.zeros(1, 3, 9, 12, dtype=torch.uint8))

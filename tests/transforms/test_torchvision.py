@@ -1,0 +1,332 @@
+"""The torchvision door: what is kept, what moves, what is drawn, and what is refused."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import PIL.Image
+import pytest
+import torch
+from torch.utils.data import DataLoader, Dataset
+from torchvision import tv_tensors
+from torchvision.transforms import v2
+from torchvision.transforms.v2 import functional as F
+
+from moireaug import Scene, capture
+from moireaug.transforms import RandomMoire
+from moireaug.transforms.torchvision import apply_shot
+
+DTYPES = (torch.uint8, torch.float16, torch.bfloat16, torch.float32, torch.float64)
+CONTAINERS = {
+    "tensor": lambda t: t,
+    "Image": tv_tensors.Image,
+    "Video": tv_tensors.Video,
+}
+SHAPES = ((3, 9, 12), (1, 9, 12), (2, 3, 9, 12), (2, 1, 9, 12))
+
+
+def values(shape, dtype, seed=0):
+    x = torch.rand(shape, generator=torch.Generator().manual_seed(seed))
+    return (x * 255).round().to(dtype) if dtype == torch.uint8 else x.to(dtype)
+
+
+@pytest.mark.parametrize("dtype", DTYPES, ids=str)
+@pytest.mark.parametrize(
+    ("container", "shape"),
+    [
+        *itertools.product(("tensor", "Image"), SHAPES),
+        *(("Video", s) for s in ((4, 3, 9, 12), (1, 1, 9, 12), (2, 2, 3, 9, 12))),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("frame", ["registered", "camera"])
+def test_type_shape_dtype_and_range_are_kept(container, shape, dtype, frame, request):
+    image = CONTAINERS[container](values(shape, dtype))
+    before = image.clone()
+    out = RandomMoire(request.getfixturevalue(frame), p=1)(image)
+    assert type(out) is type(image) and out.shape == image.shape and out.dtype == dtype
+    assert out.isfinite().all() and out.min() >= 0 and out.max() <= (255 if dtype == torch.uint8 else 1)
+    assert not torch.equal(out, image)
+    assert torch.equal(image, before), "the input was modified"
+
+
+@pytest.mark.parametrize("mode", ["RGB", "L", "RGBA", "LA"])
+def test_pil_modes_are_kept(mode, registered):
+    image = PIL.Image.fromarray(values((9, 12, 4), torch.uint8).numpy(), "RGBA") if mode == "RGBA" else None
+    image = image or PIL.Image.fromarray(values((9, 12, 3), torch.uint8).numpy()).convert(mode)
+    out = RandomMoire(registered, p=1)(image)
+    assert out.mode == mode and out.size == image.size
+    assert np.any(np.asarray(out) != np.asarray(image))
+    if "A" in mode:
+        assert np.array_equal(np.asarray(out)[..., -1], np.asarray(image)[..., -1])
+
+
+def test_pil_alpha_moves_with_the_picture_in_the_cameras_frame(camera, marked):
+    alpha = (marked[:1] * 255).to(torch.uint8)
+    image = F.to_pil_image(torch.cat([alpha.expand(3, -1, -1), alpha]), mode="RGBA")
+    shot = camera.sample(1, (48, 64), torch.Generator().manual_seed(1))
+    out = F.pil_to_tensor(apply_shot(image, shot))
+    assert torch.equal(out[-1:], shot.to_photo_mask(alpha[None])[0])
+
+
+def test_a_grey_image_is_shown_as_grey_rgb(registered):
+    grey = values((1, 9, 12), torch.float32)
+    shot = registered.sample(1, (9, 12))
+    rgb = apply_shot(grey.expand(3, -1, -1), shot)
+    expected = F.rgb_to_grayscale(rgb)
+    torch.testing.assert_close(apply_shot(grey, shot), expected, atol=2e-4, rtol=0)  # torchvision rounds the weights
+
+
+def sample_of_leaves(image):
+    return {
+        "image": image,
+        "mask": tv_tensors.Mask(torch.ones(2, 9, 12, dtype=torch.uint8)),
+        "boxes": tv_tensors.BoundingBoxes([[1.0, 2.0, 5.0, 6.0]], format="XYXY", canvas_size=(9, 12)),
+        "points": tv_tensors.KeyPoints([[1.0, 2.0]], canvas_size=(9, 12)),
+        "label": torch.tensor(3),
+        "name": "a",
+        "id": 7,
+    }
+
+
+@pytest.mark.parametrize("as_image", [tv_tensors.Image, F.to_pil_image], ids=["Image", "PIL"])
+def test_registered_photos_leave_all_else_alone(as_image, registered):
+    sample = sample_of_leaves(as_image(values((3, 9, 12), torch.uint8)))
+    out = RandomMoire(registered, p=1)(sample)
+    assert out["image"] is not sample["image"]
+    assert all(out[k] is sample[k] for k in sample if k != "image")
+
+
+def test_what_is_not_chosen_comes_back_as_it_came(registered, camera):
+    for scene, image in itertools.product(
+        (registered, camera), (values((3, 9, 12), torch.uint8), values((2, 3, 9, 12), torch.float32))
+    ):
+        sample = sample_of_leaves(tv_tensors.Image(image))
+        if image.ndim == 4 and scene is camera:
+            sample = {k: sample[k] for k in ("image", "label", "name")}
+        out = RandomMoire(scene, p=0)(sample)
+        assert all(out[k] is sample[k] for k in sample)
+
+
+def test_camera_frame_moves_only_what_is_in_the_picture(camera):
+    sample = sample_of_leaves(tv_tensors.Image(values((3, 9, 12), torch.uint8)))
+    out = RandomMoire(camera, p=1)(sample)
+    for k in ("mask", "boxes", "points"):
+        assert type(out[k]) is type(sample[k]) and out[k].shape == sample[k].shape and out[k].dtype == sample[k].dtype
+        assert not torch.equal(out[k], sample[k])
+    assert all(out[k] is sample[k] for k in ("label", "name", "id"))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_carried_lands_on_the_light(seed, clear, marked, square, find):
+    x1, y1, x2, y2 = square
+    centre = tv_tensors.KeyPoints([[(x1 + x2) / 2, (y1 + y2) / 2]], canvas_size=(48, 64))
+    boxes = tv_tensors.BoundingBoxes([square], format="XYXY", canvas_size=(48, 64))
+    mask = tv_tensors.Mask(marked[0].to(torch.uint8))
+    torch.manual_seed(seed)
+    image, centre, boxes, mask = RandomMoire(clear, p=1)(tv_tensors.Image(marked), centre, boxes, mask)
+    light, box = find(image)
+    assert (centre[0] - light).norm() < 1.0
+    assert (boxes[0] - box).abs().max() < 2.0
+    mask_light, mask_box = find(mask[None])
+    assert (mask_light - light).norm() < 1.0 and (mask_box - boxes[0]).abs().max() <= 1.0
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.int64], ids=str)
+@pytest.mark.parametrize("form", ["XYXY", "XYWH", "CXCYWH"])
+def test_every_upright_box_format_moves_alike(form, dtype, camera, square):
+    shot = camera.sample(1, (48, 64), torch.Generator().manual_seed(2))
+    boxes = tv_tensors.BoundingBoxes(torch.tensor([square]), format="XYXY", canvas_size=(48, 64))
+    expected = apply_shot(boxes, shot)
+    given = F.convert_bounding_box_format(boxes, new_format=form).to(dtype)
+    out = apply_shot(given, shot)
+    assert out.format.value == form and out.dtype == dtype
+    back = F.convert_bounding_box_format(out.to(torch.float64), new_format="XYXY")
+    assert (back - expected).abs().max() < (1e-4 if dtype.is_floating_point else 1.5)
+
+
+def test_boxes_enclose_bent_edges_and_are_clamped(camera):
+    scene = Scene.from_dict(
+        {"lens": {"k1": -0.2}, "view": {"zoom": 1.0, "fit": False}, "develop": {"registered": False}}
+    )
+    shot = scene.sample(1, (48, 64))
+    whole = {"format": "XYXY", "canvas_size": (48, 64)}
+    inner = tv_tensors.BoundingBoxes([[8.0, 6.0, 56.0, 42.0]], **whole)
+    out = apply_shot(inner, shot)[0]
+    corners = shot.to_photo(torch.tensor([[[8.0, 6.0], [56.0, 42.0]]]))[0].flatten()
+    edge = shot.to_photo(torch.tensor([[[32.0, 6.0]]]))[0, 0, 1]
+    assert out[1] <= edge + 1e-4 and out[1] <= corners[1] + 1e-4 and out[0] <= corners[0] + 1e-4
+    outer = tv_tensors.BoundingBoxes([[0.0, 0.0, 64.0, 48.0]], **whole)
+    assert apply_shot(outer, shot).tolist() == [[0.0, 0.0, 64.0, 48.0]]
+    free = tv_tensors.BoundingBoxes([[0.0, 0.0, 64.0, 48.0]], **whole, clamping_mode=None)
+    assert apply_shot(free, shot)[0, 0] < 0
+
+
+@pytest.mark.parametrize(
+    "leaf",
+    [
+        tv_tensors.BoundingBoxes(torch.zeros(0, 4), format="XYXY", canvas_size=(9, 12)),
+        tv_tensors.KeyPoints(torch.zeros(0, 2), canvas_size=(9, 12)),
+        tv_tensors.Mask(torch.zeros(0, 9, 12, dtype=torch.bool)),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_empty_leaves_stay_empty(leaf, camera):
+    _, out = RandomMoire(camera, p=1)(tv_tensors.Image(torch.rand(3, 9, 12)), leaf)
+    assert type(out) is type(leaf) and out.shape == leaf.shape
+
+
+def test_a_batch_has_one_draw_per_image_and_p_per_image(registered):
+    batch = values((1, 3, 9, 12), torch.float32).expand(32, -1, -1, -1)
+    photos = RandomMoire(registered, p=1)(batch)
+    assert len({p.numpy().tobytes() for p in photos}) == 32
+    torch.manual_seed(0)
+    out = RandomMoire(registered, p=0.5)(batch)
+    kept = [torch.equal(o, b) for o, b in zip(out, batch, strict=True)]
+    assert 6 < sum(kept) < 26
+
+
+def test_batch_masks_and_points_follow_their_own_image(camera):
+    torch.manual_seed(0)
+    images, masks = tv_tensors.Image(torch.rand(6, 3, 12, 12)), tv_tensors.Mask(torch.ones(6, 12, 12))
+    points = tv_tensors.KeyPoints(torch.full((6, 1, 2), 3.0), canvas_size=(12, 12))
+    new, mask, point = RandomMoire(camera, p=0.5)(images, masks, points)
+    kept = [torch.equal(a, b) for a, b in zip(new, images, strict=True)]
+    assert 0 < sum(kept) < 6
+    assert [bool((m == 1).all()) for m in mask] == kept
+    assert [p.tolist() == [[3.0, 3.0]] for p in point] == kept
+    assert isinstance(mask, tv_tensors.Mask) and point.canvas_size == (12, 12)
+
+
+def test_a_video_is_one_scene(registered):
+    quiet = dataclasses.replace(registered, sensor=dataclasses.replace(registered.sensor, read_noise=0.0))
+    frames = values((1, 3, 9, 12), torch.float32).expand(3, -1, -1, -1)
+    still = RandomMoire(quiet, p=1)(tv_tensors.Video(frames))
+    assert torch.equal(still[0], still[1]) and torch.equal(still[0], still[2])
+    noisy = RandomMoire(registered, p=1)(tv_tensors.Video(frames))
+    assert not torch.equal(noisy[0], noisy[1]), "sensor noise differs from frame to frame"
+    pair = RandomMoire(quiet, p=1)(tv_tensors.Video(frames.expand(2, -1, -1, -1, -1)))
+    assert torch.equal(pair[0, 0], pair[0, 1]) and not torch.equal(pair[0, 0], pair[1, 0])
+
+
+def test_images_of_one_sample_share_the_draw(registered):
+    image = values((3, 9, 12), torch.float32)
+    a, b, c = RandomMoire(registered, p=1)(
+        tv_tensors.Image(image), tv_tensors.Image(image), tv_tensors.Image(values((3, 7, 20), torch.float32))
+    )
+    assert torch.equal(a, b) and c.shape == (3, 7, 20)
+
+
+def test_the_global_seed_reproduces_and_the_photo_is_a_capture(registered):
+    image, door = values((2, 3, 9, 12), torch.float32), RandomMoire(registered, p=1)
+    torch.manual_seed(5)
+    a, b = door(image), door(image)
+    torch.manual_seed(5)
+    assert torch.equal(a, door(image)) and not torch.equal(a, b)
+    torch.manual_seed(5)
+    torch.rand(2)
+    assert torch.equal(a, capture(image, registered.sample(2, (9, 12))))
+
+
+def test_nan_in_a_skipped_row_does_not_matter(registered):
+    batch = torch.rand(8, 3, 9, 12)
+    torch.manual_seed(3)
+    chosen = torch.rand(8) < 0.5
+    batch[~chosen] = torch.nan
+    batch.requires_grad_()
+    torch.manual_seed(3)
+    out = RandomMoire(registered, p=0.5)(batch)
+    out[chosen].sum().backward()
+    assert out[chosen].isfinite().all() and out[~chosen].isnan().all()
+    assert batch.grad.isfinite().all() and batch.grad[chosen].abs().sum() > 0
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_gradients_flow(channels, registered):
+    image = torch.rand(channels, 9, 12, requires_grad=True)
+    RandomMoire(registered, p=1)(image).sum().backward()
+    assert image.grad.isfinite().all() and image.grad.abs().sum() > 0
+
+
+def test_in_a_compose_with_others(registered):
+    steps = v2.Compose(
+        [
+            v2.ToImage(),
+            v2.RandomHorizontalFlip(p=1),
+            RandomMoire(registered, p=0.5),
+            v2.ToDtype(torch.float32, scale=True),
+            v2.Normalize([0.5] * 3, [0.5] * 3),
+        ]
+    )
+    image, label = steps(F.to_pil_image(values((3, 9, 12), torch.uint8)), 4)
+    assert isinstance(image, tv_tensors.Image) and image.dtype == torch.float32 and label == 4
+    assert "RandomMoire(p=0.5" in repr(steps)
+
+
+def test_samples_without_an_image_and_empty_batches(registered, camera):
+    assert RandomMoire(registered, p=1)({"label": 3}) == {"label": 3}
+    for scene in (registered, camera):
+        empty = torch.rand(0, 3, 9, 12)
+        assert RandomMoire(scene, p=1)(empty) is empty
+    box = tv_tensors.BoundingBoxes([[1.0, 2.0, 5.0, 6.0]], format="XYXY", canvas_size=(9, 12))
+    assert not torch.equal(RandomMoire(camera, p=1)(box), box)
+
+
+class Same(Dataset):
+    def __init__(self, transform):
+        self.transform = transform
+
+    def __len__(self):
+        return 8
+
+    def __getitem__(self, i):
+        return self.transform(torch.full((3, 9, 12), 0.5))
+
+
+def test_workers_draw_differently_and_reproducibly(registered):
+    def epochs():
+        torch.manual_seed(0)
+        loader = DataLoader(Same(RandomMoire(registered, p=1)), batch_size=2, num_workers=2)
+        return [torch.cat(list(loader)) for _ in range(2)]
+
+    first, second = epochs()
+    assert len({x.numpy().tobytes() for x in (*first, *second)}) == 16
+    assert torch.equal(torch.cat([first, second]), torch.cat(epochs()))
+
+
+IMAGE = torch.rand(3, 9, 12)
+ROTATED = tv_tensors.BoundingBoxes(torch.rand(1, 5), format="CXCYWHR", canvas_size=(9, 12))
+BOXES = tv_tensors.BoundingBoxes(torch.rand(2, 4), format="XYXY", canvas_size=(9, 12))
+
+
+@pytest.mark.parametrize(
+    ("sample", "error", "sentence"),
+    [
+        (torch.rand(4, 9, 12), ValueError, "3 channels"),
+        (torch.rand(9, 12), ValueError, r"must have the shape \(C, H, W\)"),
+        (torch.rand(2, 2, 3, 9, 12), ValueError, "tv_tensors.Video"),
+        (IMAGE * 2, ValueError, "Undo the normalisation"),
+        (IMAGE * torch.nan, ValueError, "finite"),
+        ((IMAGE * 9).to(torch.int32), TypeError, "uint8 or floating point"),
+        (PIL.Image.new("P", (12, 9)), ValueError, r"mode RGB, L, RGBA, LA; got P.*v2\.RGB"),
+        (PIL.Image.new("CMYK", (12, 9)), ValueError, "got CMYK"),
+        ((tv_tensors.Image(IMAGE), tv_tensors.Image(torch.rand(2, 3, 9, 12))), ValueError, "batch size; got 1 and 2"),
+        ((tv_tensors.Image(IMAGE), ROTATED), ValueError, "rotated boxes"),
+        ((tv_tensors.Image(torch.rand(2, 3, 9, 12)), BOXES), ValueError, "which of 2 images"),
+        ((tv_tensors.Image(torch.rand(2, 3, 9, 12)), tv_tensors.Mask(torch.ones(9, 12))), ValueError, "which of 2"),
+    ],
+)  # fmt: skip
+def test_errors_are_sentences(sample, error, sentence, camera):
+    with pytest.raises(error, match=sentence):
+        RandomMoire(camera, p=1)(sample)
+
+
+@pytest.mark.parametrize("p", [-0.1, 1.5, "often", None, True, float("nan")])
+def test_p_must_be_a_probability(p):
+    with pytest.raises(ValueError, match=r"p must be a probability in \[0, 1\]; got"):
+        RandomMoire(p=p)
+
+
+def test_an_unknown_scene_names_the_closest():
+    with pytest.raises(ValueError, match="screen_photo"):
+        RandomMoire("screen_foto")
