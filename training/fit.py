@@ -28,6 +28,7 @@ from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint, TQD
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
+from moireaug.scene import one_of
 from training import runs
 from training.classifier import Batches, Classifier
 from training.data import Splits, load
@@ -38,46 +39,65 @@ from training.schema import RECIPES, Adversary, register
 def fit(cfg: DictConfig) -> dict[str, Any]:
     """Train, attack again, report: one run. Returns its metrics."""
     out, mark = runs.folder(cfg), runs.fingerprint(runs.settings(cfg))
-    baseline = None if cfg.recipe == "clean" else plain_twin(cfg)
+    twin = None if cfg.recipe == "clean" else plain_twin(cfg)
+    baseline = trained_twin(twin, resume=cfg.resume) if twin else None
 
     began = time.perf_counter()
     splits = load(cfg.data)
     seconds = {"data": time.perf_counter() - began}
-    if not cfg.resume:
-        runs.make_room(out, mark)
-    model, train = train_model(cfg, splits, out)
-    seconds["train"] = train["seconds"]
+    runs.prepare(out, mark, resume=cfg.resume)
+    model, train = train_model(cfg, splits, out, start=runs.folder(twin) if twin else None)
+    seconds["train"] = train["wall_seconds"]
     if rank_zero_only.rank != 0:
         return {}
 
     began = time.perf_counter()
-    rows = attack_again(model, splits, cfg, title=cfg.recipe)
+    try:
+        rows = attack_again(model, splits, cfg, title=cfg.recipe)
+    except KeyboardInterrupt:
+        print(f"\nInterrupted after training. The model is whole in {out / 'best.ckpt'}; go on with\n  {again()}")
+        raise SystemExit(130) from None
     seconds["re-attack"] = time.perf_counter() - began
     return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
 
 
-def plain_twin(cfg: DictConfig) -> dict[str, Any]:
-    """The metrics of recipe `clean` with this run's settings: from `runs/` if it is there, else trained now."""
+def plain_twin(cfg: DictConfig) -> DictConfig:
+    """Recipe `clean` with all else as in this run."""
     plain = OmegaConf.load(RECIPES / "clean.yaml")
-    twin = OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean"})
+    return OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean", "resume": False})
+
+
+def trained_twin(twin: DictConfig, *, resume: bool) -> dict[str, Any]:
+    """The baseline's metrics: from `runs/` where it was trained with the same settings before, else from training."""
     out = runs.folder(twin)
     known = runs.read_metrics(out)
+    say = rank_zero_only(print)
     if known and known.get("fingerprint") == runs.fingerprint(runs.settings(twin)) and (out / "best.ckpt").is_file():
-        print(f"The baseline is reused from {out}.")
+        say(f"The baseline is reused from {out}.")
         return known
-    print("The baseline comes first: recipe clean, with the same settings.")
-    twin.resume = cfg.resume and (out / "last.ckpt").is_file()
+    say("The baseline comes first: recipe clean, with the same settings.")
+    twin.resume = resume and (out / "last.ckpt").is_file()
     return fit(twin)
 
 
-def train_model(cfg: DictConfig, splits: Splits, out: Path) -> tuple[Classifier, dict[str, Any]]:
-    """Train and return the averaged weights that did best on validation, with what it cost."""
+def again() -> str:
+    """The command that goes on with this run."""
+    return f"{runs.command([a for a in sys.argv if not a.startswith('resume=')])} resume=true"
+
+
+def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | None) -> tuple[Classifier, dict[str, Any]]:
+    """Train and return the averaged weights that did best on validation, with what it cost.
+
+    Args:
+        start: the folder of the baseline, whose weights `train.init=clean` begins with.
+    """
     L.seed_everything(cfg.seed, verbose=False)
     last = out / "last.ckpt"
-    if cfg.resume and not last.is_file():
-        raise ValueError(f"resume=true needs {last}, which does not exist: leave it out to train from the start.")
     classifier = Classifier(cfg, splits.num_classes)
-    out.mkdir(parents=True, exist_ok=True)
+    if one_of("train.init", cfg.train.init, ("random", "clean")) == "clean":
+        if start is None:
+            raise ValueError("train.init=clean starts from recipe clean, which has no such start itself: use random.")
+        classifier.load_state_dict(torch.load(start / "best.ckpt", map_location="cpu", weights_only=True)["state_dict"])
     runs.write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
     keep = {"dirpath": out, "enable_version_counter": False}
     best = ModelCheckpoint(filename="best", monitor="val_score", mode="max", **keep)
@@ -99,8 +119,7 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path) -> tuple[Classifier,
         trainer.fit(classifier, Batches(cfg, splits), ckpt_path=str(last) if cfg.resume else None)
     except (SystemExit, KeyboardInterrupt):
         if last.is_file():
-            again = runs.command([a for a in sys.argv if a != "resume=true"])
-            say(f"\nInterrupted. Every whole epoch is kept in {last}; go on with\n  {again} resume=true")
+            say(f"\nInterrupted. Every whole epoch is kept in {last}; go on with\n  {again()}")
         else:
             say("\nInterrupted before the first epoch was over: nothing was kept.")
         raise SystemExit(130) from None
@@ -110,16 +129,17 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path) -> tuple[Classifier,
         raise ValueError(
             f"{last} could not be resumed ({error}). Leave resume=true out to train from the start."
         ) from error
-    images = sum(h["seconds"] for h in classifier.history)
+    spent = sum(h["seconds"] for h in classifier.history)
     share = cfg.adversary.share if cfg.adversary.kind != "none" else 0.0
     state = torch.load(out / "best.ckpt", map_location="cpu", weights_only=True)
     classifier.load_state_dict(state["state_dict"])
     return classifier.eval(), {
-        "seconds": images,
+        "seconds": spent,
         "wall_seconds": time.perf_counter() - began,
         "epochs": len(classifier.history),
         "best_epoch": int(state["epoch"]),
-        "images_per_second": len(splits.train) * len(classifier.history) / max(images, 1e-9),  # type: ignore[arg-type]
+        "images_per_second": len(splits.train) * len(classifier.history) / max(spent, 1e-9),  # type: ignore[arg-type]
+        "init": cfg.train.init,
         "passes": 1 + share * cfg.adversary.steps,
         "collapsed_at": classifier.collapsed_at,
         "history": classifier.history,

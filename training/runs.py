@@ -50,17 +50,29 @@ def read_metrics(path: Path) -> dict[str, Any] | None:
         return None
 
 
-def make_room(path: Path, mark: str) -> None:
-    """Move a run with other settings aside, so that nothing is lost; its new name is printed."""
-    config = path / "config.yaml"
-    if not config.is_file():
-        return
-    old = fingerprint(settings(OmegaConf.load(config)))
-    if old != mark:
+def prepare(path: Path, mark: str, *, resume: bool) -> None:
+    """Make a run's folder ready: a run with other settings is moved aside, so that nothing is lost; what would make
+    this one look whole before it is goes.
+
+    Raises:
+        ValueError: `resume` of a run that is not there, or was made with other settings.
+    """
+    config, last = path / "config.yaml", path / "last.ckpt"
+    old = fingerprint(settings(OmegaConf.load(config))) if config.is_file() else None
+    if resume and not (old and last.is_file()):
+        raise ValueError(f"resume=true needs {last}, which does not exist: leave it out to train from the start.")
+    if resume and old != mark:
+        raise ValueError(
+            f"{path} was made with other settings, see {config}: resume it with those, or leave resume out."
+        )
+    if old and old != mark:
         aside = path.with_name(f"{path.name}-{old}")
         if not aside.exists():
             os.replace(path, aside)
             print(f"{path} held a run with other settings; it is now {aside}")
+    path.mkdir(parents=True, exist_ok=True)
+    for name in ("metrics.json", "report.html"):
+        (path / name).unlink(missing_ok=True)
 
 
 def environment() -> dict[str, Any]:

@@ -61,6 +61,7 @@ class Train:
     momentum: float = 0.9
     weight_decay: float = 5e-4
     label_smoothing: float = 0.0
+    init: str = "random"  # or "clean": from the weights of recipe clean with the same settings
     ema: float = 0.98  # decay of the averaged weights a step; they are the ones validated and kept
 
 

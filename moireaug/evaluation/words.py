@@ -181,6 +181,9 @@ def _cost(metrics: Metrics) -> list[str]:
         return []
     if not base:
         return [f"Training took {duration(seconds)}."]
+    if sides[0].get("init") == "clean":
+        total = f"{duration(seconds + base)} in all, {(seconds + base) / base:.1f} times the baseline"
+        return [f"Training took {duration(seconds)} from the baseline’s weights, which took {duration(base)}: {total}."]
     return [f"Training took {duration(seconds)}, {seconds / base:.1f} times the {duration(base)} of the baseline."]
 
 
@@ -206,7 +209,10 @@ def summary(metrics: Metrics) -> str:
         (name, finite((side.get("train") or {}).get("seconds"))) for name, side in ((theirs, baseline), (ours, metrics))
     ]
     told = ", ".join(f"{name} {duration(s)}" for name, s in took if s is not None)
-    ratio = f" ({took[1][1] / took[0][1]:.1f} times)" if took[0][1] and took[1][1] is not None else ""
+    on_top = took[0][1] if (metrics.get("train") or {}).get("init") == "clean" else 0.0
+    ratio = ""
+    if took[0][1] and took[1][1] is not None:
+        ratio = f" ({'from its weights, ' if on_top else ''}{(took[1][1] + on_top) / took[0][1]:.1f} times in all)"
     return "\n".join([*lines, f"training: {told}{ratio}"] if told else lines)
 
 

@@ -33,20 +33,8 @@ def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
     return shot if shot.size == tuple(size) else dataclasses.replace(shot, size=tuple(size))
 
 
-def photograph(images: Tensor, shot: Shot) -> Tensor:
-    """The photos of images of any type that a door takes, in that type.
-
-    Args:
-        images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned as the photo's luma;
-            uint8 or floating point in [0, 1]. Not modified.
-        shot: one draw for B images.
-
-    Returns:
-        (B, C, H, W) of the same dtype. Differentiable in floating-point images.
-
-    Raises:
-        TypeError, ValueError: another dtype or number of channels; a float image outside of [0, 1], or NaN.
-    """
+def as_shown(images: Tensor) -> Tensor:
+    """Images of any type that a door takes as the capture's float RGB in [0, 1], (B, 3, H, W); see `photograph`."""
     if images.dtype != torch.uint8 and not images.is_floating_point():
         raise TypeError(
             f"images must be uint8 or floating point in [0, 1]; got {images.dtype}. "
@@ -57,14 +45,35 @@ def photograph(images: Tensor, shot: Shot) -> Tensor:
             f"images must have 3 channels (RGB) or 1 (grey); got {images.shape[-3]} in the shape "
             f"{tuple(images.shape)}. Show the screen its RGB channels alone, and join the others again after."
         )
-    grey = images.shape[-3] == 1
     shown = images.float() / 255 if images.dtype == torch.uint8 else images
-    photo = capture(shown.expand(-1, 3, -1, -1), at_size(shot, images.shape[-2:]))
-    if grey:
+    return shown.expand(-1, 3, -1, -1)
+
+
+def as_given(photo: Tensor, images: Tensor) -> Tensor:
+    """A photo (B, 3, H, W) with the channels and the dtype of the images that it is of."""
+    if images.shape[-3] == 1:
         photo = (photo * photo.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
     if images.dtype == torch.uint8:
         photo = (photo * 255).round()
     return photo.to(images.dtype)
+
+
+def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
+    """The photos of images of any type that a door takes, in that type.
+
+    Args:
+        images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned as the photo's luma;
+            uint8 or floating point in [0, 1]. Not modified.
+        shot: one draw for B images.
+        noise: an attacker's, on the raw reading; see `capture`.
+
+    Returns:
+        (B, C, H, W) of the same dtype. Differentiable in floating-point images.
+
+    Raises:
+        TypeError, ValueError: another dtype or number of channels; a float image outside of [0, 1], or NaN.
+    """
+    return as_given(capture(as_shown(images), at_size(shot, images.shape[-2:]), noise), images)
 
 
 def move_boxes(boxes: Tensor, shot: Shot) -> Tensor:

@@ -9,8 +9,8 @@ from torch import Tensor, nn
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.loop import check_labels
-from moireaug.capture import check_images
 from moireaug.scene import Scene
+from moireaug.transforms._convert import as_given, as_shown, check_probability
 
 
 class AdversarialMoire(nn.Module):
@@ -27,8 +27,8 @@ class AdversarialMoire(nn.Module):
             N-FGSM (de Jorge et al., 2022).
         p: share of the images that are photographed; the others pass unchanged.
 
-    Shapes: images (B, 3, H, W) float in [0, 1] or uint8, of which the dtype is kept, labels (B,) int64; both are
-    returned, the labels as they came. Errors as in `attacks.MoireAttack`.
+    Shapes: images (B, C, H, W), C = 3 or 1 (grey), float in [0, 1] or uint8, of which the dtype is kept, and labels
+    (B,) int64; both are returned, the labels as they came. Errors as in `attacks.MoireAttack`.
     """
 
     def __init__(
@@ -44,11 +44,9 @@ class AdversarialMoire(nn.Module):
         p: float = 1.0,
     ) -> None:
         super().__init__()
-        if not 0 <= p <= 1:
-            raise ValueError(f"p must be a probability in [0, 1]; got {p!r}.")
         if isinstance(eps, (list, tuple)):
             raise ValueError(f"eps must be one number here; got {eps!r}.")
-        self.p = p
+        self.p = check_probability(p)
         self.attack = MoireAttack(
             model=model, scene=scene, eps=eps, steps=steps, step_size=step_size, loss=loss, random_start=random_start
         )
@@ -56,18 +54,13 @@ class AdversarialMoire(nn.Module):
     def forward(
         self, images: Tensor, labels: Tensor, generator: torch.Generator | None = None
     ) -> tuple[Tensor, Tensor]:
-        floats = images.float() / 255 if images.dtype == torch.uint8 else images
-        check_images(floats)
         check_labels(labels, len(images), "labels")
         chosen = (torch.rand(len(images), generator=generator) < self.p).to(images.device)
         if not chosen.any():
             return images, labels
-        photos = self.attack.last(floats[chosen], labels[chosen], generator=generator)
-        if images.dtype == torch.uint8:
-            photos = (photos * 255).round()
-        out = images.clone()
-        out[chosen] = photos.to(images.dtype)
-        return out, labels
+        given = images[chosen]
+        photos = self.attack.last(as_shown(given), labels[chosen], generator=generator)
+        return images.masked_scatter(chosen.view(-1, 1, 1, 1), as_given(photos, given)), labels
 
     def extra_repr(self) -> str:
         a = self.attack

@@ -1,9 +1,9 @@
-"""The albumentations door: RandomMoire for numpy images in an `albumentations.Compose`."""
+"""The albumentations door: RandomMoire and AdversarialMoire for numpy images in an `albumentations.Compose`."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 # albumentations asks a server for its newest version when it is imported, which hangs where there is no network
@@ -16,9 +16,10 @@ from albumentations.core.composition import BaseCompose
 from albumentations.core.transforms_interface import BasicTransform, DualTransform
 from albumentations.core.type_definitions import ALL_TARGETS
 
+from moireaug.attacks import MoireAttack
 from moireaug.scene import Scene, as_scene
 from moireaug.shot import Shot
-from moireaug.transforms._convert import at_size, check_probability, move_boxes, moves, photograph
+from moireaug.transforms._convert import as_shown, at_size, check_probability, move_boxes, moves, photograph
 
 
 class RandomMoire(DualTransform):
@@ -53,20 +54,20 @@ class RandomMoire(DualTransform):
     def get_transform_init_args(self) -> dict[str, Any]:
         return {"scene": self.scene.to_dict()}
 
-    def draw(self, size: tuple[int, int], random: np.random.Generator) -> dict[str, Any]:
-        """One shot of images of `size` (height, width), as plain numbers."""
+    def draw(self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
+        """One shot of images of the size in `params`, as plain numbers."""
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
-        return {"shot": self.scene.sample(1, size, generator).to_dict()}
+        return {"shot": self.scene.sample(1, params["shape"][:2], generator).to_dict()}
 
     if hasattr(DualTransform, "sample_parameters"):  # albumentationsx, which refuses the other name
 
         def sample_parameters(self, params: dict[str, Any], data: dict[str, Any], targets: Any, sampling: Any) -> Any:
-            return transforms_interface.SampledParams(params=self.draw(params["shape"][:2], sampling.random_generator))
+            return transforms_interface.SampledParams(params=self.draw(params, data, sampling.random_generator))
 
     else:
 
         def get_params_dependent_on_data(self, params: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
-            return self.draw(params["shape"][:2], self.random_generator)
+            return self.draw(params, data, self.random_generator)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
         return apply_shot(img, Shot.from_dict(shot))
@@ -90,12 +91,84 @@ class RandomMoire(DualTransform):
         return _move_keypoints(keypoints, Shot.from_dict(shot)) if self._moves and len(keypoints) else keypoints
 
 
-def apply_shot(image: np.ndarray, shot: Shot) -> np.ndarray:
+class AdversarialMoire(RandomMoire):
+    """Photograph an image on a screen with the noise on the raw reading that fools a model most.
+
+        A.Compose([AdversarialMoire(model, eps=4 / 255, steps=5, p=0.5)])(image=image, label=3)
+
+    One image at a time is slow: where a batch can be had, use `moireaug.transforms.AdversarialMoire`.
+
+    Args:
+        model: (1, 3, H, W) images in [0, 1] to logits; it is asked on the device of its parameters, and left as it is.
+        scene, p: as in RandomMoire. eps, steps, step_size, loss, random_start: as in `attacks.MoireAttack`.
+        label_key: the name under which the call passes the image's class, an integer.
+
+    Targets and replay as in RandomMoire; the noise is one of the parameters, as nested lists.
+
+    Raises:
+        ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a call without the label.
+    """
+
+    def __init__(
+        self,
+        model: torch.nn.Module | Callable[[torch.Tensor], torch.Tensor],
+        scene: Scene | str | dict = "screen_photo",
+        *,
+        eps: float = 4 / 255,
+        steps: int = 5,
+        step_size: float | None = None,
+        loss: str = "ce",
+        random_start: float = 1.0,
+        label_key: str = "label",
+        p: float = 0.5,
+    ) -> None:
+        super().__init__(scene, p)
+        self.label_key = label_key
+        self.attack = MoireAttack(
+            model=model, scene=self.scene, eps=eps, steps=steps, step_size=step_size, loss=loss,
+            random_start=random_start,
+        )  # fmt: skip
+
+    @property
+    def targets_as_params(self) -> list[str]:
+        return ["image"]
+
+    def get_transform_init_args(self) -> dict[str, Any]:
+        a = self.attack
+        settings = {"eps": a.eps, "steps": a.steps, "step_size": a.step_size, "loss": a.loss}
+        model = type(a.model).__name__  # a model is no plain value: only its name is recorded
+        return {"model": model, **super().get_transform_init_args(), **settings, "random_start": a.random_start}
+
+    def draw(self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
+        drawn = super().draw(params, data, random)
+        if self.label_key not in data:
+            raise ValueError(
+                f"AdversarialMoire needs the image's class: call the Compose with {self.label_key}=<int>, or name "
+                f"another key by label_key; got the keys {', '.join(sorted(data))}."
+            )
+        parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
+        device = next((p.device for p in parameters), torch.device("cpu"))
+        generator = torch.Generator().manual_seed(int(random.integers(2**63)))
+        result = self.attack(
+            as_shown(_planes(data["image"])).to(device), torch.tensor([int(data[self.label_key])]),
+            shot=Shot.from_dict(drawn["shot"]), generator=generator,
+        )  # fmt: skip
+        return drawn | {"noise": result.noise.cpu().tolist()}
+
+    def apply(self, img: np.ndarray, shot: dict[str, Any], noise: list | None = None, **params: Any) -> np.ndarray:
+        return apply_shot(img, Shot.from_dict(shot), torch.tensor(noise))
+
+
+def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
     """The photo of one image, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], in its shape and dtype."""
+    return photograph(_planes(image), shot, noise)[0].permute(1, 2, 0).reshape(image.shape).numpy()
+
+
+def _planes(image: np.ndarray) -> torch.Tensor:
+    """(1, C, H, W) of an image (H, W, C) or (H, W)."""
     if image.ndim not in (2, 3):
         raise ValueError(f"an image must have the shape (H, W, C) or (H, W); got {image.shape}.")
-    planes = torch.from_numpy(np.array(image, order="C")).reshape(1, *image.shape[:2], -1).permute(0, 3, 1, 2)
-    return photograph(planes, shot)[0].permute(1, 2, 0).reshape(image.shape).numpy()
+    return torch.from_numpy(np.array(image, order="C")).reshape(1, *image.shape[:2], -1).permute(0, 3, 1, 2)
 
 
 def _move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:

@@ -1,0 +1,311 @@
+"""The recipes through their real commands, small: files, figures, resuming, and sentences for what goes wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from hydra import compose, initialize
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf
+
+from training import fit, reattack, runs
+from training.classifier import ADVERSARIES, Classifier
+from training.data import augment, load
+from training.schema import RECIPES
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = [
+    "data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2", "train.batch_size=32",
+    "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2", "trainer.accelerator=cpu",
+]  # fmt: skip
+
+
+def command(script, *overrides, cwd):
+    """Run a script as a user does, away from the repository, with warnings as errors left to the libraries."""
+    env = os.environ | {"OMP_NUM_THREADS": "2"}
+    return subprocess.run(
+        [sys.executable, str(ROOT / "training" / script), *overrides],
+        cwd=cwd,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """One run of the real command: the baseline, the recipe, the report."""
+    cwd = tmp_path_factory.mktemp("whole")
+    done = command("fit.py", "recipe=moire_at", *TINY, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return cwd, done
+
+
+def configured(*overrides, name="root"):
+    GlobalHydra.instance().clear()
+    with initialize(version_base="1.3", config_path=None):
+        return compose(name, list(overrides))
+
+
+@pytest.fixture(autouse=True)
+def _no_third_party_warnings():
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def test_a_run_leaves_what_it_promises(whole):
+    cwd, done = whole
+    for recipe in ("clean", "moire_at"):
+        folder = cwd / "runs" / recipe / "seed0"
+        assert {p.name for p in folder.iterdir()} == {
+            "report.html",
+            "metrics.json",
+            "best.ckpt",
+            "last.ckpt",
+            "config.yaml",
+        }
+    m = json.loads((cwd / "runs/moire_at/seed0/metrics.json").read_text())
+    assert (m["recipe"], m["seed"], m["data"], m["model"]) == ("moire_at", 0, "signs", "small_resnet")
+    assert m["train"]["epochs"] == 2 and m["train"]["seconds"] > 0 and m["train"]["images_per_second"] > 0
+    assert m["train"]["passes"] == 2.5 and len(m["train"]["history"]) == 2
+    names = [r["name"] for r in m["reattack"]]
+    assert names == [
+        "clean",
+        "dimmed",
+        "no_moire",
+        "moire",
+        "random_8",
+        "ma_2",
+        "ma_4",
+        "ma_8",
+        "ma_4_targeted",
+        "pgd_4",
+    ]
+    base = {r["name"]: r for r in m["baseline"]["reattack"]}
+    for row in m["reattack"]:
+        assert set(row) >= {"name", "eps", "targeted", "accuracy", "success", "n", "seconds"} and row["n"] == 24
+        assert m["gain"][row["name"]] == pytest.approx(row["accuracy"] - base[row["name"]]["accuracy"])
+        low, high = m["gain_interval"][row["name"]]
+        assert low <= m["gain"][row["name"]] <= high
+    assert m["clean_accuracy"] == m["reattack"][0]["accuracy"]
+    assert m["baseline"]["recipe"] == "clean"
+    printed = done.stdout.splitlines()
+    assert printed[-1] == "Report: runs/moire_at/seed0/report.html"
+    assert any(line.startswith("Moiré Attack 4/255") for line in printed)
+    assert "Warning" not in done.stderr, done.stderr
+
+
+def test_the_baseline_is_reused_only_where_its_settings_fit(whole, capsys):
+    cwd, _ = whole
+    cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}")
+    twin = fit.plain_twin(cfg)
+    before = (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns
+    assert fit.trained_twin(twin, resume=False)["recipe"] == "clean"
+    assert (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns == before
+    assert "reused" in capsys.readouterr().out
+    other = configured("recipe=moire_aug", *TINY, "data.train=80")
+    assert runs.fingerprint(runs.settings(fit.plain_twin(other))) != runs.fingerprint(runs.settings(twin))
+
+
+def test_reattack_of_a_run(whole):
+    cwd, _ = whole
+    done = command("reattack.py", "run=runs/moire_at/seed0", "scene=paper_code", "reattack.n=12", cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    m = json.loads((cwd / "runs/moire_at/seed0/reattack/paper_code/metrics.json").read_text())
+    assert m["scene_name"] == "paper_code" and m["reattack"][0]["n"] == 12
+    assert m["baseline"]["recipe"] == "clean" and m["baseline"]["reattack"][0]["n"] == 12
+    assert (cwd / "runs/moire_at/seed0/reattack/paper_code/report.html").is_file()
+
+
+def test_reattack_of_weights_on_a_folder(tmp_path):
+    from torchvision.io import write_png
+    from torchvision.models import get_model
+
+    for i, folder in enumerate(("n01", "n02")):
+        (tmp_path / "images" / folder).mkdir(parents=True)
+        for k in range(3):
+            write_png(
+                torch.full((3, 40, 50), 80 * i + 20 * k, dtype=torch.uint8),
+                str(tmp_path / "images" / folder / f"{k}.png"),
+            )
+    (tmp_path / "labels.csv").write_text("wnid,class_index\nn01,7\nn02,123\n")
+    torch.manual_seed(0)
+    torch.save(get_model("squeezenet1_1").state_dict(), tmp_path / "weights.pth")
+    cfg = configured(
+        "model=squeezenet1_1", f"weights={tmp_path / 'weights.pth'}", "data=folder", f"data.root={tmp_path / 'images'}",
+        f"data.class_index={tmp_path / 'labels.csv'}", "data.size=32", "scene=paper_code", "reattack.n=4",
+        "reattack.steps=1", "reattack.batch_size=2", f"runs={tmp_path / 'runs'}", name="reattack",
+    )  # fmt: skip
+    metrics = reattack.reattack(cfg, [])
+    assert metrics["baseline"] is None and metrics["reattack"][0]["n"] == 4
+    assert (tmp_path / "runs/reattack/squeezenet1_1/report.html").is_file()
+
+
+@pytest.mark.parametrize("recipe", [p.stem for p in RECIPES.glob("*.yaml")])
+def test_every_recipe_takes_a_step(recipe):
+    cfg = configured(f"recipe={recipe}", *TINY)
+    model = Classifier(cfg, 16)
+    images, labels = torch.rand(4, 3, 24, 24), torch.arange(4)
+    a = cfg.adversary
+    shown = ADVERSARIES[a.kind](model.model, fit_scene(cfg), a)(images, labels, 1.0)
+    assert shown.shape == images.shape and shown.min() >= 0 and shown.max() <= 1
+    assert torch.equal(shown, images) == (a.kind == "none")
+    assert model.training and not shown.requires_grad
+
+
+def fit_scene(cfg):
+    from training.schema import scene_of
+
+    return scene_of(cfg)
+
+
+def weights(path):
+    return torch.load(path, weights_only=True)["state_dict"]
+
+
+def train(tmp_path, name, *overrides):
+    cfg = configured(
+        "recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", f"runs={tmp_path / name}", *overrides
+    )
+    out = runs.folder(cfg)
+    runs.prepare(out, runs.fingerprint(runs.settings(cfg)), resume=cfg.resume)
+    _, told = fit.train_model(cfg, load(cfg.data), out, start=None)
+    return out, told
+
+
+def test_resuming_at_an_epochs_end_is_exact(tmp_path, monkeypatch, capsys):
+    straight, told = train(tmp_path, "straight")
+    start = Classifier.on_train_epoch_start
+
+    def interrupt(self):
+        start(self)
+        if self.current_epoch == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Classifier, "on_train_epoch_start", interrupt)
+    with pytest.raises(SystemExit):
+        train(tmp_path, "broken")
+    assert "resume=true" in capsys.readouterr().out
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # Lightning has taken it
+    monkeypatch.setattr(Classifier, "on_train_epoch_start", start)
+    resumed, again = train(tmp_path, "broken", "resume=true")
+    for name in ("best.ckpt", "last.ckpt"):
+        a, b = weights(straight / name), weights(resumed / name)
+        assert all(torch.equal(a[k], b[k]) for k in a)
+    assert [h["epoch"] for h in again["history"]] == [0, 1, 2]
+    assert [h["loss"] for h in again["history"]] == [h["loss"] for h in told["history"]]
+
+
+def test_ctrl_c_says_how_to_go_on(tmp_path):
+    """The real signal to the real command, once an epoch is over."""
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "training/fit.py"), "recipe=clean", *TINY, "train.epochs=500"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    last = tmp_path / "runs/clean/seed0/last.ckpt"
+    deadline = time.monotonic() + 120
+    while not last.is_file() and time.monotonic() < deadline:
+        time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "python training/fit.py recipe=clean" in out and "resume=true" in out
+    torch.load(last, weights_only=True)
+    assert not (last.parent / "metrics.json").exists() and not (last.parent / "report.html").exists()
+
+
+def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):
+    out, _ = train(tmp_path, "a", "train.epochs=1")
+    kept = (out / "best.ckpt").read_bytes()
+    train(tmp_path, "a", "train.epochs=1", "train.lr=0.05")
+    (aside,) = (p for p in out.parent.iterdir() if p.name != "seed0")
+    assert (aside / "best.ckpt").read_bytes() == kept
+    assert str(aside) in capsys.readouterr().out
+
+
+SENTENCES = [
+    (["recipe=moire_att"], "moire_at"),
+    (["recipe=clean", "train.epoch=3"], "epoch"),
+    (["recipe=clean", "data=imagenet"], "folder"),
+    (["recipe=clean", "data=folder", "data.root=nowhere"], "is not a folder"),
+    (["recipe=clean", "data=cifar10", "data.root=nowhere"], "data.download=true"),
+    (["recipe=clean", "scene=screen_foto"], "Did you mean 'screen_photo'?"),
+    (["recipe=clean", "model=resnet19", "data.train=32"], "resnet18"),
+    (["recipe=clean", "resume=true", "data.train=32"], "does not exist: leave it out"),
+    (["recipe=clean", "train.init=clean", "data.train=32"], "use random"),
+    (["recipe=clean", "data.augment=flip", "data.train=32"], "shift_flip"),
+]
+
+
+@pytest.mark.parametrize(("overrides", "sentence"), SENTENCES, ids=[" ".join(s[0][1:] or s[0]) for s in SENTENCES])
+def test_wrong_settings_get_a_sentence(overrides, sentence, tmp_path):
+    try:
+        cfg = configured(*overrides, "data.val=16", "data.test=16", f"runs={tmp_path}")
+        fit.fit(cfg)
+    except Exception as error:
+        assert sentence in str(error)
+    else:
+        pytest.fail("no error")
+    assert not (tmp_path / "clean/seed0/metrics.json").exists()
+
+
+@pytest.mark.parametrize("damage", ["cut", "noise", "gone"])
+def test_a_damaged_checkpoint_gets_a_sentence(damage, whole, tmp_path):
+    import shutil
+
+    run = tmp_path / "runs/moire_at/seed0"
+    shutil.copytree(whole[0] / "runs/moire_at/seed0", run)
+    best = run / "best.ckpt"
+    if damage == "gone":
+        best.unlink()
+    else:
+        best.write_bytes(best.read_bytes()[: 5000 if damage == "cut" else 0] + b"\x00" * 64)
+    with pytest.raises(ValueError, match=r"is not a run's folder|could not be read"):
+        reattack.from_run(run)
+
+
+def test_a_nan_loss_stops_with_a_sentence(tmp_path):
+    with pytest.raises(FloatingPointError, match="the loss became nan in epoch 0"):
+        train(tmp_path, "nan", "train.lr=1e30")
+
+
+def test_a_collapse_is_noticed():
+    cfg = configured("recipe=moire_fast", *TINY)
+    model = Classifier(cfg, 16)
+    model.history = [{"perturbed": 0.5}, {"perturbed": 0.45}]
+    model._watch_collapse()
+    assert model.collapsed_at is None
+    model.history.append({"perturbed": 0.1})
+    with pytest.warns(UserWarning, match="Catastrophic overfitting"):
+        model._watch_collapse()
+
+
+@pytest.mark.parametrize("kind", ["shift", "shift_flip"])
+def test_augmentation_moves_whole_images(kind):
+    images = torch.rand(64, 3, 16, 16)
+    moved = augment(images, kind)
+    inner = moved[:, :, 4:12, 4:12]
+    found = 0
+    for image, patch in zip(images, inner, strict=True):
+        candidates = [image, image.flip(-1)] if kind == "shift_flip" else [image]
+        windows = torch.cat(
+            [c.unfold(1, 8, 1).unfold(2, 8, 1).permute(1, 2, 0, 3, 4).reshape(-1, 3, 8, 8) for c in candidates]
+        )
+        found += (windows == patch).flatten(1).all(1).any().item()
+    assert found == 64 and not torch.equal(moved, images)
+    assert torch.equal(augment(images, "none"), images)
+
+
+def test_config_files_are_read_back():
+    cfg = configured("recipe=moire_at", "scene={preset: paper, view: {roll: [-3, 3]}}")
+    assert OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True)) == cfg
