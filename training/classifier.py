@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from torch.utils.data.distributed import DistributedSampler
 
 from moireaug.attacks import PGD, Attack, MoireAttack, Normalized
 from moireaug.capture import capture
+from moireaug.evaluation import mix
 from moireaug.scene import Scene, one_of
 from training.data import Splits, augment
 from training.models import build
@@ -86,11 +88,11 @@ class Classifier(L.LightningModule):
         return self.model(images)
 
     def on_train_epoch_start(self) -> None:
-        # every draw of an epoch follows from seed, epoch and rank: a resumed run repeats what it would have been
-        torch.manual_seed((self.cfg.seed * 100_003 + self.current_epoch) * 1_009 + self.global_rank)
         self._loss, self._began = [], time.perf_counter()
 
     def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
+        # every draw of a step follows from seed, epoch, batch and rank: a resumed run repeats what it would have been
+        torch.manual_seed(mix(self.cfg.seed, self.current_epoch, index, self.global_rank))
         images, labels = batch
         images = augment(images.float() / 255, self.cfg.data.augment)
         n = round(self.cfg.adversary.share * len(images))  # batches are shuffled: the first n are a random share
@@ -159,7 +161,7 @@ class Classifier(L.LightningModule):
             self.parameters(), t.lr, momentum=t.momentum, weight_decay=t.weight_decay, nesterov=t.momentum > 0
         )
         total = max(1, int(self.trainer.estimated_stepping_batches))
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, t.lr, total_steps=total + 1, pct_start=0.2)
+        schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: one_cycle(step / total))
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
@@ -167,6 +169,13 @@ class Classifier(L.LightningModule):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         self.history, self.collapsed_at = list(checkpoint["history"]), checkpoint["collapsed_at"]
+
+
+def one_cycle(progress: float, rise: float = 0.2) -> float:
+    """Learning rate over its peak: a linear rise over the first fifth of training, then half a cosine to zero."""
+    if progress < rise:
+        return 0.05 + 0.95 * progress / rise
+    return 0.5 + 0.5 * math.cos(math.pi * min(1.0, (progress - rise) / (1 - rise)))
 
 
 class Batches(L.LightningDataModule):

@@ -94,7 +94,7 @@ def _folder(cfg: Data) -> Splits:
     root = Path(cfg.root)
     if not root.is_dir():
         raise ValueError(f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ inside it.")
-    halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
+    halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]  # the latter: to attack
     try:
         sets = [Folder(half, transform=_resize(cfg.size)) for half in halves]
     except (FileNotFoundError, RuntimeError) as error:
@@ -117,7 +117,7 @@ def _folder(cfg: Data) -> Splits:
         index = [known[n] for n in names]
         for half in sets:
             half.target_transform = index.__getitem__
-    train, val = _split(sets[0], cfg)
+    train, val = _split(sets[0], cfg) if halves[0] != halves[1] else (sets[0], sets[0])
     classes = dict(zip(index, names, strict=True))
     return Splits(train, val, _take(sets[1], cfg.test), classes, max(index) + 1)
 

@@ -112,7 +112,6 @@ QUIET = {
     "run": {"dir": "${runs}/${recipe}/seed${seed}"},
     "sweep": {"dir": "${runs}", "subdir": "${recipe}/seed${seed}"},
     "output_subdir": None,
-    "job_logging": {"root": {"handlers": []}, "disable_existing_loggers": False},
 }
 
 
@@ -130,8 +129,10 @@ def register() -> None:
     for path in sorted(RECIPES.glob("*.yaml")):
         node = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
         store.store(group="recipe", name=path.stem, package="_global_", node=node)
+    silent = [{"override hydra/job_logging": "disabled"}, {"override hydra/hydra_logging": "disabled"}]
     defaults = ["schema", {"data": "signs"}, {"recipe": "clean"}, "_self_"]
-    store.store(name="root", node={"defaults": defaults, "hydra": QUIET})
+    store.store(name="root", node={"defaults": [*defaults, *silent], "hydra": QUIET})
     store.store(name="reattack_schema", node=ReattackConfig)
     still = QUIET | {"run": {"dir": "."}}
-    store.store(name="reattack", node={"defaults": ["reattack_schema", {"data": "signs"}, "_self_"], "hydra": still})
+    defaults = ["reattack_schema", {"data": "signs"}, "_self_", *silent]
+    store.store(name="reattack", node={"defaults": defaults, "hydra": still})

@@ -19,7 +19,7 @@ from moireaug.attacks import PGD, MoireAttack, evaluating
 from moireaug.attacks.loop import check_classes, check_labels
 from moireaug.capture import capture, develop, expose
 from moireaug.effects.tone import clip
-from moireaug.evaluation.statistics import ratio_of_means, wilson
+from moireaug.evaluation.statistics import mix, ratio_of_means, wilson
 from moireaug.scene import Scene, as_scene
 from moireaug.shot import Shot
 
@@ -175,7 +175,7 @@ def climb(
     rows = [Row(r.name, r.title, r.eps, r.targeted) for r in rungs]
     for place, (images, labels) in enumerate(batches):
         check_labels(labels, len(images), "labels")
-        draws = torch.Generator().manual_seed(_mix(seed, place, 0))
+        draws = torch.Generator().manual_seed(mix(seed, place, 0))
         shot = scene.sample(len(images), tuple(images.shape[-2:]), draws).to(images.device)
         with evaluating(model), torch.no_grad():
             logits = model(images)
@@ -185,7 +185,7 @@ def climb(
         offset = torch.randint(1, max(2, k), labels.shape, generator=draws).to(labels)
         targets = (labels + offset) % k
         for i, (rung, row) in enumerate(zip(rungs, rows, strict=True)):
-            generator = torch.Generator().manual_seed(_mix(seed, place, i + 1))
+            generator = torch.Generator().manual_seed(mix(seed, place, i + 1))
             start = time.perf_counter()
             with torch.no_grad():
                 shown = rung.show(Bout(model, images, labels, targets, shot, generator))
@@ -196,11 +196,3 @@ def climb(
             row.fooled += (predicted == targets if rung.targeted else predicted != labels).tolist()
             row.counted += clean
         yield rows
-
-
-def _mix(*parts: int) -> int:
-    """One seed from several integers, the same on every machine."""
-    seed = 0
-    for part in parts:
-        seed = (seed * 1_000_003 + part + 12_289) % (2**63 - 1)
-    return seed

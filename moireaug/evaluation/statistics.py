@@ -1,4 +1,4 @@
-"""Intervals: what n images can tell."""
+"""Intervals: what n images can tell; and seeds."""
 
 from __future__ import annotations
 
@@ -44,3 +44,11 @@ def ratio_of_means(photo: Tensor, image: Tensor) -> Tensor:
     """Mean brightness of each photo over its image's, (B, 1, 1, 1), at most 1; 1 for a black image."""
     mean = image.mean((1, 2, 3), keepdim=True)
     return torch.where(mean > 0, photo.mean((1, 2, 3), keepdim=True) / mean.clamp(min=1e-6), 1.0).clamp(max=1.0)
+
+
+def mix(*parts: int) -> int:
+    """One seed from several integers, the same on every machine."""
+    seed = 0
+    for part in parts:
+        seed = (seed * 1_000_003 + part + 12_289) % (2**63 - 1)
+    return seed

@@ -129,10 +129,6 @@ class AdversarialMoire(RandomMoire):
             random_start=random_start,
         )  # fmt: skip
 
-    @property
-    def targets_as_params(self) -> list[str]:
-        return ["image"]
-
     def get_transform_init_args(self) -> dict[str, Any]:
         a = self.attack
         settings = {"eps": a.eps, "steps": a.steps, "step_size": a.step_size, "loss": a.loss}
