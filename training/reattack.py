@@ -163,7 +163,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
             baseline = known | describe(again)
     seconds = {"data": time.perf_counter() - began}
     began = time.perf_counter()
-    rows = attack_again(model, splits, cfg, title=cfg.recipe)
+    rows = attack_again(model, splits, cfg, title=cfg.model if cfg.run is None else cfg.recipe)
     seconds["re-attack"] = time.perf_counter() - began
     train = (runs.read_metrics(Path(cfg.runs) / cfg.recipe / f"seed{cfg.seed}") or {}).get("train")
     return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)

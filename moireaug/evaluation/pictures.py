@@ -15,7 +15,7 @@ from moireaug.effects.tone import clip
 from moireaug.evaluation.ladder import Model
 from moireaug.scene import Scene
 
-AMPLIFY = 8  # how much an attack's change of the photo is enlarged to be seen
+AMPLIFY = 4  # how much an attack's change of the photo is enlarged to be seen
 
 
 def examples(
