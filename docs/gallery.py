@@ -1,6 +1,6 @@
-"""Draw docs/gallery.png: every preset, on signs and on a white screen.
+"""Draw docs/gallery.png: every preset, on signs and on a grey screen.
 
-    python docs/gallery.py
+python docs/gallery.py
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ SIZE, COLUMNS = 160, 5
 
 def main() -> None:
     drawn, _ = signs.make("test", 32, size=SIZE, seed=4)
-    white = torch.ones(1, 3, SIZE, SIZE)
-    images = torch.cat([drawn[[3, 9, 17, 24]].float() / 255, white])
+    grey = torch.full((1, 3, SIZE, SIZE), 0.75)
+    images = torch.cat([drawn[[3, 9, 17, 24]].float() / 255, grey])
     rows = {"shown on the screen": images}
     for name, scene in PRESETS.items():
-        rows[name] = scene.capture(images, torch.Generator().manual_seed(8))
+        rows[name] = scene.capture(images, torch.Generator().manual_seed(3))
     figure = Figure(figsize=(COLUMNS * 1.6 + 1.7, len(rows) * 1.6), dpi=90, layout="constrained")
     axes = figure.subplots(len(rows), COLUMNS)
     for line, (name, photos) in zip(axes, rows.items(), strict=True):

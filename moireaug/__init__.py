@@ -10,7 +10,7 @@ from moireaug.shot import Shot
 
 __all__ = ["Develop", "Lens", "Panel", "Plan", "Scene", "Sensor", "Shot", "View", "capture", "develop", "expose"]
 
-LAZY = ("attacks", "transforms")  # packages that are imported when first asked for
+LAZY = ("attacks", "evaluation", "transforms")  # packages that are imported when first asked for
 
 
 def __getattr__(name: str) -> Any:

@@ -146,7 +146,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
         splits = load(cfg.data)
         classes = 1000 if cfg.data.class_index else splits.num_classes
         model = as_model(cfg.model, classes, cfg.weights).to(device()).eval()
-        out = Path(cfg.runs) / "reattack" / cfg.model
+        out, title = Path(cfg.runs) / "reattack" / cfg.model, cfg.model
     else:
         run = Path(cfg.run)
         model, own = from_run(run)
@@ -154,7 +154,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
             if key != "run":
                 OmegaConf.update(own, key, OmegaConf.select(cfg, key))
         own.runs = str(run.parent.parent)
-        cfg, splits = own, load(own.data)
+        cfg, splits, title = own, load(own.data), own.recipe
         out = run / "reattack" / (cfg.scene if isinstance(cfg.scene, str) else "custom")
         twin = Path(cfg.runs) / "clean" / f"seed{cfg.seed}"
         if cfg.recipe != "clean" and (known := runs.read_metrics(twin)):
@@ -163,7 +163,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
             baseline = known | describe(again)
     seconds = {"data": time.perf_counter() - began}
     began = time.perf_counter()
-    rows = attack_again(model, splits, cfg, title=cfg.model if cfg.run is None else cfg.recipe)
+    rows = attack_again(model, splits, cfg, title=title)
     seconds["re-attack"] = time.perf_counter() - began
     train = (runs.read_metrics(Path(cfg.runs) / cfg.recipe / f"seed{cfg.seed}") or {}).get("train")
     return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)

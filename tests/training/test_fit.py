@@ -309,3 +309,32 @@ def test_augmentation_moves_whole_images(kind):
 def test_config_files_are_read_back():
     cfg = configured("recipe=moire_at", "scene={preset: paper, view: {roll: [-3, 3]}}")
     assert OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True)) == cfg
+
+
+def test_two_processes_share_a_run(tmp_path):
+    """DDP on the CPU: each rank trains on its half, one report is written."""
+    done = command("fit.py", "recipe=moire_fast", *TINY, "trainer.devices=2", "trainer.strategy=ddp", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    m = json.loads((tmp_path / "runs/moire_fast/seed0/metrics.json").read_text())
+    assert m["train"]["epochs"] == 2 and m["reattack"][0]["n"] == 24
+    assert done.stdout.count("Report: runs/moire_fast/seed0/report.html") == 1
+
+
+def test_ranks_and_steps_draw_differently(monkeypatch):
+    cfg = configured("recipe=moire_fast", *TINY)
+    batch = (torch.randint(0, 256, (4, 3, 24, 24), dtype=torch.uint8), torch.arange(4))
+    seen = []
+
+    def draws(rank, index):
+        monkeypatch.setattr(Classifier, "global_rank", property(lambda self: rank))
+        monkeypatch.setattr(Classifier, "_strength", lambda self: 1.0)
+        monkeypatch.setattr(Classifier, "log", lambda *args, **kwargs: None)
+        torch.manual_seed(0)
+        model = Classifier(cfg, 16)
+        monkeypatch.setattr(model, "perturb", lambda images, labels, strength: seen.append(torch.rand(3)) or images)
+        model.training_step(batch, index)
+        return seen[-1]
+
+    monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
+    assert torch.equal(draws(0, 0), draws(0, 0))
+    assert len({tuple(draws(r, i).tolist()) for r in (0, 1) for i in (0, 1)}) == 4
