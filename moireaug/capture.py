@@ -16,8 +16,8 @@ from moireaug.effects import bayer, exposure, noise, tone
 from moireaug.effects.panel import LAYOUTS
 from moireaug.effects.resize import register
 from moireaug.effects.view import jacobian, look, nodes
+from moireaug.fields import bounds
 from moireaug.plan import Plan
-from moireaug.scene import bounds
 from moireaug.shot import Shot
 
 METHODS = {

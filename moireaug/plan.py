@@ -13,7 +13,8 @@ from torch import Tensor
 
 from moireaug.effects.panel import LAYOUTS, Layout, harmonic
 from moireaug.effects.view import homography, jacobian
-from moireaug.scene import Lens, Range, Scene, bounds, ranged_fields
+from moireaug.fields import Range, bounds, ranged_fields
+from moireaug.scene import Lens, Scene
 
 HIGHEST = 32  # no harmonic beyond this order is ever summed
 MOST = 64  # with more harmonics than this, averaging 8 x 8 points of the aperture is cheaper

@@ -8,14 +8,12 @@ been drawn. No tensor is ever made here.
 
 from __future__ import annotations
 
-import difflib
 import functools
-import math
 import re
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields
-from numbers import Real
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
+
+from moireaug.fields import Part, Range, bounds, check_number, one_of, ranged
 
 if TYPE_CHECKING:
     import torch
@@ -23,74 +21,14 @@ if TYPE_CHECKING:
     from moireaug.plan import Plan
     from moireaug.shot import Shot
 
-Range = float | tuple[float, float]
-
 POSES = ("camera", "released")
 EXPOSURES = ("auto", "spectral", "point", "mean", "supersample:4", "supersample:8")
 RESIZES = ("area", "antialias", "point")
 DEMOSAICS = ("bilinear",)
 
 
-def _ranged(default: Range, low: float, high: float, unit: str = "", *, open_low: bool = False) -> Any:
-    """A field that is a number or a `(low, high)` pair inside the given bounds."""
-    return field(default=default, metadata={"low": low, "high": high, "unit": unit, "open_low": open_low})
-
-
-def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
-    """Return `got` if it is allowed; otherwise a ValueError that lists what is, the closest first."""
-    allowed = tuple(allowed)
-    if isinstance(got, str) and got in allowed:
-        return got
-    close = difflib.get_close_matches(str(got), allowed, n=1, cutoff=0.5)
-    hint = f" Did you mean {close[0]!r}?" if close else ""
-    raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}; got {got!r}.{hint}")
-
-
-def _check_number(name: str, value: object, low: float, high: float, unit: str, open_low: bool) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a number or a (low, high) pair of numbers; got {value!r}.")
-    number = float(value)
-    if not math.isfinite(number) or number < low or number > high or (open_low and number == low):
-        left = "(" if open_low else "["
-        raise ValueError(f"{name} must lie in {left}{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}.")
-    return number
-
-
-class _Part:
-    """Checks every ranged field at construction; drawn records (fields that have a shape) pass unchecked."""
-
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if not f.metadata or hasattr(value, "shape"):
-                continue
-            name, bounds = f"{type(self).__name__}.{f.name}", f.metadata
-            if isinstance(value, (tuple, list)):
-                if len(value) != 2:
-                    raise ValueError(
-                        f"{name} must be a number or a (low, high) pair; got {len(value)} values: {value!r}."
-                    )
-                low, high = (_check_number(name, v, **bounds) for v in value)
-                if low > high:
-                    raise ValueError(f"{name} must be a (low, high) pair with low <= high; got {value!r}.")
-                value = low if low == high else (low, high)
-            else:
-                value = _check_number(name, value, **bounds)
-            object.__setattr__(self, f.name, value)
-
-
-def ranged_fields(part: _Part) -> list[str]:
-    """The names of a part's ranged fields, in the order in which they are drawn."""
-    return [f.name for f in fields(part) if f.metadata]
-
-
-def bounds(value: Range) -> tuple[float, float]:
-    """`(low, high)` of a range; a plain number is a range of no width."""
-    return value if isinstance(value, tuple) else (value, value)
-
-
 @dataclass(frozen=True, kw_only=True)
-class Panel(_Part):
+class Panel(Part):
     """The screen.
 
     Args:
@@ -99,13 +37,13 @@ class Panel(_Part):
         lit: share of each subpixel's area that emits, the rest being black matrix. A range.
     """
 
-    scale: Range = _ranged(1.0, 0.0, 1000.0, "panel pixels per image pixel", open_low=True)
+    scale: Range = ranged(1.0, 0.0, 1000.0, "panel pixels per image pixel", open_low=True)
     layout: str = "rgb_stripe"
-    lit: Range = _ranged(1.0, 0.0, 1.0, open_low=True)
+    lit: Range = ranged(1.0, 0.0, 1.0, open_low=True)
 
 
 @dataclass(frozen=True, kw_only=True)
-class View(_Part):
+class View(Part):
     """Where the camera stands. All fields but `fit` and `pose` are ranges.
 
     The angles turn the screen about its centre: first `roll` in its plane, then `yaw`, then `pitch`.
@@ -122,13 +60,13 @@ class View(_Part):
             whole degrees, focal length tied to the roll (`fov`, `zoom` and the shifts are not read).
     """
 
-    yaw: Range = _ranged(0.0, -89.0, 89.0, "degrees")
-    pitch: Range = _ranged(0.0, -89.0, 89.0, "degrees")
-    roll: Range = _ranged(0.0, -180.0, 180.0, "degrees")
-    zoom: Range = _ranged(1.0, 0.0, 100.0, open_low=True)
-    shift_x: Range = _ranged(0.0, -1.0, 1.0)
-    shift_y: Range = _ranged(0.0, -1.0, 1.0)
-    fov: Range = _ranged(40.0, 1.0, 89.0, "degrees")
+    yaw: Range = ranged(0.0, -89.0, 89.0, "degrees")
+    pitch: Range = ranged(0.0, -89.0, 89.0, "degrees")
+    roll: Range = ranged(0.0, -180.0, 180.0, "degrees")
+    zoom: Range = ranged(1.0, 0.0, 100.0, open_low=True)
+    shift_x: Range = ranged(0.0, -1.0, 1.0)
+    shift_y: Range = ranged(0.0, -1.0, 1.0)
+    fov: Range = ranged(40.0, 1.0, 89.0, "degrees")
     fit: bool = True
     pose: str = "camera"
 
@@ -138,7 +76,7 @@ class View(_Part):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lens(_Part):
+class Lens(Part):
     """The optics. Both coefficients map photo to ideal coordinates, `ideal = p (1 + k1 r^2 + k2 r^4)`, r = 1 in the
     photo's corners: a positive coefficient bends the photo like a barrel, a negative one like a pincushion.
 
@@ -147,9 +85,9 @@ class Lens(_Part):
         blur: standard deviation of the Gaussian point spread, in sensor pixels. A range.
     """
 
-    k1: Range = _ranged(0.0, -1.0, 1.0)
-    k2: Range = _ranged(0.0, -1.0, 1.0)
-    blur: Range = _ranged(0.0, 0.0, 20.0, "sensor pixels")
+    k1: Range = ranged(0.0, -1.0, 1.0)
+    k2: Range = ranged(0.0, -1.0, 1.0)
+    blur: Range = ranged(0.0, 0.0, 20.0, "sensor pixels")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -169,7 +107,7 @@ class Lens(_Part):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensor(_Part):
+class Sensor(Part):
     """The Bayer sensor.
 
     Args:
@@ -183,10 +121,10 @@ class Sensor(_Part):
     """
 
     scale: float = 1.0
-    fill: Range = _ranged(1.0, 0.0, 1.0, open_low=True)
+    fill: Range = ranged(1.0, 0.0, 1.0, open_low=True)
     exposure: str = "auto"
-    gain: Range = _ranged(1.0, 0.0, 1000.0, open_low=True)
-    read_noise: Range = _ranged(0.0, 0.0, 1.0)
+    gain: Range = ranged(1.0, 0.0, 1000.0, open_low=True)
+    read_noise: Range = ranged(0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -195,14 +133,14 @@ class Sensor(_Part):
                 f"Sensor.scale must be one number, because it fixes the size of the raw reading of a whole batch; "
                 f"got {self.scale!r}. Vary Panel.scale or View.zoom instead."
             )
-        scale = _check_number("Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel", False)
+        scale = check_number("Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel", False)
         object.__setattr__(self, "scale", scale)
         if not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
             one_of("Sensor.exposure", self.exposure, EXPOSURES)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Develop(_Part):
+class Develop(Part):
     """From raw to photo.
 
     Args:
@@ -215,7 +153,7 @@ class Develop(_Part):
     """
 
     demosaic: str = "bilinear"
-    brighten: Range = _ranged(0.0, -1.0, 1.0)
+    brighten: Range = ranged(0.0, -1.0, 1.0)
     resize: str = "area"
     registered: bool = True
     linear_light: bool = False
@@ -226,7 +164,7 @@ class Develop(_Part):
         one_of("Develop.demosaic", self.demosaic, DEMOSAICS)
 
 
-PARTS: dict[str, type[_Part]] = {"panel": Panel, "view": View, "lens": Lens, "sensor": Sensor, "develop": Develop}
+PARTS: dict[str, type[Part]] = {"panel": Panel, "view": View, "lens": Lens, "sensor": Sensor, "develop": Develop}
 
 
 def part_from_dict(name: str, values: dict[str, Any]) -> Any:
@@ -261,7 +199,7 @@ class Scene:
         for name, kind in PARTS.items():
             if not isinstance(getattr(self, name), kind):
                 raise TypeError(f"Scene.{name} must be a {kind.__name__}; got {getattr(self, name)!r}.")
-        _check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "", False)
+        check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "", False)
         from moireaug.effects.panel import LAYOUTS
 
         one_of("Panel.layout", self.panel.layout, LAYOUTS)

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from moireaug.effects.bayer import Readout, readout
 from moireaug.effects.view import homography, image_to_photo, look
-from moireaug.scene import PARTS, Develop, Lens, Panel, Scene, Sensor, View, bounds, ranged_fields
+from moireaug.fields import bounds, ranged_fields
+from moireaug.scene import PARTS, Develop, Lens, Panel, Scene, Sensor, View
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,7 +8,8 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
 from moireaug.attacks import LOSSES
 from moireaug.effects import tone
-from moireaug.scene import PARTS, ranged_fields
+from moireaug.fields import ranged_fields
+from moireaug.scene import PARTS
 
 SCENES = {
     "spectral": Scene(

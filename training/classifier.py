@@ -19,7 +19,8 @@ from torch.utils.data.distributed import DistributedSampler
 from moireaug.attacks import PGD, Attack, MoireAttack, Normalized
 from moireaug.capture import capture
 from moireaug.evaluation import mix
-from moireaug.scene import Scene, one_of
+from moireaug.fields import one_of
+from moireaug.scene import Scene
 from training.data import Splits, augment
 from training.models import build
 from training.schema import Adversary, Config, scene_of

@@ -28,7 +28,7 @@ from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint, TQD
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
-from moireaug.scene import one_of
+from moireaug.fields import one_of
 from training import runs
 from training.classifier import Batches, Classifier
 from training.data import Splits, load

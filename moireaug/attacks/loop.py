@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from moireaug.attacks.losses import LOSSES, margin, reported
 from moireaug.attacks.model import evaluating
 from moireaug.capture import check_images
-from moireaug.scene import one_of
+from moireaug.fields import one_of
 from moireaug.shot import Shot
 
 

@@ -8,7 +8,8 @@ from typing import Any
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
-from moireaug.scene import PARTS, Scene, as_scene, ranged_fields
+from moireaug.fields import ranged_fields
+from moireaug.scene import PARTS, Scene, as_scene
 from moireaug.shot import Shot
 from moireaug.transforms._convert import check_probability, moves, photograph
 

@@ -45,7 +45,7 @@ def test_same_seed_same_images_whatever_n_and_whatever_was_drawn_before(train):
 
 
 def test_faces_kept_in_memory_are_not_drawn_upon(train):
-    signs._face.cache_clear()
+    signs.face.cache_clear()
     signs._noise_tile.cache_clear()
     images, _ = signs.make("train", 3 * CLASS_COUNT, size=32)
     assert torch.equal(images, train[0][: 3 * CLASS_COUNT])
@@ -89,7 +89,7 @@ def test_labels_change_the_sign_alone_and_every_pair_of_classes_differs():
 
 @pytest.mark.parametrize("style", range(3))
 def test_faces_are_distinct_opaque_and_premultiplied(style):
-    faces = [np.asarray(signs._face(name, style, 128)) for name in signs.CLASSES]
+    faces = [np.asarray(signs.face(name, style, 128)) for name in signs.CLASSES]
     assert len({face.tobytes() for face in faces}) == CLASS_COUNT
     for face in faces:
         assert face[64, 64, 3] == 255
@@ -97,7 +97,7 @@ def test_faces_are_distinct_opaque_and_premultiplied(style):
 
 
 def test_left_and_right_are_mirror_images():
-    left, right = (np.asarray(signs._face(name, 1, 128)).astype(int) for name in ("turn_left", "turn_right"))
+    left, right = (np.asarray(signs.face(name, 1, 128)).astype(int) for name in ("turn_left", "turn_right"))
     assert np.abs(left - right).mean() > 5
     assert np.abs(left[:, ::-1] - right).mean() < 2
 

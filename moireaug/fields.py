@@ -1,0 +1,70 @@
+"""Fields of a scene: numbers or ranges with bounds, checked at construction, and sentences for what is refused."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+from dataclasses import field, fields
+from numbers import Real
+from typing import Any
+
+Range = float | tuple[float, float]
+
+
+def ranged(default: Range, low: float, high: float, unit: str = "", *, open_low: bool = False) -> Any:
+    """A field that is a number or a `(low, high)` pair inside the given bounds."""
+    return field(default=default, metadata={"low": low, "high": high, "unit": unit, "open_low": open_low})
+
+
+def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
+    """Return `got` if it is allowed; otherwise a ValueError that lists what is, the closest first."""
+    allowed = tuple(allowed)
+    if isinstance(got, str) and got in allowed:
+        return got
+    close = difflib.get_close_matches(str(got), allowed, n=1, cutoff=0.5)
+    hint = f" Did you mean {close[0]!r}?" if close else ""
+    raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}; got {got!r}.{hint}")
+
+
+def check_number(name: str, value: object, low: float, high: float, unit: str, open_low: bool) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a number or a (low, high) pair of numbers; got {value!r}.")
+    number = float(value)
+    if not math.isfinite(number) or number < low or number > high or (open_low and number == low):
+        left = "(" if open_low else "["
+        raise ValueError(f"{name} must lie in {left}{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}.")
+    return number
+
+
+class Part:
+    """Checks every ranged field at construction; drawn records (fields that have a shape) pass unchecked."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not f.metadata or hasattr(value, "shape"):
+                continue
+            name, bounds = f"{type(self).__name__}.{f.name}", f.metadata
+            if isinstance(value, (tuple, list)):
+                if len(value) != 2:
+                    raise ValueError(
+                        f"{name} must be a number or a (low, high) pair; got {len(value)} values: {value!r}."
+                    )
+                low, high = (check_number(name, v, **bounds) for v in value)
+                if low > high:
+                    raise ValueError(f"{name} must be a (low, high) pair with low <= high; got {value!r}.")
+                value = low if low == high else (low, high)
+            else:
+                value = check_number(name, value, **bounds)
+            object.__setattr__(self, f.name, value)
+
+
+def ranged_fields(part: Part) -> list[str]:
+    """The names of a part's ranged fields, in the order in which they are drawn."""
+    return [f.name for f in fields(part) if f.metadata]
+
+
+def bounds(value: Range) -> tuple[float, float]:
+    """`(low, high)` of a range; a plain number is a range of no width."""
+    return value if isinstance(value, tuple) else (value, value)
