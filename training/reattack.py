@@ -34,8 +34,9 @@ from training.data import Splits, load
 from training.schema import register, scene_of
 
 
-def device() -> torch.device:
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+def device(cfg: DictConfig) -> torch.device:
+    """The GPU where there is one, unless `trainer.accelerator=cpu` asks for the CPU."""
+    return torch.device("cuda" if torch.cuda.is_available() and cfg.trainer.accelerator != "cpu" else "cpu")
 
 
 def batches(splits: Splits, cfg: DictConfig) -> Iterator[tuple[Tensor, Tensor]]:
@@ -43,13 +44,14 @@ def batches(splits: Splits, cfg: DictConfig) -> Iterator[tuple[Tensor, Tensor]]:
     n = min(cfg.reattack.n, len(splits.test))  # type: ignore[arg-type]
     order = torch.randperm(len(splits.test), generator=torch.Generator().manual_seed(cfg.reattack.seed))  # type: ignore[arg-type]
     subset = torch.utils.data.Subset(splits.test, order[:n].tolist())
+    where = device(cfg)
     for images, labels in DataLoader(subset, cfg.reattack.batch_size):
-        yield images.to(device()).float() / 255, labels.to(device())
+        yield images.to(where).float() / 255, labels.to(where)
 
 
 def attack_again(model: nn.Module, splits: Splits, cfg: DictConfig, title: str) -> list[Row]:
     """Climb the ladder on the test images, with a progress bar; the shots depend on the seed alone."""
-    r, model = cfg.reattack, model.to(device()).eval()
+    r, model = cfg.reattack, model.to(device(cfg)).eval()
     rungs = ladder(tuple(r.eps), r.steps)
     total = -(-min(r.n, len(splits.test)) // r.batch_size)  # type: ignore[arg-type]
     steps = climb(model, batches(splits, cfg), scene_of(cfg), rungs, seed=r.seed, classes=splits.num_classes)
@@ -132,7 +134,7 @@ def from_run(run: Path, num_classes: int | None = None) -> tuple[nn.Module, Dict
             f"The checkpoint {run / 'best.ckpt'} could not be read ({type(error).__name__}: {error}). "
             "It may be damaged: train again with the command in the report, or name another run."
         ) from error
-    return model.to(device()).eval(), cfg
+    return model.to(device(cfg)).eval(), cfg
 
 
 def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
@@ -145,7 +147,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
     if cfg.run is None:
         splits = load(cfg.data)
         classes = 1000 if cfg.data.class_index else splits.num_classes
-        model = as_model(cfg.model, classes, cfg.weights).to(device()).eval()
+        model = as_model(cfg.model, classes, cfg.weights).to(device(cfg)).eval()
         out, title = Path(cfg.runs) / "reattack" / cfg.model, cfg.model
     else:
         run = Path(cfg.run)

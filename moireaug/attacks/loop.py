@@ -135,7 +135,7 @@ class Attack(ABC):
         """The images after the last step, (B, 3, H, W), whether or not an earlier step was better: what adversarial
         training uses, at one forward and backward pass a step and none beside. Arguments as in a call."""
         with evaluating(self.model):
-            images, labels = images.detach().clone(), labels.clone()
+            images, labels = images.detach().clone(), labels.to(images.device).clone()
             problem, eps = self.problem(images, shot, generator), float(self.eps)  # type: ignore[arg-type]
             noise = self._start(problem, eps, self.random_start, images, generator)
             noise = self._ascend(problem, noise, labels, None, eps, None)

@@ -59,7 +59,7 @@ class AdversarialMoire(nn.Module):
         if not chosen.any():
             return images, labels
         given = images[chosen]
-        photos = self.attack.last(as_shown(given), labels[chosen], generator=generator)
+        photos = self.attack.last(as_shown(given), labels.to(images.device)[chosen], generator=generator)
         return images.masked_scatter(chosen.view(-1, 1, 1, 1), as_given(photos, given)), labels
 
     def extra_repr(self) -> str:
