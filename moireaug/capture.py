@@ -38,7 +38,7 @@ def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
 
     Returns:
         (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where the plan's exposure
-        is "spectral", in every field of the shot.
+        is "spectral", in every field of the shot whose effect the plan has.
 
     Raises:
         TypeError, ValueError: an image that is no float batch of three channels in [0, 1], NaN, or a shot or noise of
@@ -56,7 +56,8 @@ def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
 
 
 def expose(image: Tensor, shot: Shot) -> Tensor:
-    """Screen to raw, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B, with gain and read noise.
+    """Screen to raw, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B, with gain and read noise,
+    clipped to [0, 1] where these can leave it.
 
     Arguments, gradients and errors as in `capture`. Half precision is computed in float32, float64 in float64.
     """
@@ -76,6 +77,9 @@ def expose(image: Tensor, shot: Shot) -> Tensor:
             raw = raw * shot.sensor.gain.to(raw.dtype)[:, None, None, None]
         if "read_noise" in plan:
             raw = noise.read_noise(raw, shot.sensor.read_noise, shot.seed)
+        if "saturate" in plan or "read_noise" in plan:
+            # the reading itself has ended at its bounds, so that an attacker's noise starts where it is felt
+            raw = tone.clip(raw)
     return raw
 
 

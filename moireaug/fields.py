@@ -43,9 +43,11 @@ class Part:
     def __post_init__(self) -> None:
         for f in fields(self):
             value = getattr(self, f.name)
-            if not f.metadata or hasattr(value, "shape"):
-                continue
             name, bounds = f"{type(self).__name__}.{f.name}", f.metadata
+            if isinstance(f.default, bool) and not isinstance(value, bool):
+                raise TypeError(f"{name} must be True or False; got {value!r}.")
+            if not bounds or (hasattr(value, "shape") and not isinstance(value, Real)):
+                continue
             if isinstance(value, (tuple, list)):
                 if len(value) != 2:
                     raise ValueError(

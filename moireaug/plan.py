@@ -16,7 +16,7 @@ from moireaug.effects.view import homography, jacobian
 from moireaug.fields import Range, bounds, ranged_fields
 from moireaug.scene import Lens, Scene
 
-HIGHEST = 32  # no harmonic beyond this order is ever summed
+HIGHEST = 32  # no harmonic beyond this order is ever summed: a screen magnified so far is sampled instead
 MOST = 64  # with more harmonics than this, averaging 8 x 8 points of the aperture is cheaper
 FALLBACK = "supersample:8"
 
@@ -147,7 +147,9 @@ def make_plan(scene: Scene) -> Plan:
     harmonics = _harmonics(scene) if sensor.exposure in ("auto", "spectral") else []
     method = sensor.exposure
     if method == "auto":
-        method = FALLBACK if len(harmonics) > MOST else "spectral"
+        # every third order of a stripe is empty, so the series goes on if one of the last three counts
+        cut = any(max(abs(k), abs(l)) > HIGHEST - 3 for (k, l), _ in harmonics)
+        method = FALLBACK if cut or len(harmonics) > MOST else "spectral"
     held = method not in ("spectral", "mean")
     angles = [f"{a} {_show(getattr(v, a))}" for a in ("yaw", "pitch", "roll") if bounds(getattr(v, a)) != (0.0, 0.0)]
     pose = ", ".join(angles) + " degrees" if angles else "zoom or shift"

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from moireaug.plan import Plan
     from moireaug.shot import Shot
 
-POSES = ("camera", "released")
 EXPOSURES = ("auto", "spectral", "point", "mean", "supersample:4", "supersample:8")
 RESIZES = ("area", "antialias", "point")
 DEMOSAICS = ("bilinear",)
@@ -72,6 +71,8 @@ class View(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        from moireaug.effects.view import POSES
+
         one_of("View.pose", self.pose, POSES)
 
 
@@ -113,9 +114,10 @@ class Sensor(Part):
     Args:
         scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the raw reading.
         fill: width of the light-sensitive aperture as a share of the pixel pitch. A range.
-        exposure: how panel light is integrated over a sensor pixel: "auto" (the cheapest method that meets the scene's
-            tolerance), "spectral", "point" (as the paper does), "supersample:n" (n x n samples a pixel), or "mean" (the
-            panel's mean light alone: a screen without moiré, the control of every experiment).
+        exposure: how panel light is integrated over a sensor pixel: "spectral"; "supersample:n" (n x n samples a
+            pixel); "point" (as the paper does); "mean" (the panel's mean light alone: a screen without moiré, the
+            control of every experiment); or "auto": "spectral" where harmonics of up to order 32 carry all contrast
+            above the scene's tolerance, else "supersample:8", good to about a sixteenth of a subpixel's contrast.
         gain: what the raw reading is multiplied by before it saturates at 1. A range.
         read_noise: standard deviation of the Gaussian read noise, in raw units [0, 1]. A range.
     """

@@ -25,7 +25,8 @@ class Shot:
         panel, view, lens, sensor, develop: the drawn parts.
         seed: (B,) int64, the seeds of the sensor noise.
 
-    Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`.
+    Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`. The scene's plan
+    decides which effects are computed: a field whose effect the scene does not call for is not read.
     """
 
     scene: Scene
@@ -70,7 +71,8 @@ class Shot:
         return (self.lens.k1, self.lens.k2) if "lens" in self.scene.plan() else None
 
     def matrix(self) -> Tensor:
-        """Homography from image to ideal photo coordinates, (B, 3, 3) float64. Differentiable in every View field."""
+        """Homography from image to ideal photo coordinates, (B, 3, 3) float64. Differentiable in every View field that
+        the scene's pose reads."""
         view = {k: getattr(self.view, k) for k in ranged_fields(self.view)}
         return homography(
             view, self.lens.k1, self.lens.k2, self.size, self.scene.sensor.scale,

@@ -249,6 +249,7 @@ BAD = [
     (lambda m, x, y: MoireAttack(model=m, restarts=0), "restarts must be an integer >= 1"),
     (lambda m, x, y: MoireAttack(model=m, eot=0), "eot must be an integer >= 1"),
     (lambda m, x, y: MoireAttack(model=m, step_size=0), "step_size must be above 0"),
+    (lambda m, x, y: MoireAttack(m, steps=2, random_start=2.0), "for a single step"),
     (lambda m, x, y: MoireAttack(model=m, loss="margins"), "Did you mean 'margin'?"),
     (lambda m, x, y: MoireAttack(model=m, scene="papers"), "Did you mean 'paper'?"),
     (lambda m, x, y: PGD(model=m)(x, y + 5), "[0, 4], the model's classes; got"),
@@ -300,6 +301,29 @@ def test_normalized_puts_the_normalisation_inside(model, batch):
     model.eval()
     assert torch.allclose(Normalized(model, mean, std)(batch[0]), model((batch[0] - m) / s))
     assert set(Normalized(model).state_dict()) == {f"model.{k}" for k in model.state_dict()}
+
+
+def test_saturated_and_black_pixels_are_reached(model):
+    """A white screen that overexposes, and a black one under read noise: no site hides from the attack."""
+    scene = Scene(lens=Lens(blur=3.0), sensor=Sensor(gain=4.0, read_noise=0.01))
+    for level in (0.0, 1.0):
+        images = torch.full((2, 3, 12, 12), level)
+        result = MoireAttack(model, scene=scene, eps=EPS, steps=1)(images, torch.tensor([0, 1]))
+        inward = result.noise if level == 0 else -result.noise
+        assert (inward > 0).float().mean() > 0.2
+        assert not torch.equal(result.images, capture(images, result.shot))
+
+
+def test_half_precision_models_are_attacked(model, batch):
+    images, labels = batch[0].bfloat16(), batch[1]
+    for attack in (MoireAttack(model.bfloat16(), scene=SCENE, eps=EPS, steps=2), PGD(model, eps=EPS, steps=2)):
+        result = attack(images, labels)
+        assert result.images.dtype == torch.bfloat16 and result.noise.abs().max() > 0
+
+
+def test_n_fgsm_may_leave_the_ball(model, batch):
+    attack = MoireAttack(model, scene=SCENE, eps=EPS, steps=1, step_size=1.0, random_start=2.0)
+    assert EPS < attack(*batch).noise.abs().max() <= 3 * EPS * (1 + 1e-6)
 
 
 def test_unread_sensor_pixels_get_no_noise(model, batch):

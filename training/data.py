@@ -14,8 +14,9 @@ from torch import Tensor
 from torch.utils.data import Dataset, Subset, TensorDataset
 from torchvision.transforms import v2
 
+from moireaug.fields import one_of
 from training import signs
-from training.schema import Data
+from training.schema import DATA, Data
 
 AUGMENT = ("none", "shift", "shift_flip")
 
@@ -69,7 +70,8 @@ def _split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
 
 
 def _signs(cfg: Data) -> Splits:
-    sets = [TensorDataset(*signs.make(s, getattr(cfg, s) or 0, size=cfg.size)) for s in ("train", "val", "test")]
+    counts = {s: getattr(DATA["signs"], s) if getattr(cfg, s) is None else getattr(cfg, s) for s in signs.SPLITS}
+    sets = [TensorDataset(*signs.make(s, n, size=cfg.size)) for s, n in counts.items()]
     return Splits(*sets, dict(enumerate(signs.CLASSES)), len(signs.CLASSES))
 
 
@@ -91,6 +93,8 @@ def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Calla
 
 
 def _folder(cfg: Data) -> Splits:
+    if not cfg.root:
+        raise ValueError("data=folder needs data.root=DIR, a folder with train/ and test/ inside it.")
     root = Path(cfg.root)
     if not root.is_dir():
         raise ValueError(f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ inside it.")
@@ -150,9 +154,8 @@ def load(cfg: Data) -> Splits:
     Raises:
         ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says what to do.
     """
-    if cfg.augment not in AUGMENT:
-        raise ValueError(f"data.augment must be one of {', '.join(AUGMENT)}; got {cfg.augment!r}.")
-    return LOADERS[cfg.name](cfg)
+    one_of("data.augment", cfg.augment, AUGMENT)
+    return LOADERS[one_of("data", cfg.name, LOADERS)](cfg)
 
 
 def augment(images: Tensor, kind: str) -> Tensor:

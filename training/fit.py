@@ -15,7 +15,6 @@ import logging
 import sys
 import time
 import warnings
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -32,20 +31,24 @@ from moireaug.fields import one_of
 from training import runs
 from training.classifier import Batches, Classifier
 from training.data import Splits, load
-from training.reattack import attack_again, publish
-from training.schema import RECIPES, Adversary, register
+from training.reattack import attack_again, check, publish
+from training.schema import Config, check_keys, register
 
 
 def fit(cfg: DictConfig) -> dict[str, Any]:
     """Train, attack again, report: one run. Returns its metrics."""
+    check(cfg)
     out, mark = runs.folder(cfg), runs.fingerprint(runs.settings(cfg))
-    twin = None if cfg.recipe == "clean" else plain_twin(cfg)
+    twin = None if cfg.recipe == "clean" else runs.plain_twin(cfg)
     baseline = trained_twin(twin, resume=cfg.resume) if twin else None
 
     began = time.perf_counter()
     splits = load(cfg.data)
     seconds = {"data": time.perf_counter() - began}
-    runs.prepare(out, mark, resume=cfg.resume)
+    # an interruption may have come while the baseline was trained: then this run begins
+    cfg.resume = cfg.resume and (twin is None or (out / "last.ckpt").is_file())
+    if rank_zero_only.rank == 0:
+        runs.prepare(out, mark, resume=cfg.resume)
     model, train = train_model(cfg, splits, out, start=runs.folder(twin) if twin else None)
     seconds["train"] = train["wall_seconds"]
     if rank_zero_only.rank != 0:
@@ -59,12 +62,6 @@ def fit(cfg: DictConfig) -> dict[str, Any]:
         raise SystemExit(130) from None
     seconds["re-attack"] = time.perf_counter() - began
     return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
-
-
-def plain_twin(cfg: DictConfig) -> DictConfig:
-    """Recipe `clean` with all else as in this run."""
-    plain = OmegaConf.load(RECIPES / "clean.yaml")
-    return OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean", "resume": False})
 
 
 def trained_twin(twin: DictConfig, *, resume: bool) -> dict[str, Any]:
@@ -97,8 +94,11 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
     if one_of("train.init", cfg.train.init, ("random", "clean")) == "clean":
         if start is None:
             raise ValueError("train.init=clean starts from recipe clean, which has no such start itself: use random.")
-        classifier.load_state_dict(torch.load(start / "best.ckpt", map_location="cpu", weights_only=True)["state_dict"])
-    runs.write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
+        classifier.load_state_dict(runs.read_checkpoint(start / "best.ckpt")["state_dict"])
+    if cfg.resume:
+        runs.read_checkpoint(last)
+    if rank_zero_only.rank == 0:
+        runs.write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
     keep = {"dirpath": out, "enable_version_counter": False}
     best = ModelCheckpoint(filename="best", monitor="val_score", mode="max", **keep)
     callbacks = [
@@ -107,8 +107,11 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
         ModelCheckpoint(filename="last", save_on_train_epoch_end=True, **keep),
         TQDMProgressBar(leave=False),
     ]
+    settings = OmegaConf.to_container(cfg.trainer)
+    if settings["accelerator"] == "auto" and not torch.cuda.is_available():
+        settings["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
     trainer = L.Trainer(
-        **OmegaConf.to_container(cfg.trainer),  # type: ignore[arg-type]
+        **settings,  # type: ignore[arg-type]
         max_epochs=cfg.train.epochs, callbacks=callbacks, logger=False, num_sanity_val_steps=0,
         enable_model_summary=False, use_distributed_sampler=False, benchmark=False,
     )  # fmt: skip
@@ -123,15 +126,9 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
         else:
             say("\nInterrupted before the first epoch was over: nothing was kept.")
         raise SystemExit(130) from None
-    except (RuntimeError, EOFError, KeyError, OSError) as error:
-        if not cfg.resume:
-            raise
-        raise ValueError(
-            f"{last} could not be resumed ({error}). Leave resume=true out to train from the start."
-        ) from error
     spent = sum(h["seconds"] for h in classifier.history)
     share = cfg.adversary.share if cfg.adversary.kind != "none" else 0.0
-    state = torch.load(out / "best.ckpt", map_location="cpu", weights_only=True)
+    state = runs.read_checkpoint(out / "best.ckpt")
     classifier.load_state_dict(state["state_dict"])
     return classifier.eval(), {
         "seconds": spent,
@@ -151,7 +148,7 @@ def main(cfg: DictConfig) -> None:
     quiet()
     try:
         fit(cfg)
-    except ValueError as error:
+    except (ValueError, TypeError, FloatingPointError) as error:
         raise SystemExit(f"error: {error}") from None
 
 
@@ -167,4 +164,5 @@ def quiet() -> None:
 
 register()
 if __name__ == "__main__":
+    check_keys(sys.argv[1:], Config)
     main()

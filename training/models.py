@@ -77,7 +77,7 @@ def names() -> list[str]:
     return ["small_resnet", *torchvision.models.list_models(module=torchvision.models)]
 
 
-def build(name: str, num_classes: int, weights: str | None = None) -> nn.Module:
+def build(name: str, num_classes: int, weights: str | None = None, *, whole: bool = False) -> nn.Module:
     """A classifier by name, freshly initialised or with weights.
 
     Args:
@@ -86,6 +86,7 @@ def build(name: str, num_classes: int, weights: str | None = None) -> nn.Module:
         num_classes: number of logits.
         weights: a state_dict file, or the name of torchvision weights such as "IMAGENET1K_V1" or "DEFAULT". When they
             were made for another number of classes, the head stays freshly initialised and all else is loaded.
+        whole: refuse weights made for another number of classes: nothing is fit to be evaluated with a fresh head.
 
     Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of another model.
     """
@@ -101,7 +102,7 @@ def build(name: str, num_classes: int, weights: str | None = None) -> nn.Module:
     model = _fresh(name, num_classes)
     if weights is not None:
         state = _published(name, weights) if weights in _published_names(name) else _read(name, weights)
-        _load(model, state, f"The weights {weights!r} do not fit {name!r}")
+        _load(model, state, f"The weights {weights!r} do not fit {name!r} with {num_classes} classes", whole)
     return model
 
 
@@ -148,7 +149,7 @@ def _read(name: str, path: str) -> Mapping[str, Tensor]:
     return state
 
 
-def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str) -> None:
+def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
     """Copies state into model, but for a head made for another number of classes; raises ValueError otherwise."""
     own = model.state_dict()
     given = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
@@ -156,7 +157,7 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str) -> None
     missing = [key for key in own if key not in given and not key.endswith("num_batches_tracked")]
     surplus = [key for key in given if key not in own]
     changed = [key for key in given if key in own and given[key].shape != own[key].shape]
-    head = changed if _is_head(changed, own, given) else []
+    head = changed if not whole and _is_head(changed, own, given) else []
     wrong = [key for key in changed if key not in head]
     problems = [
         f"{len(keys)} {what} ({', '.join(keys[:3])}{', ...' if len(keys) > 3 else ''})"
@@ -166,7 +167,12 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str) -> None
     if problems:
         raise ValueError(
             f"{complaint}: of their tensors, {' and '.join(problems)}. "
-            "Please name the model that they were saved from; only the number of classes may differ."
+            "Please name the model that they were saved from"
+            + (
+                " and its classes: data.class_index maps a folder's to them."
+                if whole
+                else "; only the number of classes may differ."
+            )
         )
     model.load_state_dict(own | {key: value for key, value in given.items() if key not in head})
 

@@ -26,17 +26,31 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader
 from tqdm import tqdm
 
-from moireaug.evaluation import Row, climb, ladder, paired_gain, report
+from moireaug.attacks import MoireAttack
+from moireaug.evaluation import Row, climb, ladder, middle, paired_gain, report
 from moireaug.evaluation.pictures import examples
 from training import runs
 from training.classifier import as_model
 from training.data import Splits, load
-from training.schema import register, scene_of
+from training.schema import ReattackConfig, check_keys, register, scene_of
 
 
 def device(cfg: DictConfig) -> torch.device:
     """The GPU where there is one, unless `trainer.accelerator=cpu` asks for the CPU."""
     return torch.device("cuda" if torch.cuda.is_available() and cfg.trainer.accelerator != "cpu" else "cpu")
+
+
+def check(cfg: DictConfig) -> None:
+    """Refuse settings of scene and re-attack before any time is spent.
+
+    Raises:
+        TypeError, ValueError: with what was got and what is allowed.
+    """
+    scene, r = scene_of(cfg), cfg.reattack
+    for name in ("n", "batch_size"):
+        if r[name] < 1:
+            raise ValueError(f"reattack.{name} must be at least 1; got {r[name]}.")
+    MoireAttack(model=torch.nn.Identity(), scene=scene, eps=list(r.eps), steps=r.steps)
 
 
 def batches(splits: Splits, cfg: DictConfig) -> Iterator[tuple[Tensor, Tensor]]:
@@ -75,7 +89,7 @@ def publish(
     began = time.perf_counter()
     models = {cfg.recipe: model} | ({"clean": beside(cfg, baseline, splits)} if baseline else {})
     images, labels = next(iter(batches(splits, cfg)))
-    shown = examples(models, images[:4], labels[:4], scene_of(cfg), max(cfg.reattack.eps[:2]),
+    shown = examples(models, images[:4], labels[:4], scene_of(cfg), middle(cfg.reattack.eps),
                      cfg.reattack.steps, splits.classes, seed=cfg.reattack.seed)  # fmt: skip
     seconds = seconds | {"pictures": time.perf_counter() - began}
     scene = scene_of(cfg)
@@ -122,18 +136,17 @@ def from_run(run: Path, num_classes: int | None = None) -> tuple[nn.Module, Dict
         raise ValueError(
             f"run={run} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py writes them."
         )
+    if not (run / "metrics.json").is_file():
+        print(f"note: the run in {run} was not finished; its best checkpoint so far is attacked.")
+    cfg = OmegaConf.load(run / "config.yaml")
+    state = runs.read_checkpoint(run / "best.ckpt")["state_dict"]
+    state = {k.removeprefix("model."): v for k, v in state.items()}
+    head = next(v for k, v in reversed(state.items()) if k.endswith("weight"))
+    model = as_model(cfg.model, num_classes or len(head), None)
     try:
-        cfg = OmegaConf.load(run / "config.yaml")
-        state = torch.load(run / "best.ckpt", map_location="cpu", weights_only=True)["state_dict"]
-        state = {k.removeprefix("model."): v for k, v in state.items()}
-        head = next(v for k, v in reversed(state.items()) if k.endswith("weight"))
-        model = as_model(cfg.model, num_classes or len(head), None)
         model.load_state_dict(state)
-    except Exception as error:
-        raise ValueError(
-            f"The checkpoint {run / 'best.ckpt'} could not be read ({type(error).__name__}: {error}). "
-            "It may be damaged: train again with the command in the report, or name another run."
-        ) from error
+    except RuntimeError as error:
+        raise ValueError(f"{run / 'best.ckpt'} does not fit {cfg.model} with {num_classes} classes: {error}") from error
     return model.to(device(cfg)).eval(), cfg
 
 
@@ -143,31 +156,41 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
     Args:
         cfg: the composed configuration. given: the overrides on the command line, which go before a run's own settings.
     """
-    began, baseline = time.perf_counter(), None
+    check(cfg)
+    began, baseline, train = time.perf_counter(), None, None
     if cfg.run is None:
+        if cfg.weights is None:
+            raise ValueError(
+                "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE (or torchvision's "
+                "name of weights, such as DEFAULT)."
+            )
         splits = load(cfg.data)
         classes = 1000 if cfg.data.class_index else splits.num_classes
-        model = as_model(cfg.model, classes, cfg.weights).to(device(cfg)).eval()
+        model = as_model(cfg.model, classes, cfg.weights, whole=True).to(device(cfg)).eval()
         out, title = Path(cfg.runs) / "reattack" / cfg.model, cfg.model
     else:
         run = Path(cfg.run)
         model, own = from_run(run)
+        known, train = None, (runs.read_metrics(run) or {}).get("train")
+        if own.recipe != "clean":
+            twin = run.parent.parent / "clean" / f"seed{own.seed}"
+            known = runs.read_metrics(twin)
+            if known and known["fingerprint"] != runs.fingerprint(runs.settings(runs.plain_twin(own))):
+                print(f"{twin} was trained with other settings: no baseline is attacked beside this run.")
+                known = None
         for key in (o.lstrip("+~").split("=", 1)[0] for o in given):
             if key != "run":
                 OmegaConf.update(own, key, OmegaConf.select(cfg, key))
         own.runs = str(run.parent.parent)
         cfg, splits, title = own, load(own.data), own.recipe
         out = run / "reattack" / (cfg.scene if isinstance(cfg.scene, str) else "custom")
-        twin = Path(cfg.runs) / "clean" / f"seed{cfg.seed}"
-        if cfg.recipe != "clean" and (known := runs.read_metrics(twin)):
+        if known:
             plainly, _ = from_run(twin)
-            again = attack_again(plainly, splits, cfg, title="clean")
-            baseline = known | describe(again)
+            baseline = known | describe(attack_again(plainly, splits, cfg, title="clean"))
     seconds = {"data": time.perf_counter() - began}
     began = time.perf_counter()
     rows = attack_again(model, splits, cfg, title=title)
     seconds["re-attack"] = time.perf_counter() - began
-    train = (runs.read_metrics(Path(cfg.runs) / cfg.recipe / f"seed{cfg.seed}") or {}).get("train")
     return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
 
 
@@ -175,10 +198,11 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
 def main(cfg: DictConfig) -> None:
     try:
         reattack(cfg, list(hydra.core.hydra_config.HydraConfig.get().overrides.task))
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         raise SystemExit(f"error: {error}") from None
 
 
 register()
 if __name__ == "__main__":
+    check_keys(sys.argv[1:], ReattackConfig)
     main()

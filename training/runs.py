@@ -6,15 +6,17 @@ import hashlib
 import json
 import os
 import platform
+import shlex
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from training.schema import Config
+from training.schema import RECIPES, Adversary, Config
 
 # What a run's result does not depend on.
 _FREE = ("runs", "resume")
@@ -35,9 +37,32 @@ def folder(cfg: DictConfig | Config) -> Path:
     return Path(cfg.runs) / cfg.recipe / f"seed{cfg.seed}"
 
 
+def plain_twin(cfg: DictConfig) -> DictConfig:
+    """Recipe `clean` with all else as in this run."""
+    plain = OmegaConf.load(RECIPES / "clean.yaml")
+    return OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean", "resume": False})
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """A Lightning checkpoint, on the CPU.
+
+    Raises:
+        ValueError: a file that is missing or damaged.
+    """
+    try:
+        found = torch.load(path, map_location="cpu", weights_only=True)
+        found["state_dict"], found["epoch"]
+        return found
+    except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, RuntimeError, KeyError ...
+        raise ValueError(
+            f"The checkpoint {path} could not be read ({type(error).__name__}). It may be missing or damaged: train "
+            "again without resume=true, or name another run."
+        ) from error
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a file whole or not at all."""
-    partial = path.with_name(f".{path.name}.partial")
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     partial.write_text(text, encoding="utf-8")
     os.replace(partial, path)
 
@@ -71,7 +96,7 @@ def prepare(path: Path, mark: str, *, resume: bool) -> None:
             os.replace(path, aside)
             print(f"{path} held a run with other settings; it is now {aside}")
     path.mkdir(parents=True, exist_ok=True)
-    for name in ("metrics.json", "report.html"):
+    for name in ("metrics.json", "report.html", *(() if resume else ("best.ckpt", "last.ckpt"))):
         (path / name).unlink(missing_ok=True)
 
 
@@ -102,4 +127,4 @@ def _cpu() -> str:
 def command(argv: list[str] | None = None) -> str:
     """The command line of this run, as a user would type it."""
     argv = sys.argv if argv is None else argv
-    return " ".join(["python", f"training/{Path(argv[0]).name}", *argv[1:]])
+    return shlex.join(["python", f"training/{Path(argv[0]).name}", *argv[1:]])

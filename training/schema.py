@@ -12,6 +12,7 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, OmegaConf
 
+from moireaug.fields import one_of
 from moireaug.scene import Scene, as_scene
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
@@ -23,7 +24,7 @@ class Data:
     root: str | None = None  # folder: holds train/ and test/, or class folders alone (then all of it is test data)
     size: int = 32  # images are resized to size x size
     train: int | None = None  # images; null is all there are
-    val: int | None = None  # null is a tenth of the training images
+    val: int | None = None  # null is a tenth of the training images; for signs, its default
     test: int | None = None
     class_index: str | None = None  # folder: CSV with the columns wnid (or folder) and class_index
     augment: str = "none"  # "none", "shift" (zero padded, by up to an eighth) or "shift_flip"
@@ -36,7 +37,7 @@ DATA = {
     "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
     "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
     "gtsrb": Data(name="gtsrb", root="data", augment="shift"),
-    "folder": Data(name="folder", root=MISSING, augment="shift"),
+    "folder": Data(name="folder", augment="shift"),
 }
 
 
@@ -118,6 +119,32 @@ QUIET = {
 def scene_of(cfg: Any) -> Scene:
     """The configured scene: a preset's name, or a mapping."""
     return as_scene(OmegaConf.to_container(cfg.scene, resolve=True) if OmegaConf.is_config(cfg.scene) else cfg.scene)
+
+
+def check_keys(overrides: list[str], schema: type[Config]) -> None:
+    """Refuse an unknown key, recipe or data set of a command line, with the nearest known one.
+
+    Raises:
+        SystemExit: with a sentence.
+    """
+    try:
+        for override in overrides:
+            key, _, value = override.partition("=")
+            if not value or key.startswith(("+", "~", "-", "hydra")):
+                continue
+            node: Any = OmegaConf.structured(schema)
+            for part in key.split("."):
+                if not OmegaConf.is_dict(node):
+                    raise ValueError(
+                        f"{key!r}: pass {key.split('.')[0]} whole, as in {key.split('.')[0]}='{{preset: paper, ...}}'."
+                    )
+                part = one_of(f"a key in {key!r}", part, map(str, node))
+                node = None if OmegaConf.is_missing(node, part) else node[part]
+            known = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}.get(key)
+            for name in value.split(",") if known else ():
+                one_of(key, name, sorted(known))
+    except ValueError as error:
+        raise SystemExit(f"error: {error}") from None
 
 
 def register() -> None:

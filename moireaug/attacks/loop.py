@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import torch
@@ -63,11 +62,12 @@ class Attack(ABC):
         steps: gradient steps.
         step_size: in units of eps; None is min(1, 2.5 / steps).
         loss: a key of `attacks.LOSSES`: "ce" or "margin".
-        random_start: radius of the uniform random start, in units of eps; 0 starts from no noise.
+        random_start: radius of the uniform random start, in units of eps; 0 starts from no noise. Above 1, only with a
+            single step, the noise may end outside the ball: N-FGSM (de Jorge et al., 2022).
         restarts: the attack is run so often, later runs from a random start, and the best per image is kept.
     """
 
-    model: nn.Module | Callable[[Tensor], Tensor]
+    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
     eps: float | Sequence[float] = 4 / 255
     steps: int = 20
     step_size: float | None = None
@@ -89,6 +89,11 @@ class Attack(ABC):
             raise ValueError(f"step_size must be above 0, in units of eps; got {self.step_size!r}.")
         if not self.random_start >= 0:
             raise ValueError(f"random_start must be a radius >= 0, in units of eps; got {self.random_start!r}.")
+        if self.random_start > 1 and self.steps > 1:
+            raise ValueError(
+                f"a random_start beyond the ball ({self.random_start!r} times eps) is for a single step, which "
+                f"does not pull it back; got steps = {self.steps}. Use random_start <= 1."
+            )
         one_of("loss", self.loss, LOSSES)
 
     @abstractmethod
@@ -135,7 +140,8 @@ class Attack(ABC):
         """The images after the last step, (B, 3, H, W), whether or not an earlier step was better: what adversarial
         training uses, at one forward and backward pass a step and none beside. Arguments as in a call."""
         with evaluating(self.model):
-            images, labels = images.detach().clone(), labels.to(images.device).clone()
+            images = images.detach().clone()
+            labels = check_labels(labels, len(images), "labels").to(images.device).clone()
             problem, eps = self.problem(images, shot, generator), float(self.eps)  # type: ignore[arg-type]
             noise = self._start(problem, eps, self.random_start, images, generator)
             noise = self._ascend(problem, noise, labels, None, eps, None)
@@ -253,8 +259,3 @@ def check_classes(labels: Tensor, logits: Tensor, views: int) -> None:
             f"labels and targets must lie in [0, {logits.shape[1] - 1}], the model's classes; got {int(labels.max())}. "
             "A class_index file maps a folder's classes to a pretrained model's."
         )
-
-
-def replace(attack: Attack, **changes: object) -> Attack:
-    """The same attack with some settings changed, validated again."""
-    return dataclasses.replace(attack, **changes)  # type: ignore[arg-type]

@@ -45,13 +45,13 @@ class MoireAttack(Attack):
             raw = expose(images, shot)
 
         def render(noise: Tensor) -> Tensor:
-            return develop(raw + noise, shot)
+            return develop(raw + noise, shot).to(images.dtype)
 
         def rehearse(noise: Tensor) -> Tensor:
             draws = self.scene.sample(self.eot * len(images), size, generator)
             with torch.no_grad():
                 fresh = expose(images.repeat(self.eot, 1, 1, 1), draws)
-            return develop(fresh + noise.repeat(self.eot, 1, 1, 1), draws)
+            return develop(fresh + noise.repeat(self.eot, 1, 1, 1), draws).to(images.dtype)
 
         shape = shot.raw_shape()
         if self.eot == 1:

@@ -27,6 +27,6 @@ class PGD(Attack):
             raise ValueError("a pixel attack has no camera: leave shot out, or use attacks.MoireAttack.")
 
         def render(noise: Tensor) -> Tensor:
-            return clip(images + noise)
+            return clip(images + noise).to(images.dtype)
 
         return Problem(render, render, tuple(images.shape))

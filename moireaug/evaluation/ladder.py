@@ -82,14 +82,20 @@ def _pgd(eps: float, steps: int) -> Callable[[Bout], Tensor]:
     return show
 
 
+def middle(eps: Sequence[float]) -> float:
+    """The bound that stands for the others: of the targeted attack, the rival's and the pictures."""
+    return sorted(eps)[len(eps) // 2]
+
+
 def ladder(eps: Sequence[float] = (2 / 255, 4 / 255, 8 / 255), steps: int = 20) -> list[Rung]:
     """The rungs, in order: controls first, then the Moiré Attack at each eps, targeted at the middle one, then PGD.
 
     Args:
-        eps: bounds of the Moiré Attack, in [0, 1] units, ascending.
+        eps: bounds of the Moiré Attack, in [0, 1] units.
         steps: gradient steps of every attack.
     """
-    middle, top = eps[len(eps) // 2], eps[-1]
+    eps = sorted(eps)
+    half, top = middle(eps), eps[-1]
 
     def label(e: float) -> str:
         return f"{e * 255:g}"
@@ -102,10 +108,10 @@ def ladder(eps: Sequence[float] = (2 / 255, 4 / 255, 8 / 255), steps: int = 20) 
         Rung(f"random_{label(top)}", f"moiré, random noise {label(top)}/255", _random_noise(top), top),
         *[Rung(f"ma_{label(e)}", f"Moiré Attack {label(e)}/255", _moire_attack(e, steps), e) for e in eps],
         Rung(
-            f"ma_{label(middle)}_targeted", f"targeted Moiré Attack {label(middle)}/255",
-            _moire_attack(middle, steps, targeted=True), middle, targeted=True,
+            f"ma_{label(half)}_targeted", f"targeted Moiré Attack {label(half)}/255",
+            _moire_attack(half, steps, targeted=True), half, targeted=True,
         ),
-        Rung(f"pgd_{label(middle)}", f"PGD on pixels {label(middle)}/255", _pgd(middle, steps), middle),
+        Rung(f"pgd_{label(half)}", f"PGD on pixels {label(half)}/255", _pgd(half, steps), half),
     ]  # fmt: skip
 
 
@@ -174,7 +180,7 @@ def climb(
     scene, rungs = as_scene(scene), list(ladder() if rungs is None else rungs)
     rows = [Row(r.name, r.title, r.eps, r.targeted) for r in rungs]
     for place, (images, labels) in enumerate(batches):
-        check_labels(labels, len(images), "labels")
+        labels = check_labels(labels, len(images), "labels").to(images.device)
         draws = torch.Generator().manual_seed(mix(seed, place, 0))
         shot = scene.sample(len(images), tuple(images.shape[-2:]), draws).to(images.device)
         with evaluating(model), torch.no_grad():
@@ -191,8 +197,8 @@ def climb(
                 shown = rung.show(Bout(model, images, labels, targets, shot, generator))
             with evaluating(model), torch.no_grad():
                 predicted = model(shown).argmax(1)
-            row.seconds += time.perf_counter() - start
             row.correct += (predicted == labels).tolist()
             row.fooled += (predicted == targets if rung.targeted else predicted != labels).tolist()
+            row.seconds += time.perf_counter() - start  # the lists have waited for the device
             row.counted += clean
         yield rows

@@ -54,12 +54,12 @@ class AdversarialMoire(nn.Module):
     def forward(
         self, images: Tensor, labels: Tensor, generator: torch.Generator | None = None
     ) -> tuple[Tensor, Tensor]:
-        check_labels(labels, len(images), "labels")
+        classes = check_labels(labels, len(images), "labels").to(images.device)
         chosen = (torch.rand(len(images), generator=generator) < self.p).to(images.device)
         if not chosen.any():
             return images, labels
         given = images[chosen]
-        photos = self.attack.last(as_shown(given), labels.to(images.device)[chosen], generator=generator)
+        photos = self.attack.last(as_shown(given), classes[chosen], generator=generator)
         return images.masked_scatter(chosen.view(-1, 1, 1, 1), as_given(photos, given)), labels
 
     def extra_repr(self) -> str:

@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 from training import fit, reattack, runs
 from training.classifier import ADVERSARIES, Classifier
 from training.data import augment, load
-from training.schema import RECIPES
+from training.schema import RECIPES, Config, check_keys
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = [
@@ -108,13 +108,13 @@ def test_a_run_leaves_what_it_promises(whole):
 def test_the_baseline_is_reused_only_where_its_settings_fit(whole, capsys):
     cwd, _ = whole
     cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}")
-    twin = fit.plain_twin(cfg)
+    twin = runs.plain_twin(cfg)
     before = (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns
     assert fit.trained_twin(twin, resume=False)["recipe"] == "clean"
     assert (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns == before
     assert "reused" in capsys.readouterr().out
     other = configured("recipe=moire_aug", *TINY, "data.train=80")
-    assert runs.fingerprint(runs.settings(fit.plain_twin(other))) != runs.fingerprint(runs.settings(twin))
+    assert runs.fingerprint(runs.settings(runs.plain_twin(other))) != runs.fingerprint(runs.settings(twin))
 
 
 def test_reattack_of_a_run(whole):
@@ -234,9 +234,6 @@ def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):
 
 
 SENTENCES = [
-    (["recipe=moire_att"], "moire_at"),
-    (["recipe=clean", "train.epoch=3"], "epoch"),
-    (["recipe=clean", "data=imagenet"], "folder"),
     (["recipe=clean", "data=folder", "data.root=nowhere"], "is not a folder"),
     (["recipe=clean", "data=cifar10", "data.root=nowhere"], "data.download=true"),
     (["recipe=clean", "scene=screen_foto"], "Did you mean 'screen_photo'?"),
@@ -244,6 +241,12 @@ SENTENCES = [
     (["recipe=clean", "resume=true", "data.train=32"], "does not exist: leave it out"),
     (["recipe=clean", "train.init=clean", "data.train=32"], "use random"),
     (["recipe=clean", "data.augment=flip", "data.train=32"], "shift_flip"),
+    (["recipe=clean", "data=folder"], "needs data.root=DIR"),
+    (["recipe=clean", "scene=3"], "a Scene, a preset's name or a dict"),
+    (["recipe=clean", "scene={develop: {registered: 'off'}}"], "must be True or False"),
+    (["recipe=clean", "reattack.n=0"], "reattack.n must be at least 1"),
+    (["recipe=clean", "reattack.eps=[2,4]"], "Divide by 255?"),
+    (["recipe=clean", "reattack.eps=[]"], "eps must be a number"),
 ]
 
 
@@ -257,6 +260,37 @@ def test_wrong_settings_get_a_sentence(overrides, sentence, tmp_path):
     else:
         pytest.fail("no error")
     assert not (tmp_path / "clean/seed0/metrics.json").exists()
+
+
+KEYS = [
+    ("train.epoch=3", "Did you mean 'epochs'?"),
+    ("recipe=moire_att", "Did you mean 'moire_at'?"),
+    ("data=sign", "Did you mean 'signs'?"),
+    ("sceen=paper", "Did you mean 'scene'?"),
+    ("scene.preset=paper", "pass scene whole"),
+]
+
+
+@pytest.mark.parametrize(("override", "sentence"), KEYS)
+def test_an_unknown_key_gets_the_nearest_one(override, sentence):
+    with pytest.raises(SystemExit) as error:
+        check_keys(["seed=1", "scene={preset: paper}", "recipe=clean,moire_at", override], Config)
+    assert sentence in str(error.value)
+
+
+def test_an_interrupted_baseline_is_resumed_and_then_its_recipe_begins(tmp_path, monkeypatch):
+    cfg = configured("recipe=moire_aug", *TINY, "train.epochs=1", f"runs={tmp_path}")
+    twin = runs.plain_twin(cfg)
+    runs.prepare(runs.folder(twin), runs.fingerprint(runs.settings(twin)), resume=False)
+    fit.train_model(twin, load(twin.data), runs.folder(twin), start=None)
+    cfg.resume = True
+    metrics = fit.fit(cfg)
+    assert metrics["recipe"] == "moire_aug" and metrics["baseline"]["recipe"] == "clean"
+
+
+def test_untrained_weights_are_not_attacked():
+    with pytest.raises(ValueError, match="nothing to attack"):
+        reattack.reattack(configured(name="reattack"), [])
 
 
 @pytest.mark.parametrize("damage", ["cut", "noise", "gone"])
