@@ -155,14 +155,15 @@ def make_plan(scene: Scene) -> Plan:
     pose = ", ".join(angles) + " degrees" if angles else "zoom or shift"
     pose = f"the released code's homography, {pose}" if v.pose == "released" else pose
     frame = "the photo stays in the camera's frame"
+    optics = f"; aperture {_show(sensor.fill)}, spread {_show(lens.blur)} sensor pixels"
     table = (  # effect, whether it is called for, why it is, why it is not
         ("decode", dev.linear_light, "sRGB codes to light", "linear_light is off"),
         ("panel", held, f"{_show(panel.scale)} panel pixels an image pixel, each of one colour",
          "the picture is smooth over a panel pixel to this method"),
         ("layout", bool(held or harmonics), *[_layout_reason(scene, method, harmonics)] * 2),
         ("pose", posed, pose, "frontal and edge to edge"),
-        ("lens", bends, f"k1 {_show(lens.k1)}, k2 {_show(lens.k2)}", "k1 = k2 = 0"),
-        ("exposure", True, f"{method}: {EXPOSED.get(method, EXPOSED['supersample'])}", ""),
+        ("lens", bends, f"k1 {_show(lens.k1)}, k2 {_show(lens.k2)}", "no distortion, k1 = k2 = 0"),
+        ("exposure", True, f"{method}: {EXPOSED.get(method, EXPOSED['supersample'])}" + optics * (method != "point"), ""),
         ("gain", bounds(sensor.gain) != (1.0, 1.0), f"raw times {_show(sensor.gain)}", "gain is 1"),
         ("read_noise", bounds(sensor.read_noise)[1] > 0, f"standard deviation {_show(sensor.read_noise)}",
          "read_noise is 0"),
@@ -180,7 +181,7 @@ def make_plan(scene: Scene) -> Plan:
 
 
 EXPOSED = {
-    "spectral": "the harmonics that the optics pass, each by its modulation transfer",
+    "spectral": "harmonics by their modulation transfer",
     "mean": "the panel's mean light alone, so no moiré",
     "point": "the panel read at each sensor pixel's centre",
     "supersample": "the mean over points of the aperture and the lens spread",
