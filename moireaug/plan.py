@@ -163,7 +163,7 @@ def make_plan(scene: Scene) -> Plan:
         ("layout", bool(held or harmonics), *[_layout_reason(scene, method, harmonics)] * 2),
         ("pose", posed, pose, "frontal and edge to edge"),
         ("lens", bends, f"k1 {_show(lens.k1)}, k2 {_show(lens.k2)}", "no distortion, k1 = k2 = 0"),
-        ("exposure", True, f"{method}: {EXPOSED.get(method, EXPOSED['supersample'])}" + optics * (method != "point"), ""),
+        ("exposure", True, f"{method}: {EXPOSED[method.partition(':')[0]]}{optics if method != 'point' else ''}", ""),
         ("gain", bounds(sensor.gain) != (1.0, 1.0), f"raw times {_show(sensor.gain)}", "gain is 1"),
         ("read_noise", bounds(sensor.read_noise)[1] > 0, f"standard deviation {_show(sensor.read_noise)}",
          "read_noise is 0"),

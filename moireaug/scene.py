@@ -1,6 +1,6 @@
 """What stands in front of the camera, and how it may vary.
 
-A [`Scene`][] is five records of plain numbers: `Panel`, `View`, `Lens`, `Sensor` and `Develop`. Every numeric field
+A `Scene` is five records of plain numbers: `Panel`, `View`, `Lens`, `Sensor` and `Develop`. Every numeric field
 that is documented as a *range* takes a number or a `(low, high)` pair; pairs are drawn uniformly, once per image, by
 `Scene.sample`. The same five records, filled with `(B,)` tensors, make up a `Shot`: a Shot is a Scene whose ranges have
 been drawn. No tensor is ever made here.
