@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 
 import hydra
 import torch
+import torchvision
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 from torch.utils.data import DataLoader
@@ -87,7 +88,9 @@ def publish(
     """Write report.html, then metrics.json, and print the summary. Returns the metrics."""
     out.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
-    models = {cfg.recipe: model} | ({"clean": beside(cfg, baseline, splits)} if baseline else {})
+    models = {cfg.model if cfg.recipe == "pretrained" else cfg.recipe: model} | (
+        {"clean": beside(cfg, baseline, splits)} if baseline else {}
+    )
     images, labels = next(iter(batches(splits, cfg)))
     shown = examples(models, images[:4], labels[:4], scene_of(cfg), middle(cfg.reattack.eps),
                      cfg.reattack.steps, splits.classes, seed=cfg.reattack.seed)  # fmt: skip
@@ -113,6 +116,13 @@ def publish(
     print(report.summary(metrics))
     print(f"Report: {out / 'report.html'}")
     return metrics
+
+
+def published_names(model: str) -> dict[int, str]:
+    """The class names that a torchvision model was published with; empty for a model of our own."""
+    if model not in torchvision.models.list_models():
+        return {}
+    return dict(enumerate(torchvision.models.get_model_weights(model).DEFAULT.meta.get("categories", ())))
 
 
 def describe(rows: list[Row]) -> dict[str, Any]:
@@ -167,6 +177,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
         splits = load(cfg.data)
         classes = 1000 if cfg.data.class_index else splits.num_classes
         model = as_model(cfg.model, classes, cfg.weights, whole=True).to(device(cfg)).eval()
+        splits = splits._replace(classes=(cfg.data.class_index and published_names(cfg.model)) or splits.classes)
         out, title = Path(cfg.runs) / "reattack" / cfg.model, cfg.model
     else:
         run = Path(cfg.run)

@@ -65,7 +65,8 @@ def row_of(side: Metrics | None, name: str) -> Metrics:
 
 def names(metrics: Metrics) -> tuple[str, str]:
     """What to call this model and its baseline."""
-    ours = str(metrics.get("recipe") or metrics.get("model") or "this model")
+    recipe = metrics.get("recipe") if metrics.get("recipe") != "pretrained" else None
+    ours = str(recipe or metrics.get("model") or "this model")
     return ours, str((metrics.get("baseline") or {}).get("recipe") or "baseline")
 
 
