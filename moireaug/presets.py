@@ -2,7 +2,8 @@
 
 The pitch of a panel in sensor pixels is f * p / d: focal length f in sensor pixels, panel pixel p and distance d in mm.
 A scene's pitch is `Sensor.scale * zoom / Panel.scale`. Stepping back until a turned picture fits the photo magnifies it
-by 0.77 to 1 in its centre with the angles below, so `Panel.scale = 0.8 * Sensor.scale / pitch`; pitches are good to that.
+by 0.77 to 1 in its centre with the angles below, so `Panel.scale = 0.8 * Sensor.scale / pitch`, and pitches are good to
+that.
 
 Figures used below:
 - Phone: iPhone 12 main camera, 4032 x 3024 pixels, 26 mm equivalent (Apple's specifications; the phone of the paper's
@@ -15,8 +16,8 @@ Figures used below:
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three dies on one package.
   Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle, barrel distorted. 10 mm at 4 to 7 m,
   20 mm at 8 to 14 m: pitch 1.05 to 1.9. From farther away nothing is left to alias, from nearer single LEDs are seen.
-- Gain, a choice: the phones' exposure brings a white screen to 75 to 105 % of full scale, 3 times the inverse of the lit
-  area; a dashcam does not expose for the sign, which then lies between 45 % and an overexposed 150 %.
+- Gain, a choice: the phones' exposure brings a white screen to 75 to 105 % of full scale, 3 times the inverse of the
+  lit area; a dashcam does not expose for the sign, which then lies between 45 % and an overexposed 150 %.
 - Read noise, a choice: 0.2 to 1 % of full scale for the phones, a signal-to-noise ratio of 54 to 40 dB at white; 0.5 to
   2 % for the dashcam.
 """
