@@ -6,26 +6,17 @@ photo = capture(image, shot, noise)                      # the paper's x* = g(x,
 
 from __future__ import annotations
 
-import math
-
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
-from moireaug.effects import bayer, exposure, noise, tone
-from moireaug.effects.panel import LAYOUTS
+from moireaug.effects import bayer, noise, tone
+from moireaug.effects.denoise import DENOISERS
+from moireaug.effects.flicker import flicker
+from moireaug.effects.jpeg import jpeg
 from moireaug.effects.resize import register
-from moireaug.effects.view import jacobian, look, nodes
-from moireaug.fields import bounds
+from moireaug.integrate import integrate
 from moireaug.plan import Plan
 from moireaug.shot import Shot
-
-METHODS = {
-    "spectral": exposure.spectral,
-    "mean": exposure.spectral,
-    "point": exposure.point,
-    "supersample": exposure.supersample,
-}
 
 
 def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
@@ -38,7 +29,7 @@ def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
 
     Returns:
         (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where the plan's exposure
-        is "spectral", in every field of the shot whose effect the plan has.
+        is "spectral" or "box", in every field of the shot whose effect the plan has, but for the JPEG's quality.
 
     Raises:
         TypeError, ValueError: an image that is no float batch of three channels in [0, 1], NaN, or a shot or noise of
@@ -56,8 +47,8 @@ def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
 
 
 def expose(image: Tensor, shot: Shot) -> Tensor:
-    """Screen to raw, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B, with gain and read noise,
-    clipped to [0, 1] where these can leave it.
+    """Screen to raw, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B, or colours (B, 3, h, w) where
+    the sensor has no colour filters; with gain and noise, clipped to [0, 1] where these can leave it.
 
     Arguments, gradients and errors as in `capture`. Half precision is computed in float32, float64 in float64.
     """
@@ -72,88 +63,72 @@ def expose(image: Tensor, shot: Shot) -> Tensor:
     with torch.autocast(image.device.type, enabled=False):
         if "decode" in plan:
             light = tone.decode(light)
-        raw = _integrate(light, shot, plan)
-        if "gain" in plan:
-            raw = raw * shot.sensor.gain.to(raw.dtype)[:, None, None, None]
-        if "read_noise" in plan:
+        raw = integrate(light, shot, plan)
+        raw = _attenuate(raw, shot, plan)
+        if "shot_noise" in plan:
+            raw = noise.sensor_noise(raw, shot.sensor.read_noise, shot.sensor.shot_noise, shot.seed)
+        elif "read_noise" in plan:
             raw = noise.read_noise(raw, shot.sensor.read_noise, shot.seed)
-        if "saturate" in plan or "read_noise" in plan:
+        if any(effect in plan for effect in ("saturate", "read_noise", "shot_noise", "flicker")):
             # the reading itself has ended at its bounds, so that an attacker's noise starts where it is felt
             raw = tone.clip(raw)
     return raw
 
 
+def _attenuate(raw: Tensor, shot: Shot, plan: Plan) -> Tensor:
+    """What multiplies the reading: gain, and what differs over the sensor."""
+    factor = shot.sensor.gain[:, None, None] if "gain" in plan else None
+    lines = [r.positions(raw.device) for r in shot.readouts()]
+    if "flicker" in plan:
+        panel, sensor = shot.panel, shot.sensor
+        rows = lines[0] / shot.size[0]
+        bands = flicker(rows, panel.pwm, panel.duty, panel.phase, sensor.shutter, sensor.readout)[:, :, None]
+        factor = bands if factor is None else factor * bands
+    if "vignetting" in plan:
+        dark = tone.falloff(*lines, shot.size, shot.lens.vignetting)
+        factor = dark if factor is None else factor * dark
+    if factor is None:
+        return raw
+    factor = factor.to(raw.dtype)
+    if factor.shape[-2:] == (1, 1):
+        return raw * factor[:, None]
+    factor = factor.expand(-1, len(lines[0]), len(lines[1]))
+    return raw * (factor[:, None] if shot.scene.sensor.cfa == "none" else bayer.pack(factor))
+
+
 def develop(raw: Tensor, shot: Shot) -> Tensor:
-    """Raw to photo, the paper's g2: (B, 4, h / 2, w / 2) to (B, 3, H, W) in [0, 1]. Differentiable in raw."""
+    """Raw to photo, the paper's g2: `shot.raw_shape()` to (B, 3, H, W) in [0, 1]. Differentiable in raw."""
     plan, shot = shot.scene.plan(), shot.to(raw.device)
+    how, (rows, cols) = shot.scene.develop, shot.readouts()
     with torch.autocast(raw.device.type, enabled=False):
         if "saturate" in plan:
             raw = tone.saturate(raw)
-        photo = bayer.develop_mosaic(raw, *shot.readouts(), shot.scene.develop.resize)
-        if "encode" in plan:
-            photo = tone.encode(photo)
-        if "brighten" in plan:
-            photo = photo + shot.develop.brighten.to(photo.dtype)[:, None, None, None]
-        photo = tone.clip(photo)
+        if "bits" in plan:
+            raw = noise.quantise(raw, shot.scene.sensor.bits)
+        if "denoise" in plan:
+            photo = bayer.demosaic_all(raw, rows, cols, how.demosaic) if "demosaic" in plan else raw
+            photo = DENOISERS[how.denoise](_encode(photo, shot, plan))
+            photo = bayer.resize_colour(photo, rows, cols, how.resize)
+        elif "demosaic" in plan:
+            photo = _encode(bayer.develop_mosaic(raw, rows, cols, how.resize, how.demosaic), shot, plan)
+        else:
+            photo = _encode(bayer.resize_colour(raw, rows, cols, how.resize), shot, plan)
         if "register" in plan:
             photo = register(photo, shot.matrix(), shot.bends, affine=plan.affine)
+        if "jpeg" in plan:
+            photo = jpeg(photo, shot.develop.jpeg)
     return photo
 
 
-def _integrate(light: Tensor, shot: Shot, plan: Plan) -> Tensor:
-    """Panel light (B, 3, H, W) integrated over each Bayer site that the photo reads: (B, 4, h / 2, w / 2)."""
-    dark = not shot.scene.develop.registered  # a registered photo is cut out of a screen that goes on past the picture
-    inverse = torch.linalg.inv(shot.matrix())
-    readouts = shot.readouts()
-    rows, cols = (r.positions(light.device) for r in readouts)
-    dtype = _coordinate_dtype(shot, plan, light.dtype)
-    settings = {
-        "layout": LAYOUTS[shot.scene.panel.layout],
-        "alpha": shot.panel.scale,
-        "lit": shot.panel.lit,
-        "dark": dark,
-    }
-    if plan.exposure in ("spectral", "mean"):
-        settings |= {"harmonics": plan.harmonics, "amplitude": _amplitude(shot, plan, inverse, rows, cols, light.dtype)}
-    method, _, n = plan.exposure.partition(":")
-    aperture = [(0.0, 0.0)]
-    if n:
-        u = exposure.aperture_points(int(n), shot.sensor.fill, shot.lens.blur)
-        dv, du = (u / r.scale for r in readouts)
-        aperture = [(dv[:, i, None], du[:, j, None]) for i in range(int(n)) for j in range(int(n))]
-    planes = []
-    for channel, (r, c) in zip(bayer.CHANNELS, bayer.CELL, strict=True):
-        plane, total = light[:, channel : channel + 1], 0.0
-        for dv, du in aperture:
-            v, u = (rows[r::2] + dv).to(dtype), (cols[c::2] + du).to(dtype)
-            x, y = look(inverse, v, u, shot.size, affine=plan.affine, lens=shot.bends)
-            total = total + METHODS[method](plane, channel, x, y, **settings)
-        planes.append(total / len(aperture))
-    return torch.stack(planes, 1)
-
-
-def _amplitude(
-    shot: Shot, plan: Plan, inverse: Tensor, rows: Tensor, cols: Tensor, dtype: torch.dtype
-) -> Tensor | None:
-    """The harmonics' amplitudes for every 2 x 2 cell of the raster; one number each where the view is affine."""
-    if not plan.harmonics:
-        return None
-    flat = plan.affine and shot.bends is None
-    lattice = (rows[:1], cols[:1]) if flat else (nodes(rows), nodes(cols))
-    j = jacobian(inverse, *lattice, shot.size, lens=shot.bends)
-    pitch = shot.panel.scale / shot.readouts()[0].scale
-    fields = shot.sensor.fill, shot.lens.blur, shot.panel.lit
-    a = exposure.amplitudes(LAYOUTS[shot.scene.panel.layout], plan.harmonics, j, pitch, *fields).to(dtype)
-    if flat:
-        return a
-    return F.interpolate(a, size=(len(rows) // 2, len(cols) // 2), mode="bilinear", align_corners=True)
-
-
-def _coordinate_dtype(shot: Shot, plan: Plan, dtype: torch.dtype) -> torch.dtype:
-    """float32 where its rounding of the fastest phase stays under half the tolerance, else float64."""
-    order = max((abs(k) + abs(l) for k, l in plan.harmonics), default=1)
-    cycles = max(shot.size) * bounds(shot.scene.panel.scale)[1] * order
-    return dtype if cycles * 2 * math.pi * torch.finfo(dtype).eps < shot.scene.tolerance / 2 else torch.float64
+def _encode(photo: Tensor, shot: Shot, plan: Plan) -> Tensor:
+    """Colours as the sensor counts them to codes in [0, 1]."""
+    if "balance" in plan:
+        photo = tone.balance(photo, shot.develop.red, shot.develop.blue)
+    if "encode" in plan:
+        photo = tone.encode(photo)
+    if "brighten" in plan:
+        photo = photo + shot.develop.brighten.to(photo.dtype)[:, None, None, None]
+    return tone.clip(photo)
 
 
 def check_images(image: Tensor) -> None:

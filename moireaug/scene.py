@@ -18,12 +18,12 @@ from moireaug.fields import Part, Range, bounds, check_number, one_of, ranged
 if TYPE_CHECKING:
     import torch
 
+    from moireaug.effects.panel import Layout
     from moireaug.plan import Plan
     from moireaug.shot import Shot
 
-EXPOSURES = ("auto", "spectral", "point", "mean", "supersample:4", "supersample:8")
+EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
 RESIZES = ("area", "antialias", "point")
-DEMOSAICS = ("bilinear",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,14 +31,32 @@ class Panel(Part):
     """The screen.
 
     Args:
-        scale: panel pixels per image pixel, along each axis (the paper's alpha). A range.
-        layout: how a panel pixel is made of subpixels; a key of `moireaug.effects.panel.LAYOUTS`.
+        scale: panel pixels per image pixel, along each axis (the paper's alpha). A range. A panel of fewer pixels than
+            the picture shows it antialiased.
+        layout: how a panel pixel is made of subpixels: a key of `moireaug.effects.panel.LAYOUTS`, or a `Layout`, the
+            rectangles of a unit cell of your own.
         lit: share of each subpixel's area that emits, the rest being black matrix. A range.
+        pwm: frequency of the pulse-width modulation that dims it, in hertz; 0 is a steady light. A range. Seen where
+            the sensor has a `shutter`.
+        duty: share of a pulse's cycle during which the panel is on. A range.
+        phase: of the pulses when the first row begins to expose, in cycles. A range.
     """
 
     scale: Range = ranged(1.0, 0.0, 1000.0, "panel pixels per image pixel", open_low=True)
-    layout: str = "rgb_stripe"
+    layout: str | Layout = "rgb_stripe"
     lit: Range = ranged(1.0, 0.0, 1.0, open_low=True)
+    pwm: Range = ranged(0.0, 0.0, 1e6, "hertz")
+    duty: Range = ranged(0.5, 0.0, 1.0, open_low=True)
+    phase: Range = ranged((0.0, 1.0), 0.0, 1.0, "cycles")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        from moireaug.effects.panel import LAYOUTS, Layout
+
+        if isinstance(self.layout, dict):
+            object.__setattr__(self, "layout", Layout(**self.layout))
+        if not isinstance(self.layout, Layout):
+            one_of("Panel.layout", self.layout, LAYOUTS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,11 +102,16 @@ class Lens(Part):
     Args:
         k1, k2: radial distortion. Ranges.
         blur: standard deviation of the Gaussian point spread, in sensor pixels. A range.
+        olpf: how far the sensor's optical low-pass filter parts the four pictures that it makes of one, along both
+            axes, in sensor pixels; 0 is no filter. A range.
+        vignetting: share of the light that is lost in the photo's corners, by the cosine to the fourth. A range.
     """
 
     k1: Range = ranged(0.0, -1.0, 1.0)
     k2: Range = ranged(0.0, -1.0, 1.0)
     blur: Range = ranged(0.0, 0.0, 20.0, "sensor pixels")
+    olpf: Range = ranged(0.0, 0.0, 4.0, "sensor pixels")
+    vignetting: Range = ranged(0.0, 0.0, 0.99)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,24 +132,36 @@ class Lens(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Part):
-    """The Bayer sensor.
+    """The sensor.
 
     Args:
         scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the raw reading.
+        cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
         fill: width of the light-sensitive aperture as a share of the pixel pitch. A range.
-        exposure: how panel light is integrated over a sensor pixel: "spectral"; "supersample:n" (n x n samples a
-            pixel); "point" (as the paper does); "mean" (the panel's mean light alone: a screen without moiré, the
-            control of every experiment); or "auto": "spectral" where harmonics of up to order 32 carry all contrast
-            above the scene's tolerance, else "supersample:8", good to about a sixteenth of a subpixel's contrast.
+        exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the panel's harmonics; "box",
+            the overlap with a box as wide as aperture and spread; "supersample:n" (n * n samples a pixel); "point" (as
+            the paper does); "mean" (the panel's mean light alone: a screen without moiré, the control of every
+            experiment); or "auto": "spectral" where harmonics of up to order 32 carry all contrast above the scene's
+            tolerance and there are no more than 64 of them, else "box".
         gain: what the raw reading is multiplied by before it saturates at 1. A range.
+        shutter: seconds for which each row exposes; 0 where a panel's flicker is not to be seen. A range.
+        readout: seconds from the first row's exposure to the last row's, of a rolling shutter. A range.
         read_noise: standard deviation of the Gaussian read noise, in raw units [0, 1]. A range.
+        shot_noise: standard deviation of the photon noise at full scale; it goes with the root of the reading. A full
+            well of N electrons has N^-1/2. A range.
+        bits: of the converter, 1 to 16; None does not round. The gradient passes straight through.
     """
 
     scale: float = 1.0
+    cfa: str = "rggb"
     fill: Range = ranged(1.0, 0.0, 1.0, open_low=True)
     exposure: str = "auto"
     gain: Range = ranged(1.0, 0.0, 1000.0, open_low=True)
+    shutter: Range = ranged(0.0, 0.0, 3600.0, "seconds")
+    readout: Range = ranged(0.0, 0.0, 3600.0, "seconds")
     read_noise: Range = ranged(0.0, 0.0, 1.0)
+    shot_noise: Range = ranged(0.0, 0.0, 1.0)
+    bits: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -139,6 +174,13 @@ class Sensor(Part):
         object.__setattr__(self, "scale", scale)
         if not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
             one_of("Sensor.exposure", self.exposure, EXPOSURES)
+        from moireaug.effects.bayer import SITES
+
+        one_of("Sensor.cfa", self.cfa, SITES)
+        if self.bits is not None and (
+            isinstance(self.bits, bool) or not isinstance(self.bits, int) or not 1 <= self.bits <= 16
+        ):
+            raise ValueError(f"Sensor.bits must be a whole number in [1, 16], or None; got {self.bits!r}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,24 +188,39 @@ class Develop(Part):
     """From raw to photo.
 
     Args:
-        demosaic: "bilinear".
+        demosaic: "bilinear" (as in the paper) or "malvar" (Malvar, He and Cutler, 2004: sharper, and with the false
+            colours of a real camera).
+        red, blue: white balance, what red and blue are multiplied by. Ranges.
         brighten: added to the encoded photo before it is clipped to [0, 1]. A range.
+        denoise: None, "nlm" (OpenCV's non-local means, as in the paper; its gradient passes straight through) or
+            "bilateral" (differentiable). Works on codes, on every pixel of the sensor.
         resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias" (triangle filter) or
             "point" (bilinear without a prefilter, as the paper's code does).
         registered: bring the photo back to the image's frame, so that labels, boxes and masks stay valid.
         linear_light: the panel turns sRGB codes into light and the camera light into sRGB codes.
+        jpeg: quality of a JPEG file that the photo goes through, 1 to 100; 0 is no JPEG. A range. libjpeg's picture,
+            with the gradient of a differentiable codec.
     """
 
     demosaic: str = "bilinear"
+    red: Range = ranged(1.0, 0.0, 100.0, open_low=True)
+    blue: Range = ranged(1.0, 0.0, 100.0, open_low=True)
     brighten: Range = ranged(0.0, -1.0, 1.0)
+    denoise: str | None = None
     resize: str = "area"
     registered: bool = True
     linear_light: bool = False
+    jpeg: Range = ranged(0.0, 0.0, 100.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        from moireaug.effects.bayer import DEMOSAICS
+        from moireaug.effects.denoise import DENOISERS
+
         one_of("Develop.resize", self.resize, RESIZES)
         one_of("Develop.demosaic", self.demosaic, DEMOSAICS)
+        if self.denoise is not None:
+            one_of("Develop.denoise", self.denoise, DENOISERS)
 
 
 PARTS: dict[str, type[Part]] = {"panel": Panel, "view": View, "lens": Lens, "sensor": Sensor, "develop": Develop}
@@ -202,9 +259,6 @@ class Scene:
             if not isinstance(getattr(self, name), kind):
                 raise TypeError(f"Scene.{name} must be a {kind.__name__}; got {getattr(self, name)!r}.")
         check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "", False)
-        from moireaug.effects.panel import LAYOUTS
-
-        one_of("Panel.layout", self.panel.layout, LAYOUTS)
 
     @staticmethod
     def preset(name: str) -> Scene:

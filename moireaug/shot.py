@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from moireaug.effects.bayer import Readout, readout
+from moireaug.effects.bayer import REACH, Readout, readout
 from moireaug.effects.view import homography, image_to_photo, look
 from moireaug.fields import bounds, ranged_fields
 from moireaug.scene import PARTS, Develop, Lens, Panel, Scene, Sensor, View
@@ -81,13 +81,17 @@ class Shot:
 
     def readouts(self) -> tuple[Readout, Readout]:
         """Which sensor rows and columns this photo reads."""
-        scale, resize = self.scene.sensor.scale, self.scene.develop.resize
-        return readout(self.size[0], scale, resize), readout(self.size[1], scale, resize)
+        sensor, develop = self.scene.sensor, self.scene.develop
+        reach = REACH[develop.demosaic] if sensor.cfa != "none" else 0
+        # a denoiser looks at every pixel of the sensor
+        how = "all" if develop.denoise else develop.resize
+        return tuple(readout(n, sensor.scale, how, reach) for n in self.size)  # type: ignore[return-value]
 
     def raw_shape(self) -> tuple[int, int, int, int]:
-        """Shape of the packed raw reading, and so of the attacker's noise."""
+        """Shape of the packed raw reading, and so of the attacker's noise: four Bayer planes, or three colours."""
         rows, cols = self.readouts()
-        return len(self), 4, len(rows.index) // 2, len(cols.index) // 2
+        planes, stride = (3, 1) if self.scene.sensor.cfa == "none" else (4, 2)
+        return len(self), planes, len(rows.index) // stride, len(cols.index) // stride
 
     @property
     def moves(self) -> bool:
@@ -155,7 +159,8 @@ class Shot:
 def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator | None = None) -> Shot:
     """Draw `n` shots for images of `size` (height, width).
 
-    Each image's numbers are drawn together, so the first rows of a larger draw are those of a smaller one.
+    Each image's numbers are drawn together, so the first rows of a larger draw are those of a smaller one. Only what
+    varies draws: a field that is one number leaves the others' draws as they are.
 
     Raises:
         ValueError: a negative n, or a size that is not two positive integers.
@@ -163,14 +168,20 @@ def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator
     h, w = (int(s) for s in size)
     if n < 0 or h < 1 or w < 1:
         raise ValueError(f"a shot needs n >= 0 images of at least 1 x 1 pixels; got n = {n}, size = {tuple(size)}.")
-    names = [(part, k) for part in PARTS for k in ranged_fields(getattr(scene, part))]
-    u = torch.rand(n, len(names) + 1, dtype=torch.float64, generator=generator)
+    ranges = {
+        (part, k): bounds(getattr(getattr(scene, part), k))
+        for part in PARTS
+        for k in ranged_fields(getattr(scene, part))
+    }
+    varied = [name for name, (low, high) in ranges.items() if low < high]
+    u = torch.rand(n, len(varied) + 1, dtype=torch.float64, generator=generator)
     drawn: dict[str, dict[str, Tensor]] = {part: {} for part in PARTS}
-    for i, (part, k) in enumerate(names):
-        low, high = bounds(getattr(getattr(scene, part), k))
-        value = low + (high - low) * u[:, i]
-        if scene.view.pose == "released" and part == "view":
-            value = value.floor() if high > low else value  # the released code turns by whole degrees
+    for (part, k), (low, high) in ranges.items():
+        value = torch.full((n,), low, dtype=torch.float64)
+        if (part, k) in varied:
+            value = low + (high - low) * u[:, varied.index((part, k))]
+            if scene.view.pose == "released" and part == "view":
+                value = value.floor()  # the released code turns by whole degrees
         drawn[part][k] = value
     parts = {part: dataclasses.replace(getattr(scene, part), **drawn[part]) for part in PARTS}
     return Shot(scene=scene, size=(h, w), seed=(u[:, -1] * 2**53).to(torch.int64), **parts)

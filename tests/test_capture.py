@@ -220,11 +220,11 @@ def test_a_registered_photo_lies_on_the_image():
     y, x = torch.meshgrid(torch.linspace(0, 3, 64), torch.linspace(0, 3, 64), indexing="ij")
     smooth = (0.5 + 0.25 * torch.sin(x + 0.7) + 0.2 * torch.cos(1.3 * y)).expand(8, 3, -1, -1).double()
     scene = Scene(
-        view=View(yaw=(-40, 40), pitch=(-30, 30), roll=(-45, 45)), lens=Lens(blur=5, k1=(-0.1, 0.1)),
+        view=View(yaw=(-40, 40), pitch=(-30, 30), roll=(-45, 45)), lens=Lens(blur=2, k1=(-0.1, 0.1)),
         sensor=Sensor(scale=2.0),
     )  # fmt: skip
     photo = scene.capture(smooth, torch.Generator().manual_seed(2))
-    assert (photo * 3 - smooth).abs().max() < 0.02
+    assert (photo * 3 - smooth).abs()[..., 4:-4, 4:-4].max() < 0.02  # at the edges the lens sees past them
 
 
 def test_noise_enters_the_raw_reading(images):

@@ -13,10 +13,13 @@ from moireaug.scene import PARTS
 
 SCENES = {
     "spectral": Scene(
-        panel=Panel(scale=0.9, lit=0.9),
+        panel=Panel(scale=0.9, lit=0.9, pwm=200.0, duty=0.7, phase=0.1),
         view=View(yaw=12.0, pitch=-7.0, roll=5.0, zoom=0.95, shift_x=0.02, shift_y=0.01),
-        lens=Lens(k1=0.03, k2=0.01, blur=0.3), sensor=Sensor(scale=2.0, gain=1.7, fill=0.9, read_noise=0.01),
-        develop=Develop(linear_light=True, brighten=0.03),
+        lens=Lens(k1=0.03, k2=0.01, blur=0.3, olpf=0.3, vignetting=0.2),
+        sensor=Sensor(
+            scale=2.0, gain=1.7, fill=0.9, shutter=1 / 90, readout=1 / 70, read_noise=0.01, shot_noise=0.01
+        ),
+        develop=Develop(linear_light=True, brighten=0.03, red=1.1, blue=0.9),
     ),
     "point": Scene(
         panel=Panel(scale=2.0), view=View(roll=10.0), sensor=Sensor(scale=5.0, exposure="point"),
@@ -41,12 +44,18 @@ def test_image_and_noise(name):
     assert torch.autograd.gradcheck(lambda i, d: projected(capture(i, shot, d)), (image, noise), atol=1e-6)
 
 
-FIELDS = [(part, f) for part in PARTS for f in ranged_fields(getattr(SCENES["spectral"], part))]
+SCENES["box"] = dataclasses.replace(
+    SCENES["spectral"], sensor=dataclasses.replace(SCENES["spectral"].sensor, exposure="box")
+)
+FIELDS = [
+    (part, f) for part in PARTS for f in ranged_fields(getattr(SCENES["spectral"], part)) if f != "jpeg"
+]  # of a file's quality there is no gradient
 
 
+@pytest.mark.parametrize("name", ["spectral", "box"])
 @pytest.mark.parametrize(("part", "field"), FIELDS, ids=[f"{p}.{f}" for p, f in FIELDS])
-def test_every_field_of_a_shot(part, field):
-    scene = SCENES["spectral"]
+def test_every_field_of_a_shot(part, field, name):
+    scene = SCENES[name]
     image = torch.rand(2, 3, 6, 6, dtype=torch.float64) * 0.5 + 0.2
     shot = scene.sample(2, (6, 6))
     value = getattr(getattr(shot, part), field).clone().requires_grad_()

@@ -1,110 +1,218 @@
 """Exposure: panel light integrated over each sensor pixel's aperture and the lens's point spread.
 
-Three methods for one integral. `point` reads the panel at the pixel's centre, as the paper does; `supersample` averages
-n x n points of the aperture and converges to the integral; `spectral` sums the panel's few harmonics that the optics
-pass, each weighted by the modulation transfer at its local frequency. All take one colour plane `(B, 1, H, W)` of what
-the panel shows and the image coordinates x, y `(B, h, w)` at which its sensor pixels look, and return `(B, h, w)`.
-All are differentiable in the image; `spectral` also in the coordinates, the amplitudes and so in every field of a Shot.
+One integral, `content * transmission` summed over a channel's subpixels, and several ways to it:
+
+- `spectral` sums the few harmonics of the panel that the optics pass, each weighted by its modulation transfer: exact
+  in the aperture, the lens and the view's local scale.
+- `box` takes the overlap of subpixel and aperture in closed form, along x and y apart: for any pitch, exact where the
+  view is upright and the lens sharp. For screens that are magnified beyond what a short series can follow.
+- `supersample` averages points of the aperture and converges to the integral: the reference.
+- `point` reads the panel at the pixel's centre, as the paper does.
+
+The first two see the picture through `held`: what a panel pixel shows is held over its subpixel, so the picture changes
+from one panel pixel to the next only while both are in the aperture. All are differentiable in the image; spectral and
+box also in the view, and so in every field of a Shot.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from moireaug.effects.panel import Layout, emits, harmonic, raster_table
+from moireaug.effects.panel import Layout, Subpixel, coefficient, emits, raster_table
 
 
-def shown(plane: Tensor, x: Tensor, y: Tensor, dark: bool) -> Tensor:
-    """The picture at image coordinates, bilinear between pixel centres; past its edges dark, or its outermost pixel."""
-    h, w = plane.shape[-2:]
-    grid = torch.stack([x * (2 / w) - 1, y * (2 / h) - 1], -1).to(plane.dtype)
-    content = F.grid_sample(plane, grid, padding_mode="border", align_corners=False)[:, 0]
-    return content * ((x >= 0) & (x < w) & (y >= 0) & (y < h)) if dark else content
+class Optics(NamedTuple):
+    """What blurs a sensor pixel's view: (B,) each, in sensor pixels."""
+
+    fill: Tensor
+    blur: Tensor
+    olpf: Tensor
+
+    def variance(self) -> Tensor:
+        """Of the point spread along one axis, in squared sensor pixels."""
+        return self.fill.square() / 12 + self.blur.square() + self.olpf.square() / 4
+
+    def transfer(self, fu: Tensor, fv: Tensor) -> Tensor:
+        """Modulation transfer at cycles per sensor pixel (B, ...): a square aperture, a Gaussian spread, and a low-pass
+        filter that doubles the picture along both axes."""
+        fill, blur, olpf = (t.reshape(-1, *[1] * (fu.ndim - 1)) for t in self)
+        spread = torch.exp(-2 * math.pi**2 * blur.square() * (fu.square() + fv.square()))
+        doubled = torch.cos(math.pi * olpf * fu) * torch.cos(math.pi * olpf * fv)
+        return torch.sinc(fill * fu) * torch.sinc(fill * fv) * spread * doubled
+
+    def quantiles(self, n: int) -> Tensor:
+        """The n mid-quantiles of the light along one axis, in sensor pixels: (B, n) float64.
+
+        Equal weights at these points integrate any smooth light; without blur they are an even lattice.
+        """
+        target = ((torch.arange(n, dtype=torch.float64, device=self.fill.device) + 0.5) / n).expand(len(self.fill), n)
+        half, sigma, olpf = self.fill[:, None] / 2, self.blur[:, None].clamp(min=1e-6), self.olpf[:, None] / 2
+
+        def integral(z: Tensor) -> Tensor:  # of the normal distribution function
+            return z * torch.special.ndtr(z) + torch.exp(-z * z / 2) / math.sqrt(2 * math.pi)
+
+        def below(x: Tensor) -> Tensor:
+            return (integral((x + half) / sigma) - integral((x - half) / sigma)) * sigma / (2 * half)
+
+        high = (half + olpf + 9 * sigma).expand_as(target)
+        low = -high
+        for _ in range(60):
+            mid = (low + high) / 2
+            under = (below(mid - olpf) + below(mid + olpf)) / 2 < target
+            low, high = torch.where(under, mid, low), torch.where(under, high, mid)
+        return (low + high) / 2
 
 
-def transfer(fu: Tensor, fv: Tensor, fill: Tensor, blur: Tensor) -> Tensor:
-    """Modulation transfer of a square aperture `fill` wide and a Gaussian spread, at cycles per sensor pixel."""
-    spread = torch.exp(-2 * math.pi**2 * blur.square() * (fu.square() + fv.square()))
-    return torch.sinc(fill * fu) * torch.sinc(fill * fv) * spread
+def shown(image: Tensor, x: Tensor, y: Tensor, dark: bool) -> Tensor:
+    """Channels of the picture (B, C, H, W) at image coordinates x, y (B, h, w), bilinear between pixel centres:
+    (B, C, h, w). Past its edges dark, or its outermost pixel."""
+    h, w = image.shape[-2:]
+    grid = torch.stack(torch.broadcast_tensors(x * (2 / w) - 1, y * (2 / h) - 1), -1).to(image.dtype)
+    content = F.grid_sample(image, grid, padding_mode="border", align_corners=False)
+    return content * ((x >= 0) & (x < w) & (y >= 0) & (y < h))[:, None] if dark else content
+
+
+def footprint(jacobian: Tensor, pitch: Tensor, optics: Optics) -> Tensor:
+    """Width along the panel's x and y of the box that spreads light as aperture and lens do.
+
+    Args:
+        jacobian: (B, ..., 2, 2), image coordinates by photo coordinates.
+        pitch: (B,) panel pixels per image pixel over sensor pixels per photo pixel.
+
+    Returns:
+        (B, ..., 2) in panel pixels.
+    """
+    scale = pitch * (12 * optics.variance()).sqrt()
+    return jacobian.norm(dim=-1) * scale.reshape(-1, *[1] * (jacobian.ndim - 2))
+
+
+def unheld(footprint: Tensor, width: Tensor, period: int, alpha: Tensor) -> Tensor:
+    """The variance that `held` leaves out, in squared image pixels: (B,).
+
+    Where both neighbours are always in the aperture, that of the aperture and the subpixel; else that of going between
+    them. Where panel and image pixels coincide the bilinear look-up has part of it.
+    """
+    same = (alpha == 1).to(alpha.dtype)
+    share = (footprint + width) / period - 1  # of the way from one subpixel to the next with both in the aperture
+    always = (footprint.square() + width.square()) / 12 - same / 6
+    sometimes = share.clamp(min=0) * (period**2 / 6) * (1 - same)
+    return (torch.where(share < 1, sometimes, always) / alpha.square()).clamp(min=0)
+
+
+def slope(footprint: Tensor, width: Tensor) -> Tensor:
+    """How steeply the picture changes between two subpixels, which it does while both are in the aperture: 1 where they
+    always are, without bound where they never are. Both arguments in cells."""
+    return 1 / (footprint + width - 1).clamp(min=1e-3, max=1)
+
+
+def held(q: Tensor, slope: Tensor | None, axis: int) -> Tensor:
+    """Where the picture is looked up: on the nearest subpixel, and between two as steeply as `slope` says.
+
+    Args:
+        q: position in cells along an axis, whole where a subpixel of the channel has its centre.
+        slope: (B, 2, h or 1, w or 1), as from `slope`; None looks up at q itself.
+        axis: 0 along x, 1 along y.
+    """
+    if slope is None:
+        return q
+    whole, slope = q.floor().detach(), slope[:, axis].to(q.dtype)
+    # (q - whole - 1/2) * slope + 1/2
+    return whole + torch.addcmul(0.5 - 0.5 * slope, q - whole, slope).clamp(0, 1)
 
 
 def amplitudes(
-    layout: Layout,
+    subpixel: Subpixel,
+    period: tuple[int, int],
     harmonics: Sequence[tuple[int, int]],
     jacobian: Tensor,
     pitch: Tensor,
-    fill: Tensor,
-    blur: Tensor,
+    optics: Optics,
     lit: Tensor,
 ) -> Tensor:
-    """Each harmonic's amplitude without its colour's phasor, on a lattice of the photo: (B, harmonics, h, w).
+    """Each harmonic's amplitude on a lattice of the photo: (B, harmonics, h, w).
 
     Args:
-        layout: the unit cell. harmonics: (k, l) pairs, (0, 0) and conjugates left out.
-        jacobian: (B, h, w, 2, 2), image coordinates by photo coordinates.
-        pitch: (B,) panel pixels per image pixel over sensor pixels per photo pixel.
-        fill, blur, lit: (B,) fields of Sensor, Lens and Panel.
+        subpixel, period: whose, and of which cell. harmonics: (k, l) pairs, (0, 0) and conjugates left out.
+        jacobian, pitch, optics: as in `footprint`. lit: (B,).
     """
-    (px, py), out = layout.period, []
-    j = jacobian * pitch[:, None, None, None, None]
-    fill, blur, lit = (t[:, None, None] for t in (fill, blur, lit))
+    (px, py), out = period, []
+    j, lit = jacobian * pitch[:, None, None, None, None], lit[:, None, None]
     for k, l in harmonics:
         fu, fv = (k / px * j[..., 0, i] + l / py * j[..., 1, i] for i in (0, 1))
-        modulus, _ = harmonic(layout, 0, k, l, lit)
-        out.append(2 * modulus * transfer(fu, fv, fill, blur))
+        out.append(2 * coefficient(subpixel, period, k, l, lit) * optics.transfer(fu, fv))
     return torch.stack(out, 1)
 
 
-def spectral(
-    plane: Tensor, channel: int, x: Tensor, y: Tensor, *, layout: Layout, alpha: Tensor, lit: Tensor,
-    dark: bool,
-    harmonics: Sequence[tuple[int, int]], amplitude: Tensor | None,
-) -> Tensor:  # fmt: skip
-    """content * (a[0, 0] + sum of 2 Re a[k, l] MTF exp(2 pi i (k X / Px + l Y / Py))).
+def spectral(q: tuple[Tensor, Tensor], mean: Tensor, harmonics: Sequence[tuple[int, int]], amplitude: Tensor) -> Tensor:
+    """mean + sum of amplitude * cos(2 pi (k q_x + l q_y)): a subpixel's light through the optics, (B, h, w).
 
     Args:
-        alpha, lit: (B,) fields of Panel.
-        harmonics, amplitude: the pairs and their amplitudes, (B, n, h or 1, w or 1), as from `amplitudes`.
+        q: positions in cells from the subpixel's centre, (B, h or 1, w or 1) each.
+        mean: (B, 1, 1), the share of the cell that emits. harmonics, amplitude: as from `amplitudes`.
     """
-    (px, py), dtype = layout.period, plane.dtype
-    mean, phasor = harmonic(layout, channel, 0, 0, lit)
-    light = (mean * phasor.real).to(dtype)[:, None, None]
-    alpha = alpha.to(x.dtype)[:, None, None]
+    light = mean
     for i, (k, l) in enumerate(harmonics):
-        cycles = x * (alpha * (k / px)) if k else 0.0
-        if l:
-            cycles = cycles + y * (alpha * (l / py))
-        _, phasor = harmonic(layout, channel, k, l, 1.0)
-        if abs(phasor) < 1e-12:
-            continue
-        # whole cycles are dropped before the cast, so that the phase keeps its digits far from the origin
-        turn = math.atan2(phasor.imag, phasor.real)
-        wave = torch.cos((cycles - cycles.detach().floor()).to(dtype) * (2 * math.pi) + turn)
-        light = light + wave * (amplitude[:, i] * abs(phasor))
-    return shown(plane, x, y, dark) * light
+        cycles = k * q[0] + l * q[1] if k and l else k * q[0] if k else l * q[1]
+        if cycles.dtype != amplitude.dtype:
+            # whole cycles are dropped before the cast, so that the phase keeps its digits far from the origin
+            cycles = (cycles - cycles.detach().floor()).to(amplitude.dtype)
+        light = torch.addcmul(light, torch.cos(cycles * (2 * math.pi)), amplitude[:, i])
+    return light
+
+
+def edges(jacobian: Tensor, pitch: Tensor, optics: Optics) -> tuple[Tensor, Tensor]:
+    """Aperture and lens along the panel's x and y as a box and a Gaussian around it: width and standard deviation, each
+    (B, ..., 2) in panel pixels. The box is the aperture's longer side; the rest is in the Gaussian."""
+    shape = [-1] + [1] * (jacobian.ndim - 2)
+    scale, fill = pitch.reshape(shape), optics.fill.reshape(shape)
+    long, short = jacobian.abs().amax(-1) * scale, jacobian.abs().amin(-1) * scale
+    beside = (optics.blur.square() + optics.olpf.square() / 4).reshape(shape)
+    rest = short.square() * (fill.square() / 12 + beside) + long.square() * beside
+    return long * fill, rest.clamp(min=1e-24).sqrt()
+
+
+def covered(q: Tensor, box: Tensor, sigma: Tensor, width: Tensor) -> Tensor:
+    """Share of the light around q that comes from subpixels `width` wide at every whole number; all in cells.
+
+    The box is integrated in closed form, and the Gaussian by the three points that are exact to the fifth moment.
+    """
+
+    def up_to(z: Tensor) -> Tensor:
+        whole = z.round().detach()
+        return torch.addcmul((z - whole).clamp(-half, half), whole, width)
+
+    half, aside, light = width / 2, math.sqrt(3) * sigma, 0.0
+    for weight, shift in ((1 / 6, -aside), (2 / 3, 0.0), (1 / 6, aside)):
+        light = light + weight * (up_to(q + (shift + box / 2)) - up_to(q + (shift - box / 2)))
+    return light / box
 
 
 def point(
     plane: Tensor, channel: int, x: Tensor, y: Tensor, *, layout: Layout, alpha: Tensor, lit: Tensor, dark: bool
 ) -> Tensor:
-    """The panel's raster of subpixels at the pixel's centre, bilinear: the paper's steps 2 and 3."""
-    nx, ny = layout.raster
+    """The panel's raster of subpixels at image coordinates x, y (B, h, w), bilinear: the paper's steps 2 and 3.
+
+    Args:
+        plane: (B, 1, H, W), what is shown in this channel. alpha, lit: (B,) fields of Panel.
+    """
+    n = layout.raster
     table = raster_table(layout, channel).to(x)
     alpha = alpha.to(x.dtype)[:, None, None]
-    xs, ys = x * (alpha * nx) - 0.5, y * (alpha * ny) - 0.5
+    xs, ys = x * (alpha * n) - 0.5, y * (alpha * n) - 0.5
     left, top = xs.detach().floor(), ys.detach().floor()
     total = torch.zeros_like(x, dtype=plane.dtype)
     for column, across in ((left, 1 - (xs - left)), (left + 1, xs - left)):
-        px = torch.div(column, nx, rounding_mode="floor")
+        px = torch.div(column, n, rounding_mode="floor")
         for row, down in ((top, 1 - (ys - top)), (top + 1, ys - top)):
-            py = torch.div(row, ny, rounding_mode="floor")
+            py = torch.div(row, n, rounding_mode="floor")
             share = table[(row % table.shape[0]).long(), (column % table.shape[1]).long()]
-            content = shown(plane, (px + 0.5) / alpha, (py + 0.5) / alpha, dark)
+            content = shown(plane, (px + 0.5) / alpha, (py + 0.5) / alpha, dark)[:, 0]
             total = total + content * (across * down * share).to(plane.dtype)
     return total * lit.to(plane.dtype)[:, None, None]
 
@@ -112,28 +220,15 @@ def point(
 def supersample(
     plane: Tensor, channel: int, x: Tensor, y: Tensor, *, layout: Layout, alpha: Tensor, lit: Tensor, dark: bool
 ) -> Tensor:
-    """What the panel emits at one point of each aperture; the caller averages over the aperture's points."""
+    """What the panel emits at one point of each aperture, arguments as in `point`; the caller averages over points."""
     a = alpha.to(x.dtype)[:, None, None]
     px, py = x * a, y * a
-    content = shown(plane, (px.floor() + 0.5) / a, (py.floor() + 0.5) / a, dark)
+    content = shown(plane, (px.floor() + 0.5) / a, (py.floor() + 0.5) / a, dark)[:, 0]
     return content * emits(layout, channel, px, py, lit.to(x.dtype)[:, None, None]).to(plane.dtype)
 
 
-def aperture_points(n: int, fill: Tensor, blur: Tensor) -> Tensor:
-    """The n mid-quantiles of light over a box `fill` wide spread by a Gaussian, in sensor pixels: (B, n) float64.
-
-    Equal weights at these points integrate any smooth light over the aperture; without blur they are an even lattice.
-    """
-    target = ((torch.arange(n, dtype=torch.float64, device=fill.device) + 0.5) / n).expand(len(fill), n)
-    half, sigma = fill[:, None] / 2, blur[:, None].clamp(min=1e-6)
-
-    def integral(z: Tensor) -> Tensor:  # of the normal distribution function
-        return z * torch.special.ndtr(z) + torch.exp(-z * z / 2) / math.sqrt(2 * math.pi)
-
-    low, high = -half - 9 * sigma, half + 9 * sigma
-    low, high = low.expand_as(target), high.expand_as(target)
-    for _ in range(60):
-        mid = (low + high) / 2
-        below = (integral((mid + half) / sigma) - integral((mid - half) / sigma)) * sigma / (2 * half) < target
-        low, high = torch.where(below, mid, low), torch.where(below, high, mid)
-    return (low + high) / 2
+def golden(n: int) -> list[tuple[int, int]]:
+    """n * n points of the unit square as ranks (i, k) along both axes: no two share a row or a column, and the golden
+    ratio keeps them even whatever direction an edge cuts them in. Twice to four times as accurate as a square grid."""
+    order = sorted(range(n * n), key=lambda i: i * 0.6180339887498949 % 1)
+    return list(enumerate(order))

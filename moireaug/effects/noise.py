@@ -1,18 +1,45 @@
-"""Sensor noise. Every draw comes from a seed kept in the Shot, so that a Shot replays bit for bit."""
+"""Sensor noise and digits. Every draw comes from a seed kept in the Shot, so that a Shot replays bit for bit."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
+DARK = 1e-4  # the level, of full scale, below which photon noise falls no further: dark current
 
-def read_noise(raw: Tensor, std: Tensor, seeds: Tensor) -> Tensor:
-    """Add Gaussian noise of standard deviation `std` (B,) to `raw` (B, 4, h, w), one stream per seed (B,) int64.
 
-    Differentiable in raw and std. Replays exactly on devices of one type.
+def sensor_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
+    """Add Gaussian noise of variance `read^2 + shot^2 * raw` to `raw` (B, C, h, w), one stream per seed (B,) int64.
+
+    Photon noise is Poisson's in its Gaussian limit, in the reading's own light; a full well of N electrons has
+    `shot = N^-1/2`. Differentiable in raw, read and shot. Replays exactly on devices of one type.
     """
-    noise = torch.empty_like(raw)
-    generator = torch.Generator(raw.device)
+    noise = normal(raw.detach(), seeds)
+    read, shot = (t.to(raw.dtype)[:, None, None, None] for t in (read, shot))
+    return raw + noise * (read.square() + shot.square() * raw.clamp(min=DARK)).sqrt()
+
+
+def read_noise(raw: Tensor, read: Tensor, seeds: Tensor) -> Tensor:
+    """`sensor_noise` in the dark."""
+    return torch.addcmul(raw, normal(raw.detach(), seeds), read.to(raw.dtype)[:, None, None, None])
+
+
+@torch.library.custom_op("moireaug::normal", mutates_args=())
+def normal(like: Tensor, seeds: Tensor) -> Tensor:
+    """Standard normal numbers of the shape of `like`, row i from seed i alone."""
+    noise = torch.empty_like(like, memory_format=torch.contiguous_format)
+    generator = torch.Generator(like.device)
     for row, seed in zip(noise, seeds.tolist(), strict=True):
         row.normal_(generator=generator.manual_seed(seed))
-    return raw + noise * std.to(raw.dtype)[:, None, None, None]
+    return noise
+
+
+@normal.register_fake
+def _(like: Tensor, seeds: Tensor) -> Tensor:
+    return torch.empty_like(like, memory_format=torch.contiguous_format)
+
+
+def quantise(raw: Tensor, bits: int) -> Tensor:
+    """Round to the `2^bits` levels of a converter whose ends are 0 and 1; the gradient passes straight through."""
+    levels = 2**bits - 1
+    return raw + (torch.round(raw.detach().clamp(0, 1) * levels) / levels - raw.detach())

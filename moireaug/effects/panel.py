@@ -1,69 +1,130 @@
-"""The panel: which subpixel of which colour emits where.
+"""The panel: which subpixel of which colour emits where, and what picture its pixels hold.
 
 A layout is data: rectangles inside a unit cell. Everything else is derived from them: the Fourier coefficients that the
-spectral exposure sums, the indicator that supersampling reads, and the raster of subpixels that the paper samples.
+spectral exposure sums, the edges that the box exposure integrates between, the indicator that supersampling reads, and
+the raster of subpixels that the paper samples.
 """
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 RED, GREEN, BLUE = 0, 1, 2
+MOST_RASTER = 24  # along a panel pixel, where no smaller number fits the rectangles
+
+
+@dataclass(frozen=True)
+class Subpixel:
+    """One rectangle of a unit cell that emits one channel, in panel pixels from the cell's upper left corner."""
+
+    channel: int
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+    @property
+    def width(self) -> tuple[float, float]:
+        return self.x1 - self.x0, self.y1 - self.y0
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        return (self.x0 + self.x1) / 2, (self.y0 + self.y1) / 2
+
+    @property
+    def pixel(self) -> tuple[float, float]:
+        """Centre of the panel pixel whose value it shows: the one that its own centre lies in."""
+        return math.floor(self.centre[0]) + 0.5, math.floor(self.centre[1]) + 0.5
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A unit cell of subpixels.
+    """A unit cell of subpixels, repeated over the panel.
+
+        Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 0.5), (2, 0.5, 0.5, 1, 1))))
 
     Args:
-        subpixels: (channel, x0, y0, x1, y1) rectangles, in panel pixels from the cell's upper left corner.
-        period: width and height of the cell, in panel pixels.
-        raster: columns and rows of the finest even raster that the rectangles fill, per panel pixel.
+        subpixels: (channel, x0, y0, x1, y1) rectangles, channel 0 red, 1 green, 2 blue, in panel pixels from the
+            cell's upper left corner, x right, y down. Rectangles of one channel must not overlap.
+        period: width and height of the cell, in whole panel pixels.
+
+    Raises:
+        ValueError, TypeError: a rectangle that is empty or leaves the cell, an unknown channel, no rectangle at all.
     """
 
     subpixels: tuple[tuple[int, float, float, float, float], ...]
     period: tuple[int, int] = (1, 1)
-    raster: tuple[int, int] = (3, 3)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "period", tuple(self.period))
+        object.__setattr__(self, "subpixels", tuple(tuple(s) for s in self.subpixels))
+        if len(self.period) != 2 or any(not isinstance(p, int) or not 1 <= p <= 16 for p in self.period):
+            raise ValueError(f"Layout.period must be two whole numbers of panel pixels in [1, 16]; got {self.period}.")
+        if not self.subpixels:
+            raise ValueError("Layout.subpixels must hold at least one (channel, x0, y0, x1, y1) rectangle; got none.")
+        for s in self.subpixels:
+            if len(s) != 5 or any(isinstance(v, bool) or not isinstance(v, Real) for v in s):
+                raise TypeError(f"Layout.subpixels must be (channel, x0, y0, x1, y1) numbers; got {s!r}.")
+            c, x0, y0, x1, y1 = s
+            if c not in (RED, GREEN, BLUE):
+                raise ValueError(f"a subpixel's channel must be 0 (red), 1 (green) or 2 (blue); got {c!r} in {s!r}.")
+            if not (0 <= x0 < x1 <= self.period[0] and 0 <= y0 < y1 <= self.period[1]):
+                raise ValueError(
+                    f"a subpixel must have x0 < x1 and y0 < y1 inside its cell of {self.period[0]} x {self.period[1]} "
+                    f"panel pixels; got {s!r}."
+                )
+        for i, a in enumerate(self.subpixels):
+            for b in self.subpixels[:i]:
+                if a[0] == b[0] and a[1] < b[3] and b[1] < a[3] and a[2] < b[4] and b[2] < a[4]:
+                    raise ValueError(f"subpixels of one channel must not overlap; got {b!r} and {a!r}.")
+
+    def of(self, channel: int) -> tuple[Subpixel, ...]:
+        """The subpixels of one channel."""
+        return tuple(Subpixel(*s) for s in self.subpixels if s[0] == channel)
+
+    @property
+    def raster(self) -> int:
+        """Raster subpixels along each side of a panel pixel, as few as the rectangles fill evenly; at most 24."""
+        edges = [v for s in self.subpixels for v in s[1:]]
+        fits = (n for n in range(1, MOST_RASTER + 1) if all(abs(e * n - round(e * n)) < 1e-6 for e in edges))
+        return next(fits, MOST_RASTER)
+
+
+def as_layout(value: Layout | str | dict[str, Any]) -> Layout:
+    """A Layout from a Layout, a key of `LAYOUTS` or a dict of its two fields."""
+    if isinstance(value, dict):
+        return Layout(**value)
+    return value if isinstance(value, Layout) else LAYOUTS[value]
 
 
 def stripes(*channels: int) -> Layout:
     """Full-height vertical stripes, left to right."""
     n = len(channels)
-    return Layout(tuple((c, i / n, 0.0, (i + 1) / n, 1.0) for i, c in enumerate(channels)), raster=(n, n))
+    return Layout(tuple((c, i / n, 0.0, (i + 1) / n, 1.0) for i, c in enumerate(channels)))
 
 
 LAYOUTS: dict[str, Layout] = {
     "rgb_stripe": stripes(RED, GREEN, BLUE),
     "bgr_stripe": stripes(BLUE, GREEN, RED),
+    # a stripe panel turned on its side: each pixel is a column of three bars
+    "rgb_column": Layout(tuple((c, 0.0, c / 3, 1.0, (c + 1) / 3) for c in (RED, GREEN, BLUE))),
+    # PenTile RGBG: two pixels share a red and a blue subpixel, twice as wide as each pixel's own green
+    "pentile": Layout(((0, 0, 0, 2 / 3, 1), (1, 2 / 3, 0, 1, 1), (2, 1, 0, 5 / 3, 1), (1, 5 / 3, 0, 2, 1)), (2, 1)),
     # one package with three dies one above the other, as in surface-mounted LEDs
-    "led": Layout(tuple((c, 0.25, 0.25 + c / 6, 0.75, 0.25 + (c + 1) / 6) for c in (RED, GREEN, BLUE)), raster=(4, 12)),
+    "led": Layout(tuple((c, 0.25, 0.25 + c / 6, 0.75, 0.25 + (c + 1) / 6) for c in (RED, GREEN, BLUE))),
+    # every pixel emits all colours over its whole area, as a print or a projection does: no moiré unless lit < 1
+    "even": Layout(tuple((c, 0.0, 0.0, 1.0, 1.0) for c in (RED, GREEN, BLUE))),
 }
 
 
-def harmonic(layout: Layout, channel: int, k: int, l: int, lit: float | Tensor) -> tuple[float | Tensor, complex]:
-    """Fourier coefficient (k, l) of a channel's mask, as (modulus-like real factor, constant phasor).
-
-    a[k, l] = 1/(Px Py) * integral over the cell of mask(x, y) exp(-2 pi i (k x / Px + l y / Py)).
-
-    Rectangles of one channel share their size in every layout here, so the lit fraction only scales one common real
-    factor, and the phasor stays a constant. For the RGB stripe: sin(pi k / 3) / (pi k) at the phase (c + 1/2) / 3.
-    """
-    px, py = layout.period
-    boxes = [s[1:] for s in layout.subpixels if s[0] == channel]
-    width, height = boxes[0][2] - boxes[0][0], boxes[0][3] - boxes[0][1]
-    phasor = sum(
-        cmath.exp(-2j * math.pi * (k * (x0 + x1) / 2 / px + l * (y0 + y1) / 2 / py)) for x0, y0, x1, y1 in boxes
-    )
-    side = lit**0.5  # a rectangle shrinks about its own centre, along both axes alike
-    return _box(k * width / px, side) * _box(l * height / py, side) * (width * height / (px * py)), phasor
-
-
-def _box(x: float, side: float | Tensor) -> float | Tensor:
+def box(x: float, side: float | Tensor) -> float | Tensor:
     """side * sinc(x * side), for a number or a tensor."""
     if isinstance(side, Tensor):
         return side * torch.sinc(x * side)
@@ -71,29 +132,63 @@ def _box(x: float, side: float | Tensor) -> float | Tensor:
     return side * (math.sin(t) / t if t else 1.0)
 
 
+def coefficient(s: Subpixel, period: tuple[int, int], k: int, l: int, lit: float | Tensor) -> float | Tensor:
+    """Fourier coefficient (k, l) of a subpixel's mask about the subpixel's own centre: real, of the shape of `lit`.
+
+    1/(Px Py) * integral of mask(x, y) exp(-2 pi i (k x / Px + l y / Py)). A subpixel shrinks about its own centre,
+    along both axes alike. For the RGB stripe: sin(pi k / 3) / (pi k).
+    """
+    (w, h), (px, py), side = s.width, period, lit**0.5
+    return box(k * w / px, side) * box(l * h / py, side) * (w * h / (px * py))
+
+
 def emits(layout: Layout, channel: int, x: Tensor, y: Tensor, lit: Tensor) -> Tensor:
     """1 where a channel's subpixel emits at panel position (x, y), in panel pixels, else 0. Not differentiable."""
-    px, py = layout.period
-    x, y = x % px, y % py
+    x, y = x % layout.period[0], y % layout.period[1]
     side = lit**0.5
     mask = torch.zeros_like(x)
-    for c, x0, y0, x1, y1 in layout.subpixels:
-        if c == channel:
-            across = (x - (x0 + x1) / 2).div_((x1 - x0) / 2)
-            down = (y - (y0 + y1) / 2).div_((y1 - y0) / 2)
-            mask += (across >= -side) & (across < side) & (down >= -side) & (down < side)
+    for s in layout.of(channel):
+        (cx, cy), (w, h) = s.centre, s.width
+        across, down = (x - cx).div_(w / 2), (y - cy).div_(h / 2)
+        mask += (across >= -side) & (across < side) & (down >= -side) & (down < side)
     return mask
 
 
 def raster_table(layout: Layout, channel: int) -> Tensor:
-    """Share of each raster subpixel that a fully lit channel fills: (rows * Py, columns * Px) float64."""
-    (px, py), (nx, ny) = layout.period, layout.raster
-    left = torch.arange(nx * px, dtype=torch.float64) / nx
-    top = torch.arange(ny * py, dtype=torch.float64) / ny
-    table = torch.zeros(ny * py, nx * px, dtype=torch.float64)
-    for c, x0, y0, x1, y1 in layout.subpixels:
-        if c == channel:
-            across = ((left + 1 / nx).clamp(max=x1) - left.clamp(min=x0)).clamp(min=0) * nx
-            down = ((top + 1 / ny).clamp(max=y1) - top.clamp(min=y0)).clamp(min=0) * ny
-            table += down[:, None] * across[None, :]
+    """Share of each raster subpixel that a fully lit channel fills: (n * Py, n * Px) float64."""
+    (px, py), n = layout.period, layout.raster
+    left = torch.arange(n * px, dtype=torch.float64) / n
+    top = torch.arange(n * py, dtype=torch.float64) / n
+    table = torch.zeros(n * py, n * px, dtype=torch.float64)
+    for s in layout.of(channel):
+        across = ((left + 1 / n).clamp(max=s.x1) - left.clamp(min=s.x0)).clamp(min=0) * n
+        down = ((top + 1 / n).clamp(max=s.y1) - top.clamp(min=s.y0)).clamp(min=0) * n
+        table += down[:, None] * across[None, :]
     return table
+
+
+def spread(image: Tensor, across: Tensor, down: Tensor) -> Tensor:
+    """Blur (B, 3, H, W) by so much variance along x and y, (B, 3) each in squared image pixels and in [0, 1/2].
+
+    The weights v/2, 1 - v, v/2: exact for a picture's curvature, which is what a small aperture sees of it.
+    """
+    v = (across / 2).to(image.dtype)[:, :, None, None]
+    image = image + v * (F.pad(image, (1, 1, 0, 0), mode="replicate").diff(dim=3).diff(dim=3))
+    v = (down / 2).to(image.dtype)[:, :, None, None]
+    return image + v * (F.pad(image, (0, 0, 1, 1), mode="replicate").diff(dim=2).diff(dim=2))
+
+
+def prefilter(image: Tensor, variance: Tensor, levels: int) -> Tensor:
+    """Blur (B, 3, H, W) by a variance (B, 1, H or 1, W or 1) in squared image pixels that differs from place to place.
+
+    A pyramid of `levels` halvings; between two of them the mix whose variance is right. What lies beyond the last has
+    its variance.
+    """
+    size, out, below = image.shape[-2:], image, 0.0
+    for j in range(1, levels + 1):
+        small = [max(1, math.ceil(n / 2**j)) for n in size]
+        coarse = F.interpolate(F.interpolate(image, size=small, mode="area"), size=size, mode="bilinear")
+        above = (3 * 4**j - 1) / 12  # of a box of 2^j pixels and the bilinear interpolation between them
+        share = ((variance - below) / (above - below)).clamp(0, 1).to(image.dtype)
+        out, below = out + share * (coarse - out), above
+    return out

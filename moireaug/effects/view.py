@@ -15,7 +15,7 @@ from torch import Tensor
 
 NEWTON_STEPS = 8
 MOST_NODES = 33
-FAR = 8.0  # points that look past the horizon are put this many pictures away
+NEAR_HORIZON = 1e-3  # rays that see the screen more than a thousand times as far as its centre look past it
 
 
 def _matrix(rows: list[list[Tensor | float]], like: Tensor) -> Tensor:
@@ -135,7 +135,7 @@ def nodes(positions: Tensor) -> Tensor:
 
 
 def apply_homography(m: Tensor, points: Tensor) -> Tensor:
-    """(B, 3, 3) on points (B, N, 2). Points behind the camera land `FAR` pictures away, never on the photo."""
+    """(B, 3, 3) on points (B, N, 2). Points behind the camera land far away, never on the photo."""
     lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
     ahead = lifted[..., 2:] > 1e-9
     return torch.where(ahead, lifted[..., :2] / torch.where(ahead, lifted[..., 2:], 1.0), 1e9)
@@ -190,58 +190,66 @@ def look(
     *,
     affine: bool,
     lens: tuple[Tensor, Tensor] | None,
+    upright: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """Where the lattice `rows` x `cols` lands: from photo to image when exposing, from image to photo when registering.
 
     Args:
-        matrix: (B, 3, 3) homography.
+        matrix: (B, 3, 3) homography, of depth 1 in the lattice's centre.
         rows, cols: (h,) or (B, h), and (w,) or (B, w), coordinates; they set the dtype of the result.
         size: height and width of photo and image.
         affine: the last row of `matrix` is (0, 0, 1).
         lens: (k1, k2), each (B,), to go through the lens before the homography, or None.
+        upright: `matrix` is affine and turns nothing: rows stay rows and columns stay columns.
 
     Returns:
-        x and y, each (B, h, w). Rays past the horizon land `FAR` pictures away.
+        x and y, each (B, h, w); upright and without a lens (B, 1, w) and (B, h, 1). Rays at and past the horizon land
+        far outside of the picture.
     """
     h, w = size
     centre = matrix.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
     # the constant terms are folded in float64, before the cast to the lattice's dtype
     m = (matrix @ centre).to(rows.dtype)[..., None, None]
     u, v = (cols - w / 2)[..., None, :], (rows - h / 2)[..., :, None]
-    if lens is not None:
+    if upright and lens is None:
+        return m[:, 0, 0] * u + m[:, 0, 2], m[:, 1, 1] * v + m[:, 1, 2]
+    if lens is None:
+        x = m[:, 0, 0] * u + (m[:, 0, 1] * v + m[:, 0, 2])
+        y = m[:, 1, 0] * u + (m[:, 1, 1] * v + m[:, 1, 2])
+        d = None if affine else m[:, 2, 0] * u + (m[:, 2, 1] * v + m[:, 2, 2])
+    else:
         k1, k2 = (k.to(rows.dtype)[:, None, None] for k in lens)
         r2 = (u * u + v * v) * (4 / (h * h + w * w))
         bend = 1 + r2 * (k1 + k2 * r2)
-        u, v = u * bend, v * bend
-    x = m[:, 0, 0] * u + (m[:, 0, 1] * v + m[:, 0, 2])
-    y = m[:, 1, 0] * u + (m[:, 1, 1] * v + m[:, 1, 2])
-    if affine:
+        x = torch.addcmul(m[:, 0, 2], bend, m[:, 0, 0] * u + m[:, 0, 1] * v)
+        y = torch.addcmul(m[:, 1, 2], bend, m[:, 1, 0] * u + m[:, 1, 1] * v)
+        d = None if affine else torch.addcmul(m[:, 2, 2], bend, m[:, 2, 0] * u + m[:, 2, 1] * v)
+    if d is None:
         return x, y
-    d = m[:, 2, 0] * u + (m[:, 2, 1] * v + m[:, 2, 2])
-    ahead = d > 1e-6
-    d = torch.where(ahead, d, 1.0).reciprocal()
-    limit = FAR * max(h, w)
-    x, y = torch.where(ahead, x * d, -limit), torch.where(ahead, y * d, -limit)
-    return x.clamp(-limit, limit), y.clamp(-limit, limit)
+    d = d.clamp(min=NEAR_HORIZON).reciprocal()
+    return x * d, y * d
 
 
-def jacobian(
-    inverse: Tensor, rows: Tensor, cols: Tensor, size: tuple[int, int], *, lens: tuple[Tensor, Tensor] | None
-) -> Tensor:
-    """d(image x, y) / d(photo u, v) on the lattice `rows` x `cols`: (B, h, w, 2, 2), the last axis over u and v."""
+def lattice(rows: Tensor, cols: Tensor) -> Tensor:
+    """The points of `rows` x `cols`, x then y: (1, h, w, 2)."""
+    return torch.stack(torch.broadcast_tensors(cols[None, :], rows[:, None]), -1)[None]
+
+
+def jacobian(inverse: Tensor, points: Tensor, size: tuple[int, int], *, lens: tuple[Tensor, Tensor] | None) -> Tensor:
+    """d(image x, y) / d(photo u, v) at photo points (B or 1, ..., 2): (B, ..., 2, 2), the last axis over u and v."""
     h, w = size
-    u, v = torch.broadcast_tensors((cols - w / 2)[None, :], (rows - h / 2)[:, None])
-    p = torch.stack([u, v], -1).expand(inverse.shape[0], -1, -1, -1)
-    through_lens = torch.eye(2, dtype=p.dtype, device=p.device).expand(*p.shape, 2)
+    lead = [1] * (points.ndim - 1)
+    p = points - points.new_tensor([w / 2, h / 2])
+    through_lens = torch.eye(2, dtype=p.dtype, device=p.device)
     if lens is not None:
-        k1, k2 = (k[:, None, None, None, None] for k in lens)
+        k1, k2 = (k.reshape(-1, *lead, 1) for k in lens)
         c = 4 / (h * h + w * w)
         r2 = c * p.square().sum(-1)[..., None, None]
         along = p[..., :, None] * p[..., None, :]
         through_lens = (1 + r2 * (k1 + k2 * r2)) * through_lens + 2 * c * (k1 + 2 * k2 * r2) * along
         p = p * (1 + r2 * (k1 + k2 * r2))[..., 0]
     centre = inverse.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
-    m = (inverse @ centre)[:, None, None]
+    m = (inverse @ centre).reshape(-1, *lead[1:], 3, 3)
     lifted = (m[..., :2] @ p[..., None])[..., 0] + m[..., 2]
     d = lifted[..., 2:].clamp(min=1e-6)
     through_view = (m[..., :2, :2] - (lifted[..., :2] / d)[..., None] * m[..., 2:, :2]) / d[..., None]

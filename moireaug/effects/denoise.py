@@ -1,0 +1,66 @@
+"""Denoising of the developed photo, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from kornia.filters import bilateral_blur
+from torch import Tensor
+
+from moireaug.effects.jpeg import from_codes, to_codes
+
+WINDOW = 5  # pixels: beyond the 3 x 3 that a demosaic has smeared already
+SIGMA_COLOUR = 0.1  # differences of R, G and B summed: 8 codes each, above sensor noise and below most edges
+SIGMA_SPACE = 1.5  # pixels: even the window's corners count, by a sixth
+
+
+def nlm(photo: Tensor) -> Tensor:
+    """OpenCV's non-local means for colour images, at its defaults: the paper's denoiser (section 3, step 6).
+
+    `cv2.fastNlMeansDenoisingColored`, strength 3 of 255, patches of 7 and search in 21 pixels, on the photo's 8-bit
+    codes; past the border it mirrors, so that any size goes. Its 8-bit Lab moves even a flat colour by up to 4 codes.
+
+    Args:
+        photo: (B, 3, H, W) floating point in [0, 1], sRGB codes. Not modified.
+
+    Returns:
+        (B, 3, H, W), whole codes / 255, of the photo's dtype. The gradient passes straight through.
+
+    Raises:
+        ValueError: a photo that holds NaN.
+    """
+    return _nlm(photo)
+
+
+def bilateral(photo: Tensor) -> Tensor:
+    """Bilateral filter: each pixel's mean with the pixels around that look like it; the border's pixels go on past it.
+
+    (B, 3, H, W) float32 or float64 in [0, 1] to the same. Differentiable.
+    """
+    sigma = (SIGMA_SPACE, SIGMA_SPACE)
+    # reflect, kornia's default, fails on images of 2 pixels or less
+    return bilateral_blur(photo, WINDOW, SIGMA_COLOUR, sigma, border_type="replicate")
+
+
+DENOISERS: dict[str, Callable[[Tensor], Tensor]] = {"nlm": nlm, "bilateral": bilateral}
+
+
+# an operator of its own, since torch.compile cannot look into it
+@torch.library.custom_op("moireaug::nlm", mutates_args=())
+def _nlm(photo: Tensor) -> Tensor:
+    import cv2  # here alone: most scenes do without
+
+    def denoised(codes):
+        bgr = cv2.fastNlMeansDenoisingColored(cv2.cvtColor(codes, cv2.COLOR_RGB2BGR))
+        return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+
+    return from_codes(map(denoised, to_codes(photo)), photo)
+
+
+@_nlm.register_fake
+def _(photo: Tensor) -> Tensor:
+    return photo.new_empty(photo.shape)
+
+
+_nlm.register_autograd(lambda ctx, gradient: gradient)

@@ -1,0 +1,88 @@
+"""JPEG: the photo as the decoder gives it back."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+
+import numpy as np
+import torch
+from kornia.enhance import jpeg_codec_differentiable
+from PIL import Image
+from torch import Tensor
+
+
+def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
+    """Encode each photo with libjpeg and decode it again.
+
+    Forward is the codec itself, as PIL runs it (4:2:0), on the photo's 8-bit codes. Backward is the gradient of
+    kornia's differentiable JPEG (Shin and Song 2017; Reich et al. 2024), which is computed only then.
+
+    Args:
+        photo: (B, 3, H, W) float32 or float64 in [0, 1], sRGB codes. Not modified.
+        quality: (B,), rounded to whole numbers and clamped to 1..100.
+
+    Returns:
+        (B, 3, H, W), whole codes / 255, of the photo's dtype. Differentiable in photo, once; not in quality. The
+        gradient is zero in a block whose coefficients are all whole multiples of their steps, as in flat black.
+
+    Raises:
+        ValueError: a photo or a quality that is NaN, or another number of qualities than of photos.
+    """
+    return _jpeg(photo, quality.detach().round().clamp(1, 100))
+
+
+def to_codes(photo: Tensor) -> np.ndarray:
+    """(B, 3, H, W) float in [0, 1] to the nearest 8-bit codes, (B, H, W, 3) uint8 on the CPU.
+
+    Raises:
+        ValueError: NaN, for which no code stands.
+    """
+    if photo.isnan().any():
+        raise ValueError("the photo holds NaN, which has no 8-bit code. Look for it in the image or the noise.")
+    codes = (photo * 255).round().clamp(0, 255).to(torch.uint8)
+    return codes.permute(0, 2, 3, 1).contiguous().cpu().numpy()
+
+
+def from_codes(codes: Iterable[np.ndarray], like: Tensor) -> Tensor:
+    """The inverse: (H, W, 3) uint8 for each image to a new photo of the shape, dtype and device of `like`."""
+    photo = torch.empty(like.shape, dtype=torch.uint8)
+    for row, image in zip(photo, codes, strict=True):
+        row.copy_(torch.from_numpy(image).permute(2, 0, 1))
+    return photo.to(like.device).to(like.dtype) / 255
+
+
+# operators of their own, since torch.compile cannot look into them
+@torch.library.custom_op("moireaug::jpeg", mutates_args=())
+def _jpeg(photo: Tensor, quality: Tensor) -> Tensor:
+    pairs = zip(to_codes(photo), quality.tolist(), strict=True)
+    return from_codes((_recode(codes, int(q)) for codes, q in pairs), photo)
+
+
+def _recode(codes: np.ndarray, quality: int) -> np.ndarray:
+    # torchvision.io has the same codec, but deprecates it
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "JPEG", quality=quality)
+    return np.array(Image.open(file))
+
+
+@_jpeg.register_fake
+def _(photo: Tensor, quality: Tensor) -> Tensor:
+    return photo.new_empty(photo.shape)
+
+
+def _keep(ctx, inputs, output):
+    ctx.save_for_backward(*inputs)
+
+
+def _backward(ctx, gradient):
+    photo, quality = ctx.saved_tensors
+    if not photo.numel():  # kornia refuses an empty batch
+        return gradient, None
+    with torch.enable_grad():
+        photo = photo.detach().requires_grad_()
+        out = jpeg_codec_differentiable(photo, quality)
+    return torch.autograd.grad(out, photo, gradient)[0], None
+
+
+_jpeg.register_autograd(_backward, setup_context=_keep)

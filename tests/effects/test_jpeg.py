@@ -1,0 +1,151 @@
+"""JPEG: the decoder's own result forward, a gradient that an attack can follow backward."""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+from kornia.enhance import jpeg_codec_differentiable
+
+from moireaug.effects.jpeg import jpeg
+
+SIZES = [(1, 1), (1, 7), (7, 1), (8, 8), (17, 33), (48, 40)]
+DTYPES = [torch.float32, torch.float64]
+QUALITIES = [1.0, 20.0, 75.0, 100.0]
+
+
+def scenes(b=2, n=48, dtype=torch.float32):
+    """Photos of blobs of colour with some noise."""
+    blobs = F.interpolate(torch.rand(b, 3, n // 8, n // 8), size=(n, n), mode="bicubic")
+    return (blobs + 0.03 * torch.randn(blobs.shape)).clamp(0, 1).to(dtype)
+
+
+def opencv(photo, qualities, *, swapped=False):
+    """Another library's libjpeg; `swapped` forgets that OpenCV's channels are B, G, R on the way in."""
+    rows = []
+    for codes, q in zip((photo * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy(), qualities, strict=True):
+        bgr = np.ascontiguousarray(codes if swapped else codes[..., ::-1])
+        file = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, int(q)])[1]
+        rows.append(torch.from_numpy(cv2.imdecode(file, cv2.IMREAD_COLOR)[..., ::-1].copy()).permute(2, 0, 1))
+    return torch.stack(rows).to(photo.dtype) / 255
+
+
+@pytest.mark.parametrize("dtype", DTYPES, ids=str)
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_forward_is_libjpegs(size, dtype):
+    photo = torch.rand(4, 3, *size, dtype=dtype)
+    kept = photo.clone()
+    out = jpeg(photo, torch.tensor(QUALITIES))
+    assert torch.equal(photo, kept)
+    assert out.shape == photo.shape and out.dtype == dtype and out.is_contiguous()
+    assert out.min() >= 0 and out.max() <= 1
+    off = (out - opencv(photo, QUALITIES)).abs() * 255
+    assert off.max() < 2.5 and off.mean() < 0.1  # builds of libjpeg may round differently
+
+
+def test_no_photos_at_all():
+    photo = torch.rand(0, 3, 9, 20, requires_grad=True)
+    out = jpeg(photo, torch.zeros(0))
+    assert out.shape == torch.autograd.grad(out.sum(), photo)[0].shape == photo.shape
+
+
+def test_a_swap_of_channels_is_noticed():
+    photo = scenes(4)
+    assert (jpeg(photo, torch.tensor(QUALITIES)) - opencv(photo, QUALITIES, swapped=True)).abs().max() > 0.1
+
+
+def test_each_photo_has_its_own_quality():
+    photo = scenes(4)
+    together = jpeg(photo, torch.tensor(QUALITIES))
+    for i, q in enumerate(QUALITIES):
+        assert torch.equal(together[i : i + 1], jpeg(photo[i : i + 1], torch.tensor([q])))
+
+
+@pytest.mark.parametrize(("given", "used"), [(-3.0, 1.0), (0.0, 1.0), (74.6, 75.0), (75.4, 75.0), (1e9, 100.0)])
+def test_quality_is_rounded_and_clamped(given, used):
+    photo = scenes(1)
+    assert torch.equal(jpeg(photo, torch.tensor([given])), jpeg(photo, torch.tensor([used])))
+    assert torch.equal(jpeg(photo, torch.tensor([given]).long()), jpeg(photo, torch.tensor([given]).long().float()))
+
+
+def test_less_quality_is_more_error():
+    photo = scenes(1)
+    errors = [(jpeg(photo, torch.tensor([q])) - photo).square().mean().item() for q in (5.0, 25.0, 50.0, 75.0, 95.0)]
+    assert errors == sorted(errors, reverse=True) and len(set(errors)) == 5
+
+
+def test_backward_is_kornias_and_computed_only_then(monkeypatch):
+    photo, quality = scenes(3, dtype=torch.float64)[..., :37, :21].requires_grad_(), torch.tensor([10.0, 60.0, 95.0])
+    weight = torch.randn(photo.shape, dtype=torch.float64)
+    (want,) = torch.autograd.grad((jpeg_codec_differentiable(photo, quality) * weight).sum(), photo)
+    out = jpeg(photo, quality.requires_grad_())
+    got, none = torch.autograd.grad((out * weight).sum(), (photo, quality), allow_unused=True)
+    torch.testing.assert_close(got, want)
+    assert none is None
+
+    monkeypatch.setattr("moireaug.effects.jpeg.jpeg_codec_differentiable", None)
+    assert torch.equal(jpeg(photo, quality), out)  # forward never calls it
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (9, 20)], ids=str)
+@pytest.mark.parametrize("colour", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.5, 0.5, 0.5), (0.9, 0.2, 0.4)], ids=str)
+def test_gradients_of_flat_photos_are_finite(colour, size):
+    photo = torch.tensor(colour)[:, None, None].expand(100, 3, *size).clone().requires_grad_()
+    out = jpeg(photo, torch.arange(1.0, 101.0))
+    (gradient,) = torch.autograd.grad((out * torch.randn(out.shape)).sum(), photo)
+    assert gradient.isfinite().all()
+
+
+@pytest.mark.parametrize("quality", [10.0, 50.0, 90.0])
+def test_signed_gradient_steps_beat_random_signs(quality):
+    photo, eps = scenes(2, 32), 8 / 255
+    quality = torch.full((2,), quality)
+    weight = F.avg_pool2d(torch.randn(photo.shape), 5, 1, 2)
+    weight = weight / weight.abs().mean()
+
+    def loss(x):
+        return (jpeg(x, quality) * weight).mean()
+
+    def reached(sign):
+        x = photo
+        for _ in range(5):
+            x = (x - eps / 3 * sign(x)).clamp(photo - eps, photo + eps).clamp(0, 1)
+        return loss(x)
+
+    def gradient(x):
+        x = x.detach().requires_grad_()
+        return torch.autograd.grad(loss(x), x)[0].sign()
+
+    start = loss(photo)
+    # no step within eps can take more than eps off this loss by an identity; chance takes next to nothing
+    assert start - reached(gradient) > 0.5 * eps
+    assert start - reached(lambda x: torch.randn(x.shape).sign()) < 0.1 * eps
+
+
+@pytest.mark.parametrize(
+    ("photo", "quality", "sentence"),
+    [
+        (torch.full((1, 3, 4, 4), torch.nan), torch.tensor([50.0]), "holds NaN"),
+        (torch.zeros(1, 3, 4, 4), torch.tensor([torch.nan]), "NaN"),
+        (torch.zeros(2, 3, 4, 4), torch.tensor([50.0]), "shorter"),
+    ],
+    ids=["photo", "quality", "count"],
+)
+def test_what_is_refused(photo, quality, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        jpeg(photo, quality)
+
+
+def test_compiles_in_one_graph():
+    photo, quality = scenes(2).requires_grad_(), torch.tensor([30.0, 80.0])
+    weight = torch.rand(photo.shape)
+    out, want = torch.compile(jpeg, fullgraph=True, backend="aot_eager")(photo, quality), jpeg(photo, quality)
+    assert torch.equal(out, want)
+    gradients = [torch.autograd.grad((o * weight).sum(), photo)[0] for o in (out, want)]
+    torch.testing.assert_close(*gradients, atol=1e-3, rtol=1e-3)
+
+
+def test_is_a_sound_operator():
+    checks = ("test_schema", "test_autograd_registration", "test_faketensor")
+    args = (torch.rand(2, 3, 9, 11, requires_grad=True), torch.tensor([30.0, 80.0]))
+    torch.library.opcheck(torch.ops.moireaug.jpeg.default, args, test_utils=checks)
