@@ -4,11 +4,26 @@ import importlib
 from typing import Any
 
 from moireaug.capture import capture, develop, expose
+from moireaug.effects.panel import Layout
+from moireaug.parts import Develop, Lens, Panel, Sensor, View
 from moireaug.plan import Plan
-from moireaug.scene import Develop, Lens, Panel, Scene, Sensor, View
+from moireaug.scene import Scene
 from moireaug.shot import Shot
 
-__all__ = ["Develop", "Lens", "Panel", "Plan", "Scene", "Sensor", "Shot", "View", "capture", "develop", "expose"]
+__all__ = [
+    "Develop",
+    "Layout",
+    "Lens",
+    "Panel",
+    "Plan",
+    "Scene",
+    "Sensor",
+    "Shot",
+    "View",
+    "capture",
+    "develop",
+    "expose",
+]
 
 LAZY = ("attacks", "evaluation", "transforms")  # packages that are imported when first asked for
 

@@ -47,8 +47,8 @@ def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
 
 
 def expose(image: Tensor, shot: Shot) -> Tensor:
-    """Screen to raw, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B, or colours (B, 3, h, w) where
-    the sensor has no colour filters; with gain and noise, clipped to [0, 1] where these can leave it.
+    """Screen to raw, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B, or colours (B, 3, h, w)
+    where the sensor has no colour filters; with gain and noise, clipped to [0, 1] where these can leave it.
 
     Arguments, gradients and errors as in `capture`. Half precision is computed in float32, float64 in float64.
     """

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.effects import bayer, exposure
 from moireaug.effects.bayer import SITES
 from moireaug.effects.exposure import Optics
 from moireaug.effects.panel import Layout, Subpixel, as_layout, coefficient, prefilter, spread
-from moireaug.effects.view import image_to_photo, jacobian, lattice, look, nodes
+from moireaug.effects.view import enlarge, image_to_photo, jacobian, lattice, look, nodes
 from moireaug.fields import bounds
 from moireaug.plan import Plan
 from moireaug.shot import Shot
@@ -45,8 +44,7 @@ def _picture(light: Tensor, shot: Shot, plan: Plan, inverse: Tensor, sampled: bo
         if not sampled:
             lines = [nodes(torch.arange(n, device=light.device) + 0.5) for n in shot.size]
             variance = variance + _unheld(shot, inverse, lattice(*lines)).amax((1, -1))
-        variance = F.interpolate(variance[:, None], size=shot.size, mode="bilinear", align_corners=True)
-        return prefilter(light, variance, plan.levels)
+        return prefilter(light, enlarge(variance[:, None], shot.size).to(light.dtype), plan.levels)
     variance = coarse[:, None, None]
     if not sampled:
         centre = torch.tensor([[[shot.size[1] / 2, shot.size[0] / 2]]], dtype=torch.float64, device=light.device)
@@ -81,33 +79,33 @@ class Glass(NamedTuple):
     mean: Tensor  # share of the cell that emits
     amplitude: Tensor | None  # of each harmonic
     slope: Tensor | None  # of the picture between panel pixels, along x and y; see `exposure.held`
+    offset: Tensor | None  # and half of what is missing to a slope of 1
     box: Tensor | None  # of the aperture along x and y, in cells; see `exposure.edges`
     sigma: Tensor | None  # of what blurs it, in cells
     width: Tensor  # of the subpixel along x and y, in cells
 
     def of(self, rows: slice, size: tuple[int, int]) -> Glass:
         """Some rows of the batch, interpolated to the sensor's lattice where they differ over it."""
-        return Glass(*[t if t is None else _enlarge(t[rows], size) for t in self])
+        return Glass(*[t if t is None else enlarge(t[rows], size) for t in self])
 
 
-def _enlarge(t: Tensor, size: tuple[int, int]) -> Tensor:
-    return t if t.shape[-2:] == (1, 1) else F.interpolate(t, size=size, mode="bilinear", align_corners=True)
-
-
-def _glass(s: Subpixel, layout: Layout, shot: Shot, plan: Plan, j: Tensor, dtype: torch.dtype) -> Glass:
+def _glass(
+    s: Subpixel, layout: Layout, shot: Shot, plan: Plan, j: Tensor, dtype: torch.dtype, at: torch.dtype
+) -> Glass:
     optics, lit, period = optics_of(shot), shot.panel.lit, j.new_tensor(layout.period)[:, None, None]
     pitch = shot.panel.scale / shot.readouts()[0].scale
     width = j.new_tensor(s.width)[:, None, None] * lit.sqrt()[:, None, None, None] / period
     wide = exposure.footprint(j, pitch, optics).movedim(-1, 1) / period
-    amplitude = slope = box = sigma = None
+    amplitude = slope = offset = box = sigma = None
     if plan.exposure == "box":
-        box, sigma = (e.movedim(-1, 1) / period for e in exposure.edges(j, pitch, optics))
+        box, sigma = ((e.movedim(-1, 1) / period).to(at) for e in exposure.edges(j, pitch, optics))
     if plan.harmonics:
         amplitude = exposure.amplitudes(s, layout.period, plan.harmonics, j, pitch, optics, lit).to(dtype)
     if "panel" in plan:
-        slope = exposure.slope(wide, width).to(dtype)
+        slope = exposure.slope(wide, width).to(at)
+        offset = 0.5 - 0.5 * slope
     mean = coefficient(s, layout.period, 0, 0, lit).to(dtype)[:, None, None, None]
-    return Glass(mean, amplitude, slope, box, sigma, width)
+    return Glass(mean, amplitude, slope, offset, box, sigma, width.to(at))
 
 
 class Place(NamedTuple):
@@ -115,8 +113,8 @@ class Place(NamedTuple):
     keeps its digits in float32."""
 
     cells: Tensor  # (B, 3, 3), from photo coordinates to cells, whole where such a subpixel has its centre
-    step: Tensor  # (B, 2, 1, 1) image pixels from one cell to the next, along x and y
-    start: Tensor  # (B, 2, 1, 1) image coordinates of the pixel that the one at 0 shows
+    step: Tensor  # (B, 2, 1, 1) from one cell to the next, along x and y, on a picture from -1 to 1
+    start: Tensor  # (B, 2, 1, 1) where on it the pixel is that the subpixel at 0 shows
 
 
 def _place(s: Subpixel, layout: Layout, shot: Shot, plan: Plan, inverse: Tensor) -> Place:
@@ -128,8 +126,9 @@ def _place(s: Subpixel, layout: Layout, shot: Shot, plan: Plan, inverse: Tensor)
     step = period / alpha
     to_cells = torch.diag_embed(torch.cat([1 / step, torch.ones_like(alpha)], 1))
     to_cells[:, :2, 2] = -(middle + centre) / period
-    start = (middle + pixel) / alpha
-    return Place(to_cells @ inverse, step[:, :, None, None], start[:, :, None, None])
+    half = inverse.new_tensor(shot.size[::-1]) / 2
+    start = (middle + pixel) / alpha / half - 1
+    return Place(to_cells @ inverse, (step / half)[:, :, None, None], start[:, :, None, None])
 
 
 def _smooth(light: Tensor, shot: Shot, plan: Plan, inverse: Tensor) -> Tensor:
@@ -140,35 +139,37 @@ def _smooth(light: Tensor, shot: Shot, plan: Plan, inverse: Tensor) -> Tensor:
     points = lattice(rows[:1], cols[:1]) if even else lattice(nodes(rows), nodes(cols))
     j = jacobian(inverse, points, shot.size, lens=shot.bends)
     kinds = [s for channel in range(3) for s in layout.of(channel)]
-    glasses = {s.width: _glass(s, layout, shot, plan, j, light.dtype) for s in kinds}
-    places = {s: _place(s, layout, shot, plan, inverse) for s in kinds}
     dtype, stride = _coordinate_dtype(shot, plan, light.dtype), bayer.stride(shot.scene.sensor.cfa)
+    glasses = {s.width: _glass(s, layout, shot, plan, j, light.dtype, dtype) for s in kinds}
+    places = {s: _place(s, layout, shot, plan, inverse) for s in kinds}
     lines = [[p[i::stride].to(dtype) for i in range(stride)] for p in (rows, cols)]
     size = len(lines[0][0]), len(lines[1][0])
 
-    def planes_of(part: slice) -> Tensor:
+    def glow(s: Subpixel, members: slice, r: int, c: int, part: slice, local: dict[Any, Glass]) -> Tensor:
+        """What the sites at (r, c) of each cell see of one kind of subpixel: (b, channels, h, w)."""
+        glass, place = local[s.width], places[s]
         lens = shot.bends and (shot.bends[0][part], shot.bends[1][part])
+        q = look(
+            place.cells[part], lines[0][r], lines[1][c], shot.size,
+            affine=plan.affine, lens=lens, upright=plan.upright,
+        )  # fmt: skip
+        at = q
+        if glass.slope is not None:
+            at = [exposure.held(q[i], glass.slope[:, i], glass.offset[:, i]) for i in (0, 1)]
+        x, y = (torch.addcmul(place.start[part, i].to(dtype), at[i], place.step[part, i].to(dtype)) for i in (0, 1))
+        seen = exposure.shown(light[part, members], x, y, dark=not shot.scene.develop.registered)
+        return seen * _transmission(glass, plan, q)[:, None]
+
+    def planes_of(part: slice) -> Tensor:
         local = {width: glass.of(part, size) for width, glass in glasses.items()}
         planes = []
         for r, c, channels in sites:
-            glow = dict.fromkeys(channels, light.new_zeros(()))
+            seen: dict[int, Tensor] = {}
             for s, members in _shared(layout, channels):
-                glass, (cells, step, start) = local[s.width], places[s]
-                q = look(
-                    cells[part], lines[0][r], lines[1][c], shot.size,
-                    affine=plan.affine, lens=lens, upright=plan.upright,
-                )  # fmt: skip
-                x, y = (
-                    torch.addcmul(
-                        start[part, i].to(dtype), exposure.held(q[i], glass.slope, i), step[part, i].to(dtype)
-                    )
-                    for i in (0, 1)
-                )
-                seen = exposure.shown(light[part, members], x, y, dark=not shot.scene.develop.registered)
-                seen = seen * _transmission(glass, plan, q)[:, None]
+                light_of_s = glow(s, members, r, c, part, local)
                 for i, channel in enumerate(range(members.start, members.stop)):
-                    glow[channel] = glow[channel] + seen[:, i]
-            planes += [g.expand(len(light[part]), *size) for g in glow.values()]
+                    seen[channel] = seen[channel] + light_of_s[:, i] if channel in seen else light_of_s[:, i]
+            planes += [seen[c] if c in seen else light.new_zeros(len(light[part]), *size) for c in channels]
         return torch.stack(planes, 1)
 
     at_once = max(1, AT_ONCE // (size[0] * size[1]))
@@ -187,7 +188,7 @@ def _shared(layout: Layout, channels: tuple[int, ...]) -> list[tuple[Subpixel, s
 
 def _transmission(glass: Glass, plan: Plan, q: tuple[Tensor, Tensor]) -> Tensor:
     if glass.box is not None:
-        across, down = (exposure.covered(q[i], *(t[:, i].to(q[i]) for t in glass[3:])) for i in (0, 1))
+        across, down = (exposure.covered(q[i], *(t[:, i] for t in glass[4:])) for i in (0, 1))
         return (across * down).to(glass.mean.dtype)
     if glass.amplitude is None:
         return glass.mean[:, 0]

@@ -24,7 +24,8 @@ Figures used below:
 
 from __future__ import annotations
 
-from moireaug.scene import Develop, Lens, Panel, Scene, Sensor, View
+from moireaug.parts import Develop, Lens, Panel, Sensor, View
+from moireaug.scene import Scene
 
 PRESETS: dict[str, Scene] = {
     # Paper, section 3.3, steps 1 to 6: alpha 3, 3 x 3 subpixels, rotation by up to 45 degrees, radial distortion (of an

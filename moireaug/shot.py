@@ -12,7 +12,8 @@ from torch import Tensor
 from moireaug.effects.bayer import REACH, Readout, readout
 from moireaug.effects.view import homography, image_to_photo, look
 from moireaug.fields import bounds, ranged_fields
-from moireaug.scene import PARTS, Develop, Lens, Panel, Scene, Sensor, View
+from moireaug.parts import PARTS, Develop, Lens, Panel, Sensor, View
+from moireaug.scene import Scene
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -168,6 +169,7 @@ def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator
     h, w = (int(s) for s in size)
     if n < 0 or h < 1 or w < 1:
         raise ValueError(f"a shot needs n >= 0 images of at least 1 x 1 pixels; got n = {n}, size = {tuple(size)}.")
+    scene.plan()  # a range that cannot be photographed is refused here, and not in the middle of a batch
     ranges = {
         (part, k): bounds(getattr(getattr(scene, part), k))
         for part in PARTS

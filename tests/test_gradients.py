@@ -9,7 +9,7 @@ from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
 from moireaug.attacks import LOSSES
 from moireaug.effects import tone
 from moireaug.fields import ranged_fields
-from moireaug.scene import PARTS
+from moireaug.parts import PARTS
 
 SCENES = {
     "spectral": Scene(

@@ -11,8 +11,9 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
 from moireaug.fields import bounds, ranged_fields
+from moireaug.parts import PARTS
 from moireaug.presets import PRESETS
-from moireaug.scene import PARTS, as_scene
+from moireaug.scene import as_scene
 
 BAD = [
     (lambda: Panel(scale=0), "Panel.scale must lie in (0, 1000]"),

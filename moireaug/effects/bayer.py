@@ -67,8 +67,8 @@ class Readout:
 def readout(size: int, scale: float, resize: str, reach: int) -> Readout:
     """What must be read of one axis so that `size` photo pixels can be developed.
 
-    A point resize looks at 1 (odd scale) or 2 (even scale) pixels of each axis in a photo pixel's centre, and demosaicing
-    `reach` pixels around them; a reach of 0 is a sensor without a cell. No other sensor pixel is ever exposed.
+    A point resize looks at 1 (odd scale) or 2 (even scale) pixels of each axis in a photo pixel's centre, and
+    demosaicing `reach` pixels around them; a reach of 0 is a sensor without a cell. No other pixel is ever exposed.
     """
     whole, cell = float(scale).is_integer(), 2 if reach else 1
     step = (1 if scale % 2 else 2) + 2 * reach
@@ -97,8 +97,8 @@ def demosaic_bilinear(mosaic: Tensor) -> Tensor:
     return F.conv2d(sparse, torch.stack([square, cross, square])[:, None], padding=1, groups=3)
 
 
-# Malvar, He and Cutler (2004), figure 2, in eighths: a colour at a pixel of another one is the mean of its neighbours
-# plus a share of the other's curvature.
+# Malvar, He and Cutler (2004), figure 2, in eighths: a colour at another's pixel is the mean of its neighbours plus
+# a share of the other's curvature.
 MALVAR = {
     "green": [[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]],
     "along": [[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]],
@@ -107,13 +107,13 @@ MALVAR = {
 
 
 def demosaic_malvar(mosaic: Tensor) -> Tensor:
-    """(B, h, w) RGGB mosaic to (B, 3, h, w) by the gradient-corrected linear filters of Malvar, He and Cutler (2004)."""
+    """(B, h, w) RGGB mosaic to (B, 3, h, w) by the linear filters of Malvar, He and Cutler (2004)."""
     kernels = [mosaic.new_tensor(MALVAR[k]) / 8 for k in ("green", "along", "across")]
     kernels.insert(2, kernels[1].mT.contiguous())
     green, beside, below, across = F.conv2d(mosaic[:, None], torch.stack(kernels)[:, None], padding=2).unbind(1)
     colour = torch.stack([mosaic] * 3, 1)
     colour[:, 1, 0::2, 0::2], colour[:, 1, 1::2, 1::2] = green[:, 0::2, 0::2], green[:, 1::2, 1::2]
-    # red has its neighbours beside the greens of its own rows, below and above those of blue's; blue the other way round
+    # red lies beside the greens of its own rows and below and above those of blue's; blue the other way round
     for channel, r in ((0, 0), (2, 1)):
         c = 1 - r
         colour[:, channel, r::2, c::2] = beside[:, r::2, c::2]

@@ -24,7 +24,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from moireaug.effects.panel import Layout, Subpixel, coefficient, emits, raster_table
+from moireaug.effects.panel import Layout, Subpixel, coefficient, emits
 
 
 class Optics(NamedTuple):
@@ -70,12 +70,17 @@ class Optics(NamedTuple):
 
 
 def shown(image: Tensor, x: Tensor, y: Tensor, dark: bool) -> Tensor:
-    """Channels of the picture (B, C, H, W) at image coordinates x, y (B, h, w), bilinear between pixel centres:
-    (B, C, h, w). Past its edges dark, or its outermost pixel."""
-    h, w = image.shape[-2:]
-    grid = torch.stack(torch.broadcast_tensors(x * (2 / w) - 1, y * (2 / h) - 1), -1).to(image.dtype)
+    """Channels of the picture (B, C, H, W) at x, y (B, h or 1, w or 1), which go from -1 at its left and upper edge to
+    1: (B, C, h, w). Bilinear between pixel centres; past the edges dark, or the outermost pixel."""
+    # interleaved as complex numbers: five times as fast on CPU as to stack along the last axis
+    grid = torch.view_as_real(torch.complex(*torch.broadcast_tensors(x.to(image.dtype), y.to(image.dtype))))
     content = F.grid_sample(image, grid, padding_mode="border", align_corners=False)
-    return content * ((x >= 0) & (x < w) & (y >= 0) & (y < h))[:, None] if dark else content
+    return content * ((x >= -1) & (x < 1) & (y >= -1) & (y < 1))[:, None] if dark else content
+
+
+def on_picture(x: Tensor, y: Tensor, image: Tensor) -> tuple[Tensor, Tensor]:
+    """Image coordinates as `shown` takes them."""
+    return x * (2 / image.shape[-1]) - 1, y * (2 / image.shape[-2]) - 1
 
 
 def footprint(jacobian: Tensor, pitch: Tensor, optics: Optics) -> Tensor:
@@ -111,19 +116,15 @@ def slope(footprint: Tensor, width: Tensor) -> Tensor:
     return 1 / (footprint + width - 1).clamp(min=1e-3, max=1)
 
 
-def held(q: Tensor, slope: Tensor | None, axis: int) -> Tensor:
+def held(q: Tensor, slope: Tensor, offset: Tensor) -> Tensor:
     """Where the picture is looked up: on the nearest subpixel, and between two as steeply as `slope` says.
 
     Args:
         q: position in cells along an axis, whole where a subpixel of the channel has its centre.
-        slope: (B, 2, h or 1, w or 1), as from `slope`; None looks up at q itself.
-        axis: 0 along x, 1 along y.
+        slope: (B, h or 1, w or 1), as from `slope`. offset: (1 - slope) / 2.
     """
-    if slope is None:
-        return q
-    whole, slope = q.floor().detach(), slope[:, axis].to(q.dtype)
-    # (q - whole - 1/2) * slope + 1/2
-    return whole + torch.addcmul(0.5 - 0.5 * slope, q - whole, slope).clamp(0, 1)
+    whole = q.floor().detach()
+    return whole + torch.addcmul(offset, q - whole, slope).clamp(0, 1)
 
 
 def amplitudes(
@@ -158,11 +159,14 @@ def spectral(q: tuple[Tensor, Tensor], mean: Tensor, harmonics: Sequence[tuple[i
     """
     light = mean
     for i, (k, l) in enumerate(harmonics):
-        cycles = k * q[0] + l * q[1] if k and l else k * q[0] if k else l * q[1]
-        if cycles.dtype != amplitude.dtype:
+        if q[0].dtype == amplitude.dtype:
+            parts = [t * (2 * math.pi * n) for n, t in zip((k, l), q, strict=True) if n]
+            phase = parts[0] if len(parts) == 1 else parts[0] + parts[1]
+        else:
             # whole cycles are dropped before the cast, so that the phase keeps its digits far from the origin
-            cycles = (cycles - cycles.detach().floor()).to(amplitude.dtype)
-        light = torch.addcmul(light, torch.cos(cycles * (2 * math.pi)), amplitude[:, i])
+            cycles = k * q[0] + l * q[1]
+            phase = (cycles - cycles.detach().floor()).to(amplitude.dtype) * (2 * math.pi)
+        light = torch.addcmul(light, torch.cos(phase), amplitude[:, i])
     return light
 
 
@@ -198,23 +202,45 @@ def point(
 ) -> Tensor:
     """The panel's raster of subpixels at image coordinates x, y (B, h, w), bilinear: the paper's steps 2 and 3.
 
+    Where two raster rows or columns show different panel pixels, the picture is looked up between these: as exact as
+    the paper's own interpolation where image pixels are a whole odd number of panel pixels wide, as they are there.
+
     Args:
         plane: (B, 1, H, W), what is shown in this channel. alpha, lit: (B,) fields of Panel.
     """
-    n = layout.raster
-    table = raster_table(layout, channel).to(x)
-    alpha = alpha.to(x.dtype)[:, None, None]
-    xs, ys = x * (alpha * n) - 0.5, y * (alpha * n) - 0.5
-    left, top = xs.detach().floor(), ys.detach().floor()
-    total = torch.zeros_like(x, dtype=plane.dtype)
-    for column, across in ((left, 1 - (xs - left)), (left + 1, xs - left)):
-        px = torch.div(column, n, rounding_mode="floor")
-        for row, down in ((top, 1 - (ys - top)), (top + 1, ys - top)):
-            py = torch.div(row, n, rounding_mode="floor")
-            share = table[(row % table.shape[0]).long(), (column % table.shape[1]).long()]
-            content = shown(plane, (px + 0.5) / alpha, (py + 0.5) / alpha, dark)[:, 0]
-            total = total + content * (across * down * share).to(plane.dtype)
+    total = torch.zeros((), dtype=plane.dtype, device=plane.device)
+    a, (h, w) = alpha.to(x.dtype)[:, None, None], plane.shape[-2:]
+    for s in layout.of(channel):
+        across, px = _raster(x * a, s.x0, s.x1, layout.raster, layout.period[0], a * w if dark else None)
+        down, py = _raster(y * a, s.y0, s.y1, layout.raster, layout.period[1], a * h if dark else None)
+        content = shown(plane, *on_picture(px / a, py / a, plane), dark=False)[:, 0]
+        total = total + content * (across * down).to(plane.dtype)
     return total * lit.to(plane.dtype)[:, None, None]
+
+
+def _raster(at: Tensor, low: float, high: float, n: int, period: int, end: Tensor | None) -> tuple[Tensor, Tensor]:
+    """Along one axis, the light at a position that comes from a rectangle from `low` to `high`, by way of the two
+    nearest of n raster subpixels a panel pixel, and where it comes from; positions in panel pixels. With an `end` it is
+    dark outside of 0 to there."""
+    at = at * n - 0.5
+    left = at.floor().detach()
+    second = at - left
+    first = 1 - second
+    if (low, high) != (0, period):
+        place = left % (n * period)
+        first = first * _lies_in(place, low * n, high * n)
+        second = second * _lies_in((place + 1) % (n * period), low * n, high * n)
+    here, there = ((left + k + 0.5).div(n).floor() + 0.5 for k in (0, 1))
+    if end is not None:
+        first, second = (t * ((p >= 0) & (p < end)) for t, p in ((first, here), (second, there)))
+    light = first + second
+    # both in one panel pixel, or the second in the next
+    return light, here + (there - here) * second / light.clamp(min=1e-12)
+
+
+def _lies_in(column: Tensor, low: float, high: float) -> Tensor:
+    """Share of each raster column, given by its left edge, that lies between `low` and `high`."""
+    return ((column + 1).clamp(max=high) - column.clamp(min=low)).clamp(min=0)
 
 
 def supersample(
@@ -223,7 +249,7 @@ def supersample(
     """What the panel emits at one point of each aperture, arguments as in `point`; the caller averages over points."""
     a = alpha.to(x.dtype)[:, None, None]
     px, py = x * a, y * a
-    content = shown(plane, (px.floor() + 0.5) / a, (py.floor() + 0.5) / a, dark)[:, 0]
+    content = shown(plane, *on_picture((px.floor() + 0.5) / a, (py.floor() + 0.5) / a, plane), dark)[:, 0]
     return content * emits(layout, channel, px, py, lit.to(x.dtype)[:, None, None]).to(plane.dtype)
 
 

@@ -154,28 +154,16 @@ def emits(layout: Layout, channel: int, x: Tensor, y: Tensor, lit: Tensor) -> Te
     return mask
 
 
-def raster_table(layout: Layout, channel: int) -> Tensor:
-    """Share of each raster subpixel that a fully lit channel fills: (n * Py, n * Px) float64."""
-    (px, py), n = layout.period, layout.raster
-    left = torch.arange(n * px, dtype=torch.float64) / n
-    top = torch.arange(n * py, dtype=torch.float64) / n
-    table = torch.zeros(n * py, n * px, dtype=torch.float64)
-    for s in layout.of(channel):
-        across = ((left + 1 / n).clamp(max=s.x1) - left.clamp(min=s.x0)).clamp(min=0) * n
-        down = ((top + 1 / n).clamp(max=s.y1) - top.clamp(min=s.y0)).clamp(min=0) * n
-        table += down[:, None] * across[None, :]
-    return table
-
-
 def spread(image: Tensor, across: Tensor, down: Tensor) -> Tensor:
     """Blur (B, 3, H, W) by so much variance along x and y, (B, 3) each in squared image pixels and in [0, 1/2].
 
-    The weights v/2, 1 - v, v/2: exact for a picture's curvature, which is what a small aperture sees of it.
+    Half the variance goes to each neighbour: exact for a picture's curvature, which is what a small aperture sees.
     """
-    v = (across / 2).to(image.dtype)[:, :, None, None]
-    image = image + v * (F.pad(image, (1, 1, 0, 0), mode="replicate").diff(dim=3).diff(dim=3))
-    v = (down / 2).to(image.dtype)[:, :, None, None]
-    return image + v * (F.pad(image, (0, 0, 1, 1), mode="replicate").diff(dim=2).diff(dim=2))
+    across, down = (v.to(image.dtype)[:, :, None, None] for v in (across, down))
+    wide = F.pad(image, (1, 1, 1, 1), mode="replicate")
+    beside = wide[..., 1:-1, :-2] + wide[..., 1:-1, 2:]
+    out = torch.addcmul(image * (1 - across - down), beside, across / 2)
+    return torch.addcmul(out, wide[..., :-2, 1:-1] + wide[..., 2:, 1:-1], down / 2)
 
 
 def prefilter(image: Tensor, variance: Tensor, levels: int) -> Tensor:

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from moireaug.effects.view import look, nodes, undistortion
+from moireaug.effects.view import enlarge, look, nodes, undistortion
 
 
 def register(photo: Tensor, matrix: Tensor, lens: tuple[Tensor, Tensor] | None, *, affine: bool) -> Tensor:
@@ -24,7 +24,7 @@ def register(photo: Tensor, matrix: Tensor, lens: tuple[Tensor, Tensor] | None, 
         ideal = torch.stack(look(matrix, nodes(rows), nodes(cols), size, affine=affine, lens=None), -1)
         ideal = ideal - ideal.new_tensor([w / 2, h / 2])
         factor = undistortion(ideal.flatten(1, 2), *lens, size).reshape(ideal.shape[:-1]).to(photo.dtype)
-        factor = F.interpolate(factor[:, None], size=size, mode="bilinear", align_corners=True)[:, 0]
+        factor = enlarge(factor[:, None], size)[:, 0]
         x, y = x * factor, y * factor
     inside = (x.abs() <= 1) & (y.abs() <= 1)
     grid = torch.stack([x, y], -1)

@@ -8,13 +8,14 @@ Everything here is float64, differentiable in every field, and of shape (B,) for
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
 NEWTON_STEPS = 8
-MOST_NODES = 33
+MOST_NODES = 25
 NEAR_HORIZON = 1e-3  # rays that see the screen more than a thousand times as far as its centre look past it
 
 
@@ -123,7 +124,7 @@ def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> T
 def nodes(positions: Tensor) -> Tensor:
     """Fewer positions with the same ends, for what is smooth over a picture and interpolated between them, float64.
 
-    One in eight and at most 33: bilinear interpolation of a lens's or a view's scale is then good to 1e-3 of itself.
+    One in eight and at most 25: bilinear interpolation of a lens's or a view's scale is then good to 1e-3 of itself.
     """
     return (
         torch.linspace(0, 1, min(MOST_NODES, len(positions) // 8 + 2, len(positions))).to(
@@ -132,6 +133,24 @@ def nodes(positions: Tensor) -> Tensor:
         * (positions[-1] - positions[0])
         + positions[0]
     )
+
+
+@functools.lru_cache(maxsize=64)
+def _between(n: int, size: int) -> Tensor:
+    """Linear interpolation from n nodes to `size` positions with the same ends: (size, n) float64."""
+    at = torch.linspace(0, n - 1, size, dtype=torch.float64)[:, None]
+    return (1 - (at - torch.arange(n, dtype=torch.float64)).abs()).clamp(min=0)
+
+
+def enlarge(t: Tensor, size: tuple[int, int]) -> Tensor:
+    """(B, n, h, w) on `nodes` to the lattice (B, n, *size) that they are nodes of, bilinear; (B, n, 1, 1) as it is.
+
+    As two matrix products: ten times as fast on CPU as `F.interpolate`.
+    """
+    if t.shape[-2:] == (1, 1):
+        return t
+    down, across = (_between(n, s).to(t) for n, s in zip(t.shape[-2:], size, strict=True))
+    return down @ t @ across.mT
 
 
 def apply_homography(m: Tensor, points: Tensor) -> Tensor:
@@ -219,8 +238,9 @@ def look(
         d = None if affine else m[:, 2, 0] * u + (m[:, 2, 1] * v + m[:, 2, 2])
     else:
         k1, k2 = (k.to(rows.dtype)[:, None, None] for k in lens)
-        r2 = (u * u + v * v) * (4 / (h * h + w * w))
-        bend = 1 + r2 * (k1 + k2 * r2)
+        r2 = u * u * (4 / (h * h + w * w)) + v * v * (4 / (h * h + w * w))
+        one = torch.ones_like(k1)
+        bend = torch.addcmul(one, r2, torch.addcmul(k1, r2, k2))
         x = torch.addcmul(m[:, 0, 2], bend, m[:, 0, 0] * u + m[:, 0, 1] * v)
         y = torch.addcmul(m[:, 1, 2], bend, m[:, 1, 0] * u + m[:, 1, 1] * v)
         d = None if affine else torch.addcmul(m[:, 2, 2], bend, m[:, 2, 0] * u + m[:, 2, 1] * v)

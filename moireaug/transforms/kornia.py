@@ -9,7 +9,8 @@ from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
 from moireaug.fields import ranged_fields
-from moireaug.scene import PARTS, Scene, as_scene
+from moireaug.parts import PARTS
+from moireaug.scene import Scene, as_scene
 from moireaug.shot import Shot
 from moireaug.transforms._convert import check_probability, moves, photograph
 

@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 from kornia.enhance import jpeg_codec_differentiable
 
-from moireaug.effects.jpeg import jpeg
+from moireaug.effects.jpeg import THROUGH, jpeg
 
 SIZES = [(1, 1), (1, 7), (7, 1), (8, 8), (17, 33), (48, 40)]
 DTYPES = [torch.float32, torch.float64]
@@ -74,13 +74,13 @@ def test_less_quality_is_more_error():
     assert errors == sorted(errors, reverse=True) and len(set(errors)) == 5
 
 
-def test_backward_is_kornias_and_computed_only_then(monkeypatch):
+def test_backward_is_kornias_with_a_little_straight_through_and_computed_only_then(monkeypatch):
     photo, quality = scenes(3, dtype=torch.float64)[..., :37, :21].requires_grad_(), torch.tensor([10.0, 60.0, 95.0])
     weight = torch.randn(photo.shape, dtype=torch.float64)
     (want,) = torch.autograd.grad((jpeg_codec_differentiable(photo, quality) * weight).sum(), photo)
     out = jpeg(photo, quality.requires_grad_())
     got, none = torch.autograd.grad((out * weight).sum(), (photo, quality), allow_unused=True)
-    torch.testing.assert_close(got, want)
+    torch.testing.assert_close(got, want + THROUGH * weight)
     assert none is None
 
     monkeypatch.setattr("moireaug.effects.jpeg.jpeg_codec_differentiable", None)
@@ -149,3 +149,12 @@ def test_is_a_sound_operator():
     checks = ("test_schema", "test_autograd_registration", "test_faketensor")
     args = (torch.rand(2, 3, 9, 11, requires_grad=True), torch.tensor([30.0, 80.0]))
     torch.library.opcheck(torch.ops.moireaug.jpeg.default, args, test_utils=checks)
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+@pytest.mark.parametrize("quality", [10.0, 50.0, 95.0])
+def test_flat_black_and_white_do_not_hide_from_an_attack(level, quality):
+    photo = torch.full((1, 3, 16, 16), level, requires_grad=True)
+    weight = torch.rand(1, 3, 16, 16) + 0.5
+    (gradient,) = torch.autograd.grad((jpeg(photo, torch.tensor([quality])) * weight).sum(), photo)
+    assert (gradient != 0).all()
