@@ -1,0 +1,163 @@
+"""Timing, metadata and tables that every benchmark shares."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import os
+import platform
+import random
+import time
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+RESULTS = Path(__file__).resolve().parent / "results"
+LIBRARIES = ("torch", "torchvision", "kornia", "albumentations", "numpy")
+FEWEST = 3  # runs that even a slow candidate gets
+
+
+class Timing(NamedTuple):
+    """Seconds of a call: median, quartiles and mean of so many runs."""
+
+    median: float
+    low: float
+    high: float
+    mean: float
+    runs: int
+
+    @staticmethod
+    def of(seconds: Sequence[float]) -> Timing:
+        low, median, high = np.percentile(seconds, [25, 50, 75]).tolist()
+        return Timing(median, low, high, float(np.mean(seconds)), len(seconds))
+
+    def __truediv__(self, n: float) -> Timing:  # type: ignore[override]
+        """The same for one of n images."""
+        return Timing(*(s / n for s in self[:4]), self.runs)
+
+
+def timed(function: Callable[[], Any], repeats: int = 15, warmup: int = 1) -> Timing:
+    """Time one function, after `warmup` calls that are not counted."""
+    return timed_together({"it": function}, repeats, warmup)["it"]
+
+
+def timed_together(
+    candidates: Mapping[str, Callable[[], Any]], repeats: int = 15, warmup: int = 1, budget: float = float("inf")
+) -> dict[str, Timing]:
+    """Time candidates by turns, in another order each round, so that a machine that drifts and a cache that a large
+    neighbour has emptied hit all alike.
+
+    Args:
+        repeats: rounds, in each of which every candidate runs once.
+        warmup: calls of each that are not counted: they fill caches and make plans.
+        budget: seconds after which a slow candidate sits out, once it has run `FEWEST` times.
+    """
+    for function in candidates.values():
+        for _ in range(warmup):
+            function()
+    spent: dict[str, list[float]] = {name: [] for name in candidates}
+    order = random.Random(0)
+    for _ in range(repeats):
+        for name in order.sample(list(candidates), len(candidates)):
+            if len(spent[name]) < FEWEST or sum(spent[name]) < budget:
+                spent[name].append(_clock(candidates[name]))
+    return {name: Timing.of(seconds) for name, seconds in spent.items()}
+
+
+def _clock(function: Callable[[], Any]) -> float:
+    _finish()
+    began = time.perf_counter()
+    function()
+    _finish()
+    return time.perf_counter() - began
+
+
+def _finish() -> None:
+    if torch.cuda.is_available():  # a GPU's kernels run on after their call has returned
+        torch.cuda.synchronize()
+
+
+def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
+    """The Pareto frontier of (cost, error) points: indices, cheapest first, of those that no cheaper one matches."""
+    kept: list[int] = []
+    for i in sorted(range(len(points)), key=lambda i: points[i]):
+        if not kept or points[i][1] < points[kept[-1]][1]:
+            kept.append(i)
+    return kept
+
+
+def metadata() -> dict[str, Any]:
+    """The machine, its load and the libraries. Call it before anything is timed."""
+    gpu = torch.cuda.is_available()
+    return {
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "device": torch.cuda.get_device_name() if gpu else "cpu",
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "threads": torch.get_num_threads(),
+        "load_average_at_start": list(os.getloadavg()) if hasattr(os, "getloadavg") else None,
+        "python": platform.python_version(),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def told(facts: Mapping[str, Any]) -> str:
+    """Metadata in a line or two."""
+    libraries = ", ".join(f"{name} {facts[name]}" for name in ("python", *LIBRARIES))
+    load = facts["load_average_at_start"]
+    machine = f"{facts['cpu']}, {facts['cores']} cores, {facts['threads']} threads, device {facts['device']}"
+    return f"{machine}, load {load[0]:.2f} at start\n{libraries}" if load else f"{machine}\n{libraries}"
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Plain text with aligned columns: numbers, which start with a digit or a sign, to the right, words to the left."""
+    cells = [[show(value) for value in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(columns, *cells, strict=True)]
+    right = [any(not isinstance(row[i], str) and row[i] is not None for row in rows) for i in range(len(columns))]
+
+    def line(row: Sequence[str]) -> str:
+        placed = (f"{c:>{w}}" if r else f"{c:<{w}}" for c, w, r in zip(row, widths, right, strict=True))
+        return "  ".join(placed).rstrip()
+
+    return "\n".join([line(columns), "  ".join("-" * w for w in widths), *map(line, cells)])
+
+
+def show(value: Any) -> str:
+    """Three digits of a float that is not large, nothing for None."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return "" if value is None else str(value)
+
+
+def in_ms(seconds: Mapping[str, float]) -> tuple[float, str]:
+    """Median and quartiles of a `Timing`'s dict, for a table."""
+    return 1e3 * seconds["median"], f"{show(1e3 * seconds['low'])} to {show(1e3 * seconds['high'])}"
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def arguments(doc: str) -> argparse.ArgumentParser:
+    """What every script takes."""
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="tiny sizes, a few seconds: shows that it runs, no more")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
+    parser.add_argument("--threads", type=int, default=2)
+    return parser

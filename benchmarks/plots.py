@@ -1,0 +1,117 @@
+"""The picture of accuracy against time, a small one for each problem."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from benchmarks.measure import frontier
+
+# Okabe and Ito (2008): told apart by every common kind of colour vision; the markers say the same in print
+STYLE = {
+    "point": ("#D55E00", "X"),
+    "supersample": ("#0072B2", "o"),
+    "spectral": ("#009E73", "D"),
+    "box": ("#CC79A7", "s"),
+}
+INK, FAINT, LINE = "#222222", "#DDDDDD", "#999999"
+COLUMNS = 3
+FLOOR = {"color": "#F0E442", "alpha": 0.35, "linewidth": 0}
+AUTO = {"marker": "o", "markersize": 15, "fillstyle": "none", "color": "black", "markeredgewidth": 1.8, "linewidth": 0}
+FRONTIER = {"color": LINE, "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 1}
+
+
+def accuracy_vs_time(found: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write error over time, both logarithmic, of every problem in `found`, the results of `accuracy_vs_time.solve`."""
+    lines = math.ceil(len(found) / COLUMNS)
+    figure = Figure(figsize=(11, 2.9 * lines + 1.0), dpi=110, layout="constrained", facecolor="white")
+    axes = figure.subplots(lines, COLUMNS, squeeze=False)
+    for axis, result in zip(axes.flat, found, strict=False):
+        draw(axis, result)
+    for axis in axes.flat[len(found) :]:
+        axis.set_axis_off()
+    for axis in axes[:, 0]:
+        axis.set_ylabel("RMSE of the raw reading,\n% of its mean", size=9, color=INK)
+    for axis in axes.flat[max(0, len(found) - COLUMNS) : len(found)]:
+        axis.set_xlabel("time of one image, ms", size=9, color=INK)
+    legend(figure)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, pil_kwargs={"optimize": True})
+
+
+def draw(axis: Axes, result: dict[str, Any]) -> None:
+    """One problem. A method's settings are joined by a thin line, quartiles of time are bars, the ring is auto."""
+    floor = result["reference"]["error_left_percent"]
+    families: dict[str, list[dict[str, Any]]] = {}
+    for row in result["rows"]:
+        families.setdefault(family(row["method"]), []).append(row)
+    for name, rows in families.items():
+        x, y = [1e3 * row["seconds"]["median"] for row in rows], [row["rmse_percent"] for row in rows]
+        if name == "auto":
+            axis.plot(x, y, **AUTO, zorder=4)
+            continue
+        colour, marker = STYLE[name]
+        bars = [[1e3 * abs(r["seconds"][end] - r["seconds"]["median"]) for r in rows] for end in ("low", "high")]
+        look = {"color": colour, "marker": marker, "markersize": 6, "linewidth": 0.8, "elinewidth": 1.4}
+        axis.errorbar(x, y, xerr=bars, **look, zorder=3)
+    points = [(1e3 * row["seconds"]["median"], row["rmse_percent"]) for row in result["rows"]]
+    best = [points[i] for i in frontier(points)]
+    axis.step([time for time, _ in best], [error for _, error in best], where="post", **FRONTIER)
+    axis.set(xscale="log", yscale="log")
+    for scale in (axis.xaxis, axis.yaxis):
+        scale.set_major_locator(LogLocator(subs=(1.0,) if spans(scale) else (1.0, 2.0, 5.0)))
+        scale.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        scale.set_minor_formatter(NullFormatter())
+    axis.margins(0.12)
+    if floor > 0:
+        bottom = min(axis.get_ylim()[0], floor / 1.5)
+        axis.axhspan(bottom, floor, **FLOOR, zorder=0)
+        axis.set_ylim(bottom=bottom)
+    axis.set_title(result["title"], size=9, color=INK, loc="left")
+    axis.grid(color=FAINT, linewidth=0.6)
+    axis.set_axisbelow(True)
+    axis.tick_params(labelsize=8, labelcolor=INK, color=FAINT, which="both")
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.spines[:].set_color(LINE)
+
+
+def spans(scale: Axis) -> bool:
+    """Whether an axis spans more than two powers of ten, so that these are labels enough."""
+    low, high = scale.get_data_interval()
+    return high > 100 * low
+
+
+def family(method: str) -> str:
+    """The method without its setting."""
+    return method.partition(":")[0].partition(" ")[0]
+
+
+def legend(figure: Figure) -> None:
+    labels = {
+        "point": "point",
+        "supersample": "supersample, n = 2, 4, 8, 16",
+        "spectral": "spectral, tolerance 1/64, 1/512, 1/4096",
+        "box": "box",
+    }
+    handles = [
+        Line2D([], [], color=STYLE[k][0], marker=STYLE[k][1], linewidth=0.8 * ("," in v), label=v)
+        for k, v in labels.items()
+    ]
+    handles += [
+        Line2D([], [], **(AUTO | {"markersize": 11}), label="what auto chooses"),
+        Line2D([], [], **FRONTIER, label="Pareto frontier"),
+        Line2D([], [], color=FLOOR["color"], alpha=0.6, linewidth=7, label="below the reference's own error"),
+    ]
+    note = "picture, panel layout, pitch in sensor pixels a panel pixel, view; bars span the quartiles of time"
+    figure.legend(
+        handles=handles, loc="outside upper left", ncols=4, frameon=False, fontsize=9, labelcolor=INK,
+        title=f"Each plot is one problem: {note}", title_fontsize=9, alignment="left",
+    )  # fmt: skip
