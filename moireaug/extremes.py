@@ -118,4 +118,6 @@ def flickers(panel: Panel, shutter: Range) -> float:
     (slow, fast), duty, (short, long) = bounds(panel.pwm), bounds(panel.duty)[0], bounds(shutter)
     if not fast or not long or duty == 1:
         return 0.0
-    return (1 - duty) / max(duty, slow * short)
+    cycles = slow * short  # of the shortest exposure, at least
+    brighter, darker = (1 - duty) / max(duty, cycles), 1.0 if cycles <= 1 - duty else (1 - duty) / cycles
+    return max(brighter, darker)

@@ -229,5 +229,7 @@ SAMPLED = {"point": exposure.point, "supersample": exposure.supersample}
 
 def _coordinate_dtype(shot: Shot, plan: Plan, dtype: torch.dtype) -> torch.dtype:
     """float32 where the rounding of coordinates changes no reading by more than half the tolerance, else float64."""
-    cells = max(shot.size) * bounds(shot.scene.panel.scale)[1] / 2  # from the middle of the panel
-    return dtype if cells * plan.steepness * torch.finfo(dtype).eps < shot.scene.tolerance / 2 else torch.float64
+    farthest = max(shot.size) * bounds(shot.scene.panel.scale)[1]
+    if plan.exposure in ("spectral", "box", "mean"):  # which count from the middle of the panel
+        farthest /= 2
+    return dtype if farthest * plan.steepness * torch.finfo(dtype).eps < shot.scene.tolerance / 2 else torch.float64

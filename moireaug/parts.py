@@ -43,6 +43,8 @@ class Panel(Part):
         from moireaug.effects.panel import LAYOUTS, Layout
 
         if isinstance(self.layout, dict):
+            for key in self.layout:
+                one_of("a field of Panel.layout", key, ("subpixels", "period"))
             object.__setattr__(self, "layout", Layout(**self.layout))
         if not isinstance(self.layout, Layout):
             one_of("Panel.layout", self.layout, LAYOUTS)

@@ -156,15 +156,17 @@ def make_plan(scene: Scene) -> Plan:
          "each sensor pixel reads its own image pixel"),
         ("vignetting", gain * bounds(lens.vignetting)[1] > t,
          f"{_show(lens.vignetting)} of the light lost in the corners",
-         "no light lost in the corners"),
+         under if bounds(lens.vignetting)[1] else "no light lost in the corners"),
         ("flicker", gain * flicker > t, f"pulses of {_show(panel.pwm)} Hz, {_show(panel.duty)} on, through a shutter "
          f"of {_show(sensor.shutter)} s, rows read in {_show(sensor.readout)} s",
          under if flicker else "no pulses, or no shutter given"),
-        ("gain", _off(sensor.gain, 1) > t, f"raw times {_show(sensor.gain)}", "gain is 1"),
+        ("gain", _off(sensor.gain, 1) > t, f"raw times {_show(sensor.gain)}",
+         under if _off(sensor.gain, 1) else "gain is 1"),
         ("read_noise", noisy > t, f"standard deviation {_show(sensor.read_noise)}",
          under if noisy else "read_noise is 0"),
         ("shot_noise", SIGMAS * bounds(sensor.shot_noise)[1] > t,
-         f"standard deviation {_show(sensor.shot_noise)} times the root of the reading", "shot_noise is 0"),
+         f"standard deviation {_show(sensor.shot_noise)} times the root of the reading",
+         under if bounds(sensor.shot_noise)[1] else "shot_noise is 0"),
         ("saturate", gain > 1 or gain * flicker > t, "the reading can exceed a full well",
          "no reading exceeds a full well"),
         ("bits", 0.5 / (2**bits - 1) > t, f"{bits} bits", under if sensor.bits else "the reading is not rounded"),
@@ -172,9 +174,10 @@ def make_plan(scene: Scene) -> Plan:
         *([] if dev.denoise else [resize]),
         ("balance", max(_off(dev.red, 1), _off(dev.blue, 1)) > t,
          f"red times {_show(dev.red)}, blue {_show(dev.blue)}",
-         "red and blue as they are read"),
+         under if _off(dev.red, 1) or _off(dev.blue, 1) else "red and blue as they are read"),
         ("encode", dev.linear_light, "light to sRGB codes", "linear_light is off"),
-        ("brighten", _off(dev.brighten, 0) > t, f"{_show(dev.brighten)} added", "nothing to add"),
+        ("brighten", _off(dev.brighten, 0) > t, f"{_show(dev.brighten)} added",
+         under if _off(dev.brighten, 0) else "nothing to add"),
         ("denoise", dev.denoise is not None, f"{dev.denoise}, on every sensor pixel", "not asked for"),
         *([resize] if dev.denoise else []),
         ("register", dev.registered and (posed or bends), "back to the image's frame",
@@ -183,7 +186,7 @@ def make_plan(scene: Scene) -> Plan:
     )  # fmt: skip
     steps = tuple(Step(effect, bool(called), why if called else why_not) for effect, called, why, why_not in table)
     levels = 0
-    while far_off and levels < MOST_LEVELS and (3 * 4**levels - 1) / 12 < variance:
+    while far_off and levels < MOST_LEVELS and 4**levels / 4 < variance:
         levels += 1
     return Plan(
         steps, method, tuple(h for h, _ in harmonics), levels, steepness,

@@ -28,7 +28,9 @@ class Scene:
     Args:
         panel, view, lens, sensor, develop: the five parts; each has its own defaults, which do nothing but show an RGB
             stripe to a Bayer sensor.
-        tolerance: contrast, in raw units, below which the plan leaves a contribution out.
+        tolerance: contrast, in raw units, below which the plan leaves a contribution out. Each effect and each harmonic
+            that is left out stays below it; of a sharp lens many harmonics are left out, whose sum may reach a few
+            times as much.
 
     Raises:
         ValueError, TypeError: a value out of its range, with what was got and what is allowed.

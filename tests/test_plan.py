@@ -1,30 +1,61 @@
 """Plan: an effect at its identity, or below the tolerance, is absent; the rest say why they are there."""
 
 import dataclasses
+import json
 
 import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
+from moireaug.effects.flicker import flicker
+from moireaug.effects.panel import Layout
 from moireaug.presets import PRESETS
 
-BARE = Scene(lens=Lens(blur=3.0))  # so soft a lens that no stripe is left
+EVEN, COLOUR = Panel(layout="even"), Sensor(cfa="none")
+BARE = Scene(panel=EVEN, sensor=COLOUR)  # the photo is the image
+OWN = Scene(panel=Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 1)))))
+
+
+def colour(**fields):
+    return Sensor(cfa="none", **fields)
+
 
 CALLED = [
     ("decode", {"develop": Develop(linear_light=True)}),
-    ("encode", {"develop": Develop(linear_light=True)}),
-    ("layout", {"lens": Lens()}),
-    ("panel", {"sensor": Sensor(exposure="point")}),
+    ("soften", {"lens": Lens(blur=0.6)}),
+    ("soften", {"panel": Panel(layout="even", scale=0.8)}),
+    ("prefilter", {"lens": Lens(blur=3.0)}),
+    ("prefilter", {"view": View(zoom=0.2)}),
+    ("prefilter", {"view": View(yaw=80.0)}),
+    ("panel", {"panel": Panel(), "sensor": colour(exposure="point")}),
+    ("panel", {"sensor": colour(scale=4)}),
+    ("layout", {"panel": Panel()}),
+    ("layout", {"panel": Panel(layout="even", lit=0.5)}),
     ("pose", {"view": View(yaw=(0, 1))}),
     ("pose", {"view": View(zoom=0.9)}),
     ("pose", {"view": View(shift_x=0.1)}),
-    ("lens", {"lens": Lens(k1=0.01, blur=3.0)}),
-    ("gain", {"sensor": Sensor(gain=0.5)}),
-    ("saturate", {"sensor": Sensor(gain=(0.5, 1.5))}),
-    ("read_noise", {"sensor": Sensor(read_noise=(0, 0.1))}),
-    ("resize", {"sensor": Sensor(scale=2)}),
+    ("lens", {"lens": Lens(k1=0.01)}),
+    ("lens", {"lens": Lens(k2=(-0.01, 0))}),
+    ("exposure", {"sensor": Sensor()}),
+    ("exposure", {"panel": Panel()}),
+    ("exposure", {"lens": Lens(olpf=0.5)}),
+    ("vignetting", {"lens": Lens(vignetting=(0, 0.1))}),
+    ("flicker", {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001, readout=0.01)}),
+    ("gain", {"sensor": colour(gain=0.5)}),
+    ("read_noise", {"sensor": colour(read_noise=(0, 0.1))}),
+    ("shot_noise", {"sensor": colour(shot_noise=0.01)}),
+    ("saturate", {"sensor": colour(gain=(0.5, 1.5))}),
+    ("saturate", {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001)}),
+    ("bits", {"sensor": colour(bits=6)}),
+    ("demosaic", {"sensor": Sensor()}),
+    ("resize", {"sensor": colour(scale=2)}),
+    ("balance", {"develop": Develop(red=1.1)}),
+    ("balance", {"develop": Develop(blue=(0.9, 1.0))}),
+    ("encode", {"develop": Develop(linear_light=True)}),
     ("brighten", {"develop": Develop(brighten=0.1)}),
+    ("denoise", {"develop": Develop(denoise="bilateral")}),
     ("register", {"view": View(roll=5)}),
+    ("jpeg", {"develop": Develop(jpeg=(0, 90))}),
 ]
 
 
@@ -37,6 +68,91 @@ def test_an_effect_is_there_when_and_only_when_called_for(effect, change):
     assert reasons["effects"][effect] and effect not in reasons["left_out"]
 
 
+def test_every_effect_has_a_scene_that_calls_for_it():
+    assert {effect for effect, _ in CALLED} == {step.effect for step in BARE.plan().steps}
+
+
+NOT_CALLED = [
+    ("flicker", {"panel": Panel(layout="even", pwm=240.0)}),  # no shutter
+    ("flicker", {"panel": Panel(layout="even", pwm=240.0, duty=1.0), "sensor": colour(shutter=0.001)}),
+    ("register", {"view": View(roll=5), "develop": Develop(registered=False)}),
+    ("saturate", {"sensor": colour(gain=0.5)}),
+    ("layout", {"panel": Panel(), "lens": Lens(blur=3.0)}),
+    ("soften", {"lens": Lens(blur=3.0)}),  # the prefilter does it
+    ("prefilter", {"view": View(zoom=0.2), "sensor": colour(exposure="supersample:2")}),
+    ("panel", {"sensor": colour(scale=4, exposure="mean")}),
+]
+
+
+@pytest.mark.parametrize(("effect", "change"), NOT_CALLED)
+def test_an_effect_that_could_not_be_seen_is_not_called_for(effect, change):
+    plan = dataclasses.replace(BARE, **change).plan()
+    assert effect not in plan and plan.to_dict()["left_out"][effect]
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+def test_a_scene_without_effects_returns_its_input(dtype, images):
+    assert list(BARE.plan()) == []
+    image = images.to(dtype)
+    image[0, :, 0, :2] = torch.tensor([0.0, 1.0], dtype=dtype)
+    photo = BARE.capture(image)
+    assert photo.dtype == dtype and torch.equal(photo, image)
+
+
+BRIGHT = {"panel": Panel(layout="even", pwm=1000.0, duty=0.5), "sensor": colour(shutter=0.3, readout=0.03)}
+BANDS = {"panel": Panel(layout="even", pwm=1000.0, duty=0.5), "sensor": colour(shutter=0.0012, readout=0.03)}
+DROPPED = [  # effect, too small to matter, and not so
+    ("soften", {"lens": Lens(blur=0.03)}, {"lens": Lens(blur=0.5)}),
+    ("vignetting", {"lens": Lens(vignetting=0.0019)}, {"lens": Lens(vignetting=0.3)}),
+    ("flicker", BRIGHT, BANDS),
+    ("gain", {"sensor": colour(gain=0.9981)}, {"sensor": colour(gain=0.7)}),
+    ("gain", {"sensor": colour(gain=1.0019)}, {"sensor": colour(gain=1.7)}),
+    ("read_noise", {"sensor": colour(read_noise=0.0003)}, {"sensor": colour(read_noise=0.1)}),
+    ("shot_noise", {"sensor": colour(shot_noise=0.0003)}, {"sensor": colour(shot_noise=0.1)}),
+    ("bits", {"sensor": colour(bits=9)}, {"sensor": colour(bits=2)}),
+    ("balance", {"develop": Develop(red=1.0019)}, {"develop": Develop(red=1.5)}),
+    ("balance", {"develop": Develop(blue=0.9981)}, {"develop": Develop(blue=0.5)}),
+    ("brighten", {"develop": Develop(brighten=-0.0019)}, {"develop": Develop(brighten=-0.2)}),
+]
+
+
+def change_by_dropping(effect, scene, exact, images):
+    """How far the photo moves where the plan of `scene` leaves out what that of `exact` computes."""
+    assert effect not in scene.plan() and effect in exact.plan()
+    shot = scene.sample(4, (24, 32), torch.Generator().manual_seed(0))
+    return (capture(images, shot) - capture(images, dataclasses.replace(shot, scene=exact))).abs().max().item()
+
+
+@pytest.mark.parametrize(("effect", "small", "large"), DROPPED)
+def test_what_is_dropped_changes_nothing_by_more_than_the_tolerance(effect, small, large, images):
+    image = (images > 0.5).double()  # black and white, where every effect is at its largest
+    image[:2] = images[:2]
+    scene = dataclasses.replace(BARE, **small)
+    assert 0 < change_by_dropping(effect, scene, dataclasses.replace(scene, tolerance=1e-9), image) <= 1 / 512
+    # and a tolerance that drops what does matter is noticed
+    scene = dataclasses.replace(BARE, **large, tolerance=1.0)
+    assert change_by_dropping(effect, scene, dataclasses.replace(scene, tolerance=1e-9), image) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("duty", "shutter"),
+    [(0.5, 0.301), (0.5, 0.0012), (0.9985, 0.2), (0.1, 0.0001),
+     *((0.9985, s) for s in (1e-4, 1e-6))],
+)  # fmt: skip
+def test_flicker_is_left_out_only_where_every_row_has_the_panels_mean(duty, shutter):
+    scene = Scene(panel=Panel(pwm=1000.0, duty=duty), sensor=Sensor(shutter=shutter))
+    one_cycle = (torch.tensor([v], dtype=torch.float64) for v in (1000.0, duty, 0.0, shutter, 0.001))
+    bands = flicker(torch.linspace(0, 1, 10001, dtype=torch.float64), *one_cycle)
+    assert (bands - 1).abs().max() <= scene.tolerance or "flicker" in scene.plan()
+
+
+@pytest.mark.parametrize("scene", [*map(Scene.preset, PRESETS), BARE, OWN], ids=[*PRESETS, "bare", "own layout"])
+def test_a_plan_is_plain_data(scene):
+    values = scene.plan().to_dict()
+    assert json.loads(json.dumps(values)) == values
+    assert [*values["effects"], *values["left_out"]] != [] and not values["effects"].keys() & values["left_out"].keys()
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_plan_prints_every_effect_once_with_its_reason(name):
     plan = Scene.preset(name).plan()
@@ -47,7 +163,7 @@ def test_a_plan_prints_every_effect_once_with_its_reason(name):
 
 
 def test_harmonics_below_the_tolerance_change_nothing_above_it(images):
-    """Dropping what the plan drops moves no pixel of the raw reading by more than the sum that was dropped."""
+    """Each dropped harmonic is below the tolerance. Their sum may exceed it: here it stays below four times as much."""
     base = Scene(panel=Panel(scale=(0.8, 1.6)), view=View(roll=(-20, 20)), lens=Lens(blur=0.25), sensor=Sensor(scale=2))
     shot = base.sample(4, (24, 32))
     exact = dataclasses.replace(base, tolerance=1e-7)

@@ -208,7 +208,7 @@ def point(
     Args:
         plane: (B, 1, H, W), what is shown in this channel. alpha, lit: (B,) fields of Panel.
     """
-    total = torch.zeros((), dtype=plane.dtype, device=plane.device)
+    total = torch.zeros_like(x, dtype=plane.dtype)
     a, (h, w) = alpha.to(x.dtype)[:, None, None], plane.shape[-2:]
     for s in layout.of(channel):
         across, px = _raster(x * a, s.x0, s.x1, layout.raster, layout.period[0], a * w if dark else None)

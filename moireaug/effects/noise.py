@@ -14,17 +14,16 @@ def sensor_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tens
     Photon noise is Poisson's in its Gaussian limit, in the reading's own light; a full well of N electrons has
     `shot = N^-1/2`. Differentiable in raw, read and shot. Replays exactly on devices of one type.
     """
-    noise = normal(raw.detach(), seeds)
+    noise = torch.ops.moireaug.normal(raw.detach(), seeds)
     read, shot = (t.to(raw.dtype)[:, None, None, None] for t in (read, shot))
     return raw + noise * (read.square() + shot.square() * raw.clamp(min=DARK)).sqrt()
 
 
 def read_noise(raw: Tensor, read: Tensor, seeds: Tensor) -> Tensor:
     """`sensor_noise` in the dark."""
-    return torch.addcmul(raw, normal(raw.detach(), seeds), read.to(raw.dtype)[:, None, None, None])
+    return torch.addcmul(raw, torch.ops.moireaug.normal(raw.detach(), seeds), read.to(raw.dtype)[:, None, None, None])
 
 
-@torch.library.custom_op("moireaug::normal", mutates_args=())
 def normal(like: Tensor, seeds: Tensor) -> Tensor:
     """Standard normal numbers of the shape of `like`, row i from seed i alone."""
     noise = torch.empty_like(like, memory_format=torch.contiguous_format)
@@ -34,9 +33,16 @@ def normal(like: Tensor, seeds: Tensor) -> Tensor:
     return noise
 
 
-@normal.register_fake
-def _(like: Tensor, seeds: Tensor) -> Tensor:
+def _shape(like: Tensor, seeds: Tensor) -> Tensor:
     return torch.empty_like(like, memory_format=torch.contiguous_format)
+
+
+# an operator of its own, since torch.compile cannot look into generators; defined by hand, because `custom_op` imports
+# the compiler on its first call, a second and more in every worker
+LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
+LIBRARY.define("normal(Tensor like, Tensor seeds) -> Tensor")
+LIBRARY.impl("normal", normal, "CompositeExplicitAutograd")
+torch.library.register_fake("moireaug::normal", _shape, lib=LIBRARY)
 
 
 def quantise(raw: Tensor, bits: int) -> Tensor:

@@ -63,9 +63,12 @@ class Layout:
     period: tuple[int, int] = (1, 1)
 
     def __post_init__(self) -> None:
+        for name in ("subpixels", "period"):
+            if not isinstance(getattr(self, name), (tuple, list)):
+                raise TypeError(f"Layout.{name} must be a tuple; got {getattr(self, name)!r}.")
         object.__setattr__(self, "period", tuple(self.period))
         object.__setattr__(self, "subpixels", tuple(tuple(s) for s in self.subpixels))
-        if len(self.period) != 2 or any(not isinstance(p, int) or not 1 <= p <= 16 for p in self.period):
+        if len(self.period) != 2 or any(type(p) is not int or not 1 <= p <= 16 for p in self.period):
             raise ValueError(f"Layout.period must be two whole numbers of panel pixels in [1, 16]; got {self.period}.")
         if not self.subpixels:
             raise ValueError("Layout.subpixels must hold at least one (channel, x0, y0, x1, y1) rectangle; got none.")
@@ -80,6 +83,7 @@ class Layout:
                     f"a subpixel must have x0 < x1 and y0 < y1 inside its cell of {self.period[0]} x {self.period[1]} "
                     f"panel pixels; got {s!r}."
                 )
+        object.__setattr__(self, "subpixels", tuple((int(c), *edges) for c, *edges in self.subpixels))
         for i, a in enumerate(self.subpixels):
             for b in self.subpixels[:i]:
                 if a[0] == b[0] and a[1] < b[3] and b[1] < a[3] and a[2] < b[4] and b[2] < a[4]:
@@ -161,9 +165,8 @@ def spread(image: Tensor, across: Tensor, down: Tensor) -> Tensor:
     """
     across, down = (v.to(image.dtype)[:, :, None, None] for v in (across, down))
     wide = F.pad(image, (1, 1, 1, 1), mode="replicate")
-    beside = wide[..., 1:-1, :-2] + wide[..., 1:-1, 2:]
-    out = torch.addcmul(image * (1 - across - down), beside, across / 2)
-    return torch.addcmul(out, wide[..., :-2, 1:-1] + wide[..., 2:, 1:-1], down / 2)
+    wide = torch.addcmul(wide[..., 1:-1] * (1 - across), wide[..., :-2] + wide[..., 2:], across / 2)
+    return torch.addcmul(wide[..., 1:-1, :] * (1 - down), wide[..., :-2, :] + wide[..., 2:, :], down / 2)
 
 
 def prefilter(image: Tensor, variance: Tensor, levels: int) -> Tensor:
@@ -176,7 +179,7 @@ def prefilter(image: Tensor, variance: Tensor, levels: int) -> Tensor:
     for j in range(1, levels + 1):
         small = [max(1, math.ceil(n / 2**j)) for n in size]
         coarse = F.interpolate(F.interpolate(image, size=small, mode="area"), size=size, mode="bilinear")
-        above = (3 * 4**j - 1) / 12  # of a box of 2^j pixels and the bilinear interpolation between them
+        above = 4**j / 4  # of a box of 2^j pixels and the bilinear interpolation between them
         share = ((variance - below) / (above - below)).clamp(0, 1).to(image.dtype)
         out, below = out + share * (coarse - out), above
     return out

@@ -138,8 +138,9 @@ def nodes(positions: Tensor) -> Tensor:
 @functools.lru_cache(maxsize=64)
 def _between(n: int, size: int) -> Tensor:
     """Linear interpolation from n nodes to `size` positions with the same ends: (size, n) float64."""
-    at = torch.linspace(0, n - 1, size, dtype=torch.float64)[:, None]
-    return (1 - (at - torch.arange(n, dtype=torch.float64)).abs()).clamp(min=0)
+    with torch.inference_mode(False):  # what is kept must serve gradients, too
+        at = torch.linspace(0, n - 1, size, dtype=torch.float64)[:, None]
+        return (1 - (at - torch.arange(n, dtype=torch.float64)).abs()).clamp(min=0)
 
 
 def enlarge(t: Tensor, size: tuple[int, int]) -> Tensor:
