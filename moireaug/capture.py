@@ -114,7 +114,8 @@ def develop(raw: Tensor, shot: Shot) -> Tensor:
         else:
             photo = _encode(bayer.resize_colour(raw, rows, cols, how.resize), shot, plan)
         if "register" in plan:
-            photo = register(photo, shot.matrix(), shot.bends, affine=plan.affine)
+            # interpolation rounds, and may end a digit above 1
+            photo = tone.clip(register(photo, shot.matrix(), shot.bends, affine=plan.affine))
         if "jpeg" in plan:
             photo = jpeg(photo, shot.develop.jpeg)
     return photo

@@ -12,9 +12,9 @@ from typing import Any
 Range = float | tuple[float, float]
 
 
-def ranged(default: Range, low: float, high: float, unit: str = "", *, open_low: bool = False) -> Any:
+def ranged(default: Range, low: float, high: float, unit: str = "") -> Any:
     """A field that is a number or a `(low, high)` pair inside the given bounds."""
-    return field(default=default, metadata={"low": low, "high": high, "unit": unit, "open_low": open_low})
+    return field(default=default, metadata={"low": low, "high": high, "unit": unit})
 
 
 def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
@@ -27,13 +27,12 @@ def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
     raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}; got {got!r}.{hint}")
 
 
-def check_number(name: str, value: object, low: float, high: float, unit: str, open_low: bool) -> float:
+def check_number(name: str, value: object, low: float, high: float, unit: str) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a number or a (low, high) pair of numbers; got {value!r}.")
     number = float(value)
-    if not math.isfinite(number) or number < low or number > high or (open_low and number == low):
-        left = "(" if open_low else "["
-        raise ValueError(f"{name} must lie in {left}{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}.")
+    if not math.isfinite(number) or number < low or number > high:
+        raise ValueError(f"{name} must lie in [{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}.")
     return number
 
 

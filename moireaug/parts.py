@@ -31,11 +31,11 @@ class Panel(Part):
         phase: of the pulses when the first row begins to expose, in cycles. A range.
     """
 
-    scale: Range = ranged(1.0, 0.0, 1000.0, "panel pixels per image pixel", open_low=True)
+    scale: Range = ranged(1.0, 1e-3, 1000.0, "panel pixels per image pixel")
     layout: str | Layout = "rgb_stripe"
-    lit: Range = ranged(1.0, 0.0, 1.0, open_low=True)
+    lit: Range = ranged(1.0, 1e-3, 1.0)
     pwm: Range = ranged(0.0, 0.0, 1e6, "hertz")
-    duty: Range = ranged(0.5, 0.0, 1.0, open_low=True)
+    duty: Range = ranged(0.5, 1e-3, 1.0)
     phase: Range = ranged((0.0, 1.0), 0.0, 1.0, "cycles")
 
     def __post_init__(self) -> None:
@@ -71,7 +71,7 @@ class View(Part):
     yaw: Range = ranged(0.0, -89.0, 89.0, "degrees")
     pitch: Range = ranged(0.0, -89.0, 89.0, "degrees")
     roll: Range = ranged(0.0, -180.0, 180.0, "degrees")
-    zoom: Range = ranged(1.0, 0.0, 100.0, open_low=True)
+    zoom: Range = ranged(1.0, 1e-3, 100.0)
     shift_x: Range = ranged(0.0, -1.0, 1.0)
     shift_y: Range = ranged(0.0, -1.0, 1.0)
     fov: Range = ranged(40.0, 1.0, 89.0, "degrees")
@@ -145,9 +145,9 @@ class Sensor(Part):
 
     scale: float = 1.0
     cfa: str = "rggb"
-    fill: Range = ranged(1.0, 0.0, 1.0, open_low=True)
+    fill: Range = ranged(1.0, 1e-3, 1.0)
     exposure: str = "auto"
-    gain: Range = ranged(1.0, 0.0, 1000.0, open_low=True)
+    gain: Range = ranged(1.0, 1e-3, 1000.0)
     shutter: Range = ranged(0.0, 0.0, 3600.0, "seconds")
     readout: Range = ranged(0.0, 0.0, 3600.0, "seconds")
     read_noise: Range = ranged(0.0, 0.0, 1.0)
@@ -161,7 +161,7 @@ class Sensor(Part):
                 f"Sensor.scale must be one number, because it fixes the size of the raw reading of a whole batch; "
                 f"got {self.scale!r}. Vary Panel.scale or View.zoom instead."
             )
-        scale = check_number("Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel", False)
+        scale = check_number("Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel")
         object.__setattr__(self, "scale", scale)
         if not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
             one_of("Sensor.exposure", self.exposure, EXPOSURES)
@@ -194,8 +194,8 @@ class Develop(Part):
     """
 
     demosaic: str = "bilinear"
-    red: Range = ranged(1.0, 0.0, 100.0, open_low=True)
-    blue: Range = ranged(1.0, 0.0, 100.0, open_low=True)
+    red: Range = ranged(1.0, 1e-3, 100.0)
+    blue: Range = ranged(1.0, 1e-3, 100.0)
     brighten: Range = ranged(0.0, -1.0, 1.0)
     denoise: str | None = None
     resize: str = "area"

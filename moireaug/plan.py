@@ -169,7 +169,7 @@ def make_plan(scene: Scene) -> Plan:
          under if bounds(sensor.shot_noise)[1] else "shot_noise is 0"),
         ("saturate", gain > 1 or gain * flicker > t, "the reading can exceed a full well",
          "no reading exceeds a full well"),
-        ("bits", 0.5 / (2**bits - 1) > t, f"{bits} bits", under if sensor.bits else "the reading is not rounded"),
+        ("bits", sensor.bits is not None and 0.5 / (2**bits - 1) > t, f"{bits} bits", under if sensor.bits else "the reading is not rounded"),
         ("demosaic", bayer, f"{dev.demosaic}, RGGB", "every pixel reads all colours"),
         *([] if dev.denoise else [resize]),
         ("balance", max(_off(dev.red, 1), _off(dev.blue, 1)) > t,

@@ -16,16 +16,16 @@ from moireaug.presets import PRESETS
 from moireaug.scene import as_scene
 
 BAD = [
-    (lambda: Panel(scale=0), "Panel.scale must lie in (0, 1000]"),
+    (lambda: Panel(scale=0), "Panel.scale must lie in [0.001, 1000]"),
     (lambda: Panel(scale=(3, 1)), "low <= high"),
     (lambda: Panel(scale=(1, 2, 3)), "3 values"),
     (lambda: Panel(scale="big"), "must be a number"),
     (lambda: Panel(scale=True), "must be a number"),
     (lambda: Panel(scale=math.nan), "Panel.scale must lie in"),
-    (lambda: Panel(scale=np.float64(-3)), "Panel.scale must lie in (0, 1000]"),
+    (lambda: Panel(scale=np.float64(-3)), "Panel.scale must lie in [0.001, 1000]"),
     (lambda: Develop(registered="off"), "must be True or False"),
     (lambda: View(fit=0), "must be True or False"),
-    (lambda: Panel(lit=1.5), "Panel.lit must lie in (0, 1]"),
+    (lambda: Panel(lit=1.5), "Panel.lit must lie in [0.001, 1]"),
     (lambda: View(yaw=(0, 90)), "View.yaw must lie in [-89, 89] degrees"),
     (lambda: View(fov=0), "View.fov must lie in [1, 89]"),
     (lambda: View(pose="pinhole"), "'camera', 'released'"),

@@ -1,0 +1,183 @@
+"""The hard cases of numerical stability: each is finite and near its float64 answer, or a clear error."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, transforms
+from moireaug.attacks import MoireAttack
+from moireaug.fields import ranged_fields
+from moireaug.parts import PARTS
+
+DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
+# Mean distance from the float64 answer on the same image. Half precision is computed in float32, so it is off by its
+# own rounding alone; float32 by that of coordinates, which the plan keeps under half the tolerance of 1/512.
+NEAR = {torch.float16: 3e-4, torch.bfloat16: 3e-3, torch.float32: 1e-3}
+
+SOFT = Lens(blur=0.3)
+CASES = {
+    **{f"yaw {a}": Scene(view=View(yaw=a), lens=SOFT) for a in (60.0, 80.0, 89.0, -89.0)},
+    "grazing, near": Scene(view=View(yaw=89, pitch=89, fov=89), lens=SOFT),
+    "grazing, zoomed in": Scene(view=View(pitch=85, fov=80, zoom=20), lens=SOFT),
+    **{f"roll {a}": Scene(view=View(roll=a), lens=SOFT) for a in (0.0, 90.0, 180.0)},
+    "released, no roll": Scene(view=View(pose="released"), develop=Develop(registered=False)),
+    "released, hardly a roll": Scene(view=View(pose="released", roll=1e-9, yaw=19)),
+    "pitch of the sensor": Scene(panel=Panel(scale=1.0)),
+    "pitch of two": Scene(panel=Panel(scale=1.0), sensor=Sensor(scale=2)),
+    "pitch to zero": Scene(panel=Panel(scale=1000.0)),
+    "pitch to infinity": Scene(panel=Panel(scale=1e-3), view=View(zoom=100)),
+    "less than a pixel": Scene(view=View(zoom=1e-3)),
+    "out of sight": Scene(view=View(shift_x=1, shift_y=-1, roll=5)),
+    "nearly folded": Scene(lens=Lens(k1=-0.3, k2=0.0, blur=0.3), view=View(roll=5)),
+    "bent to the limit": Scene(lens=Lens(k1=1, k2=1, blur=0.3)),
+    "pinhole pixels": Scene(sensor=Sensor(fill=1e-3)),
+    "no focus": Scene(lens=Lens(blur=20)),
+    "strong low-pass": Scene(lens=Lens(olpf=4)),
+    "hardly lit": Scene(panel=Panel(lit=1e-3), sensor=Sensor(gain=1000)),
+    "black corners": Scene(lens=Lens(vignetting=0.99, blur=1)),
+    "overexposed": Scene(sensor=Sensor(gain=1000), develop=Develop(linear_light=True)),
+    "noise alone": Scene(sensor=Sensor(read_noise=1, shot_noise=1)),
+    "one bit": Scene(lens=Lens(blur=2), sensor=Sensor(bits=1, gain=1.1)),
+    "fast flicker": Scene(panel=Panel(pwm=1e6, duty=1e-3), sensor=Sensor(shutter=3600, readout=3600)),
+    "hardly a pulse": Scene(panel=Panel(pwm=50, duty=1e-3), sensor=Sensor(shutter=1e-6, readout=0.02)),
+    "bright": Scene(develop=Develop(brighten=1)),
+    "dark": Scene(develop=Develop(brighten=-1)),
+    "gains": Scene(develop=Develop(red=100, blue=1e-3)),
+    "no tolerance": Scene(tolerance=0.0),
+    "any tolerance": Scene(tolerance=1.0),
+    "worst file": Scene(lens=Lens(blur=2), develop=Develop(jpeg=1)),
+    "best file": Scene(lens=Lens(blur=2), develop=Develop(jpeg=100)),
+    "point": Scene(panel=Panel(scale=3), view=View(roll=45), sensor=Sensor(scale=9, exposure="point")),
+    "supersample": Scene(view=View(yaw=80), sensor=Sensor(exposure="supersample:2")),
+}
+# Where a rounding decides between two levels, pixels differ by a whole one, and only finiteness can be asked for.
+STEPS = {"one bit", "worst file", "best file", "supersample", "less than a pixel", "grazing, near", "hardly a pulse"}
+IMAGES = {
+    "random": lambda: torch.rand(2, 3, 9, 12, generator=torch.Generator().manual_seed(5)),
+    "black": lambda: torch.zeros(1, 3, 9, 12),
+    "white": lambda: torch.ones(1, 3, 9, 12),
+}
+
+
+def in_range(photo, image):
+    return photo.shape == image.shape and bool(photo.isfinite().all()) and photo.min() >= 0 and photo.max() <= 1
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+@pytest.mark.parametrize("name", CASES)
+def test_finite_and_near_float64(name, dtype, device):
+    for image in (make().to(device, dtype) for make in IMAGES.values()):
+        shot = CASES[name].sample(len(image), (9, 12), torch.Generator().manual_seed(1)).to(device)
+        photo = capture(image, shot)
+        assert in_range(photo, image) and photo.dtype == dtype
+        if dtype != torch.float64 and name not in STEPS and "noise" not in name:
+            assert (photo.double() - capture(image.double(), shot)).abs().mean() < NEAR[dtype]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_gradients_are_finite(name):
+    image = IMAGES["random"]().double()[:1].requires_grad_()
+    shot = CASES[name].sample(1, (9, 12), torch.Generator().manual_seed(1))
+    drawn = {p: {k: getattr(getattr(shot, p), k).clone() for k in ranged_fields(getattr(shot, p))} for p in PARTS}
+    leaves = [t.requires_grad_() for fields in drawn.values() for t in fields.values()]
+    moved = dataclasses.replace(shot, **{p: dataclasses.replace(getattr(shot, p), **drawn[p]) for p in PARTS})
+    noise = torch.zeros(shot.raw_shape(), dtype=torch.float64, requires_grad=True)
+    photo = capture(image, moved, noise)
+    gradients = torch.autograd.grad(photo.sum(), (image, noise, *leaves), allow_unused=True)
+    assert gradients[0] is not None and gradients[1] is not None
+    assert all(g.isfinite().all() for g in gradients if g is not None)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (2, 3), (15, 17)])
+@pytest.mark.parametrize("denoise", [None, "nlm", "bilateral"])
+@pytest.mark.parametrize("cfa", ["rggb", "none"])
+@pytest.mark.parametrize("exposure", ["spectral", "box", "mean", "point", "supersample:2"])
+def test_every_size_and_sensor(size, denoise, cfa, exposure):
+    for layout, demosaic in (("pentile", "malvar"), ("led", "bilinear")):
+        scene = Scene(
+            panel=Panel(layout=layout, scale=0.8), view=View(yaw=20, roll=5), lens=Lens(k1=0.1, blur=0.2),
+            sensor=Sensor(scale=1.5, cfa=cfa, exposure=exposure),
+            develop=Develop(denoise=denoise, demosaic=demosaic, jpeg=50, linear_light=True),
+        )  # fmt: skip
+        image = torch.rand(2, 3, *size)
+        assert in_range(scene.capture(image), image)
+
+
+@pytest.mark.parametrize("name", ["pitch of two", "point", "nearly folded"])
+def test_an_empty_batch_has_a_gradient(name):
+    image = torch.rand(0, 3, 6, 6, requires_grad=True)
+    photo = CASES[name].capture(image)
+    photo.sum().backward()
+    assert photo.shape == image.shape == image.grad.shape
+
+
+def test_a_4k_image():
+    scene = Scene(panel=Panel(scale=0.9), view=View(yaw=10), lens=SOFT)
+    image = torch.rand(1, 3, 2160, 3840)
+    shot = scene.sample(1, (2160, 3840))
+    photo = capture(image, shot)
+    assert in_range(photo, image)
+    # far from the origin phases still have their digits: a corner alone, in float64, is the same
+    corner = capture(image.double(), shot)[..., -64:, -64:]
+    assert (photo[..., -64:, -64:] - corner).abs().mean() < 1e-3
+
+
+def test_deterministic_mode_changes_nothing():
+    image, shot = IMAGES["random"](), Scene.preset("screen_photo").sample(2, (9, 12))
+    plain = capture(image, shot)
+    torch.use_deterministic_algorithms(True)
+    try:
+        assert torch.equal(capture(image, shot), plain)
+    finally:
+        torch.use_deterministic_algorithms(False)
+
+
+REFUSED = [
+    (lambda: Lens(k1=-0.4), "fold the photo onto itself"),
+    (lambda: Lens(k1=(-0.1, 0.1), k2=(-0.5, 0.0)), "fold the photo onto itself"),
+    (lambda: View(yaw=90), "View.yaw must lie in [-89, 89]"),
+    (lambda: Panel(scale=0), "Panel.scale must lie in [0.001, 1000]"),
+    (lambda: Sensor(fill=0), "Sensor.fill must lie in [0.001, 1]"),
+    (lambda: View(zoom=1e-300), "View.zoom must lie in [0.001, 100]"),
+    (lambda: Sensor(bits=0), "Sensor.bits must be a whole number in [1, 16]"),
+    (lambda: Sensor(cfa="rgb"), "Sensor.cfa must be one of 'rggb', 'none'"),
+    (lambda: Develop(denoise="nl"), "Did you mean 'nlm'?"),
+    (lambda: Develop(jpeg=101), "Develop.jpeg must lie in [0, 100]"),
+    *[
+        (lambda v=v: Scene().capture(torch.full((1, 3, 4, 4), v)), "must be finite and lie in [0, 1]")
+        for v in (float("nan"), float("inf"), -1e-3, 1.001)
+    ],
+]
+
+
+@pytest.mark.parametrize(("make", "sentence"), REFUSED, ids=range(len(REFUSED)))
+def test_what_cannot_be_photographed_is_refused(make, sentence):
+    with pytest.raises(ValueError) as error:
+        make()
+    assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize("scale", [1e4, 0.0], ids=["saturated", "no gradient at all"])
+def test_an_attack_survives_any_logits(scale):
+    class Net(torch.nn.Module):
+        def forward(self, x):
+            return torch.stack([x.mean((1, 2, 3)), x[:, 0].mean((1, 2)), -x[:, 2].mean((1, 2))], 1) * scale
+
+    image, labels = IMAGES["random"](), torch.tensor([0, 1])
+    result = MoireAttack(Net(), scene=Scene(sensor=Sensor(scale=2)), eps=0.1, steps=2)(image, labels)
+    assert in_range(result.images, image) and result.noise.isfinite().all()
+    # the sign of a zero gradient is zero, and the noise stays where it is
+    assert bool(result.noise.any()) == (scale > 0)
+
+
+@pytest.mark.parametrize("value", [0, 1])
+def test_empty_and_full_masks(value):
+    from torchvision import tv_tensors
+
+    scene = Scene(view=View(roll=20), lens=SOFT, develop=Develop(registered=False))
+    mask = tv_tensors.Mask(torch.full((1, 16, 16), value, dtype=torch.uint8))
+    _, moved = transforms.RandomMoire(scene, p=1.0)(torch.rand(3, 16, 16), mask)
+    assert moved.shape == mask.shape and set(moved.unique().tolist()) <= {0, value}
+    assert bool(moved.any()) == bool(value)

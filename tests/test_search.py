@@ -1,0 +1,78 @@
+"""Random valid scenes, sizes and images: nothing is ever NaN, out of range, of another shape or different on replay."""
+
+import dataclasses
+import json
+
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from moireaug import Scene, Shot, capture, expose
+from moireaug.effects.panel import LAYOUTS, Layout
+from moireaug.parts import PARTS
+
+CHOICES = {
+    ("panel", "layout"): [*LAYOUTS, Layout(((0, 0, 0, 0.3, 1), (1, 0.5, 0.2, 1.4, 0.7), (2, 1.5, 0, 2, 1)), (2, 1))],
+    ("view", "pose"): ["camera", "released"],
+    ("view", "fit"): [True, False],
+    ("sensor", "scale"): [0.25, 0.5, 1.0, 1.5, 2.0, 2.7, 3.0, 5.0],
+    ("sensor", "cfa"): ["rggb", "none"],
+    ("sensor", "exposure"): ["auto", "spectral", "box", "mean", "point", "supersample:2"],
+    ("sensor", "bits"): [None, 1, 8, 16],
+    ("develop", "demosaic"): ["bilinear", "malvar"],
+    ("develop", "denoise"): [None, "nlm", "bilateral"],
+    ("develop", "resize"): ["area", "antialias", "point"],
+    ("develop", "registered"): [True, False],
+    ("develop", "linear_light"): [True, False],
+}
+IMAGES = {"random": torch.rand, "black": torch.zeros, "white": torch.ones}
+
+
+def values(part, field):
+    """A field's own value most of the time, else anything that it allows."""
+    own = st.just(field.default)
+    if not field.metadata:
+        return own | st.sampled_from(CHOICES[part, field.name])
+    low, high = field.metadata["low"], field.metadata["high"]
+    if part == "lens" and field.name in ("k1", "k2"):
+        low, high = -0.05, 0.3  # beyond, many are refused
+    number = st.floats(low, high) | st.floats(max(low, -2.0), min(high, 2.0)) | st.sampled_from([low, high])
+    return own | own | number | st.tuples(number, number).map(lambda pair: tuple(sorted(pair)))
+
+
+def a_part(part):
+    return st.builds(PARTS[part], **{f.name: values(part, f) for f in dataclasses.fields(PARTS[part])})
+
+
+SCENES = st.builds(
+    Scene, **{part: a_part(part) for part in PARTS}, tolerance=st.sampled_from([1 / 512, 1 / 512, 0.0, 1e-6, 1.0])
+)
+
+
+@settings(
+    max_examples=150, deadline=None, derandomize=True, database=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
+)  # fmt: skip
+@given(
+    scene=SCENES, n=st.integers(0, 2), height=st.integers(1, 16), width=st.integers(1, 16),
+    dtype=st.sampled_from([torch.float16, torch.bfloat16, torch.float32, torch.float64]),
+    kind=st.sampled_from(sorted(IMAGES)), seed=st.integers(0, 99),
+)  # fmt: skip
+def test_any_scene_on_any_image(scene, n, height, width, dtype, kind, seed):
+    generator = torch.Generator().manual_seed(seed)
+    image = IMAGES[kind]((n, 3, height, width)).to(dtype)
+    kept = image.clone()
+    assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
+    assert json.dumps(scene.plan().to_dict()) and str(scene.plan())
+    shot = scene.sample(n, (height, width), generator)
+    photo = capture(image, shot)
+    assert photo.shape == image.shape and photo.dtype == dtype and photo.isfinite().all()
+    assert not photo.numel() or (photo.min() >= 0 and photo.max() <= 1)
+    assert torch.equal(image, kept)
+    assert torch.equal(capture(image, Shot.from_dict(json.loads(json.dumps(shot.to_dict())))), photo)
+    assert tuple(expose(image, shot).shape) == shot.raw_shape()
+
+    image = image.double().requires_grad_()
+    noise = torch.zeros(shot.raw_shape(), dtype=torch.float64, requires_grad=True)
+    for gradient in torch.autograd.grad(capture(image, shot, noise).sum(), (image, noise)):
+        assert gradient.isfinite().all()
