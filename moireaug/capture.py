@@ -42,6 +42,8 @@ def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
                 f"noise must have the raw reading's shape {tuple(raw.shape)}, see Shot.raw_shape(); "
                 f"got {tuple(noise.shape)}."
             )
+        if not torch.compiler.is_compiling() and not noise.isfinite().all():
+            raise ValueError("noise must be finite; got NaN or infinity. Look for it in the attack's gradients.")
         raw = raw + noise.to(raw)
     return develop(raw, shot).to(image.dtype)
 
@@ -153,6 +155,6 @@ def check_images(image: Tensor) -> None:
         low, high = (v.item() for v in image.detach().aminmax())
         if not (low >= 0 and high <= 1):
             raise ValueError(
-                f"images must be finite and lie in [0, 1]; got values from {low:g} to {high:g}. "
+                f"images must be finite and lie in [0, 1]; got values from {low:.9g} to {high:.9g}. "
                 "Undo the normalisation first: put it into the model with attacks.Normalized."
             )

@@ -15,6 +15,8 @@ from moireaug.fields import Range, bounds, ranged_fields
 from moireaug.parts import Panel
 from moireaug.scene import Scene
 
+SHAPES = ((256, 256), (192, 256), (256, 192))  # height and width: what is decided for these holds for most images
+STRIPS = ((16, 256), (256, 16))  # a view of a long strip converges most
 HIGHEST = 32  # harmonics per panel pixel beyond which none is ever summed
 
 
@@ -25,19 +27,19 @@ def _inside(value: Range, *marks: float, points: int = 2) -> list[float]:
     return sorted({*spread, *(m for m in marks if low < m < high)})
 
 
-def views(scene: Scene, zoom: float) -> tuple[Tensor, float]:
+def views(scene: Scene, zoom: float, *, usual: bool) -> tuple[Tensor, float]:
     """Image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the picture for the turns and
     the lenses that a scene allows: (N, 2, 2) float64."""
     v, lens = scene.view, scene.lens
     turns = [_inside(a, 0.0) for a in (v.yaw, v.pitch)]
-    rolls = _inside(v.roll, 0.0, 90.0, -90.0, points=5)
+    rolls = _inside(v.roll, 0.0, 90.0, -90.0, points=9)
     grid = itertools.product(*turns, rolls, _inside(lens.k1), _inside(lens.k2))
     yaw, pitch, roll, k1, k2 = torch.tensor(list(grid), dtype=torch.float64).T
     fields = {k: torch.zeros_like(yaw) for k in ranged_fields(v)}
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
     fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
     found = []
-    for size in ((256, 256), (192, 256), (256, 192)):
+    for size in SHAPES if usual else SHAPES + STRIPS:
         h, w = size
         m = homography(fields, k1, k2, size, scene.sensor.scale, pose=v.pose, fit=v.fit)
         picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], dtype=torch.float64)
@@ -62,7 +64,7 @@ def harmonics(scene: Scene, near: Tensor) -> list[tuple[tuple[int, int], float]]
         range(HIGHEST * px + 1 if columns else 1),
         range(-HIGHEST * py if rows else 0, HIGHEST * py + 1 if rows else 1),
     )
-    lits, j, out = _inside(lit, points=3), near * (bounds(scene.panel.scale)[0] / scene.sensor.scale), []
+    lits, j, out = _inside(lit, points=9), near * (bounds(scene.panel.scale)[0] / scene.sensor.scale), []
     for k, l in itertools.product(ks, ls):
         if (k, l) <= (0, 0):
             continue
@@ -111,6 +113,15 @@ def finest(scene: Scene, near: Tensor) -> tuple[float, float]:
         for channel in range(3) for s in layout.of(channel) for i in (0, 1)
     ]  # fmt: skip
     return min(wide), min(shares)
+
+
+def softest(scene: Scene, far: Tensor) -> float:
+    """The most that lens and low-pass filter can spread light, as a share of the narrowest subpixel."""
+    layout, sensor, lens = as_layout(scene.panel.layout), scene.sensor, scene.lens
+    sigma = (bounds(lens.blur)[1] ** 2 + bounds(lens.olpf)[1] ** 2 / 4) ** 0.5
+    most = float(far.norm(dim=-1).max()) * bounds(scene.panel.scale)[1] / sensor.scale * sigma
+    narrow = min(w for c in range(3) for s in layout.of(c) for w in s.width) * bounds(scene.panel.lit)[0] ** 0.5
+    return most / narrow
 
 
 def flickers(panel: Panel, shutter: Range) -> float:

@@ -30,7 +30,10 @@ def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
 def check_number(name: str, value: object, low: float, high: float, unit: str) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a number or a (low, high) pair of numbers; got {value!r}.")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number) or number < low or number > high:
         raise ValueError(f"{name} must lie in [{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}.")
     return number

@@ -83,6 +83,7 @@ class Glass(NamedTuple):
     box: Tensor | None  # of the aperture along x and y, in cells; see `exposure.edges`
     sigma: Tensor | None  # of what blurs it, in cells
     width: Tensor  # of the subpixel along x and y, in cells
+    reach: Tensor | None  # width of aperture and spread along x and y, in cells, where the screen has edges
 
     def of(self, rows: slice, size: tuple[int, int]) -> Glass:
         """Some rows of the batch, interpolated to the sensor's lattice where they differ over it."""
@@ -105,7 +106,8 @@ def _glass(
         slope = exposure.slope(wide, width).to(at)
         offset = 0.5 - 0.5 * slope
     mean = coefficient(s, layout.period, 0, 0, lit).to(dtype)[:, None, None, None]
-    return Glass(mean, amplitude, slope, offset, box, sigma, width.to(at))
+    reach = None if shot.scene.develop.registered else wide.to(at)
+    return Glass(mean, amplitude, slope, offset, box, sigma, width.to(at), reach)
 
 
 class Place(NamedTuple):
@@ -157,8 +159,13 @@ def _smooth(light: Tensor, shot: Shot, plan: Plan, inverse: Tensor) -> Tensor:
         if glass.slope is not None:
             at = [exposure.held(q[i], glass.slope[:, i], glass.offset[:, i]) for i in (0, 1)]
         x, y = (torch.addcmul(place.start[part, i].to(dtype), at[i], place.step[part, i].to(dtype)) for i in (0, 1))
-        seen = exposure.shown(light[part, members], x, y, dark=not shot.scene.develop.registered)
-        return seen * _transmission(glass, plan, q)[:, None]
+        through = _transmission(glass, plan, q)
+        if glass.reach is not None:
+            edges = (torch.addcmul(place.start[part, i].to(dtype), q[i], place.step[part, i].to(dtype)) for i in (0, 1))
+            widths = (glass.reach[:, i] * place.step[part, i].to(dtype) for i in (0, 1))
+            across, down = (exposure.on_screen(at, width) for at, width in zip(edges, widths, strict=True))
+            through = through * (across * down).to(through.dtype)
+        return exposure.shown(light[part, members], x, y, dark=False) * through[:, None]
 
     def planes_of(part: slice) -> Tensor:
         local = {width: glass.of(part, size) for width, glass in glasses.items()}
@@ -188,7 +195,9 @@ def _shared(layout: Layout, channels: tuple[int, ...]) -> list[tuple[Subpixel, s
 
 def _transmission(glass: Glass, plan: Plan, q: tuple[Tensor, Tensor]) -> Tensor:
     if glass.box is not None:
-        across, down = (exposure.covered(q[i], *(t[:, i] for t in glass[4:])) for i in (0, 1))
+        across, down = (
+            exposure.covered(q[i], *(t[:, i] for t in (glass.box, glass.sigma, glass.width))) for i in (0, 1)
+        )
         return (across * down).to(glass.mean.dtype)
     if glass.amplitude is None:
         return glass.mean[:, 0]

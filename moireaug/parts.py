@@ -133,7 +133,8 @@ class Sensor(Part):
             "box", the overlap of subpixel and aperture; "supersample:n" (n * n samples a pixel); "point" (as the paper
             does); "mean" (the panel's mean light alone: a screen without moiré, the control of every
             experiment); or "auto": "spectral" where harmonics of up to order 32 carry all contrast above the scene's
-            tolerance and there are no more than 64 of them, else "box".
+            tolerance and there are no more than 64 of them, else "box", or "supersample:8" where the lens spreads
+            light over more than a fifth of a subpixel.
         gain: what the raw reading is multiplied by before it saturates at 1. A range.
         shutter: seconds for which each row exposes; 0 where a panel's flicker is not to be seen. A range.
         readout: seconds from the first row's exposure to the last row's, of a rolling shutter. A range.

@@ -13,8 +13,9 @@ from moireaug.effects.panel import as_layout
 from moireaug.fields import Range, bounds
 from moireaug.scene import Scene
 
-MOST = 64  # with more harmonics than this, the box is cheaper
-MAGNIFIED = "box"
+MOST = 64  # harmonics that are summed: with more, a magnified screen is integrated otherwise
+MAGNIFIED, BLURRED = "box", "supersample:8"
+SOFT = 0.2  # of a subpixel: where light spreads farther, the box's three points cannot stand for a Gaussian
 MOST_LEVELS = 10  # halvings of a picture that is seen from afar or at a grazing angle
 SIGMAS = 6  # how far noise reaches, in standard deviations
 
@@ -109,7 +110,9 @@ def make_plan(scene: Scene) -> Plan:
     rolled = bounds(v.roll) != (0.0, 0.0)
     placed = any(bounds(a) != (0.0, 0.0) for a in (v.shift_x, v.shift_y)) or bounds(v.zoom) != (1.0, 1.0)
     posed, bends = tilted or rolled or placed, any(bounds(k) != (0.0, 0.0) for k in (lens.k1, lens.k2))
-    near, far = (extremes.views(scene, zoom) for zoom in reversed(bounds(v.zoom)))
+    # a harmonic must not be missed in any image; a blur may be a little short at the far end of a strip
+    near = extremes.views(scene, bounds(v.zoom)[1], usual=False)
+    far = extremes.views(scene, bounds(v.zoom)[0], usual=True)
 
     method = sensor.exposure
     harmonics = extremes.harmonics(scene, near) if method in ("auto", "spectral") else []
@@ -118,7 +121,8 @@ def make_plan(scene: Scene) -> Plan:
         cut = any(
             max(abs(k) / layout.period[0], abs(l) / layout.period[1]) > extremes.HIGHEST - 3 for (k, l), _ in harmonics
         )
-        method = MAGNIFIED if cut or len(harmonics) > MOST else "spectral"
+        sharp = extremes.softest(scene, far) < SOFT
+        method = "spectral" if not cut and len(harmonics) <= MOST else MAGNIFIED if sharp else BLURRED
     harmonics = harmonics if method == "spectral" else []
     sampled = method == "point" or method.startswith("supersample")
 

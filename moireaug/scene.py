@@ -47,7 +47,7 @@ class Scene:
         for name, kind in PARTS.items():
             if not isinstance(getattr(self, name), kind):
                 raise TypeError(f"Scene.{name} must be a {kind.__name__}; got {getattr(self, name)!r}.")
-        check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "")
+        object.__setattr__(self, "tolerance", check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, ""))
 
     @staticmethod
     def preset(name: str) -> Scene:

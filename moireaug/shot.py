@@ -166,7 +166,7 @@ def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator
     Raises:
         ValueError: a negative n, or a size that is not two positive integers.
     """
-    h, w = (int(s) for s in size)
+    h, w = (int(s) for s in size) if len(size) == 2 else (0, 0)
     if n < 0 or h < 1 or w < 1:
         raise ValueError(f"a shot needs n >= 0 images of at least 1 x 1 pixels; got n = {n}, size = {tuple(size)}.")
     scene.plan()  # a range that cannot be photographed is refused here, and not in the middle of a batch

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, transforms
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, transforms
 from moireaug.attacks import MoireAttack
 from moireaug.fields import ranged_fields
 from moireaug.parts import PARTS
@@ -105,6 +105,42 @@ def test_every_size_and_sensor(size, denoise, cfa, exposure):
         assert in_range(scene.capture(image), image)
 
 
+SOFT_AND_NEAR = {
+    "blur from 0 to 5": Scene(panel=Panel(scale=0.2, layout="led"), lens=Lens(blur=(0, 5))),
+    "low-pass": Scene(panel=Panel(scale=0.25, layout="led"), lens=Lens(olpf=4)),
+    "sharp": Scene(panel=Panel(scale=0.05)),
+}
+
+
+@pytest.mark.parametrize("name", SOFT_AND_NEAR)
+def test_magnified_screens_under_any_lens_are_near_brute_force(name):
+    base = dataclasses.replace(
+        SOFT_AND_NEAR[name], view=View(roll=3), sensor=Sensor(scale=2, cfa="none", exposure="auto")
+    )
+    brute = dataclasses.replace(base, sensor=dataclasses.replace(base.sensor, exposure="supersample:24"))
+    shot, white = base.sample(1, (12, 16)), torch.ones(1, 3, 12, 16).double()
+    error = expose(white, shot) - expose(white, dataclasses.replace(shot, scene=brute))
+    assert error.square().mean().sqrt() < 0.03  # a box for all was off by 0.1 to 0.2
+
+
+@pytest.mark.parametrize("size", [(16, 16), (17, 17)])
+def test_a_picture_smaller_than_a_pixel_keeps_its_light(size):
+    scene = Scene(
+        panel=Panel(layout="even"), view=View(zoom=0.01), sensor=Sensor(cfa="none"), develop=Develop(registered=False)
+    )
+    light = float(scene.capture(torch.ones(1, 3, *size, dtype=torch.float64)).sum())
+    assert light == pytest.approx(3 * size[0] * size[1] * 0.01**2, rel=1e-3)
+
+
+def test_no_noise_of_a_noisy_scene_has_a_gradient():
+    scene = Scene(sensor=Sensor(shot_noise=(0, 0.1)))
+    shot = scene.sample(1, (4, 4))
+    quiet = dataclasses.replace(shot, sensor=dataclasses.replace(shot.sensor, shot_noise=torch.zeros(1).double()))
+    image = torch.rand(1, 3, 4, 4, requires_grad=True)
+    capture(image, quiet).sum().backward()
+    assert image.grad.isfinite().all()
+
+
 @pytest.mark.parametrize("name", ["pitch of two", "point", "nearly folded"])
 def test_an_empty_batch_has_a_gradient(name):
     image = torch.rand(0, 3, 6, 6, requires_grad=True)
@@ -144,6 +180,9 @@ REFUSED = [
     (lambda: Sensor(bits=0), "Sensor.bits must be a whole number in [1, 16]"),
     (lambda: Sensor(cfa="rgb"), "Sensor.cfa must be one of 'rggb', 'none'"),
     (lambda: Develop(denoise="nl"), "Did you mean 'nlm'?"),
+    (lambda: Panel(scale=10**400), "Panel.scale must lie in"),
+    (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
+    (lambda: capture(torch.rand(1, 3, 4, 4), Scene().sample(1, (4, 4)), torch.full((1, 4, 2, 2), torch.nan)), "finite"),
     (lambda: Develop(jpeg=101), "Develop.jpeg must lie in [0, 100]"),
     *[
         (lambda v=v: Scene().capture(torch.full((1, 3, 4, 4), v)), "must be finite and lie in [0, 1]")

@@ -71,11 +71,16 @@ class Optics(NamedTuple):
 
 def shown(image: Tensor, x: Tensor, y: Tensor, dark: bool) -> Tensor:
     """Channels of the picture (B, C, H, W) at x, y (B, h or 1, w or 1), which go from -1 at its left and upper edge to
-    1: (B, C, h, w). Bilinear between pixel centres; past the edges dark, or the outermost pixel."""
+    1: (B, C, h, w). Bilinear between pixel centres; past the edges the outermost pixel, or dark."""
     # interleaved as complex numbers: five times as fast on CPU as to stack along the last axis
     grid = torch.view_as_real(torch.complex(*torch.broadcast_tensors(x.to(image.dtype), y.to(image.dtype))))
     content = F.grid_sample(image, grid, padding_mode="border", align_corners=False)
     return content * ((x >= -1) & (x < 1) & (y >= -1) & (y < 1))[:, None] if dark else content
+
+
+def on_screen(at: Tensor, width: Tensor) -> Tensor:
+    """Share of an aperture around `at`, `width` wide, that sees the picture, which goes from -1 to 1."""
+    return ((at + width / 2).clamp(max=1) - (at - width / 2).clamp(min=-1)).clamp(min=0) / width
 
 
 def on_picture(x: Tensor, y: Tensor, image: Tensor) -> tuple[Tensor, Tensor]:
@@ -184,7 +189,8 @@ def edges(jacobian: Tensor, pitch: Tensor, optics: Optics) -> tuple[Tensor, Tens
 def covered(q: Tensor, box: Tensor, sigma: Tensor, width: Tensor) -> Tensor:
     """Share of the light around q that comes from subpixels `width` wide at every whole number; all in cells.
 
-    The box is integrated in closed form, and the Gaussian by the three points that are exact to the fifth moment.
+    The box is integrated in closed form, and the Gaussian by the three points that are exact to the fifth moment, as
+    long as it is narrower than a subpixel.
     """
 
     def up_to(z: Tensor) -> Tensor:

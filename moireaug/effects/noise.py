@@ -16,7 +16,9 @@ def sensor_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tens
     """
     noise = torch.ops.moireaug.normal(raw.detach(), seeds)
     read, shot = (t.to(raw.dtype)[:, None, None, None] for t in (read, shot))
-    return raw + noise * (read.square() + shot.square() * raw.clamp(min=DARK)).sqrt()
+    variance = read.square() + shot.square() * raw.clamp(min=DARK)
+    some = variance > 0  # the root has no slope at 0
+    return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
 
 
 def read_noise(raw: Tensor, read: Tensor, seeds: Tensor) -> Tensor:

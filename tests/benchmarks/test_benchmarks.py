@@ -69,7 +69,7 @@ def test_effects_cost(ran):
 def test_speed(ran):
     out, written, _ = ran["speed"]
     barred = [row for row in written["rows"] if row["bar"] is not None and "GPU" not in row["what"]]
-    assert len(barred) == 8 and all(row["met"] in (True, False) for row in barred)
+    assert len(barred) == 6 and all(row["met"] in (True, False) for row in barred)
     for row in written["rows"]:
         assert row["what"] in out and row["value"] >= 0 and {"low", "high", "unit", "ratio"} <= row.keys()
         assert row["met"] == (row["ratio"] <= row["bar"] if row["bar"] else None)
