@@ -124,7 +124,7 @@ def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> T
 def nodes(positions: Tensor) -> Tensor:
     """Fewer positions with the same ends, for what is smooth over a picture and interpolated between them, float64.
 
-    One in eight and at most 25: bilinear interpolation of a lens's or a view's scale is then good to 1e-3 of itself.
+    One in eight and at most 25: what is interpolated between them moves a reading by less than 1e-4 RMS of full scale.
     """
     return (
         torch.linspace(0, 1, min(MOST_NODES, len(positions) // 8 + 2, len(positions))).to(
