@@ -1,0 +1,129 @@
+"""The bank of patches that quilting draws on: drawn uniformly from training images, kept in a file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from moireaug.capture import check_images
+from moireaug.defenses.base import check_whole
+
+
+def check_patches(patch: int, overlap: int) -> None:
+    check_whole("patch", patch, 1)
+    check_whole("overlap", overlap, 0)
+    if 2 * overlap > patch:
+        raise ValueError(f"overlap must be at most half of patch = {patch} pixels; got {overlap}.")
+
+
+def draw_bank(
+    images: Tensor | Iterable[Tensor],
+    patches: int = 100_000,
+    *,
+    patch: int = 5,
+    seed: int = 0,
+    cache: str | Path | None = None,
+    progress: bool = True,
+) -> Tensor:
+    """Patches drawn uniformly, without repetition, from all there are in the images.
+
+    Args:
+        images: (B, 3, H, W) float in [0, 1], sRGB codes; or an iterable of such batches, alone or first in a tuple with
+            labels, as loaders give them. Read once, so a stream of any length will do. Sizes may differ.
+        patches: how many to draw; fewer if the images hold fewer.
+        patch: side in pixels.
+        seed: of a generator of its own. The same images in the same order give the same bank, however batched.
+        cache: a file to keep the bank in (.npz), written whole or not at all. Its bank is returned without a look at
+            the images if it was drawn with the same settings: patches, patch, seed, and of the images the content if
+            they are one tensor, otherwise the type and length of the iterable and of its `dataset`. Otherwise, or if
+            it cannot be read, it is drawn anew. Iterables of equal type and length are not told apart: give each data
+            set a file of its own.
+        progress: show a bar.
+
+    Returns:
+        (N, 3, patch, patch) float32, N <= patches, on the CPU.
+
+    Raises:
+        TypeError, ValueError: settings or images out of range, images smaller than a patch, or no images at all.
+    """
+    check_whole("patches", patches, 1)
+    check_whole("patch", patch, 1)
+    check_whole("seed", seed, 0, 2**63 - 1)
+    if isinstance(images, Tensor):
+        check_images(images)
+    settings = {"patches": patches, "patch": patch, "seed": seed, "images": _content(images)}
+    key = json.dumps(settings, sort_keys=True)
+    bank = _read(Path(cache), key) if cache is not None else None
+    if bank is None:
+        bank = _draw(images, patches, patch, seed, progress)
+        if cache is not None:
+            _write(Path(cache), key, bank)
+    return bank
+
+
+def _draw(images: Tensor | Iterable[Tensor], patches: int, patch: int, seed: int, progress: bool) -> Tensor:
+    # every patch of every image draws a number, and those with the smallest are the bank
+    generator = torch.Generator().manual_seed(seed)
+    keys, bank = torch.empty(0, dtype=torch.float64), torch.empty(0, 3, patch, patch)
+    batches = images.split(32) if isinstance(images, Tensor) else images
+    for batch in tqdm(batches, desc="patches", unit="batch", disable=not progress):
+        batch = batch[0] if isinstance(batch, (tuple, list)) else batch
+        check_images(batch)
+        if min(batch.shape[-2:]) < patch:
+            raise ValueError(
+                f"images must be at least {patch} x {patch}, the size of a patch; got "
+                f"{batch.shape[-2]} x {batch.shape[-1]}. Leave small ones out, or ask for a smaller patch."
+            )
+        windows = batch.detach().unfold(2, patch, 1).unfold(3, patch, 1).permute(0, 2, 3, 1, 4, 5)
+        drawn = torch.rand(windows.shape[:3], generator=generator, dtype=torch.float64)
+        full = len(keys) == patches
+        chosen = (drawn < keys.max()).nonzero() if full else torch.ones_like(drawn, dtype=torch.bool).nonzero()
+        if len(chosen) > patches:
+            chosen = chosen[drawn[tuple(chosen.T)].topk(patches, largest=False).indices]
+        new = windows[tuple(chosen.to(batch.device).T)].float().cpu()
+        keys, bank = torch.cat([keys, drawn[tuple(chosen.T)]]), torch.cat([bank, new])
+        if len(keys) > patches:
+            keys, best = keys.topk(patches, largest=False)
+            bank = bank[best]
+    if not len(bank):
+        raise ValueError("images must hold at least one image; got none. Is the iterable used up?")
+    return bank[keys.argsort()]  # in an order of their own, however the images were batched
+
+
+def _content(images: Tensor | Iterable[Tensor]) -> str:
+    if isinstance(images, Tensor):
+        numbers = images.detach().cpu().contiguous().view(torch.uint8).numpy() if images.numel() else b""
+        return f"{tuple(images.shape)} {images.dtype} {hashlib.sha256(numbers).hexdigest()}"
+    parts = (images, getattr(images, "dataset", None))
+    return " ".join(f"{type(p).__name__} {len(p) if hasattr(p, '__len__') else '?'}" for p in parts if p is not None)
+
+
+def _read(file: Path, key: str) -> Tensor | None:
+    """The bank of that key, or None: there is no file, another's, or one that is broken."""
+    try:
+        with np.load(file, allow_pickle=False) as kept:
+            return torch.from_numpy(kept["bank"]) if str(kept["key"]) == key else None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def _write(file: Path, key: str, bank: Tensor) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=file.parent, prefix=file.name, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as part:
+            np.savez(part, key=key, bank=bank.numpy())
+        os.replace(name, file)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

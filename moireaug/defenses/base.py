@@ -1,0 +1,92 @@
+"""What every defence shares: checked images in and out, and the straight-through gradient."""
+
+from __future__ import annotations
+
+import math
+from numbers import Integral, Real
+
+import torch
+from torch import Tensor
+
+from moireaug.capture import check_images
+
+
+class Defence:
+    """A defence is called on images and returns images; subclasses are frozen dataclasses with `apply` and `title`.
+
+    Forward is the real operation. Backward is what each one documents: its own gradient where it has a useful one,
+    otherwise an approximation, as BPDA (Athalye, Carlini and Wagner 2018) asks, so that an attack can go through it.
+    Attributes: `randomised`, whether two calls differ; such defences draw from torch's global CPU generator alone, so
+    that `torch.manual_seed` replays them on any device.
+    """
+
+    randomised = False
+
+    @property
+    def title(self) -> str:
+        """The defence's name in tables."""
+        raise NotImplementedError
+
+    def __call__(self, images: Tensor) -> Tensor:
+        """Defend a batch.
+
+        Args:
+            images: (B, 3, H, W) float in [0, 1], sRGB codes. Not modified. Half precision is computed in float32.
+
+        Returns:
+            (B, 3, H, W) in [0, 1], of the images' dtype and device. Differentiable in images, once.
+
+        Raises:
+            TypeError, ValueError: what is no float batch of three channels in [0, 1], or holds NaN.
+        """
+        check_images(images)
+        if not len(images):
+            return images.clone()
+        with torch.autocast(images.device.type, enabled=False):
+            return self.apply(images if images.dtype == torch.float64 else images.float()).to(images.dtype)
+
+    def apply(self, images: Tensor) -> Tensor:
+        """The operation on checked images, B >= 1, float32 or float64."""
+        raise NotImplementedError
+
+
+class _Through(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, images, values):
+        return values.view_as(values)
+
+    @staticmethod
+    def backward(ctx, gradient):
+        return gradient, None
+
+
+def straight_through(images: Tensor, values: Tensor) -> Tensor:
+    """`values` forward, to the bit, and the identity backward, into `images`; both of one shape and dtype."""
+    return _Through.apply(images, values.detach())
+
+
+def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor:
+    """Indices (before + size + after,) that extend an axis by its mirror image, edge pixels twice: c b a | a b c | c b.
+
+    scipy's "reflect", numpy's "symmetric"; any extension of any size, as the mirrored axis repeats.
+    """
+    index = torch.arange(-before, size + after, device=device) % (2 * size)
+    return torch.where(index < size, index, 2 * size - 1 - index)
+
+
+def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:
+    """Refuse what is no whole number in [low, high]."""
+    top = "" if high is None else f" to {high}"
+    allowed = f"a whole number from {low}{top}" if top else f"a whole number of at least {low}"
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be {allowed}; got {value!r}.")
+    if value < low or (high is not None and value > high):
+        raise ValueError(f"{name} must be {allowed}; got {value!r}.")
+
+
+def check_real(name: str, value: object, low: float, high: float = math.inf) -> None:
+    """Refuse what is no finite number in (low, high]."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a number in ({low:g}, {high:g}]; got {value!r}.")
+    if not (math.isfinite(value) and low < value <= high):
+        raise ValueError(f"{name} must be a finite number in ({low:g}, {high:g}]; got {value!r}.")

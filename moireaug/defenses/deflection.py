@@ -1,0 +1,83 @@
+"""Pixel deflection: a few pixels take a neighbour's colour, and wavelets smooth what that leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from moireaug.defenses.base import Defence, check_real, check_whole, straight_through
+
+
+@dataclass(frozen=True)
+class PixelDeflection(Defence):
+    """Pixel deflection with wavelet denoising (Prakash et al. 2018), without the map that steers it (R-CAM).
+
+    As the paper's algorithm 1: one after the other, `deflections` pixels drawn uniformly each take the colour, all
+    three channels, of a pixel drawn uniformly from the square of `window` pixels around, as far as it lies in the image.
+    Then soft thresholding by BayesShrink in YCbCr: scikit-image's `denoise_wavelet` in its default wavelet, db1.
+
+    Args:
+        deflections: of each image, at least 0. The paper takes 200.
+        window: how far a colour may come from along each axis, in pixels, at least 1. The paper takes 10.
+        sigma: the noise's standard deviation, in units of [0, 1] images, above 0. The paper takes 0.04.
+
+    Backward: a deflected pixel's gradient goes to where its colour came from; the denoising is the identity.
+    """
+
+    deflections: int = 200
+    window: int = 10
+    sigma: float = 0.04
+
+    randomised = True
+
+    def __post_init__(self) -> None:
+        check_whole("PixelDeflection.deflections", self.deflections, 0)
+        check_whole("PixelDeflection.window", self.window, 1)
+        check_real("PixelDeflection.sigma", self.sigma, 0)
+
+    @property
+    def title(self) -> str:
+        return "pixel deflection"
+
+    def apply(self, images: Tensor) -> Tensor:
+        b, _, h, w = images.shape
+        source = torch.from_numpy(self._sources(b, h, w)).to(images.device)
+        deflected = images.flatten(2).gather(2, source[:, None].expand(-1, 3, -1)).view_as(images)
+        return straight_through(deflected, denoise(deflected.detach(), self.sigma))
+
+    def _sources(self, b: int, h: int, w: int) -> np.ndarray:
+        """Where each pixel's colour comes from: flat indices (b, h w)."""
+        u = torch.rand(4, self.deflections, b, dtype=torch.float64).numpy()
+        rows, cols = np.floor(u[0] * h).astype(int), np.floor(u[1] * w).astype(int)
+        far = self._near(rows, h, u[2]) * w + self._near(cols, w, u[3])
+        source, image = np.tile(np.arange(h * w), (b, 1)), np.arange(b)
+        for to, fro in zip(rows * w + cols, far, strict=True):  # in turn, as a colour can travel on
+            source[image, to] = source[image, fro]
+        return source
+
+    def _near(self, at: np.ndarray, size: int, u: np.ndarray) -> np.ndarray:
+        """Whole positions uniform on what of [at - window, at + window] lies in [0, size)."""
+        low, high = np.maximum(at - self.window, 0), np.minimum(at + self.window, size - 1)
+        return low + np.floor(u * (high - low + 1)).astype(int)
+
+
+def denoise(images: Tensor, sigma: float) -> Tensor:
+    """BayesShrink soft wavelet denoising in YCbCr (Chang, Yu and Vetterli 2000), by scikit-image, image by image.
+
+    (B, 3, H, W) float32 or float64 in [0, 1] to the same, no gradient; sigma in the images' units.
+    """
+    from skimage.restoration import denoise_wavelet  # here alone: it takes a while to import
+
+    out = torch.empty(images.shape, dtype=images.dtype)
+    for row, image in zip(out, images.permute(0, 2, 3, 1).cpu().numpy(), strict=True):
+        h, w, _ = image.shape
+        # one level of the wavelet takes two pixels
+        image = np.pad(image, ((0, int(h == 1)), (0, int(w == 1)), (0, 0)), "edge")
+        clean = denoise_wavelet(
+            image, sigma=sigma, mode="soft", method="BayesShrink", convert2ycbcr=True, channel_axis=-1
+        )  # fmt: skip
+        row.copy_(torch.from_numpy(clean[:h, :w]).permute(2, 0, 1))
+    return out.clamp(0, 1).to(images.device)

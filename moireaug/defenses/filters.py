@@ -1,0 +1,205 @@
+"""Deterministic defences by short formulae: JPEG, fewer bits, the median, and brightness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from moireaug.capture import check_images
+from moireaug.defenses.base import Defence, check_real, check_whole, mirrored, straight_through
+from moireaug.effects import jpeg, tone
+
+DARKEST = 1 / 255  # the mean below which `Gain` does not go on amplifying, so that black stays black
+
+
+@dataclass(frozen=True)
+class JPEG(Defence):
+    """Encode and decode (Dziugaite, Ghahramani and Roy 2016; Das et al. 2017): libjpeg as PIL runs it, 4:2:0.
+
+    Args:
+        quality: 1 to 100. The paper takes 20, 40, 60 and 80.
+
+    Backward: kornia's differentiable JPEG, see `moireaug.effects.jpeg.jpeg`.
+    """
+
+    quality: int = 60
+
+    def __post_init__(self) -> None:
+        check_whole("JPEG.quality", self.quality, 1, 100)
+
+    @property
+    def title(self) -> str:
+        return f"JPEG {self.quality}"
+
+    def apply(self, images: Tensor) -> Tensor:
+        return jpeg.jpeg(images, torch.full((len(images),), float(self.quality), device=images.device))
+
+
+@dataclass(frozen=True)
+class BitDepth(Defence):
+    """Feature squeezing's fewer colours (Xu, Evans and Qi 2018): rint(x (2^b - 1)) / (2^b - 1), halves to even.
+
+    Args:
+        bits: of each channel, 1 to 8. The paper takes 4 and 5.
+
+    Backward: the identity.
+    """
+
+    bits: int = 4
+
+    def __post_init__(self) -> None:
+        check_whole("BitDepth.bits", self.bits, 1, 8)
+
+    @property
+    def title(self) -> str:
+        return f"bit depth {self.bits}"
+
+    def apply(self, images: Tensor) -> Tensor:
+        top = 2**self.bits - 1
+        return straight_through(images, (images * top).round() / top)
+
+
+@dataclass(frozen=True)
+class Median(Defence):
+    """Feature squeezing's median filter (Xu, Evans and Qi 2018), of each channel by itself.
+
+    The values of `scipy.ndimage.median_filter(channel, size, mode="reflect")`: an even window lies one pixel further up
+    and left than down and right, takes the upper of its two middle values, and the border is mirrored.
+
+    Args:
+        size: the window's side in pixels, 2 to 7. The paper takes 2 and 3.
+
+    Backward: exact; the gradient goes to the pixel that was taken, of equals to the first in reading order.
+    """
+
+    size: int = 2
+
+    def __post_init__(self) -> None:
+        check_whole("Median.size", self.size, 2, 7)
+
+    @property
+    def title(self) -> str:
+        return f"median {self.size} × {self.size}"
+
+    def apply(self, images: Tensor) -> Tensor:
+        return _Median.apply(images, self.size)
+
+
+class _Median(torch.autograd.Function):
+    # image by image: the many passes over one image stay in the cache, and memory is that of one image
+
+    @staticmethod
+    def forward(ctx, images, size):
+        out = torch.empty_like(images)
+        for row, image in zip(out, images, strict=True):
+            row.copy_(_median(_extended(image, size), size))
+        ctx.save_for_backward(images, out)
+        ctx.size = size
+        return out
+
+    @staticmethod
+    def backward(ctx, gradient):
+        images, out = ctx.saved_tensors
+        size, back = ctx.size, torch.empty_like(images)
+        h, w = images.shape[-2:]
+        rows, cols = (_window(n, size, images.device) for n in (h, w))
+        for row, image, taken, g in zip(back, images, out, gradient, strict=True):
+            extended = _extended(image, size)
+            arrived, left = torch.zeros_like(extended), g.clone()
+            for i in range(size):
+                for j in range(size):
+                    here = (slice(None), slice(i, i + h), slice(j, j + w))
+                    share = torch.where(extended[here] == taken, left, 0)
+                    arrived[here] += share
+                    left -= share  # what has found its pixel looks no further
+            folded = image.new_zeros(3, h, extended.shape[-1]).index_add_(1, rows, arrived)
+            row.copy_(image.new_zeros(3, h, w).index_add_(2, cols, folded))
+        return back, None
+
+
+def _window(n: int, size: int, device: torch.device) -> Tensor:
+    return mirrored(n, size // 2, size - 1 - size // 2, device)
+
+
+def _extended(image: Tensor, size: int) -> Tensor:
+    """(3, H, W) with the border that the windows reach: (3, H + size - 1, W + size - 1)."""
+    h, w = image.shape[-2:]
+    return image[:, _window(h, size, image.device)][:, :, _window(w, size, image.device)]
+
+
+def _median(x: Tensor, size: int) -> Tensor:
+    """Upper median of every window: (3, H + size - 1, W + size - 1) to (3, H, W)."""
+    if size == 2:  # the columns' pairs are sorted once for both windows that share them
+        low, high = torch.minimum(x[:, :-1], x[:, 1:]), torch.maximum(x[:, :-1], x[:, 1:])
+        return torch.maximum(
+            torch.minimum(high[..., :-1], high[..., 1:]), torch.maximum(low[..., :-1], low[..., 1:])
+        )  # the second largest of four
+    if size == 3:
+        a, b, c = x[:, :-2], x[:, 1:-1], x[:, 2:]
+        low, high = torch.minimum(a, b), torch.maximum(a, b)
+        low, mid, high = torch.minimum(low, c), torch.maximum(low, torch.minimum(high, c)), torch.maximum(high, c)
+        # the median of nine is that of the greatest low, the middle mid and the least high of its three columns
+        low = torch.maximum(torch.maximum(low[..., :-2], low[..., 1:-1]), low[..., 2:])
+        high = torch.minimum(torch.minimum(high[..., :-2], high[..., 1:-1]), high[..., 2:])
+        return _middle(low, _middle(mid[..., :-2], mid[..., 1:-1], mid[..., 2:]), high)
+    windows = x.unfold(1, size, 1).unfold(2, size, 1).flatten(3)
+    return windows.kthvalue(size * size // 2 + 1, dim=-1).values
+
+
+def _middle(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
+    return torch.maximum(torch.minimum(a, b), torch.minimum(torch.maximum(a, b), c))
+
+
+@dataclass(frozen=True)
+class Gain(Defence):
+    """Brightness brought to a fixed mean: the deployable form of the paper's mean normalisation, `restore_mean`.
+
+    Every image is multiplied by one factor so that its mean over pixels and channels becomes `mean`, and clipped, which
+    leaves it below that where highlights clip. No factor is above mean x 255: black stays black.
+
+    Args:
+        mean: between 0 and 1, in units of sRGB codes; by default near that of natural images.
+
+    Backward: exact, but that pixels on the bounds keep their gradient.
+    """
+
+    mean: float = 0.45
+
+    def __post_init__(self) -> None:
+        check_real("Gain.mean", self.mean, 0, 1)
+
+    @property
+    def title(self) -> str:
+        return "gain"
+
+    def apply(self, images: Tensor) -> Tensor:
+        mean = images.mean((1, 2, 3), keepdim=True).clamp(min=DARKEST)
+        return tone.clip(images * (self.mean / mean))
+
+
+def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
+    """The paper's mean normalisation: x - (mean(x) - mean(clean)), clipped to [0, 1].
+
+    It needs the clean image, which no deployed system has: an upper bound for `Gain`, not a defence.
+
+    Args:
+        images: (B, 3, H, W) float in [0, 1], attacked or photographed. Not modified.
+        clean: the images as they were, of the same shape. Means are over all pixels and channels of each image.
+
+    Returns:
+        (B, 3, H, W) in [0, 1], of the images' dtype. Differentiable in both; pixels on the bounds keep their gradient.
+
+    Raises:
+        TypeError, ValueError: what is no float batch of three channels in [0, 1], or batches of two shapes.
+    """
+    check_images(images)
+    check_images(clean)
+    if images.shape != clean.shape:
+        raise ValueError(
+            f"clean must have the images' shape {tuple(images.shape)}; got {tuple(clean.shape)}. Give each image its own."
+        )
+    x = images if images.dtype == torch.float64 else images.float()
+    shift = x.mean((1, 2, 3), keepdim=True) - clean.to(x).mean((1, 2, 3), keepdim=True)
+    return tone.clip(x - shift).to(images.dtype)
