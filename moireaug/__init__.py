@@ -25,7 +25,7 @@ __all__ = [
     "expose",
 ]
 
-LAZY = ("attacks", "evaluation", "transforms")  # packages that are imported when first asked for
+LAZY = ("attacks", "defenses", "evaluation", "transforms")  # packages that are imported when first asked for
 
 
 def __getattr__(name: str) -> Any:

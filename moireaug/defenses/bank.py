@@ -61,6 +61,8 @@ def draw_bank(
     check_whole("seed", seed, 0, 2**63 - 1)
     if isinstance(images, Tensor):
         check_images(images)
+    if cache is not None and Path(cache).is_dir():
+        raise ValueError(f"cache must be a file; {cache} is a folder. Name a file in it, such as bank.npz.")
     settings = {"patches": patches, "patch": patch, "seed": seed, "images": _content(images)}
     key = json.dumps(settings, sort_keys=True)
     bank = _read(Path(cache), key) if cache is not None else None
@@ -113,7 +115,7 @@ def _read(file: Path, key: str) -> Tensor | None:
     try:
         with np.load(file, allow_pickle=False) as kept:
             return torch.from_numpy(kept["bank"]) if str(kept["key"]) == key else None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return None
 
 

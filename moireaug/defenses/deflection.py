@@ -15,9 +15,10 @@ from moireaug.defenses.base import Defence, check_real, check_whole, straight_th
 class PixelDeflection(Defence):
     """Pixel deflection with wavelet denoising (Prakash et al. 2018), without the map that steers it (R-CAM).
 
-    As the paper's algorithm 1: one after the other, `deflections` pixels drawn uniformly each take the colour, all
-    three channels, of a pixel drawn uniformly from the square of `window` pixels around, as far as it lies in the image.
-    Then soft thresholding by BayesShrink in YCbCr: scikit-image's `denoise_wavelet` in its default wavelet, db1.
+    As the paper's algorithm 1: one after the other, `deflections` pixels drawn uniformly each take the colour of a
+    pixel drawn uniformly from the square of `window` pixels around, as far as it lies in the image. All three channels
+    move at once and count once (the authors' code counts channels). Then soft thresholding by BayesShrink in YCbCr:
+    scikit-image's `denoise_wavelet` with its default wavelet, db1.
 
     Args:
         deflections: of each image, at least 0. The paper takes 200.

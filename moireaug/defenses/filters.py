@@ -198,7 +198,8 @@ def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
     check_images(clean)
     if images.shape != clean.shape:
         raise ValueError(
-            f"clean must have the images' shape {tuple(images.shape)}; got {tuple(clean.shape)}. Give each image its own."
+            f"clean must have the images' shape {tuple(images.shape)}; got {tuple(clean.shape)}. "
+            "Give each image its own."
         )
     x = images if images.dtype == torch.float64 else images.float()
     shift = x.mean((1, 2, 3), keepdim=True) - clean.to(x).mean((1, 2, 3), keepdim=True)

@@ -10,17 +10,17 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from moireaug.defenses.base import Defence, mirrored, straight_through
 from moireaug.defenses.bank import check_patches, draw_bank
+from moireaug.defenses.base import Defence, mirrored, straight_through
 
-QUERIES, BLOCK = 1024, 4096  # of the image and of the bank at a time: their products, 16 MiB, stay in the cache
+QUERIES, BLOCK = 1024, 2048  # patches of the image and of the bank at a time, so that their products stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
 class Quilting(Defence):
-    """Image quilting (Guo et al. 2018): each patch of the image becomes the nearest of a bank, stitched where they agree.
+    """Image quilting (Guo et al. 2018): each patch becomes the nearest of a bank, stitched where they agree.
 
-    The image is cut into patches on a grid of stride patch - overlap, mirrored where the last goes past the border.
+    The image is read in patches on a grid of stride patch - overlap, mirrored where the last goes past the border.
     Each is replaced by the bank's patch at the least L2 distance, searched exhaustively in float32 (the paper's K = 1).
     They are laid left to right, top to bottom; where one overlaps what lies there already, it starts behind the
     minimum-error boundary cut (Efros and Freeman 2001) down its left and along its upper overlap, found by dynamic
@@ -31,7 +31,7 @@ class Quilting(Defence):
             patches of 5 x 5. Searched on the images' device; put it there to spare the copy at each call.
         overlap: of neighbouring patches in pixels, at most half a patch.
 
-    Time goes with the bank: see the documentation's table. Backward: the identity.
+    Time grows with bank and image: 0.7 s for 224 x 224 and 100,000 patches on one core. Backward: the identity.
     """
 
     bank: Tensor
@@ -156,7 +156,7 @@ def cut(error: Tensor) -> Tensor:
 
     Returns:
         bool of the same shape: the new pixel is taken, on the cut and to its right. The cut has one pixel a row, from
-        each row to the next at most one column aside, and the least total error; of equals the leftmost at each step.
+        each row to the next at most one column aside, and the least total error.
     """
     overlap, far = error.shape[-1], float("inf")
     total, steps = error[..., 0, :], []

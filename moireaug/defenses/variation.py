@@ -23,14 +23,14 @@ class TotalVariation(Defence):
         1/2 sum m (z - x)^2 + weight sum sqrt((D_down z)^2 + (D_right z)^2)
 
     with forward differences, 0 across the border, every channel by itself: `objective`. With keep = 1 that is
-    scikit-image's `denoise_tv_chambolle(x, weight)`. (Its `denoise_tv_bregman` at 1 / weight means the same, but shrinks
-    by another formula and ends elsewhere. The paper prints both norms unsquared and sums TV by rows and columns.)
+    scikit-image's `denoise_tv_chambolle(x, weight)`. (Its `denoise_tv_bregman` at 1 / weight means the same, but
+    shrinks by another formula and ends elsewhere. The paper prints both norms unsquared, TV by rows and columns.)
 
-    Solved by split Bregman (Goldstein and Osher 2009) with the mask: `iterations` rounds of a Gauss-Seidel sweep over z
-    in chequerboard order, the shrinkage of d = grad z and the update of its multiplier. The first z fills each hole with
-    the mean of kept pixels near it, so that nothing of a pixel that was thrown away remains however few the rounds. At
-    224 x 224 and the paper's parameters, 100 rounds bring the objective to within 1 % of its minimum and z to within
-    two codes of 255, a tenth of a code on average.
+    Solved by split Bregman (Goldstein and Osher 2009) with the mask: `iterations` rounds of a Gauss-Seidel sweep over
+    z in chequerboard order, the shrinkage of d = grad z and the update of its multiplier. The first z fills each hole
+    with the mean of kept pixels near it, so that nothing of a pixel that was thrown away remains however few the
+    rounds. At 224 x 224 and the paper's parameters, 100 rounds bring the objective to within 1 % of its minimum and z
+    to within two codes of 255, a tenth of a code on average.
 
     Args:
         keep: probability, above 0, at most 1. The paper takes 0.5.
@@ -79,7 +79,7 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
     Returns:
         (B, C, H, W), a new tensor.
     """
-    b, c, h, w = x.shape
+    h, w = x.shape[-2:]
     z = fill(x, mask)
     if h * w == 1:
         return z

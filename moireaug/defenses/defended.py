@@ -1,0 +1,99 @@
+"""Defences in a row, and before a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from moireaug.capture import check_images
+from moireaug.defenses.base import Defence, check_whole
+from moireaug.effects import tone
+
+
+@dataclass(frozen=True)
+class Compose(Defence):
+    """One defence after the other, the first first.
+
+    Args:
+        defences: a tuple of defences, or of any callables from images to images of the same shape, such as a
+            demoiréing network, whose output is clipped to [0, 1]. One that is randomised says so by an attribute
+            `randomised = True`, and may name itself in tables by an attribute `title`. None at all is the identity.
+
+    Between two, the images have the dtype they came with. Backward: through each in turn; pixels on the bounds keep their gradient.
+    """
+
+    defences: tuple[Callable[[Tensor], Tensor], ...]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.defences, (tuple, list)):
+            raise TypeError(f"Compose takes one tuple of defences, Compose((a, b)); got {self.defences!r}.")
+        for defence in self.defences:
+            if not callable(defence) or isinstance(defence, type):
+                raise TypeError(f"a defence must be callable on images; got {defence!r}. Is it DEFENSES[name]()?")
+        object.__setattr__(self, "defences", tuple(self.defences))
+
+    @property
+    def randomised(self) -> bool:
+        return any(getattr(d, "randomised", False) for d in self.defences)
+
+    @property
+    def title(self) -> str:
+        return " + ".join(getattr(d, "title", type(d).__name__) for d in self.defences) or "none"
+
+    @property
+    def networks(self) -> tuple[nn.Module, ...]:
+        """The modules among the defences, also inside other rows."""
+        inside = (d.networks if isinstance(d, Compose) else (d,) for d in self.defences)
+        return tuple(d for row in inside for d in row if isinstance(d, nn.Module))
+
+    def __call__(self, images: Tensor) -> Tensor:
+        check_images(images)
+        for defence in self.defences:
+            out = defence(images)
+            if not isinstance(defence, Defence):
+                if out.shape != images.shape:
+                    raise ValueError(
+                        f"a defence must keep the images' shape {tuple(images.shape)}; {type(defence).__name__} gave "
+                        f"{tuple(out.shape)}."
+                    )
+                out = tone.clip(out).to(images.dtype)
+            images = out
+        return images
+
+
+class Defended(nn.Module):
+    """A model behind a defence: logits = model(defence(images)). Attacks on it go through both.
+
+    Args:
+        model: [0, 1] images to logits (B, K); a module becomes a submodule, so that its mode and device are set here.
+        defence: of `moireaug.defenses`, or any callable from images to images, as in `Compose`; a module in it becomes
+            a submodule, too.
+        draws: of a randomised defence. With more than one, the logits are the logarithm of the predicted probabilities'
+            mean: its gradient is the expectation over the defence that an attack needs (EOT; Athalye, Carlini and
+            Wagner 2018). Time and, with gradients, memory grow with it. A defence that is not randomised is drawn once.
+
+    Raises:
+        TypeError, ValueError: what is not callable, or draws below 1.
+    """
+
+    def __init__(self, model: Callable[[Tensor], Tensor], defence: Callable[[Tensor], Tensor], draws: int = 1) -> None:
+        super().__init__()
+        check_whole("draws", draws, 1)
+        if not callable(model) or isinstance(model, type):
+            raise TypeError(f"model must be callable on images; got {model!r}.")
+        row = defence if isinstance(defence, Compose) else Compose((defence,))
+        self.model = model
+        self.defence = defence if isinstance(defence, Defence) else row
+        self.networks = nn.ModuleList(row.networks)
+        self.draws = draws
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(B, 3, H, W) float in [0, 1] to (B, K). Differentiable in images."""
+        if self.draws == 1 or not self.defence.randomised:
+            return self.model(self.defence(images))
+        logs = [self.model(self.defence(images)).log_softmax(1) for _ in range(self.draws)]
+        return torch.stack(logs).logsumexp(0) - math.log(self.draws)

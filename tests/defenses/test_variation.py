@@ -1,0 +1,115 @@
+"""Total variation minimisation: against another solver, a long run, and what must not change."""
+
+import pytest
+import torch
+from skimage.restoration import denoise_tv_chambolle
+
+from moireaug.defenses import TotalVariation, variation
+from moireaug.defenses.variation import fill, minimise, objective
+
+WEIGHT = 0.03
+
+
+def masked(x, keep=0.5, seed=1):
+    return (torch.rand(x.shape, generator=torch.Generator().manual_seed(seed)) < keep).to(x)
+
+
+def test_the_objective_by_hand():
+    z = torch.tensor([[[[0.0, 0.3], [0.4, 0.0]]]])
+    x, mask = torch.ones_like(z), torch.tensor([[[[1.0, 0.0], [0.0, 1.0]]]])
+    # lengths of (down, right): (0.4, 0.3), (-0.3, 0), (0, -0.4), (0, 0)
+    assert objective(z, x, mask, 2.0).item() == pytest.approx(1.0 + 2 * (0.5 + 0.3 + 0.4))
+
+
+@pytest.mark.parametrize(("h", "w"), [(24, 31), (1, 30), (30, 1), (2, 2)])
+@pytest.mark.parametrize("keep", [0.5, 1.0])
+def test_the_objective_falls_to_that_of_a_long_run(photos, keep, h, w):
+    x = photos(h=h, w=w, dtype=torch.float64)
+    mask = masked(x, keep)
+    best = minimise(x, mask, WEIGHT, 3000)
+    least = objective(best, x, mask, WEIGHT)
+    values = torch.stack([objective(minimise(x, mask, WEIGHT, n), x, mask, WEIGHT) for n in (1, 10, 100)])
+    assert (values >= least * (1 - 1e-5)).all()
+    assert (values[2] <= least * 1.01 + 1e-9).all() and (values[2] <= values[0] + 1e-9).all()
+    assert (minimise(x, mask, WEIGHT, 100) - best).abs().mean() < 1 / 255
+    single = minimise(x.float(), mask.float(), WEIGHT, 100)
+    assert (objective(single.double(), x, mask, WEIGHT) <= least * 1.01 + 1e-6).all()
+
+
+def test_the_minimum_is_one(photos):
+    x = photos(b=1, h=20, w=20, dtype=torch.float64)
+    mask = masked(x)
+    best = minimise(x, mask, WEIGHT, 3000)
+    least = objective(best, x, mask, WEIGHT)
+    for scale in (1e-1, 1e-2, 1e-3):  # it is convex: no neighbour is lower
+        near = best + scale * torch.randn(x.shape, dtype=x.dtype)
+        assert (objective(near, x, mask, WEIGHT) > least).all()
+    assert (objective(best * 0.99, x, mask, WEIGHT) > least).all()
+
+
+def test_without_a_mask_it_is_another_solvers(photos):
+    x = photos(b=1, h=24, w=30, dtype=torch.float64)
+    wanted = denoise_tv_chambolle(x[0].numpy(), weight=WEIGHT, eps=1e-13, max_num_iter=5000, channel_axis=0)
+    ours = minimise(x, torch.ones_like(x), WEIGHT, 2000)[0]
+    assert (ours - torch.from_numpy(wanted)).abs().max() < 1e-3
+    other = minimise(x, torch.ones_like(x), 2 * WEIGHT, 2000)[0]  # half the data term would be noticed
+    assert (other - torch.from_numpy(wanted)).abs().max() > 1e-2
+
+
+@pytest.mark.parametrize("value", [0.0, 0.37, 1.0])
+def test_a_flat_image_stays_flat(value):
+    images = torch.full((2, 3, 19, 23), value)
+    assert torch.allclose(TotalVariation()(images), images, atol=1e-6)
+
+
+def test_what_was_thrown_away_leaves_no_trace(photos):
+    x = photos(b=1)
+    mask = masked(x)
+    other = torch.where(mask > 0, x, torch.rand(x.shape))
+    for n in (1, 100):
+        assert torch.equal(minimise(x, mask, WEIGHT, n), minimise(other, mask, WEIGHT, n))
+
+
+def test_noise_is_reduced_on_kept_and_on_lost_pixels():
+    clean = torch.linspace(0.2, 0.8, 48).expand(1, 3, 48, 48)
+    noisy = (clean + 0.03 * torch.randn(clean.shape)).clamp(0, 1)
+    mask = masked(clean)
+    out = minimise(noisy, mask, WEIGHT, 100)
+    for part in (mask > 0, mask == 0):
+        assert (out - clean)[part].std() < 0.5 * (noisy - clean)[part].std()
+
+
+def test_the_mask_is_drawn_per_pixel_and_channel(photos, monkeypatch):
+    seen = []
+    kept = variation.minimise
+    monkeypatch.setattr(variation, "minimise", lambda x, m, *a: seen.append(m) or kept(x, m, *a))
+    TotalVariation(keep=0.3, iterations=1)(photos(b=4, h=64, w=64))
+    mask = torch.cat(seen)
+    assert set(mask.unique().tolist()) == {0.0, 1.0}
+    assert (mask.mean((2, 3)) - 0.3).abs().max() < 5 * (0.21 / 4096) ** 0.5
+    assert not torch.equal(mask[:, 0], mask[:, 1]) and not torch.equal(mask[0], mask[1])
+
+
+def test_parts_of_a_batch_are_solved_alike(photos, monkeypatch):
+    images, defence = photos(b=5), TotalVariation(iterations=5)
+    torch.manual_seed(1)
+    wanted = defence(images)
+    monkeypatch.setattr(variation, "AT_ONCE", 2 * 3 * 32 * 40)
+    torch.manual_seed(1)
+    assert torch.equal(defence(images), wanted)
+
+
+def test_holes_are_filled_from_what_is_near():
+    x = torch.zeros(1, 1, 8, 8)
+    x[..., :4] = 0.2
+    x[..., 4:] = 0.8
+    mask = torch.zeros_like(x)
+    mask[0, 0, 0, 0] = mask[0, 0, 7, 7] = mask[0, 0, 0, 7] = mask[0, 0, 7, 0] = 1
+    assert torch.allclose(fill(x, mask), x)
+    assert torch.equal(fill(x, torch.zeros_like(x)), torch.full_like(x, 0.5))
+    assert torch.equal(fill(x, torch.ones_like(x)), x)
+
+
+def test_the_gradient_is_the_identity(photos):
+    images, weight = photos(h=9, w=11).requires_grad_(), torch.randn(2, 3, 9, 11)
+    assert torch.equal(torch.autograd.grad((TotalVariation()(images) * weight).sum(), images)[0], weight)
