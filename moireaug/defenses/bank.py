@@ -113,7 +113,7 @@ def _content(images: Tensor | Iterable[Tensor]) -> str:
 def _read(file: Path, key: str) -> Tensor | None:
     """The bank of that key, or None: there is no file, another's, or one that is broken."""
     try:
-        with np.load(file, allow_pickle=False) as kept:
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
             return torch.from_numpy(kept["bank"]) if str(kept["key"]) == key else None
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return None

@@ -23,7 +23,9 @@ class Compose(Defence):
             demoiréing network, whose output is clipped to [0, 1]. One that is randomised says so by an attribute
             `randomised = True`, and may name itself in tables by an attribute `title`. None at all is the identity.
 
-    Between two, the images have the dtype they came with. Backward: through each in turn; pixels on the bounds keep their gradient.
+    Between two, the images have the dtype they came with.
+
+    Backward: through each in turn; pixels on the bounds keep their gradient.
     """
 
     defences: tuple[Callable[[Tensor], Tensor], ...]

@@ -1,0 +1,238 @@
+"""Quilting: the nearest patch, the cheapest cut, the order of laying, against slow versions; the bank and its file."""
+
+import itertools
+import os
+
+import numpy as np
+import pytest
+import torch
+from torch.utils.data import DataLoader, TensorDataset
+
+from moireaug.defenses import Quilting, bank
+from moireaug.defenses.bank import draw_bank
+from moireaug.defenses.quilting import cut, stitch
+
+
+def cheapest(error):
+    """Every path of steps of at most one column, tried: (length, overlap) to its cost."""
+    paths = itertools.product(range(error.shape[1]), repeat=len(error))
+    connected = (p for p in paths if all(abs(a - b) <= 1 for a, b in itertools.pairwise(p)))
+    return min(sum(error[i, c].item() for i, c in enumerate(p)) for p in connected)
+
+
+@pytest.mark.parametrize(("length", "overlap"), [(5, 2), (6, 3), (4, 4), (3, 1), (1, 3)])
+def test_the_cut_is_the_cheapest_path(length, overlap):
+    error = torch.rand(20, length, overlap)
+    fresh = cut(error)
+    assert (fresh.int().diff(dim=-1) >= 0).all() and fresh[..., -1].all()  # old to the left, new to the right
+    at = overlap - fresh.sum(-1)
+    assert (at.diff(dim=-1).abs() <= 1).all()
+    cost = error.gather(-1, at[..., None]).sum((1, 2))
+    assert torch.allclose(cost, torch.tensor([cheapest(e) for e in error]))
+
+
+def laid_one_by_one(patches, chosen, overlap):
+    """Stitching in reading order, one patch at a time."""
+    side, (rows, cols) = patches.shape[-1], chosen.shape
+    stride = side - overlap
+    canvas = torch.zeros(3, side + (rows - 1) * stride, side + (cols - 1) * stride)
+    for i in range(rows):
+        for j in range(cols):
+            new = patches[chosen[i, j]]
+            here = canvas[:, i * stride : i * stride + side, j * stride : j * stride + side]
+            error = (new - here).square().sum(0)
+            take = torch.ones(side, side, dtype=torch.bool)
+            if j:
+                take[:, :overlap] &= cut(error[:, :overlap])
+            if i:
+                take[:overlap] &= cut(error[:overlap].T).T
+            here[:, take] = new[:, take]
+    return canvas
+
+
+@pytest.mark.parametrize(("side", "overlap"), [(5, 2), (4, 2), (6, 1), (7, 3)])
+@pytest.mark.parametrize(("rows", "cols"), [(1, 1), (1, 4), (5, 1), (4, 7), (7, 3)])
+def test_all_at_once_is_one_by_one(rows, cols, side, overlap):
+    patches = torch.rand(50, 3, side, side)
+    chosen = torch.randint(50, (3, rows, cols))
+    out = stitch(patches, chosen, overlap)
+    assert torch.equal(out, torch.stack([laid_one_by_one(patches, c, overlap) for c in chosen]))
+
+
+def test_without_overlap_patches_are_tiles():
+    patches, chosen = torch.rand(9, 3, 4, 4), torch.arange(6).view(1, 2, 3)
+    tiles = patches[:6].view(2, 3, 3, 4, 4).permute(2, 0, 3, 1, 4).reshape(1, 3, 8, 12)
+    assert torch.equal(stitch(patches, chosen, 0), tiles)
+
+
+@pytest.mark.parametrize("blocks", [(1024, 2048), (7, 11)])
+def test_the_nearest_patch_is_found(photos, monkeypatch, blocks):
+    monkeypatch.setattr("moireaug.defenses.quilting.QUERIES", blocks[0])
+    monkeypatch.setattr("moireaug.defenses.quilting.BLOCK", blocks[1])
+    defence = Quilting.from_images(photos(b=3), 700, progress=False)
+    asked = photos(b=1, seed=5).unfold(2, 5, 3).unfold(3, 5, 3).permute(0, 2, 3, 1, 4, 5).reshape(-1, 3, 5, 5)
+    distance = torch.cdist(asked.flatten(1).double(), defence.bank.flatten(1).double())
+    found = distance.gather(1, defence.nearest(asked)[:, None])[:, 0]
+    assert torch.allclose(found, distance.amin(1), atol=1e-4)
+    assert (found < distance.gather(1, (defence.nearest(asked)[:, None] + 1) % 700)[:, 0]).float().mean() > 0.9
+
+
+@pytest.mark.parametrize(("h", "w"), [(20, 23), (21, 24), (22, 25), (5, 5)])
+def test_an_image_whose_patches_are_in_the_bank_comes_back(photos, h, w):
+    images = photos(b=1, h=h, w=w)
+    # as far as no patch reaches that is partly mirrored
+    h, w = (n if (n - 5) % 3 == 0 else 3 + (n - 5) // 3 * 3 for n in (h, w))
+    defence = Quilting.from_images(images, 10_000, progress=False)
+    assert torch.equal(defence(images)[..., :h, :w], images[..., :h, :w])
+    noisy = (images + 0.01 * torch.randn(images.shape)).clamp(0, 1)
+    out = defence(noisy)
+    assert (out - images)[..., :h, :w].abs().mean() < 0.5 * (noisy - images).abs().mean()
+
+
+def test_every_pixel_is_the_banks(photos):
+    patches = torch.rand(40, 1, 1, 1).expand(40, 3, 5, 5)
+    out = Quilting(patches)(photos(h=17, w=22))
+    assert set(out.unique().tolist()) <= set(patches.unique().tolist())
+    assert torch.equal(Quilting(torch.full((1, 3, 5, 5), 0.25))(photos()), torch.full((2, 3, 32, 40), 0.25))
+
+
+def test_the_gradient_is_the_identity(photos):
+    images, weight = photos(h=9, w=11).requires_grad_(), torch.randn(2, 3, 9, 11)
+    defence = Quilting(torch.rand(30, 3, 5, 5))
+    assert torch.equal(torch.autograd.grad((defence(images) * weight).sum(), images)[0], weight)
+
+
+def windows(images, patch=5):
+    flat = images.unfold(2, patch, 1).unfold(3, patch, 1).permute(0, 2, 3, 1, 4, 5).flatten(3)
+    return {tuple(p.tolist()) for p in flat.flatten(0, 2)}
+
+
+def test_the_bank_holds_patches_of_the_images_without_repetition(photos):
+    images = photos(b=3, h=12, w=14)
+    drawn = draw_bank(images, 100, progress=False)
+    assert drawn.shape == (100, 3, 5, 5) and drawn.dtype == torch.float32
+    assert len(windows(images) & {tuple(p.tolist()) for p in drawn.flatten(1)}) == 100
+    everything = draw_bank(images, 10_000, progress=False)
+    assert len(everything) == 3 * 8 * 10 == len({tuple(p.tolist()) for p in everything.flatten(1)})
+    assert not torch.equal(draw_bank(images, 100, seed=1, progress=False), drawn)
+
+
+def test_every_place_is_as_likely():
+    images = torch.arange(4 * 6 * 7).view(4, 1, 6, 7).expand(-1, 3, -1, -1) / 200.0
+    counts = torch.zeros(168)
+    for seed in range(400):
+        for batches in ([images], images.split(1)):
+            corners = draw_bank(batches, 5, patch=5, seed=seed, progress=False)[:, 0, 0, 0]
+            counts[(corners * 200).round().long()] += 1
+    counts = counts[counts > 0]
+    assert len(counts) == 4 * 2 * 3 and (counts - 4000 / 24).abs().max() < 5 * (2 * 4000 / 24) ** 0.5
+
+
+def test_the_bank_does_not_depend_on_batches_or_on_other_random_numbers(photos):
+    images = photos(b=7, h=12, w=14)
+    wanted = draw_bank(images, 60, progress=False)
+    state = torch.get_rng_state()
+    for batches in (images.split(1), images.split(3), [(images, torch.zeros(7))], iter(images.double().split(2))):
+        torch.rand(1)
+        assert torch.equal(draw_bank(batches, 60, progress=False), wanted)
+    torch.set_rng_state(state)
+    draw_bank(images, 60, seed=9, progress=False)
+    assert torch.equal(torch.get_rng_state(), state)
+
+
+def test_a_bar_is_shown_where_asked(photos, capsys):
+    draw_bank(photos(h=8, w=8), 10, progress=False)
+    assert capsys.readouterr().err == ""
+    draw_bank(photos(h=8, w=8), 10)
+    assert "patches" in capsys.readouterr().err
+
+
+def test_the_file_is_used_only_where_it_matches(photos, tmp_path, monkeypatch):
+    images, file = photos(b=3, h=12, w=14), tmp_path / "deep" / "bank.npz"
+    first = draw_bank(images, 50, cache=file, progress=False)
+    assert [f.name for f in file.parent.iterdir()] == ["bank.npz"]
+    drawn = []
+    kept = bank._draw
+    monkeypatch.setattr(bank, "_draw", lambda *a: drawn.append(1) or kept(*a))
+    assert torch.equal(Quilting.from_images(images, 50, cache=str(file), progress=False).bank, first) and not drawn
+    other = images.clone()
+    other[0, 0, 0, 0] = 1 - other[0, 0, 0, 0]
+    changes = [
+        ({"patches": 51}, images), ({"patch": 4}, images), ({"seed": 1}, images), ({}, other), ({}, images[:2]),
+        ({}, images.double()),
+    ]  # fmt: skip
+    for count, (settings, given) in enumerate(changes, start=1):
+        wanted = draw_bank(given, **{"patches": 50, **settings}, progress=False)
+        drawn.clear()
+        got = draw_bank(given, **{"patches": 50, **settings}, cache=file, progress=False)
+        assert torch.equal(got, wanted) and len(drawn) == 1, count
+        assert torch.equal(draw_bank(given, **{"patches": 50, **settings}, cache=file), got) and len(drawn) == 1
+
+
+def test_loaders_are_told_apart_by_length(photos, tmp_path, monkeypatch):
+    def loader(n):
+        return DataLoader(TensorDataset(photos(b=n, h=12, w=14), torch.zeros(n)), batch_size=2)
+
+    first = draw_bank(loader(3), 20, cache=tmp_path / "bank", progress=False)
+    assert torch.equal(first, draw_bank(photos(b=3, h=12, w=14), 20, progress=False))
+    assert not torch.equal(draw_bank(loader(4), 20, cache=tmp_path / "bank", progress=False), first)
+    monkeypatch.setattr(bank, "_draw", None)
+    assert len(draw_bank(loader(4), 20, cache=tmp_path / "bank", progress=False)) == 20
+
+
+def empty_array(file):
+    with file.open("wb") as f:
+        np.save(f, np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda f: f.write_bytes(b""),
+        lambda f: f.write_bytes(b"no bank"),
+        lambda f: f.write_bytes(f.read_bytes()[:-100]),
+        lambda f: f.write_bytes(f.read_bytes()[:3000] + b"\xff\x00\xff" + f.read_bytes()[3003:]),
+        lambda f: np.savez(f, bank=np.zeros(3)),
+        empty_array,
+    ],
+)
+def test_a_broken_file_is_drawn_anew(photos, tmp_path, harm):
+    images, file = photos(h=12, w=14), tmp_path / "bank.npz"
+    wanted = draw_bank(images, 50, cache=file, progress=False)
+    harm(file)
+    for _ in range(2):
+        assert torch.equal(draw_bank(images, 50, cache=file, progress=False), wanted)
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(photos, tmp_path, monkeypatch):
+    images, file = photos(h=12, w=14), tmp_path / "bank.npz"
+    draw_bank(images, 50, cache=file, progress=False)
+    before = file.read_bytes()
+
+    def full(part, **arrays):
+        part.write(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(OSError, match="disk full"):
+        draw_bank(images, 60, cache=file, progress=False)
+    assert file.read_bytes() == before and os.listdir(tmp_path) == ["bank.npz"]
+
+
+@pytest.mark.parametrize(
+    ("images", "settings", "error", "says"),
+    [
+        (torch.rand(1, 3, 4, 9), {}, ValueError, "at least 5 x 5"),
+        (torch.rand(0, 3, 9, 9), {}, ValueError, "got none"),
+        ([], {}, ValueError, "got none"),
+        ([torch.rand(3, 9, 9)], {}, ValueError, "images must"),
+        (torch.zeros(1, 3, 9, 9, dtype=torch.uint8), {}, TypeError, "floating point"),
+        (torch.rand(1, 3, 9, 9), {"patches": 0}, ValueError, "at least 1"),
+        (torch.rand(1, 3, 9, 9), {"overlap": 3}, ValueError, "half of patch"),
+        (torch.rand(1, 3, 9, 9), {"seed": -1}, ValueError, "seed must"),
+        (torch.rand(1, 3, 9, 9), {"cache": "."}, ValueError, "must be a file"),
+    ],
+)
+def test_what_no_bank_can_be_drawn_from_is_refused(images, settings, error, says):
+    with pytest.raises(error, match=says):
+        Quilting.from_images(images, **{"patches": 10, "progress": False, **settings})
