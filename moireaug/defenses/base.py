@@ -76,8 +76,7 @@ def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor
 
 def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:
     """Refuse what is no whole number in [low, high]."""
-    top = "" if high is None else f" to {high}"
-    allowed = f"a whole number from {low}{top}" if top else f"a whole number of at least {low}"
+    allowed = f"a whole number of at least {low}" if high is None else f"a whole number from {low} to {high}"
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
     if value < low or (high is not None and value > high):
@@ -86,7 +85,8 @@ def check_whole(name: str, value: object, low: int, high: int | None = None) -> 
 
 def check_real(name: str, value: object, low: float, high: float = math.inf) -> None:
     """Refuse what is no finite number in (low, high]."""
+    allowed = f"a finite number above {low:g}" + (f", at most {high:g}" if high < math.inf else "")
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a number in ({low:g}, {high:g}]; got {value!r}.")
+        raise TypeError(f"{name} must be {allowed}; got {value!r}.")
     if not (math.isfinite(value) and low < value <= high):
-        raise ValueError(f"{name} must be a finite number in ({low:g}, {high:g}]; got {value!r}.")
+        raise ValueError(f"{name} must be {allowed}; got {value!r}.")
