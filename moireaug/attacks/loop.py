@@ -1,4 +1,4 @@
-"""The one loop of every gradient attack here: projected steps along the sign of the gradient (Madry et al., 2018)."""
+"""The one loop of every gradient attack here: steps of an update rule, projected, and the best per image kept."""
 
 from __future__ import annotations
 
@@ -6,52 +6,23 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
+from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.attacks.losses import LOSSES, margin, reported
 from moireaug.attacks.model import evaluating
+from moireaug.attacks.problem import Point, Problem, Result
+from moireaug.attacks.rules import RULES, Ball, Rule, choose
 from moireaug.capture import check_images
 from moireaug.fields import one_of
 from moireaug.shot import Shot
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
-    """What an attack found.
-
-    Args:
-        images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
-        success: (B,) bool; the label is not predicted, or, targeted, the target is.
-        noise: what was added: raw noise (B, 4, h, w) for MoireAttack, pixels (B, 3, H, W) for pixel attacks.
-        loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of the last restart.
-        eps: its L-infinity bound.
-        shot: the Shot of the photos, or None for pixel attacks.
-    """
-
-    images: Tensor
-    success: Tensor
-    noise: Tensor
-    loss: Tensor
-    eps: float
-    shot: Shot | None = None
-
-
-class Problem(NamedTuple):
-    """How noise becomes images: `render` for the photo that counts, `rehearse` for the ones that a step is taken on."""
-
-    render: Callable[[Tensor], Tensor]
-    rehearse: Callable[[Tensor], Tensor]
-    shape: tuple[int, ...]
-    views: int = 1
-    shot: Shot | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class Attack(ABC):
-    """Projected sign-gradient ascent on noise inside an L-infinity ball; subclasses say how noise becomes an image.
+    """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise becomes an image.
 
     Where a gradient is exactly zero its sign is zero, and that element of the noise stays where it is.
 
@@ -60,8 +31,10 @@ class Attack(ABC):
             after the attack as before, also when it raises.
         eps: bound of the noise in [0, 1] units; a list gives one Result per value, in order.
         steps: gradient steps.
-        step_size: in units of eps; None is min(1, 2.5 / steps).
-        loss: a key of `attacks.LOSSES`: "ce" or "margin".
+        step_size: in units of eps; None is min(1, 2.5 / steps), or, of the rule "halving", 2, and of "printed",
+            1 / steps.
+        rule: a key of `attacks.RULES`, which say what a step is: "sign", "momentum", "halving" or "printed".
+        loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr".
         random_start: radius of the uniform random start, in units of eps; 0 starts from no noise. Above 1, only with a
             single step, the noise may end outside the ball: N-FGSM (de Jorge et al., 2022).
         restarts: the attack is run so often, later runs from a random start, and the best per image is kept.
@@ -71,6 +44,7 @@ class Attack(ABC):
     eps: float | Sequence[float] = 4 / 255
     steps: int = 20
     step_size: float | None = None
+    rule: str = "sign"
     loss: str = "ce"
     random_start: float = 0.0
     restarts: int = 1
@@ -94,6 +68,7 @@ class Attack(ABC):
                 f"a random_start beyond the ball ({self.random_start!r} times eps) is for a single step, which "
                 f"does not pull it back; got steps = {self.steps}. Use random_start <= 1."
             )
+        one_of("rule", self.rule, RULES)
         one_of("loss", self.loss, LOSSES)
 
     @abstractmethod
@@ -143,46 +118,68 @@ class Attack(ABC):
             images = images.detach().clone()
             labels = check_labels(labels, len(images), "labels").to(images.device).clone()
             problem, eps = self.problem(images, shot, generator), float(self.eps)  # type: ignore[arg-type]
-            noise = self._start(problem, eps, self.random_start, images, generator)
-            noise = self._ascend(problem, noise, labels, None, eps, None)
+            point = self._start(problem, eps, 0, images, generator)
+            point = self._ascend(problem, point, labels, None, eps, generator, None)
             with torch.no_grad():
-                return problem.render(noise).detach()
+                return problem.render(**point).detach()
 
     def _start(
-        self, problem: Problem, eps: float, radius: float, images: Tensor, generator: torch.Generator | None
-    ) -> Tensor:
+        self, problem: Problem, eps: float, restart: int, images: Tensor, generator: torch.Generator | None
+    ) -> Point:
+        """No noise and the drawn pose, or random ones."""
+        radius = self.random_start or (1.0 if restart else 0.0)
         noise = torch.zeros(problem.shape)
-        if radius and eps:
+        if radius and eps and "noise" not in problem.still:
             noise.uniform_(-radius * eps, radius * eps, generator=generator)
-        return noise.to(images.device, images.dtype if images.dtype == torch.float64 else torch.float32)
+        point = {"noise": noise.to(images.device, images.dtype if images.dtype == torch.float64 else torch.float32)}
+        if problem.pose is not None:
+            point["pose"] = problem.pose
+            if restart:
+                fresh = torch.rand(problem.pose.shape, generator=generator, dtype=torch.float64) * 2 - 1
+                point["pose"] = fresh.to(images.device)
+        return point
 
     def _objective(self, logits: Tensor, labels: Tensor, targets: Tensor | None) -> Tensor:
         loss = LOSSES[self.loss]
         return loss(logits, labels) if targets is None else -loss(logits, targets)
 
+    def _rules(self, problem: Problem, eps: float) -> dict[str, Rule]:
+        """A rule for each variable that moves."""
+        # noise that starts outside the ball (N-FGSM) is stepped on, and not pulled back
+        balls = {"noise": Ball(eps, eps if self.random_start <= 1 else math.inf, self.steps, self.step_size)}
+        balls["noise"] = balls["noise"]._replace(base=problem.base)
+        if problem.pose is not None:
+            balls["pose"] = Ball(1.0, 1.0, self.steps, self.step_size)
+        return {name: RULES[self.rule](ball) for name, ball in balls.items() if name not in problem.still}
+
     def _ascend(
         self,
         problem: Problem,
-        noise: Tensor,
+        point: Point,
         labels: Tensor,
         targets: Tensor | None,
         eps: float,
-        watch: Callable[[Tensor, Tensor], None] | None,
-    ) -> Tensor:
-        step = eps * (min(1.0, 2.5 / max(1, self.steps)) if self.step_size is None else self.step_size)
-        # noise that starts outside the ball (N-FGSM) is stepped on, and not pulled back
-        bound = eps if self.random_start <= 1 else math.inf
+        generator: torch.Generator | None,
+        watch: Callable[[Point, Tensor], None] | None,
+    ) -> Point:
+        rules = self._rules(problem, eps)
         many = labels.repeat(problem.views), None if targets is None else targets.repeat(problem.views)
         for k in range(self.steps):
-            noise.requires_grad_(True)
-            logits = self.model(problem.rehearse(noise))
+            point = {name: x.detach().requires_grad_(True) for name, x in point.items()}
+            logits = self.model(problem.rehearse(**point))
             if k == 0:
                 check_classes(labels if targets is None else torch.maximum(labels, targets), logits, problem.views)
-            (gradient,) = torch.autograd.grad(self._objective(logits, *many).sum(), noise)
+            objective = self._objective(logits, *many)
+            # a scene may have ranges that no photo of it depends on
+            gradients = torch.autograd.grad(objective.sum(), list(point.values()), allow_unused="pose" in point)
+            point = {name: x.detach() for name, x in point.items()}
+            loss = objective.detach().view(problem.views, len(labels)).mean(0)
             if watch:
-                watch(noise.detach(), logits.detach())
-            noise = (noise.detach() + step * gradient.sign()).clamp(-bound, bound)
-        return noise.detach()
+                watch(point, logits.detach())
+            for (name, x), gradient in zip(list(point.items()), gradients, strict=True):
+                if name in rules and gradient is not None:
+                    point[name] = rules[name](x, gradient, loss)
+        return point
 
     def _best(
         self,
@@ -193,69 +190,39 @@ class Attack(ABC):
         eps: float,
         generator: torch.Generator | None,
     ) -> Result:
-        best = _Best(problem.shape, labels, targets, problem.views, images)
+        best = _Best(labels, targets, problem.views)
         for restart in range(self.restarts):
-            radius = self.random_start or (1.0 if restart else 0.0)
             best.losses = []
-            noise = self._ascend(
-                problem, self._start(problem, eps, radius, images, generator), labels, targets, eps, best.watch
-            )
+            point = self._start(problem, eps, restart, images, generator)
+            point = self._ascend(problem, point, labels, targets, eps, generator, best.watch)
             with torch.no_grad():
-                best.watch(noise, self.model(problem.rehearse(noise)))
+                best.watch(point, self.model(problem.rehearse(**point)))
         with torch.no_grad():
-            photo = problem.render(best.noise)
+            photo = problem.render(**best.point)
             hit = self.model(photo).argmax(1)
         success = hit != labels if targets is None else hit == targets
         losses = torch.stack(best.losses[: self.steps]) if self.steps else torch.zeros(0)
-        return Result(photo.detach(), success, best.noise, losses.cpu(), eps, problem.shot)
+        shot = problem.aim(best.point["pose"]) if problem.aim else problem.shot
+        return Result(photo.detach(), success, best.point["noise"], losses.cpu(), eps, shot)
 
 
 class _Best:
-    """Keeps each image's noise of the greatest margin, over steps and restarts, and the mean loss of each step."""
+    """Keeps each image's point of the greatest margin, over steps and restarts, and the mean loss of each step."""
 
-    def __init__(
-        self, shape: tuple[int, ...], labels: Tensor, targets: Tensor | None, views: int, like: Tensor
-    ) -> None:
+    def __init__(self, labels: Tensor, targets: Tensor | None, views: int) -> None:
         self.labels, self.targets, self.views = labels, targets, views
-        self.noise = torch.zeros(shape, device=like.device)
-        self.score = torch.full((shape[0],), -math.inf, device=like.device)
+        self.point: Point = {}
         self.losses: list[Tensor] = []
 
-    def watch(self, noise: Tensor, logits: Tensor) -> None:
+    def watch(self, point: Point, logits: Tensor) -> None:
         goal = (self.labels if self.targets is None else self.targets).repeat(self.views)
         if not self.losses:
             check_classes(goal, logits, 1)
         score = margin(logits.float(), goal) * (1 if self.targets is None else -1)
-        score = score.reshape(self.views, -1).mean(0)
+        score = score.view(self.views, len(self.labels)).mean(0)
+        if not self.point:
+            self.point, self.score = point, torch.full_like(score, -math.inf)
         better = score > self.score
         self.score = torch.where(better, score, self.score)
-        self.noise = torch.where(better[:, None, None, None], noise, self.noise.to(noise.dtype))
+        self.point = {name: choose(better, x, self.point[name]) for name, x in point.items()}
         self.losses.append(reported(logits, goal))
-
-
-def check_labels(labels: Tensor, n: int, name: str) -> Tensor:
-    """Refuse what is not (n,) integers >= 0.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
-    if not isinstance(labels, Tensor) or labels.is_floating_point() or labels.dtype == torch.bool:
-        raise TypeError(
-            f"{name} must be an integer tensor of class indices; got {getattr(labels, 'dtype', type(labels))}."
-        )
-    if labels.shape != (n,):
-        raise ValueError(f"{name} must have the shape ({n},), one class an image; got {tuple(labels.shape)}.")
-    if n and labels.min() < 0:
-        raise ValueError(f"{name} must be class indices >= 0; got {int(labels.min())}.")
-    return labels.long()
-
-
-def check_classes(labels: Tensor, logits: Tensor, views: int) -> None:
-    """Refuse logits that are not (views * n, K), and labels that are not below K."""
-    if logits.ndim != 2 or len(logits) != len(labels) * views:
-        raise ValueError(f"the model must return logits (B, K); got {tuple(logits.shape)} for {len(labels)} images.")
-    if len(labels) and labels.max() >= logits.shape[1]:
-        raise ValueError(
-            f"labels and targets must lie in [0, {logits.shape[1] - 1}], the model's classes; got {int(labels.max())}. "
-            "A class_index file maps a folder's classes to a pretrained model's."
-        )

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks.loop import Attack, Problem
+from moireaug.attacks.loop import Attack
+from moireaug.attacks.pose import aim, moved_fields, pose_of
+from moireaug.attacks.problem import Problem
 from moireaug.capture import develop, expose
+from moireaug.effects.tone import clip
+from moireaug.fields import one_of
 from moireaug.scene import Scene, as_scene
 from moireaug.shot import Shot
+
+Stage = Callable[[Tensor, Shot], Tensor]
+
+# where noise is added: what comes before it, and what after
+NOISE_AT: dict[str, tuple[Stage, Stage]] = {
+    "raw": (expose, develop),
+    "photo": (lambda images, shot: develop(expose(images, shot), shot), lambda photo, shot: clip(photo)),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,41 +32,83 @@ class MoireAttack(Attack):
     `develop(expose(x) + delta)` is misclassified, or classified as a target.
 
     The screen is exposed once; every step only develops raw + delta. Unlike the printed algorithm, each step's photo is
-    developed from the one reading plus the current delta, and the best step per image is returned.
+    developed from the one reading plus the current delta, and the best step per image is returned. The printed order is
+    the rule "printed", whose noise is larger than eps: see `rules.Printed`.
+
+    Where the adversary turns the camera, too, every step exposes the screen again. The Result's shot is then the one
+    that was found, and `capture(images, result.shot, result.noise)` its photo, as it always is with noise at "raw".
 
     Args:
         scene: a Scene, a preset's name or a dict.
         eot: shots a step; with more than one, each step averages over so many fresh draws of the scene (expectation
             over transformation), and the noise found is judged on `shot` alone. 1 attacks that very shot.
+        noise_at: a key of `NOISE_AT`: "raw", or "photo", on the finished photo, which is then clipped to [0, 1]: the
+            paper's Moiré + BIM (appendix E).
+        optimise: what moves: "noise", and parts of the scene ("panel", "view", "lens", "sensor", "develop"), of which
+            every range is searched within the scene's bounds by the same steps, whose sizes are then in units of half
+            the range's width. The search starts at the drawn shot, a restart at a fresh draw. ("view",) searches the
+            worst pose without noise. A field that no effect of the plan reads stays where it is.
         others: see `Attack`.
+
+    Raises:
+        ValueError: to construct it with an `optimise` that this scene cannot follow, or to call it with such a shot:
+            an exposure without a gradient in the shot ("spectral" and "box" have one), whole degrees, no range.
     """
 
     scene: Scene | str | dict = "paper"
     eot: int = 1
+    noise_at: str = "raw"
+    optimise: tuple[str, ...] = ("noise",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "scene", as_scene(self.scene))
         if isinstance(self.eot, bool) or not isinstance(self.eot, int) or self.eot < 1:
             raise ValueError(f"eot must be an integer >= 1, the shots of a step; got {self.eot!r}.")
+        one_of("noise_at", self.noise_at, NOISE_AT)
+        if not isinstance(self.optimise, (tuple, list)) or len(set(self.optimise)) < max(1, len(self.optimise)):
+            raise ValueError(
+                f"optimise must be a tuple of different names, like ('noise', 'view'); got {self.optimise!r}."
+            )
+        object.__setattr__(self, "optimise", tuple(self.optimise))
+        moved_fields(self.scene, self.optimise)
+        if self.rule == "printed" and (self.eot > 1 or self.optimise != ("noise",)):
+            raise ValueError(
+                "the rule 'printed' adds to the reading of one shot: it needs eot = 1 and optimise = ('noise',); got "
+                f"eot = {self.eot} and optimise = {self.optimise!r}. Use 'sign'."
+            )
 
     def problem(self, images: Tensor, shot: Shot | None, generator: torch.Generator | None) -> Problem:
         size = tuple(images.shape[-2:])
         if shot is None:
             shot = self.scene.sample(len(images), size, generator)
+        before, after = NOISE_AT[self.noise_at]
         with torch.no_grad():
-            raw = expose(images, shot)
+            base = before(images, shot)
+        fields = moved_fields(shot.scene, self.optimise)
+        shot = shot.to(images.device) if fields else shot
 
-        def render(noise: Tensor) -> Tensor:
-            return develop(raw + noise, shot).to(images.dtype)
+        def render(noise: Tensor, pose: Tensor | None = None) -> Tensor:
+            if pose is None:
+                return after(base + noise, shot).to(images.dtype)
+            posed = aim(shot, fields, pose)
+            return after(before(images, posed) + noise, posed).to(images.dtype)
 
-        def rehearse(noise: Tensor) -> Tensor:
+        def rehearse(noise: Tensor, pose: Tensor | None = None) -> Tensor:
             draws = self.scene.sample(self.eot * len(images), size, generator)
-            with torch.no_grad():
-                fresh = expose(images.repeat(self.eot, 1, 1, 1), draws)
-            return develop(fresh + noise.repeat(self.eot, 1, 1, 1), draws).to(images.dtype)
+            if pose is not None:
+                draws = aim(draws.to(images.device), fields, pose.repeat(self.eot, 1))
+            fresh = before(images.repeat(self.eot, 1, 1, 1), draws)
+            return after(fresh + noise.repeat(self.eot, 1, 1, 1), draws).to(images.dtype)
 
-        shape = shot.raw_shape()
-        if self.eot == 1:
-            return Problem(render, render, shape, 1, shot)
-        return Problem(render, rehearse, shape, self.eot, shot)
+        return Problem(
+            render,
+            render if self.eot == 1 else rehearse,
+            tuple(base.shape),
+            views=self.eot,
+            shot=shot,
+            base=base,
+            pose=pose_of(shot, fields) if fields else None,
+            aim=(lambda pose: aim(shot, fields, pose)) if fields else None,
+            still=() if "noise" in self.optimise else ("noise",),
+        )

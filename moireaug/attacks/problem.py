@@ -1,0 +1,63 @@
+"""What an attack searches, and what it hands back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from torch import Tensor
+
+from moireaug.shot import Shot
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What an attack found.
+
+    Args:
+        images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
+        success: (B,) bool; the label is not predicted, or, targeted, the target is.
+        noise: what was added: raw noise of `Shot.raw_shape()` for MoireAttack, or, where its noise is at the photo,
+            (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks.
+        loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of the last restart.
+        eps: its L-infinity bound. Under the rule "printed" it bounds delta, and `noise` exceeds it; see
+            `rules.Printed`. `CW` has no bound: its largest absolute noise.
+        shot: the Shot of the photos, after a pose was searched the one that was found; None for pixel attacks.
+    """
+
+    images: Tensor
+    success: Tensor
+    noise: Tensor
+    loss: Tensor
+    eps: float
+    shot: Shot | None = None
+
+
+Point = dict[str, Tensor]  # the variables of a search by name: "noise" and, where the camera turns, "pose"
+
+
+class Problem(NamedTuple):
+    """How noise, and a pose where one is searched, become images.
+
+    Args:
+        render: called with `**point` for the photo that counts.
+        rehearse: called with `**point` for the ones that a step is taken on, `views` times as many.
+        shape: of the noise.
+        views: see `rehearse`.
+        shot: of the photos, or None.
+        base: (B, ...) what the noise is added to, or None where that differs from step to step.
+        pose: (B, F) where the search of a pose starts, in [-1, 1], or None.
+        aim: the shot of a pose.
+        still: variables that no step moves.
+    """
+
+    render: Callable[..., Tensor]
+    rehearse: Callable[..., Tensor]
+    shape: tuple[int, ...]
+    views: int = 1
+    shot: Shot | None = None
+    base: Tensor | None = None
+    pose: Tensor | None = None
+    aim: Callable[[Tensor], Shot] | None = None
+    still: tuple[str, ...] = ()
