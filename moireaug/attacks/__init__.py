@@ -4,8 +4,21 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import LOSSES, margin
 from moireaug.attacks.model import Normalized, evaluating
 from moireaug.attacks.moire import MoireAttack
-from moireaug.attacks.pixel import PGD
+from moireaug.attacks.pixel import BIM, CW, MIFGSM, PGD
 from moireaug.attacks.problem import Result
 from moireaug.attacks.rules import RULES
 
-__all__ = ["LOSSES", "PGD", "RULES", "Attack", "MoireAttack", "Normalized", "Result", "evaluating", "margin"]
+__all__ = [
+    "BIM",
+    "CW",
+    "LOSSES",
+    "MIFGSM",
+    "PGD",
+    "RULES",
+    "Attack",
+    "MoireAttack",
+    "Normalized",
+    "Result",
+    "evaluating",
+    "margin",
+]

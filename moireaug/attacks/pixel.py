@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from moireaug.attacks.loop import Attack, Problem
+from moireaug.attacks.checks import check_classes, check_labels
+from moireaug.attacks.loop import Attack
+from moireaug.attacks.losses import margin, reported
+from moireaug.attacks.model import evaluating
+from moireaug.attacks.problem import Problem, Result
+from moireaug.attacks.rules import choose
+from moireaug.capture import check_images
 from moireaug.effects.tone import clip
 from moireaug.shot import Shot
+
+INSIDE = 1 - 1e-6  # black and white lie at infinity in tanh space: so far they are moved in
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,16 +26,118 @@ class PGD(Attack):
     """Projected gradient descent on pixels (Madry et al., 2018), from a uniform random start; see `Attack`.
 
     Raises:
-        ValueError: a shot, which has no meaning here.
+        ValueError: a shot, which has no meaning here, or the rule "printed", an order of adding to a camera's reading.
     """
 
     random_start: float = 1.0
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rule == "printed":
+            raise ValueError("the rule 'printed' adds to a camera's reading; a pixel attack has none. Use 'sign'.")
+
     def problem(self, images: Tensor, shot: Shot | None, generator: torch.Generator | None) -> Problem:
-        if shot is not None:
-            raise ValueError("a pixel attack has no camera: leave shot out, or use attacks.MoireAttack.")
+        _refuse_shot(shot)
 
         def render(noise: Tensor) -> Tensor:
             return clip(images + noise).to(images.dtype)
 
         return Problem(render, render, tuple(images.shape))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BIM(PGD):
+    """The basic iterative method (Kurakin et al., 2017): PGD that starts from no noise."""
+
+    random_start: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MIFGSM(PGD):
+    """The momentum iterative method (Dong et al., 2018, Algorithm 1; there with `step_size = 1 / steps`)."""
+
+    rule: str = "momentum"
+    random_start: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CW:
+    """The attack of Carlini & Wagner (2017, section VI.A) with an L2 distance: Adam on w, where the image is
+    (tanh(w) + 1) / 2, descends |image - x|^2 + c max(-margin, -confidence). No bound, and no search for c.
+
+    Of each image the nearest one is kept that reaches the goal by a margin of `confidence`; where none does, the image
+    itself. In the Result, `noise` is the difference to the image, and `eps` its largest absolute value in the batch.
+
+    Args:
+        model: as in `Attack`.
+        c: weight of the goal against the distance, above 0.
+        confidence: kappa of the paper, >= 0: by how much, in logits, the goal is to be exceeded.
+        steps: of Adam; the start and all but the last step's image are judged.
+        lr: Adam's learning rate, in tanh space.
+    """
+
+    model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
+    c: float = 1.0
+    confidence: float = 0.0
+    steps: int = 50
+    lr: float = 0.01
+
+    def __post_init__(self) -> None:
+        if isinstance(self.steps, bool) or not isinstance(self.steps, int) or self.steps < 0:
+            raise ValueError(f"steps must be an integer >= 0; got {self.steps!r}.")
+        for name in ("c", "lr"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise ValueError(f"{name} must be a finite number above 0; got {getattr(self, name)!r}.")
+        if not 0 <= self.confidence < float("inf"):
+            raise ValueError(f"confidence must be a finite number >= 0, in logits; got {self.confidence!r}.")
+
+    def __call__(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        targets: Tensor | None = None,
+        *,
+        shot: Shot | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Result:
+        """Attack a batch; arguments, Result and errors as of `Attack`. Nothing is drawn from the generator."""
+        check_images(images)
+        _refuse_shot(shot)
+        with evaluating(self.model):
+            images = images.detach().clone()
+            labels = check_labels(labels, len(images), "labels").to(images.device).clone()
+            if targets is not None:
+                targets = check_labels(targets, len(images), "targets").to(images.device).clone()
+            goal, sign = (labels, 1.0) if targets is None else (targets, -1.0)
+            x = images if images.dtype == torch.float64 else images.float()
+            w = torch.atanh((x * 2 - 1).clamp(-INSIDE, INSIDE)).requires_grad_(True)
+            adam = torch.optim.Adam([w], lr=self.lr)
+            best, near, losses = x, torch.full_like(x[:, 0, 0, 0], float("inf")), []
+            for _ in range(self.steps):
+                shown = (torch.tanh(w) + 1) / 2
+                logits = self.model(shown.to(images.dtype))
+                check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+                far = (shown - x).square().sum((1, 2, 3))
+                ahead = sign * margin(logits, goal)
+                # torch.clamp would pass no gradient where both classes tie
+                short = torch.where(ahead > self.confidence, -self.confidence, -ahead)
+                cost = far.sum() + self.c * short.sum()
+                (w.grad,) = torch.autograd.grad(cost, w)
+                adam.step()
+                losses.append(reported(logits, goal))
+                hit = (logits.argmax(1) != labels) if targets is None else (logits.argmax(1) == targets)
+                nearer = hit & (ahead >= self.confidence) & (far < near)
+                near = torch.where(nearer, far, near).detach()
+                best = choose(nearer, shown.detach(), best)
+            photo = best.to(images.dtype)
+            with torch.no_grad():
+                hit = self.model(photo).argmax(1)
+        success = hit != labels if targets is None else hit == targets
+        noise = best - x
+        eps = noise.abs().max().item() if noise.numel() else 0.0
+        return Result(photo, success, noise, torch.stack(losses).cpu() if losses else torch.zeros(0), eps)
+
+
+def _refuse_shot(shot: Shot | None) -> None:
+    if shot is not None:
+        raise ValueError("a pixel attack has no camera: leave shot out, or use attacks.MoireAttack.")
