@@ -7,8 +7,19 @@ from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.pixel import BIM, CW, MIFGSM, PGD
 from moireaug.attacks.problem import Result
 from moireaug.attacks.rules import RULES
+from moireaug.attacks.square import SquareMoire
+
+ATTACKS: dict[str, type] = {
+    "ma": MoireAttack,
+    "pgd": PGD,
+    "bim": BIM,
+    "mifgsm": MIFGSM,
+    "cw": CW,
+    "square": SquareMoire,
+}
 
 __all__ = [
+    "ATTACKS",
     "BIM",
     "CW",
     "LOSSES",
@@ -19,6 +30,7 @@ __all__ = [
     "MoireAttack",
     "Normalized",
     "Result",
+    "SquareMoire",
     "evaluating",
     "margin",
 ]
