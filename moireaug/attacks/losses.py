@@ -31,7 +31,31 @@ def cross_entropy(logits: Tensor, labels: Tensor) -> Tensor:
     return torch.logsumexp(_without(logits, labels), 1) - logits.gather(1, labels[:, None])[:, 0]
 
 
-LOSSES: dict[str, Callable[[Tensor, Tensor], Tensor]] = {"ce": cross_entropy, "margin": margin}
+def difference_of_logits_ratio(logits: Tensor, labels: Tensor) -> Tensor:
+    """The margin over the difference of the greatest and the third greatest logit (DLR, Croce & Hein 2020, equation 6),
+    (B,): the same for a model whose logits are all multiplied by a number.
+
+    Where the label itself is third, the ratio is 1 whatever that logit is. Its gradient is then that of the margin
+    alone, so that an attack which wants to raise the label, a targeted one, is not stuck there.
+
+    Raises:
+        ValueError: logits of fewer than three classes.
+    """
+    if logits.shape[1] < 3:
+        raise ValueError(
+            f"the loss 'dlr' needs a model of at least 3 classes; got logits of {logits.shape[1]}. Use 'margin'."
+        )
+    top, places = logits.topk(3, 1)
+    spread = top[:, 0] - top[:, 2]
+    spread = torch.where(places[:, 2] == labels, spread.detach(), spread)
+    return margin(logits, labels) / spread.clamp(min=torch.finfo(logits.dtype).eps)
+
+
+LOSSES: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
+    "ce": cross_entropy,
+    "margin": margin,
+    "dlr": difference_of_logits_ratio,
+}
 
 
 def reported(logits: Tensor, labels: Tensor) -> Tensor:

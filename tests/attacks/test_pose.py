@@ -1,0 +1,149 @@
+"""The adversary turns the camera: poses stay in range, serve it at least as well as the drawn ones, and replay."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture
+from moireaug.attacks import MoireAttack
+from moireaug.attacks.pose import aim, moved_fields, pose_of
+from moireaug.fields import bounds, ranged_fields
+from moireaug.parts import PARTS
+
+SCENE = Scene(
+    panel=Panel(scale=(0.9, 1.2)),
+    view=View(yaw=(-8.0, 8.0), roll=(-5.0, 5.0), zoom=(0.95, 1.0)),
+    lens=Lens(blur=(0.25, 0.5), k1=(-0.02, 0.02)),
+    sensor=Sensor(scale=2.0, gain=(1.8, 2.6), read_noise=(0.0, 0.01)),
+    develop=Develop(brighten=(0.0, 0.05), jpeg=(0.0, 0.0)),
+)
+BOX = dataclasses.replace(SCENE, sensor=dataclasses.replace(SCENE.sensor, exposure="box"))
+ALL = ("noise", *PARTS)
+TABLE = {
+    "view": (SCENE, {"optimise": ("view",)}),
+    "view halving": (SCENE, {"optimise": ("view",), "rule": "halving"}),
+    "view momentum": (SCENE, {"optimise": ("view",), "rule": "momentum"}),
+    "view restarts": (SCENE, {"optimise": ("view",), "restarts": 3}),
+    "all": (SCENE, {"optimise": ALL}),
+    "all of the box": (BOX, {"optimise": ALL}),
+    "all in expectation": (SCENE, {"optimise": ALL, "eot": 2}),
+    "camera at the photo": (SCENE, {"optimise": ("noise", "sensor", "lens"), "noise_at": "photo"}),
+    "develop": (SCENE, {"optimise": ("develop", "panel")}),
+}
+
+
+def fields_of(shot):
+    return {(p, k): getattr(getattr(shot, p), k) for p in PARTS for k in ranged_fields(getattr(shot, p))}
+
+
+@pytest.mark.parametrize("targeted", [False, True])
+@pytest.mark.parametrize("name", TABLE)
+def test_a_found_pose_is_what_it_says(name, targeted, model, batch):
+    scene, settings = TABLE[name]
+    (images, labels), model = batch, model.eval()
+    shot = scene.sample(6, (16, 16), torch.Generator().manual_seed(0))
+    attack = MoireAttack(model, scene=scene, eps=2 / 255, steps=6, **settings)
+    targets = (labels + 1) % 5 if targeted else None
+    result = attack(images, labels, targets, shot=shot, generator=torch.Generator().manual_seed(1))
+    drawn, found = fields_of(shot), fields_of(result.shot)
+    for (part, k), value in found.items():
+        low, high = bounds(getattr(getattr(scene, part), k))
+        assert value.shape == (6,) and not value.requires_grad and (value >= low).all() and (value <= high).all()
+        if part not in attack.optimise or low == high:
+            assert torch.equal(value, drawn[part, k]), (part, k)
+    assert any(not torch.equal(value, drawn[key]) for key, value in found.items())
+    assert torch.equal(result.shot.seed, shot.seed)
+    assert result.noise.any() == ("noise" in attack.optimise)
+    if attack.noise_at == "photo":
+        replayed = (capture(images, result.shot) + result.noise).clamp(0, 1)
+    else:
+        assert result.noise.shape == shot.raw_shape()
+        replayed = capture(images, result.shot, result.noise)
+    assert torch.allclose(replayed, result.images, atol=1e-6)
+    if attack.eot == 1:  # with more, other shots have judged it
+        with torch.no_grad():
+            goal, sign = (labels, 1) if targets is None else (targets, -1)
+            before, after = (sign * attacks.margin(model(x), goal) for x in (capture(images, shot), result.images))
+        assert (after >= before - 1e-5).all() and after.mean() > before.mean() + 1e-3
+
+
+def test_turning_the_camera_adds_to_the_noise(model, batch):
+    (images, labels), model = batch, model.eval()
+    shot, reached = SCENE.sample(6, (16, 16)), {}
+    for optimise in (("noise",), ("noise", *PARTS)):
+        attack = MoireAttack(model, scene=SCENE, eps=2 / 255, steps=10, optimise=optimise)
+        with torch.no_grad():
+            reached[optimise] = attacks.margin(model(attack(images, labels, shot=shot).images), labels).mean()
+    assert reached["noise", *PARTS] > reached["noise",]
+
+
+def test_brightness_goes_to_its_end():
+    """A closed form: a model that only wants light gets the greatest gain and the most added."""
+    scene = Scene(sensor=Sensor(gain=(1.0, 2.0)), lens=Lens(blur=0.5), develop=Develop(brighten=(-0.1, 0.1)))
+
+    def model(x):
+        return torch.stack([-x.mean((1, 2, 3)), x.mean((1, 2, 3))], 1)
+
+    for rule in ("sign", "momentum", "halving"):
+        attack = MoireAttack(model, scene=scene, steps=8, optimise=("sensor", "develop"), rule=rule)
+        result = attack(torch.full((3, 3, 8, 8), 0.4), torch.zeros(3, dtype=torch.long))
+        assert result.shot.sensor.gain.tolist() == [2.0] * 3 and result.shot.develop.brighten.tolist() == [0.1] * 3
+
+
+def test_what_no_effect_reads_stays(model, batch):
+    """The phase of pulses that no shutter sees, and a file's quality, which has no gradient."""
+    scene = dataclasses.replace(SCENE, panel=Panel(), develop=Develop(jpeg=(40.0, 90.0)))
+    shot = scene.sample(6, (16, 16))
+    result = MoireAttack(model, scene=scene, steps=2, optimise=("panel", "develop"))(*batch, shot=shot)
+    assert torch.allclose(result.shot.panel.phase, shot.panel.phase, atol=1e-12)
+    assert torch.allclose(result.shot.develop.jpeg, shot.develop.jpeg, atol=1e-12)
+
+
+def test_a_pose_and_its_shot_are_inverse():
+    shot = SCENE.sample(5, (8, 8))
+    fields = moved_fields(SCENE, ALL)
+    assert len(fields) == 10  # with the phase of the panel's pulses, which has a range of its own
+    pose = pose_of(shot, fields)
+    assert pose.shape == (5, 10) and pose.abs().max() <= 1
+    for key, value in fields_of(aim(shot, fields, pose)).items():
+        assert torch.allclose(value, fields_of(shot)[key], rtol=1e-12)
+    for end in (-1.0, 1.0):  # a gradient at the ends, too
+        pose = torch.full((5, 10), end, dtype=torch.float64, requires_grad=True)
+        turned = aim(shot, fields, pose)
+        assert turned.view.yaw.tolist() == [8.0 * end] * 5
+        (gradient,) = torch.autograd.grad(turned.view.yaw.sum(), pose)
+        assert gradient.sum() == 5 * 8.0
+
+
+def test_one_generator_one_pose(model, batch):
+    attack = MoireAttack(model, scene=SCENE, steps=2, optimise=("noise", "view"), restarts=2)
+    runs = [attack(*batch, generator=torch.Generator().manual_seed(s)).images for s in (1, 1, 2)]
+    assert torch.equal(runs[0], runs[1]) and not torch.equal(runs[0], runs[2])
+    last = [attack.last(*batch, generator=torch.Generator().manual_seed(s)) for s in (1, 1)]
+    assert torch.equal(*last)
+
+
+STILL = Scene(view=View(roll=3.0))
+POINT = Scene(view=View(roll=(0.0, 3.0)), sensor=Sensor(exposure="point"))
+BAD = [
+    ({"scene": "paper", "optimise": ("view",)}, "got 'point' in the scene's plan. Set Sensor(exposure='spectral')"),
+    ({"scene": "paper_code", "optimise": ("view",)}, "set pose='camera'"),
+    ({"scene": STILL, "optimise": ("view",)}, "optimise names 'view', which has no range"),
+    ({"scene": SCENE, "optimise": ("noise", "views")}, "Did you mean 'view'?"),
+    ({"scene": SCENE, "optimise": "view"}, "tuple of different names"),
+    ({"scene": SCENE, "optimise": ()}, "tuple of different names"),
+    ({"scene": SCENE, "optimise": ("view", "view")}, "tuple of different names"),
+]
+
+
+@pytest.mark.parametrize(("settings", "sentence"), BAD, ids=[b[1][:28] for b in BAD])
+def test_what_cannot_be_turned_is_refused(settings, sentence, model):
+    with pytest.raises(ValueError) as error:
+        MoireAttack(model, **settings)
+    assert sentence in str(error.value)
+
+
+def test_a_shot_of_another_scene_is_checked(model, batch):
+    with pytest.raises(ValueError, match="differentiable in the shot"):
+        MoireAttack(model, scene=SCENE, optimise=("view",))(*batch, shot=POINT.sample(6, (16, 16)))

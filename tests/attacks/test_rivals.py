@@ -1,0 +1,174 @@
+"""Rivals beside an independent implementation, torchattacks, and the random search beside chance."""
+
+import copy
+import warnings
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Lens, Panel, Scene, Sensor, attacks, capture
+from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, SquareMoire
+from moireaug.attacks.square import side
+
+SCENE = Scene(panel=Panel(scale=1.1), lens=Lens(blur=0.25), sensor=Sensor(scale=2.0, gain=2.0))
+EPS = 8 / 255
+
+
+@pytest.fixture
+def theirs():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its imports' own
+        return pytest.importorskip("torchattacks")
+
+
+@pytest.fixture(scope="module")
+def learnt(trained):
+    """A model that is right, and not sure, with logits above 0 (torchattacks' CW takes 0 for the logit left out); and
+    images away from black and white, where torchattacks projects and we have no gradient."""
+    g = torch.Generator().manual_seed(0)
+    images, labels = torch.rand(32, 3, 16, 16, generator=g) * 0.6 + 0.2, torch.arange(32) % 5
+    images[torch.arange(32), 0, :, labels * 3] *= 0.7  # the class is where a column is dark
+    model = nn.Sequential(trained(images, labels), Shift()).eval()
+    with torch.no_grad():
+        return model, images, model(images).argmax(1)
+
+
+class Shift(nn.Module):
+    def forward(self, x):
+        return x + 50
+
+
+@pytest.mark.parametrize("name", ["BIM", "MIFGSM", "PGD"])
+@pytest.mark.parametrize("targeted", [False, True])
+def test_the_same_images_as_torchattacks(name, targeted, theirs, learnt):
+    model, images, labels = learnt
+    goal = (labels + 1) % 5 if targeted else labels
+
+    @torch.enable_grad()
+    def of(steps):
+        start = {"random_start": False} if name == "PGD" else {}
+        attack = getattr(theirs, name)(model, eps=EPS, alpha=EPS / 4, steps=steps, **start)
+        if targeted:
+            attack.set_mode_targeted_by_label(quiet=True)
+        return attack(images, goal)
+
+    start = {"random_start": 0.0} if name == "PGD" else {}
+    ours = {"BIM": BIM, "MIFGSM": MIFGSM, "PGD": PGD}[name](model, eps=EPS, step_size=0.25, steps=6, **start)
+    result = ours(images, labels, goal if targeted else None)
+    with torch.no_grad():
+        for k in (1, 3, 5):  # the losses before each step are those of as many steps of theirs
+            assert torch.allclose(result.loss[k], nn.functional.cross_entropy(model(of(k)), goal), atol=1e-5)
+        expected = of(6)
+        hit = model(expected).argmax(1) == goal
+    theirs_rate = (hit if targeted else ~hit).float().mean()
+    assert result.success.float().mean() >= theirs_rate > 0.2
+    if not targeted:
+        assert (ours.last(images, labels) - expected).abs().max() < 1e-5
+
+
+@pytest.mark.parametrize("targeted", [False, True])
+@pytest.mark.parametrize(("c", "lr"), [(0.1, 0.01), (0.1, 0.003), (0.2, 0.003), (1.0, 0.01)])
+def test_cw_agrees_with_torchattacks(targeted, c, lr, theirs, learnt):
+    model, images, labels = learnt
+    # in float64: Adam divides by the size of a gradient, and would make steps of what rounding leaves of a zero
+    model, images = copy.deepcopy(model).double(), images.double()
+    other = theirs.CW(model, c=c, kappa=0, steps=50, lr=lr)
+    targets = (labels + 1) % 5 if targeted else None
+    if targeted:
+        other.set_mode_targeted_by_label(quiet=True)
+    expected = other(images, targets if targeted else labels)
+    ours = CW(model, c=c, steps=50, lr=lr)(images, labels, targets)
+    goal = model(expected).argmax(1)
+    success = goal == targets if targeted else goal != labels
+    assert torch.equal(ours.success, success) and success.float().mean() > 0.2
+    ours_far, far = ((x - images).flatten(1).norm(dim=1)[success] for x in (ours.images, expected))
+    if c == 1:  # there it stops the whole batch as soon as its cost has risen
+        assert (ours_far <= far * (1 + 1e-3)).all()
+    else:
+        assert torch.allclose(ours_far, far, rtol=1e-3)
+        # all but the last row and column, which the model does not read: there rounding does lead astray
+        assert ours.images.sub(expected)[..., :-1, :-1].abs().max() < 1e-5
+    assert torch.equal(ours.images[~ours.success], images[~ours.success]) and ours.eps == ours.noise.abs().max()
+
+
+def test_cw_with_more_confidence_goes_farther(learnt):
+    model, images, labels = learnt
+    results = [CW(model, confidence=kappa, steps=80)(images, labels) for kappa in (0.0, 1.0)]
+    margins = [attacks.margin(model(r.images), labels) for r in results]
+    both = results[0].success & results[1].success
+    assert both.float().mean() > 0.5 and (margins[1][both] >= 1).all()
+    assert (results[1].noise.flatten(1).norm(dim=1) > results[0].noise.flatten(1).norm(dim=1))[both].all()
+
+
+def test_cw_reaches_from_black_and_white_when_it_may_go_far():
+    """Black and white lie at infinity in tanh space; they are moved in, and gradients arrive."""
+    images = torch.stack([torch.zeros(3, 4, 4), torch.ones(3, 4, 4)])
+    result = CW(lambda x: torch.stack([x.mean((1, 2, 3)) - 0.3, 0.7 - x.mean((1, 2, 3))], 1), c=1e4, steps=60, lr=0.3)(
+        images, torch.tensor([1, 0])
+    )
+    assert result.success.all() and result.images.isfinite().all()
+
+
+class Blind(nn.Module):
+    """Passes no gradient."""
+
+    def __init__(self, inner):
+        super().__init__()
+        self.inner = inner
+
+    def forward(self, x):
+        assert not torch.is_grad_enabled() and not x.requires_grad
+        return self.inner(x).detach()
+
+
+def test_square_needs_no_gradient_and_beats_chance(learnt, trained):
+    _, images, labels = learnt
+    shot = SCENE.sample(len(images), (16, 16))
+    model = trained(capture(images, shot), labels)
+    g = torch.Generator().manual_seed(5)
+    eps = 4 / 255
+    result = SquareMoire(Blind(model), scene=SCENE, eps=eps, steps=60)(images, labels, shot=shot, generator=g)
+    chance = (torch.randint(0, 2, shot.raw_shape(), generator=g) * 2.0 - 1) * eps
+    with torch.no_grad():
+        found, by_chance, clean, white = (
+            attacks.margin(model(x), labels).mean()
+            for x in (
+                result.images,
+                capture(images, shot, chance),
+                capture(images, shot),
+                MoireAttack(model, scene=SCENE, eps=eps, steps=10)(images, labels, shot=shot).images,
+            )
+        )
+    assert white > found > by_chance + 0.5 * (white - clean) * 0.3
+    assert torch.allclose(result.noise.abs(), torch.tensor(eps))  # every value at a corner
+    with pytest.raises(RuntimeError, match="does not require grad"):
+        MoireAttack(lambda x: model(x).detach(), scene=SCENE, steps=1)(images, labels, shot=shot)
+
+
+def test_square_asks_as_often_as_it_says_and_never_gets_worse(learnt):
+    model, images, labels = learnt
+    asked, kept = [], []
+    for steps in (1, 20, 60):
+        shot = SCENE.sample(len(images), (16, 16), torch.Generator().manual_seed(1))
+
+        def counting(x, asked=asked):
+            asked.append(len(x))
+            return model(x)
+
+        attack = SquareMoire(counting, scene=SCENE, steps=steps)
+        kept.append(attack.last(images, labels, shot=shot, generator=torch.Generator().manual_seed(2)))
+        assert len(asked) == steps
+        asked.clear()
+    with torch.no_grad():
+        margins = [attacks.margin(model(x), labels) for x in kept]
+    assert (margins[1] >= margins[0] - 1e-5).all() and margins[2].mean() > margins[0].mean()
+
+
+def test_squares_shrink_as_in_the_paper():
+    shape = (1, 4, 100, 100)
+    assert side(0, 10_000, shape) == round((0.3 * 100 * 100) ** 0.5) == 55
+    assert side(11, 10_000, shape) == round((0.15 * 100 * 100) ** 0.5)
+    assert side(9_999, 10_000, shape) == round((0.3 / 2**9 * 100 * 100) ** 0.5)
+    assert side(99, 100, shape) == side(9_999, 10_000, shape)
+    assert side(0, 10, (1, 3, 4, 1000)) == 4 and side(9, 10, (1, 3, 2, 2)) == 1
