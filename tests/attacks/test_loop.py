@@ -255,9 +255,9 @@ def test_the_model_is_left_as_it_was_found(name, after, model, batch):
 def test_attacks_work_where_gradients_are_off(context, model, batch):
     with context():
         images, labels = (t.clone() for t in batch)
-        for attack in (METHODS[name](model, eps=EPS, steps=2) for name in METHODS):
-            result = attack(images, labels)
-            assert isinstance(attack, CW) or result.noise.any() or not torch.equal(result.images, images)
+        for name in METHODS:
+            result = METHODS[name](model, eps=EPS, steps=2)(images, labels)
+            assert result.noise.any() != (name in ("cw", "ma pose"))  # two steps do not bring CW to its goal
 
 
 def test_one_generator_one_result(model, batch):
