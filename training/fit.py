@@ -27,6 +27,7 @@ from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint, TQD
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
+from moireaug.evaluation.store import write_text
 from moireaug.fields import one_of
 from training import runs
 from training.classifier import Batches, Classifier
@@ -98,7 +99,7 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
     if cfg.resume:
         runs.read_checkpoint(last)
     if rank_zero_only.rank == 0:
-        runs.write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
+        write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
     keep = {"dirpath": out, "enable_version_counter": False}
     best = ModelCheckpoint(filename="best", monitor="val_score", mode="max", **keep)
     callbacks = [

@@ -3,9 +3,11 @@
     python training/reattack.py run=runs/moire_at/seed0
     python training/reattack.py run=runs/moire_at/seed0 scene=dashcam_at_led_sign reattack.n=1600
     python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR data.class_index=CSV \\
-        data.size=224 scene=paper_code
+        data.size=224 scene=paper_code suite=paper targets='{resnet18: FILE, resnet50: FILE}'
 
-Writes report.html and metrics.json: with `run=` into <run>/reattack/<scene>/, else into runs/reattack/<model>/.
+Writes report.html and metrics.json: with `run=` into <run>/reattack/<scene>/, else into runs/reattack/<model>/. A suite
+(see moireaug/evaluation/suites.py) writes them, tables.md and results.csv into a folder of its name there, keeps what
+it has computed as it goes, and goes on from there when the same command is given again.
 """
 
 from __future__ import annotations
@@ -13,7 +15,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +24,22 @@ import hydra
 import torch
 import torchvision
 from omegaconf import DictConfig, OmegaConf
-from torch import Tensor, nn
-from torch.utils.data import DataLoader
+from torch import nn
 from tqdm import tqdm
 
 from moireaug.attacks import MoireAttack
-from moireaug.evaluation import Row, climb, ladder, middle, paired_gain, report
+from moireaug.evaluation import Row, climb, ladder, middle, paired_gain, report, trust
 from moireaug.evaluation.pictures import examples
+from moireaug.evaluation.store import write_text
+from moireaug.evaluation.suites import SUITES, Given
+from moireaug.evaluation.sweep import complete, sweep
+from moireaug.fields import one_of
 from training import runs
 from training.classifier import as_model
 from training.data import Splits, load
+from training.places import Places
 from training.schema import ReattackConfig, check_keys, register, scene_of
+from training.suites import evaluate
 
 
 def device(cfg: DictConfig) -> torch.device:
@@ -49,29 +55,30 @@ def check(cfg: DictConfig) -> None:
     """
     scene, r = scene_of(cfg), cfg.reattack
     for name in ("n", "batch_size"):
-        if r[name] < 1:
+        if r[name] is not None and r[name] < 1:
             raise ValueError(f"reattack.{name} must be at least 1; got {r[name]}.")
+    one_of("suite", cfg.get("suite", "ladder"), ("ladder", *SUITES, "paper", "trust"))
     MoireAttack(model=torch.nn.Identity(), scene=scene, eps=list(r.eps), steps=r.steps)
-
-
-def batches(splits: Splits, cfg: DictConfig) -> Iterator[tuple[Tensor, Tensor]]:
-    """The test images of a re-attack: the first n of a fixed shuffle, as [0, 1] floats."""
-    n = min(cfg.reattack.n, len(splits.test))  # type: ignore[arg-type]
-    order = torch.randperm(len(splits.test), generator=torch.Generator().manual_seed(cfg.reattack.seed))  # type: ignore[arg-type]
-    subset = torch.utils.data.Subset(splits.test, order[:n].tolist())
-    where = device(cfg)
-    for images, labels in DataLoader(subset, cfg.reattack.batch_size):
-        yield images.to(where).float() / 255, labels.to(where)
 
 
 def attack_again(model: nn.Module, splits: Splits, cfg: DictConfig, title: str) -> list[Row]:
     """Climb the ladder on the test images, with a progress bar; the shots depend on the seed alone."""
     r, model = cfg.reattack, model.to(device(cfg)).eval()
-    rungs = ladder(tuple(r.eps), r.steps)
-    total = -(-min(r.n, len(splits.test)) // r.batch_size)  # type: ignore[arg-type]
-    steps = climb(model, batches(splits, cfg), scene_of(cfg), rungs, seed=r.seed, classes=splits.num_classes)
-    *_, rows = tqdm(steps, total=total, desc=f"Attacking {title} again", unit="batch", leave=False)
+    rungs, batches = ladder(tuple(r.eps), r.steps), Places(splits, cfg, device(cfg))
+    steps = climb(model, batches, scene_of(cfg), rungs, seed=r.seed, classes=splits.num_classes)
+    *_, rows = tqdm(steps, total=len(batches), desc=f"Attacking {title} again", unit="batch", leave=False)
     return rows
+
+
+def checked(model: nn.Module, splits: Splits, cfg: DictConfig) -> dict[str, Any]:
+    """Whether the attack's figures can be trusted, by its checks on the first batch."""
+    r, batches = cfg.reattack, Places(splits, cfg, device(cfg))
+    given = Given(scene=scene_of(cfg), eps=middle(r.eps), steps=r.steps)
+    jobs = complete(trust.jobs(given))
+    found = sweep(model, batches.__getitem__, [0], given.scene, jobs, seed=r.seed, classes=splits.num_classes)
+    bar = tqdm(found, total=len(jobs), desc="Checking the attack", unit="rung", leave=False)
+    records = [record for new in bar for record in new]
+    return {"trust": [c.to_dict() for c in trust.checks(given, records)], "trust_n": min(batches.n, batches.size)}
 
 
 def publish(
@@ -91,14 +98,17 @@ def publish(
     models = {cfg.model if cfg.recipe == "pretrained" else cfg.recipe: model} | (
         {"clean": beside(cfg, baseline, splits)} if baseline else {}
     )
-    images, labels = next(iter(batches(splits, cfg)))
+    images, labels = Places(splits, cfg, device(cfg))[0]
     shown = examples(models, images[:4], labels[:4], scene_of(cfg), middle(cfg.reattack.eps),
                      cfg.reattack.steps, splits.classes, seed=cfg.reattack.seed)  # fmt: skip
     seconds = seconds | {"pictures": time.perf_counter() - began}
+    began = time.perf_counter()
+    trusted = checked(model, splits, cfg)
+    seconds["checks"] = time.perf_counter() - began
     scene = scene_of(cfg)
     metrics: dict[str, Any] = {
         "recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model,
-        "train": train, **describe(rows), "time": seconds,
+        "train": train, **describe(rows), **trusted, "time": seconds,
         "scene_name": cfg.scene if isinstance(cfg.scene, str) else "custom", "scene": scene.to_dict(),
         "plan": str(scene.plan()), "config": runs.settings(cfg), "fingerprint": runs.fingerprint(runs.settings(cfg)),
         "environment": runs.environment(), "command": runs.command(), "baseline": None, "gain": {}, "gain_interval": {},
@@ -112,7 +122,7 @@ def publish(
                 gain, low, high = paired_gain(*pair)
                 metrics["gain"][name], metrics["gain_interval"][name] = gain, [low, high]
     report.write(out / "report.html", metrics, shown)
-    runs.write_text(out / "metrics.json", json.dumps(metrics, indent=1))
+    write_text(out / "metrics.json", json.dumps(metrics, indent=1))
     print(report.summary(metrics))
     print(f"Report: {out / 'report.html'}")
     return metrics
@@ -179,6 +189,8 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
         model = as_model(cfg.model, classes, cfg.weights, whole=True).to(device(cfg)).eval()
         splits = splits._replace(classes=(cfg.data.class_index and published_names(cfg.model)) or splits.classes)
         out, title = Path(cfg.runs) / "reattack" / cfg.model, cfg.model
+        if cfg.suite != "ladder":
+            return evaluate(model, splits, cfg, out)
     else:
         run = Path(cfg.run)
         model, own = from_run(run)
@@ -189,12 +201,15 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
             if known and known["fingerprint"] != runs.fingerprint(runs.settings(runs.plain_twin(own))):
                 print(f"{twin} was trained with other settings: no baseline is attacked beside this run.")
                 known = None
+        own = OmegaConf.merge({"suite": "ladder", "targets": None, "demoire": None}, own)
         for key in (o.lstrip("+~").split("=", 1)[0] for o in given):
             if key != "run":
                 OmegaConf.update(own, key, OmegaConf.select(cfg, key))
         own.runs = str(run.parent.parent)
         cfg, splits, title = own, load(own.data), own.recipe
         out = run / "reattack" / (cfg.scene if isinstance(cfg.scene, str) else "custom")
+        if cfg.suite != "ladder":
+            return evaluate(model, splits, cfg, out)
         if known:
             plainly, _ = from_run(twin)
             baseline = known | describe(attack_again(plainly, splits, cfg, title="clean"))

@@ -60,13 +60,6 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         ) from error
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, path)
-
-
 def read_metrics(path: Path) -> dict[str, Any] | None:
     """The metrics of a whole run, or None where there is none; `metrics.json` is written last."""
     try:

@@ -81,7 +81,7 @@ class Trainer:
 @dataclass
 class Reattack:
     n: int = 480  # test images
-    batch_size: int = 96
+    batch_size: int | None = None  # null is 96, or fewer large images
     eps: list[float] = field(default_factory=lambda: [2 / 255, 4 / 255, 8 / 255])
     steps: int = 20
     seed: int = 1234
@@ -107,6 +107,9 @@ class Config:
 class ReattackConfig(Config):
     recipe: str = "pretrained"
     run: str | None = None  # a run's folder; its own settings hold, but for those on the command line
+    suite: str = "ladder"  # or one of evaluation.suites.SUITES, "paper" (all of them), "trust"
+    targets: Any = None  # of transfer: name to a file of weights or a run's folder
+    demoire: str | None = None  # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
 
 
 QUIET = {
@@ -135,9 +138,9 @@ def check_keys(overrides: list[str], schema: type[Config]) -> None:
             node: Any = OmegaConf.structured(schema)
             for part in key.split("."):
                 if not OmegaConf.is_dict(node):
-                    raise ValueError(
-                        f"{key!r}: pass {key.split('.')[0]} whole, as in {key.split('.')[0]}='{{preset: paper, ...}}'."
-                    )
+                    top = key.split(".")[0]
+                    example = "{resnet18: FILE, ...}" if top == "targets" else "{preset: paper, ...}"
+                    raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
                 part = one_of(f"a key in {key!r}", part, map(str, node))
                 node = None if OmegaConf.is_missing(node, part) else node[part]
             known = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}.get(key)

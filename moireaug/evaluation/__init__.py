@@ -1,6 +1,12 @@
 """Evaluation: models attacked again, with the controls that tell the moiré from the noise."""
 
-from moireaug.evaluation.ladder import Row, Rung, climb, ladder, middle, no_moire
+from moireaug.evaluation.ladder import climb, ladder, middle
+from moireaug.evaluation.rungs import Rung, no_moire
 from moireaug.evaluation.statistics import mix, paired_gain, wilson
+from moireaug.evaluation.suites import SUITES, Given, Table, tables_of
+from moireaug.evaluation.sweep import Job, Judge, Row, complete, gather, sweep
 
-__all__ = ["Row", "Rung", "climb", "ladder", "middle", "mix", "no_moire", "paired_gain", "wilson"]
+__all__ = [
+    "SUITES", "Given", "Job", "Judge", "Row", "Rung", "Table", "climb", "complete", "gather", "ladder", "middle", "mix",
+    "no_moire", "paired_gain", "sweep", "tables_of", "wilson",
+]  # fmt: skip

@@ -12,7 +12,7 @@ from torch import Tensor
 from moireaug.attacks import MoireAttack, evaluating
 from moireaug.capture import capture
 from moireaug.effects.tone import clip
-from moireaug.evaluation.ladder import Model
+from moireaug.evaluation.rungs import Model
 from moireaug.scene import Scene
 
 AMPLIFY = 4  # how much an attack's change of the photo is enlarged to be seen

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from moireaug.evaluation.grids import CONTROLS
+from moireaug.evaluation.suites import Table
 from moireaug.evaluation.words import Metrics, finite, interval, is_attack, points, title_of
 
 OURS, THEIRS = "#0072B2", "#D55E00"  # this model, the baseline
@@ -107,6 +109,39 @@ def curves(trains: Sequence[Metrics | None], names: tuple[str, str], narrow: boo
         ax.set_ylabel(label, size=9, color=INK)
         _finish(ax, "epoch", "y")
     _legend(fig, rates, narrow)
+    return _svg(fig)
+
+
+def facets(table: Table, rows: Sequence[Metrics], narrow: bool = False) -> str:
+    """Success by row, one panel a column of the table; controls in grey, the paper's figures as hollow diamonds."""
+    down = -(-len(table.columns) // (3 if narrow else 8))
+    across = -(-len(table.columns) // down)
+    size = (
+        (4.1, (0.2 * len(table.rows) + 0.75) * down + 0.2) if narrow else (9.2, (0.23 * len(table.rows) + 0.8) * down)
+    )
+    fig = Figure(figsize=size, layout="constrained", facecolor="white")
+    panels = fig.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+    for ax, column in zip(panels, table.columns, strict=False):
+        colour = "#777777" if column in CONTROLS else OURS
+        for i, title in enumerate(table.rows):
+            cell = next((r for r in rows if (r["row"], r["column"]) == (title, column)), None)
+            if cell is None or cell["success"] is None:
+                continue
+            ax.plot([100 * cell["low"], 100 * cell["high"]], [i, i], color=colour, linewidth=2, alpha=0.6)
+            ax.plot([100 * cell["success"]], [i], "o", color=colour, markersize=4.5, clip_on=False)
+            if cell["paper"] is not None:
+                ax.plot(
+                    [100 * cell["paper"]], [i], "D", color=THEIRS, markerfacecolor="none", markersize=6, clip_on=False
+                )
+        ax.set(xlim=(0, 100), ylim=(len(table.rows) - 0.5, -0.5), xticks=(0, 50, 100))
+        ax.set_title(column, size=8 if narrow else 9, color=INK, parse_math=False)
+        ax.set_yticks(range(len(table.rows)), table.rows, parse_math=False)
+        _finish(ax, "", "x")
+        if narrow:
+            ax.tick_params(labelsize=7)
+    for ax in panels[len(table.columns) :]:
+        ax.set_visible(False)
+    fig.supxlabel("images fooled, %", size=9, color=INK)
     return _svg(fig)
 
 

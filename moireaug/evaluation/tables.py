@@ -55,7 +55,7 @@ def rungs(metrics: Metrics) -> str:
         "Every rung. Small print: 95 % intervals. Being fooled is counted on the images that the model had right when "
         "clean; “of” says how many. Targeted: fooled means that the attacker’s class is given. Time: for all n images."
     )
-    return _table(head, body, caption, "ladder")
+    return framed(head, body, caption, "ladder")
 
 
 def phases(metrics: Metrics) -> str:
@@ -68,7 +68,7 @@ def phases(metrics: Metrics) -> str:
     for name, seconds in known.items():
         bar = f'<td class="wide"><i style="width: {100 * seconds / total:.2f}%"></i></td>'
         body.append(_line(name, [_cell(duration(seconds)), _cell(f"{percent(seconds / total)} %"), bar]))
-    return _table(_heads("phase", "time", "share", ""), body, f"Where the {duration(total)} of this run went.")
+    return framed(_heads("phase", "time", "share", ""), body, f"Where the {duration(total)} of this run went.")
 
 
 def cost(metrics: Metrics) -> str:
@@ -91,7 +91,24 @@ def cost(metrics: Metrics) -> str:
     each = [ms / n if ms is not None and n else None for ms, n in zip(image, passes, strict=True)]
     body.append(_cost_line("time per pass, ms", each, 2, bool(theirs)))
     caption = "What training cost, one run each. A pass is forward and backward through the model."
-    return _table(heads, body, caption)
+    return framed(heads, body, caption)
+
+
+def trust(metrics: Metrics, only: str | None = None) -> str:
+    """Whether the figures can be trusted, check by check; with `only`, those of that verdict. Empty without any."""
+    checks = [c for c in metrics.get("trust") or [] if only in (None, c["verdict"])]
+    if not checks:
+        return ""
+    sign = {"pass": ("right", "✓ pass"), "warning": ("wrong", "! warning"), "fail": ("wrong", "✗ fail")}
+    body = []
+    for check in checks:
+        kind, text = sign[check["verdict"]]
+        cells = f'<td class="says"><span class="{kind}">{text}</span></td><td class="says">{escape(check["says"])}</td>'
+        body.append(_line(check["name"], [cells]))
+    caption = f"Images fooled by the attack and its variants, on {metrics.get('trust_n', 'the first')} test images."
+    table = framed(_heads("check", "", "figures"), body, caption, "trust")
+    title = "These checks failed: do not rely on the figures below" if only == "fail" else "Can it be trusted?"
+    return f"<section><h2>{title}</h2>\n{table}</section>"
 
 
 def _cost_line(title: str, pair: Sequence[float | None], digits: int, both: bool) -> str:
@@ -101,8 +118,8 @@ def _cost_line(title: str, pair: Sequence[float | None], digits: int, both: bool
     return _line(title, map(_cell, texts))
 
 
-def _table(head: str, lines: Iterable[str], caption: str, kind: str = "") -> str:
-    """The caption stays where it is when a wide table is scrolled."""
+def framed(head: str, lines: Iterable[str], caption: str, kind: str = "") -> str:
+    """A table under its caption, which stays where it is when a wide table is scrolled."""
     body = "\n".join(lines)
     return (
         f'<figure class="table {kind}"><figcaption>{caption}</figcaption>\n<div class="scroll"><table>\n'

@@ -11,25 +11,13 @@ from moireaug.evaluation import climb, ladder, no_moire, paired_gain, wilson
 from moireaug.evaluation.pictures import examples
 from moireaug.presets import PRESETS
 
+from .conftest import classifier
+
 SCENE = Scene.preset("screen_photo")
 
 
-def classifier(seed=0):
-    torch.manual_seed(seed)
-    return nn.Sequential(nn.Conv2d(3, 6, 3, 2), nn.ReLU(), nn.AdaptiveAvgPool2d(3), nn.Flatten(), nn.Linear(54, 4))
-
-
-@pytest.fixture(scope="module")
-def batches():
-    g = torch.Generator().manual_seed(0)
-    model = classifier().eval()
-    images = [torch.rand(8, 3, 16, 16, generator=g) for _ in range(2)]
-    with torch.no_grad():
-        return model, [(x, model(x).argmax(1)) for x in images]
-
-
-def test_rows_count_what_they_say(batches):
-    model, data = batches
+def test_rows_count_what_they_say(known):
+    model, data = known
     rungs = ladder((4 / 255, 64 / 255), steps=4)
     assert [r.name for r in rungs] == [
         "clean", "dimmed", "no_moire", "moire", "random_64", "ma_4", "ma_64", "ma_64_targeted", "pgd_64",
@@ -48,15 +36,15 @@ def test_rows_count_what_they_say(batches):
     assert table["ma_64_targeted"]["success"] <= table["ma_64"]["success"]
 
 
-def test_success_is_counted_on_what_was_right_when_clean(batches):
-    model, data = batches
+def test_success_is_counted_on_what_was_right_when_clean(known):
+    model, data = known
     wrong = [(x, (y + (torch.arange(8) < 4)) % 4) for x, y in data]  # half of the labels are not what the model says
     *_, rows = climb(model, wrong, SCENE, ladder((8 / 255,), steps=2))
     clean = rows[0].to_dict()
     assert clean["accuracy"] == 0.5 and clean["counted"] == 8 and clean["success"] == 0.0
 
 
-def test_two_models_meet_the_same_photos(batches):
+def test_two_models_meet_the_same_photos(known):
     seen = []
 
     class Spy(nn.Module):
@@ -67,7 +55,7 @@ def test_two_models_meet_the_same_photos(batches):
     rungs = [r for r in ladder() if r.name in ("dimmed", "no_moire", "moire", "random_8")]
     for _ in range(2):
         seen.append([])
-        for _ in climb(Spy(), batches[1], SCENE, rungs, seed=5):
+        for _ in climb(Spy(), known[1], SCENE, rungs, seed=5, classes=4):
             pass
     assert len(seen[0]) == 10 and all(torch.equal(a, b) for a, b in zip(*seen, strict=True))
 
@@ -87,21 +75,21 @@ def test_no_moire_is_the_photo_less_its_stripes(name):
     assert "layout" not in no_moire(shot).scene.plan()
 
 
-def test_the_model_is_left_alone(batches):
+def test_the_model_is_left_alone(known):
     model = classifier().train()
     state = {k: v.clone() for k, v in model.state_dict().items()}
-    for _ in climb(model, batches[1], SCENE, ladder((2 / 255,), steps=1)):
+    for _ in climb(model, known[1], SCENE, ladder((2 / 255,), steps=1)):
         pass
     assert model.training and all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
 
 
-def test_labels_beyond_the_model_get_a_sentence(batches):
+def test_labels_beyond_the_model_get_a_sentence(known):
     with pytest.raises(ValueError, match=r"\[0, 3\], the model's classes; got 9"):
-        next(climb(batches[0], [(torch.rand(1, 3, 8, 8), torch.tensor([9]))], SCENE))
+        next(climb(known[0], [(torch.rand(1, 3, 8, 8), torch.tensor([9]))], SCENE))
 
 
-def test_pictures_for_a_report(batches):
-    model, ((images, labels), _) = batches
+def test_pictures_for_a_report(known):
+    model, ((images, labels), _) = known
     shown = examples({"ours": model, "theirs": classifier(1)}, images[:2], labels[:2], SCENE, 8 / 255, 2, {0: "zero"})
     assert len(shown) == 2
     cells = shown[0]["cells"]

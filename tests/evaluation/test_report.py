@@ -274,7 +274,7 @@ def test_a_failure_leaves_the_older_report_whole(tmp_path, metrics, pictures, mo
     def full(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(report.os, "replace", full)
+    monkeypatch.setattr("os.replace", full)
     with pytest.raises(OSError, match="no space"):
         report.write(path, metrics, pictures)
     assert path.read_text() == "older" and list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,319 @@
+"""Suites: which tables answer which question, each a short definition. A cell is one rung before one judge.
+
+Rows and columns are laid out so that the controls stand beside the attack that they control: the same shots without
+noise, and with noise of random sign.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from torch import Tensor
+
+from moireaug.attacks import MoireAttack
+from moireaug.capture import capture
+from moireaug.defenses import DEFENSES, Defended, restore_mean
+from moireaug.evaluation import rungs, threat
+from moireaug.evaluation.rungs import CLEAN, MOIRE, NO_MOIRE, Bout, Model, Rung, in_scene, moire_attack, random_noise
+from moireaug.evaluation.sweep import MODEL, Job, Judge, behind, other
+from moireaug.fields import bounds, one_of
+from moireaug.scene import Scene
+
+Defence = Callable[[Tensor], Tensor]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Given:
+    """What suites are built from.
+
+    Args:
+        scene: the evaluation's scene.
+        eps: bound of the attacks that tables compare, in [0, 1] units. steps: gradient steps of every attack.
+        targets: name to model for transfer; None where its weights are not at hand.
+        defences: name to defence: by default the paper's; an image quilting, or a network that removes moiré, joins it.
+        without: name to the reason why a defence is not there.
+    """
+
+    scene: Scene
+    eps: float = 4 / 255
+    steps: int = 20
+    targets: Mapping[str, Model | None] = field(default_factory=dict)
+    defences: Mapping[str, Defence] = field(default_factory=lambda: {k: make() for k, make in DEFENSES.items()})
+    without: Mapping[str, str] = field(default_factory=dict)
+
+    def judge(self, name: str) -> Judge:
+        """The attacked model behind the defence of that name."""
+        defence = self.defences[name]
+        return behind(name, getattr(defence, "title", name), defence)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One rung, or several pooled, before one judge."""
+
+    rungs: tuple[Rung, ...]
+    judge: Judge = MODEL
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of success rates.
+
+    Args:
+        name: of the suite that it belongs to. title: with the paper's number where it has one.
+        corner: what the rows are. rows, columns: titles.
+        cells: (row, column) to Cell; a missing one is shown empty.
+        note: how to read it.
+        visible: columns whose pictures' change is measured and shown.
+        pictures: which (row, column) to show.
+    """
+
+    name: str
+    title: str
+    corner: str
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    cells: Mapping[tuple[str, str], Cell]
+    note: str = ""
+    visible: tuple[str, ...] = ()
+    pictures: tuple[tuple[str, str], ...] = ()
+
+    def jobs(self) -> list[Job]:
+        return [Job(rung, (cell.judge,)) for cell in self.cells.values() for rung in cell.rungs]
+
+
+def _crossed(rows: Sequence[tuple[str, Judge]], columns: Mapping[str, Rung]) -> dict[tuple[str, str], Cell]:
+    """Every rung before every judge."""
+    return {(title, column): Cell((rung,), judge) for title, judge in rows for column, rung in columns.items()}
+
+
+def _table(name: str, title: str, corner: str, cells: Mapping[tuple[str, str], Cell], **more: Any) -> Table:
+    rows, columns = (tuple(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
+    return Table(name, title, corner, rows, columns, cells, **more)
+
+
+def _controls(eps: float) -> dict[str, Rung]:
+    """What stands beside every attack: the image itself, and its photo without and with noise that nobody searched."""
+    return {"clean": CLEAN, "moiré, δ = 0": MOIRE, "random noise": random_noise(eps)}
+
+
+def _rivals(g: Given) -> dict[str, Rung]:
+    """The paper's attacks at one eps."""
+    return {
+        "MA": moire_attack(g.eps, g.steps),
+        "BIM": rungs.rival("bim", g.eps, g.steps, "BIM"),
+        "PGD": rungs.rival("pgd", g.eps, g.steps, "PGD"),
+        "C&W": rungs.rival("cw", g.eps, g.steps, "C&W"),
+        "MI-FGSM": rungs.rival("mifgsm", g.eps, g.steps, "MI-FGSM"),
+    }
+
+
+def success(g: Given) -> Table:
+    """Paper, table 1: rotated, rotated and dimmed, targeted and untargeted Moiré Attacks by eps."""
+    cells = {}
+    for e in (2 / 255, 4 / 255, 6 / 255, 8 / 255):
+        columns = {"rotated": rungs.ROTATED, "rotated and dim": NO_MOIRE} | _controls(e)
+        columns |= {"untargeted MA": moire_attack(e, g.steps), "targeted MA": moire_attack(e, g.steps, targeted=True)}
+        del columns["clean"]
+        cells |= _crossed([(f"ε = {rungs.label(e)}", MODEL)], columns)
+    note = "“Rotated” is the photo of a screen without subpixels, as bright as its image; “rotated and dim” as dark as "
+    note += "the photo. The last target is a random other class, drawn per image; the paper’s is always “hen”."
+    first = [c for r, c in cells if r == "ε = 4"]
+    shown = (*(("ε = 4", c) for c in first),)
+    return _table("success", "Success of the Moiré Attack (paper, table 1)", "bound", cells, note=note, pictures=shown)
+
+
+def mean_normalised(g: Given) -> Table:
+    """Paper, table 2: the photo's mean brought to the clean image's; and to a fixed mean, as a deployed system can."""
+    restored = Judge("restored", "mean of the clean image", lambda b, shown: b.model(restore_mean(shown, b.images)))  # type: ignore[operator]
+    judges = [("as it is", MODEL), ("mean restored", restored), ("gain to a grey mean", g.judge("gain"))]
+    columns = _controls(2 / 255) | {
+        f"MA ε = {rungs.label(e)}": moire_attack(e, g.steps) for e in (2 / 255, 4 / 255, 6 / 255, 8 / 255)
+    }
+    note = "“Mean restored” subtracts the difference to the clean image’s mean, which only an experimenter knows. The "
+    note += "random noise is of the least ε."
+    title = "After mean normalisation (paper, table 2)"
+    return _table("mean_normalised", title, "brightness", _crossed(judges, columns), note=note)
+
+
+def jpeg(g: Given) -> Table:
+    """Paper, table 3: the attacks after JPEG."""
+    judges = [("no defence", MODEL), *((f"quality {q}", g.judge(f"jpeg_{q}")) for q in (20, 40, 60, 80))]
+    columns = _controls(g.eps) | _rivals(g)
+    note = "The attacker does not know of the compression. The rivals perturb the image, which no camera saw."
+    return _table("jpeg", "Under JPEG compression (paper, table 3)", "JPEG", _crossed(judges, columns), note=note,
+                  pictures=(*(("no defence", c) for c in columns),))  # fmt: skip
+
+
+def defences(g: Given) -> Table:
+    """Paper, table 4: the attacks after other input transformations."""
+    names = [n for n in g.defences if not n.startswith("jpeg_") and n != "gain"]
+    judges = [("no defence", MODEL), *((g.judge(n).title, g.judge(n)) for n in names)]
+    note = "The attacker does not know of the defence." + "".join(f" {n}: {why}." for n, why in g.without.items())
+    columns = _controls(g.eps) | _rivals(g)
+    title = "Under input transformations (paper, table 4)"
+    return _table("defences", title, "defence", _crossed(judges, columns), note=note)
+
+
+def transfer(g: Given) -> Table:
+    """Paper, table 6: the attacked model's pictures before other models."""
+    columns = _controls(g.eps) | _rivals(g)
+    judges = [("the attacked model", MODEL), *((n, other(n, m)) for n, m in g.targets.items() if m is not None)]
+    lost = [n for n, m in g.targets.items() if m is None]
+    note = "Each row counts the images that its own model has right when clean."
+    note += f" Weights not at hand: {', '.join(lost)}." if lost else ""
+    table = _table("transfer", "Transfer to other models (paper, table 6)", "judged by", _crossed(judges, columns))
+    return dataclasses.replace(table, rows=(*table.rows, *lost), note=note)
+
+
+def budget(g: Given) -> Table:
+    """Paper, section 4.5 and figure 4: how far, and how visibly, by eps."""
+    cells = {}
+    for e in (4 / 255, 8 / 255, 16 / 255, 32 / 255):
+        columns = {"moiré, δ = 0": MOIRE, "random noise": random_noise(e), "MA": moire_attack(e, g.steps)}
+        columns["BIM"] = rungs.rival("bim", e, g.steps, "BIM")
+        cells |= _crossed([(f"ε = {rungs.label(e)}", MODEL)], columns)
+    note = "Below each attack, how visible its change is: against the photo without noise for MA, against the clean "
+    note += "image for BIM."
+    shown = (*(key for key in cells if key[1] in ("MA", "BIM")),)
+    title = "Budget: success and visibility (paper, figure 4)"
+    return _table("budget", title, "bound", cells, note=note, visible=("MA", "BIM"), pictures=shown)
+
+
+def factors(g: Given) -> Table:
+    """Paper, figure 6: rotation, and the factor alpha by which the picture is enlarged on the screen."""
+    ratio = g.scene.sensor.scale / (sum(bounds(g.scene.panel.scale)) / 2)
+
+    def turned(roll: float) -> Callable[[Scene], Scene]:
+        return lambda s: dataclasses.replace(s, view=dataclasses.replace(s.view, roll=roll))
+
+    def enlarged(alpha: float) -> Callable[[Scene], Scene]:
+        sensor = max(1.0, round(ratio * alpha))
+        return lambda s: dataclasses.replace(
+            s, panel=dataclasses.replace(s.panel, scale=alpha), sensor=dataclasses.replace(s.sensor, scale=sensor)
+        )
+
+    cells = {}
+    variants = [(f"roll {r}°", turned(float(r))) for r in (0, 5, 10, 15, 30, 45)]
+    variants += [(f"alpha {a}", enlarged(float(a))) for a in (1, 2, 3, 4)]
+    columns = {"no moiré": NO_MOIRE, "moiré, δ = 0": MOIRE, "random noise": random_noise(g.eps)}
+    columns["MA"] = moire_attack(g.eps, g.steps)
+    for name, scene in variants:
+        cells |= _crossed([(name, MODEL)], {c: in_scene(r, name, scene) for c, r in columns.items()})
+    note = "With alpha the sensor grows too, so that a panel pixel stays as many sensor pixels wide as in the scene."
+    shown = (*((name, "moiré, δ = 0") for name, _ in variants),)
+    title = "Factors of the moiré (paper, figure 6)"
+    return _table("factors", title, "factor", cells, note=note, pictures=shown)
+
+
+def noise_position(g: Given) -> Table:
+    """Paper, appendix E: noise on the raw reading against noise on the developed photo ("Moiré + BIM")."""
+    after = moire_attack(g.eps, g.steps, name="noise on the photo", noise_at="photo")
+    columns = _controls(g.eps) | {"MA": moire_attack(g.eps, g.steps), "Moiré + BIM": after}
+    judges = [("no defence", MODEL), *((f"JPEG {q}", g.judge(f"jpeg_{q}")) for q in (20, 40))]
+    title = "Noise before or after demosaicing (paper, appendix E)"
+    return _table("noise_position", title, "compression", _crossed(judges, columns))
+
+
+def natural(g: Given) -> Table:
+    """Paper, section 3.1 and figure 3: no attack at all, displays x cameras x angles."""
+    cells: dict[tuple[str, str], Cell] = {}
+    for display, camera in threat.PAIRS:
+        row = f"{display}, {camera}"
+        seen = {a: (lambda s, a=a, d=display, c=camera: threat.scene(d, c, a)) for a in threat.ANGLES}
+        for angle, scene in seen.items():
+            cells[row, f"{angle}°"] = Cell((in_scene(MOIRE, f"{row}, {angle}", scene),))
+        cells[row, "all"] = Cell(tuple(in_scene(MOIRE, f"{row}, {a}", s) for a, s in seen.items()))
+        cells[row, "all, no moiré"] = Cell(tuple(in_scene(NO_MOIRE, f"{row}, {a}", s) for a, s in seen.items()))
+    shown = (*((f"{d}, {threat.PAIRS[0][1]}", "90°") for d in threat.DISPLAYS),)
+    shown += tuple((f"{threat.PAIRS[-1][0]}, {threat.PAIRS[-1][1]}", f"{a}°") for a in threat.ANGLES)
+    note = (
+        "Nobody attacks: photos with natural moiré alone, brought back to the image’s frame. 90° is frontal. The last "
+    )
+    note += "column is the same photos of panels without subpixels. The scenes’ figures are in `evaluation/threat.py`."
+    title = "Natural moiré: displays, cameras, angles (paper, section 3.1)"
+    return _table("threat", title, "display, camera", cells, note=note, pictures=shown)
+
+
+ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # one of each kind: a codec, a filter, a randomised one
+
+
+def adaptive(g: Given) -> Table:
+    """What an attacker gains who knows of the defence, searches harder, or does not know the pose."""
+    strong = {"rule": "halving", "loss": "margin", "restarts": 2}
+    plain = moire_attack(g.eps, g.steps)
+    cells = _crossed([("no defence", MODEL)], _controls(g.eps) | {"MA": plain})
+    cells["no defence", "adaptive MA"] = Cell(
+        (moire_attack(g.eps, g.steps, name="margin, halving, 2 restarts", **strong),)
+    )
+    blind = rungs.Rung(f"blind_{rungs.label(g.eps)}", "Moiré Attack at another pose", _blind(g.eps, g.steps), g.eps)
+    cells["no defence", "MA, pose unknown"] = Cell((blind,))
+    if _turns(g.scene):
+        turning = moire_attack(g.eps, g.steps, name="turns the camera", optimise=("noise", "view", "panel"))
+        cells["no defence", "MA turns the camera"] = Cell((turning,))
+    for name in ADAPTED:
+        judge, defence = g.judge(name), g.defences[name]
+        cells |= _crossed([(judge.title, judge)], _controls(g.eps) | {"MA": plain})
+        knows = through(moire_attack(g.eps, g.steps, name=f"through {judge.title}", **strong), defence)
+        cells[judge.title, "adaptive MA"] = Cell((knows,), judge)
+    note = "“Adaptive MA” attacks the model with its defence (BPDA; four draws a step of a randomised one), by the "
+    note += "margin, with halved steps and two restarts. “Pose unknown”: the noise was found by expectation over four "
+    note += "shots a step, and is judged at a shot that the attacker did not see."
+    note += (
+        "" if _turns(g.scene) else " This scene is point-sampled: its pose has no gradient, so no attacker turns it."
+    )
+    return _table("adaptive", "Adaptive attackers", "defence", cells, note=note)
+
+
+def through(rung: Rung, defence: Defence, draws: int = 4) -> Rung:
+    """The same attack on the model behind a defence: backward by the defence's own approximation (BPDA), and by
+    expectation over its draws where it is randomised (EOT)."""
+    n = draws if getattr(defence, "randomised", False) else 1
+
+    def show(b: Bout) -> Tensor:
+        return rung.show(dataclasses.replace(b, model=Defended(b.model, defence, draws=n)))
+
+    return dataclasses.replace(rung, show=show)
+
+
+def _blind(eps: float, steps: int) -> Callable[[Bout], Tensor]:
+    """Noise that was found over other shots, on the shot that is judged."""
+
+    def show(b: Bout) -> Tensor:
+        attack = MoireAttack(model=b.model, scene=b.shot.scene, eps=eps, steps=steps, eot=4)
+        found = attack(b.images, b.labels, generator=b.generator)
+        return capture(b.images, b.shot, found.noise)
+
+    return show
+
+
+def _turns(scene: Scene) -> bool:
+    """Whether the photo has a gradient in the camera's pose."""
+    return scene.plan().exposure in ("spectral", "box") and scene.view.pose == "camera"
+
+
+SUITES: dict[str, Callable[[Given], Table]] = {
+    "success": success,
+    "mean_normalised": mean_normalised,
+    "jpeg": jpeg,
+    "defences": defences,
+    "transfer": transfer,
+    "budget": budget,
+    "factors": factors,
+    "noise_position": noise_position,
+    "threat": natural,
+    "adaptive": adaptive,
+}
+
+
+def tables_of(suite: str, given: Given) -> list[Table]:
+    """The tables of a suite; "paper" is all of them, "trust" none, since its checks are not one.
+
+    Raises:
+        ValueError: an unknown suite; the message lists the known ones.
+    """
+    one_of("suite", suite, (*SUITES, "paper", "trust"))
+    return [make(given) for name, make in SUITES.items() if suite in (name, "paper")]

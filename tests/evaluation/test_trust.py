@@ -1,0 +1,130 @@
+"""The checks: a sound model passes them, and whatever they warn of makes them fail."""
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Lens, Panel, Scene, Sensor, View
+from moireaug.evaluation import Given, complete, sweep, trust
+from moireaug.evaluation.sweep import MODEL
+
+SCENE = Scene(panel=Panel(scale=1.1), view=View(roll=(-5, 5)), lens=Lens(blur=0.3), sensor=Sensor(scale=2.0, gain=2.4))
+
+
+def verdicts(model, batch, eps=24 / 255, steps=10, scene=SCENE, targets=()):
+    given = Given(scene=scene, eps=eps, steps=steps, targets=dict(targets))
+    found = sweep(model, lambda _: batch, [0], scene, complete(trust.jobs(given)), seed=1)
+    checks = trust.checks(given, [r for new in found for r in new])
+    assert [c.verdict for c in checks] == sorted((c.verdict for c in checks), key=("fail", "warning", "pass").index)
+    return {c.name: c for c in checks}
+
+
+CONVERGED = "more steps and restarts change nothing"
+GROWS = "success grows with eps, to all images at eps 1"
+HIDDEN, BLIND = "gradients are not hidden", "no gradient-free attack wins"
+SETTLED, ROOM = "the model answers the same twice", "the photo leaves something to attack"
+
+
+class Pooled(nn.Module):
+    """Weighs the colours of sixteen fields: each image has its own margin, and every pixel has a say."""
+
+    def __init__(self, seed=1):
+        super().__init__()
+        self.pool, self.head = nn.AdaptiveAvgPool2d(4), nn.Linear(48, 4)
+        g = torch.Generator().manual_seed(seed)
+        with torch.no_grad():
+            self.head.weight.copy_(torch.randn(4, 48, generator=g))
+            self.head.bias.copy_(-0.5 * self.head.weight.sum(1))
+
+    def forward(self, x):
+        return self.head(self.pool(x).flatten(1))
+
+
+def labelled(model, n=24):
+    """Images, and what the model says of them."""
+    g = torch.Generator().manual_seed(2)
+    images = torch.rand(n, 3, 4, 4, generator=g).repeat_interleave(4, 2).repeat_interleave(4, 3) * 0.6 + 0.2
+    with torch.no_grad():
+        return images, model.eval()(images).argmax(1)
+
+
+def test_a_sound_model_passes_every_check():
+    model = Pooled().eval()
+    found = verdicts(model, labelled(model), eps=40 / 255, targets={"twin": Pooled(2).eval()})
+    assert {c.verdict for c in found.values()} == {"pass"}, [(c.name, c.says) for c in found.values()]
+    assert "twin" in found["white box, then transfer, then random noise"].says
+
+
+class Rounded(nn.Module):
+    """Hides its gradient: the input is rounded before the network."""
+
+    def __init__(self, net):
+        super().__init__()
+        self.net = net
+
+    def forward(self, x):
+        return self.net((x * 8).round() / 8)
+
+
+def test_hidden_gradients_are_found():
+    model = Rounded(Pooled()).eval()
+    found = verdicts(model, labelled(model), eps=40 / 255)
+    assert found[HIDDEN].verdict == "fail" and "100.0 %" in found[HIDDEN].says
+    assert found[BLIND].verdict == "fail", found[BLIND].says
+
+
+def test_too_few_steps_are_found():
+    class Curved(nn.Module):
+        """One step's direction is soon wrong."""
+
+        def __init__(self, net):
+            super().__init__()
+            self.net = net
+
+        def forward(self, x):
+            return self.net(0.5 + 0.5 * torch.sin(6 * torch.pi * x))
+
+    model = Curved(Pooled()).eval()
+    found = verdicts(model, labelled(model), eps=60 / 255, steps=1)
+    assert found[CONVERGED].verdict == "fail", found[CONVERGED].says
+
+
+class Restless(nn.Module):
+    def __init__(self, net):
+        super().__init__()
+        self.net = net
+
+    def forward(self, x):
+        return self.net(x + 0.05 * torch.rand(x.shape))
+
+
+def test_a_randomised_model_is_noticed():
+    model = Restless(Pooled()).eval()
+    assert verdicts(model, labelled(model))[SETTLED].verdict == "warning"
+
+
+def test_an_attack_that_cannot_win_is_noticed():
+    """A model that gives one answer whatever it sees has nothing to attack: success stays 0 at eps 1."""
+
+    class Stubborn(nn.Module):
+        def forward(self, x):
+            return torch.tensor([[0.0, 9.0, 0.0]]).repeat(len(x), 1) + 0 * x.mean()
+
+    images, _ = labelled(Pooled())
+    found = verdicts(Stubborn(), (images, torch.ones(len(images), dtype=torch.long)), steps=2)
+    assert found[GROWS].verdict == "fail" and found[HIDDEN].verdict == "fail"
+
+
+def test_a_scene_that_fools_by_itself_leaves_no_room():
+    model = Pooled().eval()
+    found = verdicts(model, labelled(model), scene=Scene.preset("paper_code"), steps=2)
+    share = float(found[ROOM].says.split()[-2])
+    assert (found[ROOM].verdict == "warning") == (share > 90)
+
+
+@pytest.mark.parametrize("n", [24])
+def test_every_check_has_figures(n):
+    model = Pooled().eval()
+    found = verdicts(model, labelled(model, n=n), steps=1)
+    assert len(found) == len(trust.CHECKS) and all("%" in c.says for c in found.values())
+    assert MODEL.name == "model"
