@@ -1,0 +1,218 @@
+"""Suites through the real command: every table, nothing computed twice, the same figures from several processes."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+import torch
+from hydra import compose, initialize
+from hydra.core.global_hydra import GlobalHydra
+
+from moireaug.evaluation import SUITES
+from moireaug.evaluation.grids import CONTROLS, FIELDS
+from moireaug.evaluation.published import PUBLISHED
+from training import models, reattack
+from training.data import load
+from training.places import Places
+from training.schema import check_keys
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = [
+    "data.train=60", "data.val=16", "data.test=24", "data.size=24", "reattack.n=6", "reattack.batch_size=3",
+    "reattack.steps=1", "trainer.accelerator=cpu",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """Of a small network that was never trained, but has the first image of the test right, so that one counts."""
+    torch.manual_seed(0)
+    path, model = tmp_path_factory.mktemp("weights") / "small.pt", models.build("small_resnet", 16).eval()
+    cfg = configured()
+    images, labels = Places(load(cfg.data), cfg, torch.device("cpu"))[0]
+    with torch.no_grad():
+        logits, label = model(images)[0], labels[0]
+        model.head.bias[label] += logits.max() - logits[label] + 1e-3
+    torch.save(model.state_dict(), path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _no_third_party_warnings():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def configured(*overrides):
+    GlobalHydra.instance().clear()
+    with initialize(version_base="1.3", config_path=None):
+        return compose("reattack", [*TINY, *overrides])
+
+
+def suite(name, weights, runs, *more):
+    cfg = configured("model=small_resnet", f"weights={weights}", f"suite={name}", f"runs={runs}", *more)
+    return reattack.reattack(cfg, [])
+
+
+@pytest.fixture(scope="module")
+def whole(weights, tmp_path_factory):
+    """The suite of all, with a target that is at hand and one that is not."""
+    runs = tmp_path_factory.mktemp("runs")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = suite("paper", weights, runs, f"targets={{small_resnet: {weights}, resnet34: null}}")
+    return found, runs / "reattack/small_resnet"
+
+
+def cells(metrics):
+    """Every figure but the times."""
+    return {
+        (name, r["row"], r["column"]): {k: v for k, v in r.items() if k != "seconds"}
+        for name, rows in metrics["tables"].items()
+        for r in rows
+    }
+
+
+def test_the_paper_suite_has_every_table(whole):
+    metrics, _ = whole
+    assert list(metrics["tables"]) == list(SUITES)
+    found = cells(metrics)
+    for name, row, column in found:
+        cell = found[name, row, column]
+        pooled = 8 if column.startswith("all") else 1
+        assert cell["n"] == 6 * pooled and cell["counted"] <= cell["n"], (name, row, column)
+        assert 0 <= cell["low"] <= (cell["success"] or 0) <= cell["high"] <= 1
+    for name in SUITES:
+        columns = {c for n, _, c in found if n == name}
+        assert columns & set(CONTROLS) or (name == "threat" and "all, no moiré" in columns), name
+    known = {(n, r, c) for n, entries in PUBLISHED.items() for r, c in entries}
+    absent = {key for key in known - found.keys() if key[0] != "transfer"}
+    assert not absent, "the paper's figures must stand beside cells that exist"
+    for key in known & found.keys():
+        assert found[key]["paper"] == PUBLISHED[key[0]][key[1:]]
+    assert ("transfer", "small_resnet", "MA") in found and ("transfer", "resnet34", "MA") not in found
+
+
+def test_every_form_of_the_tables_is_written(whole):
+    metrics, out = whole
+    folder = out / "paper"
+    assert {p.name for p in folder.iterdir()} == {"report.html", "metrics.json", "tables.md", "results.csv"}
+    page = (folder / "report.html").read_text()
+    for text in ("Verdict: what is the moiré, what the noise", "Can it be trusted?", "Weights not at hand: resnet34"):
+        assert text in page
+    assert page.index("Verdict") < page.index("Success of the Moiré Attack (paper, table 1)</h2>")
+    with (folder / "results.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert tuple(lines[0]) == FIELDS and len(lines) == len(cells(metrics))
+    words = (folder / "tables.md").read_text()
+    assert words.count("\n## ") == len(SUITES) + 1 and "| resnet34 | – |" in words and "nan" not in words
+    assert json.loads((folder / "metrics.json").read_text())["trust"] == metrics["trust"]
+    assert len(metrics["trust"]) == 9 and metrics["trust_n"] == 6
+
+
+def test_another_suite_takes_what_is_there(whole, weights):
+    _, out = whole
+    (records,) = out.glob("records-*/records-0.jsonl")
+    before = records.read_bytes()
+    again = suite("paper", weights, out.parents[1], f"targets={{small_resnet: {weights}, resnet34: null}}")
+    assert cells(again) == cells(whole[0]) and records.read_bytes() == before
+
+
+def run(cwd, weights, *more, **options):
+    names = ["model=small_resnet", f"weights={weights}", *TINY, *more]
+    env = os.environ | {"OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen([sys.executable, str(ROOT / "training/reattack.py"), *names], cwd=cwd, env=env,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)  # fmt: skip
+    return process
+
+
+def metrics_of(cwd, name):
+    return json.loads((cwd / f"runs/reattack/small_resnet/{name}/metrics.json").read_text())
+
+
+def test_a_killed_evaluation_goes_on_where_it_was(weights, tmp_path):
+    """And gives the figures of one that was never stopped."""
+    process = run(tmp_path, weights, "suite=noise_position")
+    until, kept = time.time() + 120, 0
+    while time.time() < until and kept < 4 and process.poll() is None:
+        found = list(tmp_path.glob("runs/reattack/small_resnet/records-*/records-0.jsonl"))
+        kept = len(found[0].read_text().splitlines()) if found else 0
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert kept >= 4 and not (tmp_path / "runs/reattack/small_resnet/noise_position").exists()
+    (records,) = tmp_path.glob("runs/reattack/small_resnet/records-*/records-0.jsonl")
+    text = records.read_text()
+    before = text[: text.rfind("\n") + 1]
+    records.write_text(text + '{"place": 0, "rung": "mo')  # what a kill in the middle of a write leaves
+    stopped = suite("noise_position", weights, tmp_path / "runs")
+    assert records.read_text().startswith(before)
+    lines = [json.loads(line) for line in records.read_text().splitlines()]
+    assert len({(r["place"], r["rung"], r["judge"]) for r in lines}) == len(lines)  # nothing was done twice
+    assert cells(stopped) == cells(suite("noise_position", weights, tmp_path / "other"))
+
+
+def test_processes_share_the_work(weights, tmp_path):
+    """Two of Lightning's processes: each its own batches, one report, the figures of one process."""
+    process = run(tmp_path, weights, "suite=noise_position", "trainer.devices=2", "trainer.strategy=ddp")
+    out, err = process.communicate(timeout=240)
+    assert process.returncode == 0, err
+    assert out.count("Report: ") == 1
+    (folder,) = tmp_path.glob("runs/reattack/small_resnet/records-*")
+    places = [
+        {json.loads(line)["place"] for line in path.read_text().splitlines()} for path in sorted(folder.glob("*.jsonl"))
+    ]
+    assert places == [{0}, {1}]
+    assert cells(metrics_of(tmp_path, "noise_position")) == cells(suite("noise_position", weights, tmp_path / "one"))
+
+
+def test_a_network_against_moire_is_a_defence(weights, tmp_path):
+    found = suite("defences", weights, tmp_path, "demoire=torch.nn.functional:relu", "reattack.n=3")
+    rows = {r["row"] for r in found["tables"]["defences"]}
+    assert {"demoire", "quilting", "TVM"} <= rows
+    same = [
+        {r["column"]: r["success"] for r in found["tables"]["defences"] if r["row"] == n}
+        for n in ("demoire", "no defence")
+    ]
+    assert same[0] == same[1]  # relu changes nothing in [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["suite=defenses"], "suite must be one of .* got 'defenses'. Did you mean 'defences'"),
+        (["suite=transfer", "targets={nobody: FILE}"], "targets.nobody='FILE' is neither a run's folder"),
+        (["suite=transfer", "targets={resnet18: FILE}"], "no weights file 'FILE'"),
+        (["suite=defences", "demoire=nothing:there"], "demoire='nothing:there' could not be imported"),
+        (["suite=defences", "demoire=math:pi"], "is a float, not a callable"),
+        (["suite=success", "reattack.batch_size=0"], "reattack.batch_size must be at least 1; got 0"),
+    ],
+)
+def test_mistakes_get_a_sentence(more, message, weights, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        suite("success", weights, tmp_path, *more)
+    assert not list(tmp_path.rglob("report.html"))
+
+
+def test_a_target_on_its_own_says_how_to_pass_it():
+    from training.schema import ReattackConfig
+
+    with pytest.raises(SystemExit, match=r"pass targets whole, as in targets='\{resnet18: FILE, ...\}'"):
+        check_keys(["targets.resnet18=FILE"], ReattackConfig)
+
+
+@pytest.mark.parametrize(("size", "batch"), [(24, 96), (224, 25), (299, 14), (4000, 1)])
+def test_batches_fit_the_memory_unless_given(size, batch):
+    cfg = configured(f"data.size={size}", "reattack.n=200", "reattack.batch_size=null")
+    data = torch.utils.data.TensorDataset(torch.zeros(300, 1), torch.zeros(300))
+    splits = reattack.Splits(data, data, data, {}, 1)
+    assert Places(splits, cfg, torch.device("cpu")).size == batch
+    assert len(Places(splits, cfg, torch.device("cpu")).others(splits)) == 100
