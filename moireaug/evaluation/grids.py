@@ -6,13 +6,13 @@ import csv
 import io
 from collections.abc import Sequence
 from html import escape
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from moireaug.evaluation import tables
 from moireaug.evaluation.published import PUBLISHED
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.suites import Cell, Table
-from moireaug.evaluation.sweep import Record, gather
+from moireaug.evaluation.sweep import Record, Row, gather
 from moireaug.evaluation.words import Metrics, duration, percent
 
 FIELDS = ("suite", "row", "column", "rung", "judge", "eps", "targeted", "success", "low", "high", "accuracy",
@@ -33,6 +33,7 @@ def tidy(table: Table, records: Sequence[Record]) -> list[Metrics]:
 
 def _pooled(cell: Cell, records: Sequence[Record]) -> Metrics:
     rows = [gather(records, rung, cell.judge) for rung in cell.rungs]
+    rows = [_worst(rows)] if cell.worst else rows
     hits, counted, n = (sum(f(r) for r in rows) for f in (lambda r: r.hits, lambda r: sum(r.counted), _shown))
     low, high = wilson(hits, counted)
     return {
@@ -51,7 +52,15 @@ def _pooled(cell: Cell, records: Sequence[Record]) -> Metrics:
     }
 
 
-def _shown(row: Any) -> int:
+def _worst(rows: Sequence[Row]) -> Row:
+    """Each image at the worst of several rungs."""
+    correct, fooled = ([f(seen) for seen in zip(*lists, strict=True)] for f, lists in
+                       ((all, (r.correct for r in rows)), (any, (r.fooled for r in rows))))  # fmt: skip
+    eps, seconds = max(r.eps for r in rows), sum(r.seconds for r in rows)
+    return Row("worst case", "worst case", eps, False, seconds, correct, fooled, rows[0].counted)
+
+
+def _shown(row: Row) -> int:
     return len(row.correct)
 
 

@@ -52,10 +52,11 @@ class Given:
 
 @dataclass(frozen=True)
 class Cell:
-    """One rung, or several pooled, before one judge."""
+    """One rung before one judge; or several, their images pooled, or, as `worst`, each image at its worst rung."""
 
     rungs: tuple[Rung, ...]
     judge: Judge = MODEL
+    worst: bool = False
 
 
 @dataclass(frozen=True)
@@ -259,9 +260,15 @@ def adaptive(g: Given) -> Table:
         cells |= _crossed([(judge.title, judge)], _controls(g.eps) | {"MA": plain})
         knows = through(moire_attack(g.eps, g.steps, name=f"through {judge.title}", **strong), defence)
         cells[judge.title, "adaptive MA"] = Cell((knows,), judge)
+    for row in dict.fromkeys(row for row, _ in cells):
+        tried = [cell for (r, column), cell in cells.items() if r == row and column != "clean"]
+        cells[row, "worst case"] = Cell(
+            tuple(rung for cell in tried for rung in cell.rungs), tried[0].judge, worst=True
+        )
     note = "“Adaptive MA” attacks the model with its defence (BPDA; four draws a step of a randomised one), by the "
     note += "margin, with halved steps and two restarts. “Pose unknown”: the noise was found by expectation over four "
-    note += "shots a step, and is judged at a shot that the attacker did not see."
+    note += "shots a step, and is judged at a shot that the attacker did not see. “Worst case”: each image counts as fooled where "
+    note += "any column of its row but the first fools it."
     note += (
         "" if _turns(g.scene) else " This scene is point-sampled: its pose has no gradient, so no attacker turns it."
     )

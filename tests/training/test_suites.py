@@ -101,6 +101,13 @@ def test_the_paper_suite_has_every_table(whole):
     assert ("transfer", "small_resnet", "MA") in found and ("transfer", "resnet34", "MA") not in found
 
 
+def test_the_worst_case_is_no_better_than_any_of_its_row(whole):
+    rows = whole[0]["tables"]["adaptive"]
+    for name in {r["row"] for r in rows}:
+        rates = {r["column"]: r["success"] for r in rows if r["row"] == name and r["column"] != "clean"}
+        assert rates.pop("worst case") >= max(rates.values())
+
+
 def test_every_form_of_the_tables_is_written(whole):
     metrics, out = whole
     folder = out / "paper"
