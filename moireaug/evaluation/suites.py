@@ -262,16 +262,14 @@ def adaptive(g: Given) -> Table:
         cells[judge.title, "adaptive MA"] = Cell((knows,), judge)
     for row in dict.fromkeys(row for row, _ in cells):
         tried = [cell for (r, column), cell in cells.items() if r == row and column != "clean"]
-        cells[row, "worst case"] = Cell(
-            tuple(rung for cell in tried for rung in cell.rungs), tried[0].judge, worst=True
-        )
+        every = tuple(rung for cell in tried for rung in cell.rungs)
+        cells[row, "worst case"] = Cell(every, tried[0].judge, worst=True)
     note = "“Adaptive MA” attacks the model with its defence (BPDA; four draws a step of a randomised one), by the "
     note += "margin, with halved steps and two restarts. “Pose unknown”: the noise was found by expectation over four "
-    note += "shots a step, and is judged at a shot that the attacker did not see. “Worst case”: each image counts as fooled where "
-    note += "any column of its row but the first fools it."
-    note += (
-        "" if _turns(g.scene) else " This scene is point-sampled: its pose has no gradient, so no attacker turns it."
-    )
+    note += "shots a step, and is judged at a shot that the attacker did not see. “Worst case”: each image counts as "
+    note += "fooled where any column of its row but the first fools it."
+    if not _turns(g.scene):
+        note += " This scene is point-sampled: its pose has no gradient, so no attacker turns it."
     return _table("adaptive", "Adaptive attackers", "defence", cells, note=note)
 
 
