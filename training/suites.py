@@ -26,8 +26,9 @@ from moireaug.evaluation.grids import tidy
 from moireaug.evaluation.ladder import middle
 from moireaug.evaluation.rungs import CLEAN, Rung
 from moireaug.evaluation.store import Store, write_text
-from moireaug.evaluation.suites import Defence, Given, Table, tables_of
+from moireaug.evaluation.suites import Defence, Given, tables_of
 from moireaug.evaluation.sweep import MODEL, Job, Record, complete, sweep
+from moireaug.evaluation.table import Table
 from training import runs
 from training.classifier import as_model
 from training.data import Splits

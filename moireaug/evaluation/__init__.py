@@ -3,10 +3,28 @@
 from moireaug.evaluation.ladder import climb, ladder, middle
 from moireaug.evaluation.rungs import Rung, no_moire
 from moireaug.evaluation.statistics import mix, paired_gain, wilson
-from moireaug.evaluation.suites import SUITES, Given, Table, tables_of
+from moireaug.evaluation.suites import SUITES, Given, tables_of
 from moireaug.evaluation.sweep import Job, Judge, Row, complete, gather, sweep
+from moireaug.evaluation.table import Cell, Table
 
 __all__ = [
-    "SUITES", "Given", "Job", "Judge", "Row", "Rung", "Table", "climb", "complete", "gather", "ladder", "middle", "mix",
-    "no_moire", "paired_gain", "sweep", "tables_of", "wilson",
-]  # fmt: skip
+    "SUITES",
+    "Cell",
+    "Given",
+    "Job",
+    "Judge",
+    "Row",
+    "Rung",
+    "Table",
+    "climb",
+    "complete",
+    "gather",
+    "ladder",
+    "middle",
+    "mix",
+    "no_moire",
+    "paired_gain",
+    "sweep",
+    "tables_of",
+    "wilson",
+]

@@ -11,8 +11,8 @@ from typing import NamedTuple
 from moireaug.evaluation import tables
 from moireaug.evaluation.published import PUBLISHED
 from moireaug.evaluation.statistics import wilson
-from moireaug.evaluation.suites import Cell, Table
 from moireaug.evaluation.sweep import Record, Row, gather
+from moireaug.evaluation.table import Cell, Table
 from moireaug.evaluation.words import Metrics, duration, percent
 
 FIELDS = ("suite", "row", "column", "rung", "judge", "eps", "targeted", "success", "low", "high", "accuracy",

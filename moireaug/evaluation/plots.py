@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from moireaug.evaluation.grids import CONTROLS
-from moireaug.evaluation.suites import Table
+from moireaug.evaluation.table import Table
 from moireaug.evaluation.words import Metrics, finite, interval, is_attack, points, title_of
 
 OURS, THEIRS = "#0072B2", "#D55E00"  # this model, the baseline

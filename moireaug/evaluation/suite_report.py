@@ -10,7 +10,7 @@ from moireaug.evaluation import grids, page, tables
 from moireaug.evaluation.page import figure, section
 from moireaug.evaluation.plots import facets
 from moireaug.evaluation.store import write_text
-from moireaug.evaluation.suites import Table
+from moireaug.evaluation.table import Table
 from moireaug.evaluation.words import Metrics, duration, percent
 
 Grid = tuple[Table, list[Metrics]]

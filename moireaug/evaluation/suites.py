@@ -7,9 +7,8 @@ noise, and with noise of random sign.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from torch import Tensor
 
@@ -18,7 +17,8 @@ from moireaug.capture import capture
 from moireaug.defenses import DEFENSES, Defended, restore_mean
 from moireaug.evaluation import rungs, threat
 from moireaug.evaluation.rungs import CLEAN, MOIRE, NO_MOIRE, Bout, Model, Rung, in_scene, moire_attack, random_noise
-from moireaug.evaluation.sweep import MODEL, Job, Judge, behind, other
+from moireaug.evaluation.sweep import MODEL, Judge, behind, other
+from moireaug.evaluation.table import Cell, Table, crossed, table
 from moireaug.fields import bounds, one_of
 from moireaug.scene import Scene
 
@@ -50,52 +50,6 @@ class Given:
         return behind(name, getattr(defence, "title", name), defence)
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One rung before one judge; or several, their images pooled, or, as `worst`, each image at its worst rung."""
-
-    rungs: tuple[Rung, ...]
-    judge: Judge = MODEL
-    worst: bool = False
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of success rates.
-
-    Args:
-        name: of the suite that it belongs to. title: with the paper's number where it has one.
-        corner: what the rows are. rows, columns: titles.
-        cells: (row, column) to Cell; a missing one is shown empty.
-        note: how to read it.
-        visible: columns whose pictures' change is measured and shown.
-        pictures: which (row, column) to show.
-    """
-
-    name: str
-    title: str
-    corner: str
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    cells: Mapping[tuple[str, str], Cell]
-    note: str = ""
-    visible: tuple[str, ...] = ()
-    pictures: tuple[tuple[str, str], ...] = ()
-
-    def jobs(self) -> list[Job]:
-        return [Job(rung, (cell.judge,)) for cell in self.cells.values() for rung in cell.rungs]
-
-
-def _crossed(rows: Sequence[tuple[str, Judge]], columns: Mapping[str, Rung]) -> dict[tuple[str, str], Cell]:
-    """Every rung before every judge."""
-    return {(title, column): Cell((rung,), judge) for title, judge in rows for column, rung in columns.items()}
-
-
-def _table(name: str, title: str, corner: str, cells: Mapping[tuple[str, str], Cell], **more: Any) -> Table:
-    rows, columns = (tuple(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
-    return Table(name, title, corner, rows, columns, cells, **more)
-
-
 def _controls(eps: float) -> dict[str, Rung]:
     """What stands beside every attack: the image itself, and its photo without and with noise that nobody searched."""
     return {"clean": CLEAN, "moiré, δ = 0": MOIRE, "random noise": random_noise(eps)}
@@ -119,12 +73,12 @@ def success(g: Given) -> Table:
         columns = {"rotated": rungs.ROTATED, "rotated and dim": NO_MOIRE} | _controls(e)
         columns |= {"untargeted MA": moire_attack(e, g.steps), "targeted MA": moire_attack(e, g.steps, targeted=True)}
         del columns["clean"]
-        cells |= _crossed([(f"ε = {rungs.label(e)}", MODEL)], columns)
+        cells |= crossed([(f"ε = {rungs.label(e)}", MODEL)], columns)
     note = "“Rotated” is the photo of a screen without subpixels, as bright as its image; “rotated and dim” as dark as "
     note += "the photo. The last target is a random other class, drawn per image; the paper’s is always “hen”."
     first = [c for r, c in cells if r == "ε = 4"]
     shown = (*(("ε = 4", c) for c in first),)
-    return _table("success", "Success of the Moiré Attack (paper, table 1)", "bound", cells, note=note, pictures=shown)
+    return table("success", "Success of the Moiré Attack (paper, table 1)", "bound", cells, note=note, pictures=shown)
 
 
 def mean_normalised(g: Given) -> Table:
@@ -137,7 +91,7 @@ def mean_normalised(g: Given) -> Table:
     note = "“Mean restored” subtracts the difference to the clean image’s mean, which only an experimenter knows. The "
     note += "random noise is of the least ε."
     title = "After mean normalisation (paper, table 2)"
-    return _table("mean_normalised", title, "brightness", _crossed(judges, columns), note=note)
+    return table("mean_normalised", title, "brightness", crossed(judges, columns), note=note)
 
 
 def jpeg(g: Given) -> Table:
@@ -145,7 +99,7 @@ def jpeg(g: Given) -> Table:
     judges = [("no defence", MODEL), *((f"quality {q}", g.judge(f"jpeg_{q}")) for q in (20, 40, 60, 80))]
     columns = _controls(g.eps) | _rivals(g)
     note = "The attacker does not know of the compression. The rivals perturb the image, which no camera saw."
-    return _table("jpeg", "Under JPEG compression (paper, table 3)", "JPEG", _crossed(judges, columns), note=note,
+    return table("jpeg", "Under JPEG compression (paper, table 3)", "JPEG", crossed(judges, columns), note=note,
                   pictures=(*(("no defence", c) for c in columns),))  # fmt: skip
 
 
@@ -156,7 +110,7 @@ def defences(g: Given) -> Table:
     note = "The attacker does not know of the defence." + "".join(f" {n}: {why}." for n, why in g.without.items())
     columns = _controls(g.eps) | _rivals(g)
     title = "Under input transformations (paper, table 4)"
-    return _table("defences", title, "defence", _crossed(judges, columns), note=note)
+    return table("defences", title, "defence", crossed(judges, columns), note=note)
 
 
 def transfer(g: Given) -> Table:
@@ -166,8 +120,8 @@ def transfer(g: Given) -> Table:
     lost = [n for n, m in g.targets.items() if m is None]
     note = "Each row counts the images that its own model has right when clean."
     note += f" Weights not at hand: {', '.join(lost)}." if lost else ""
-    table = _table("transfer", "Transfer to other models (paper, table 6)", "judged by", _crossed(judges, columns))
-    return dataclasses.replace(table, rows=(*table.rows, *lost), note=note)
+    made = table("transfer", "Transfer to other models (paper, table 6)", "judged by", crossed(judges, columns))
+    return dataclasses.replace(made, rows=(*made.rows, *lost), note=note)
 
 
 def budget(g: Given) -> Table:
@@ -176,12 +130,12 @@ def budget(g: Given) -> Table:
     for e in (4 / 255, 8 / 255, 16 / 255, 32 / 255):
         columns = {"moiré, δ = 0": MOIRE, "random noise": random_noise(e), "MA": moire_attack(e, g.steps)}
         columns["BIM"] = rungs.rival("bim", e, g.steps, "BIM")
-        cells |= _crossed([(f"ε = {rungs.label(e)}", MODEL)], columns)
+        cells |= crossed([(f"ε = {rungs.label(e)}", MODEL)], columns)
     note = "Below each attack, how visible its change is: against the photo without noise for MA, against the clean "
     note += "image for BIM."
     shown = (*(key for key in cells if key[1] in ("MA", "BIM")),)
     title = "Budget: success and visibility (paper, figure 4)"
-    return _table("budget", title, "bound", cells, note=note, visible=("MA", "BIM"), pictures=shown)
+    return table("budget", title, "bound", cells, note=note, visible=("MA", "BIM"), pictures=shown)
 
 
 def factors(g: Given) -> Table:
@@ -203,11 +157,11 @@ def factors(g: Given) -> Table:
     columns = {"no moiré": NO_MOIRE, "moiré, δ = 0": MOIRE, "random noise": random_noise(g.eps)}
     columns["MA"] = moire_attack(g.eps, g.steps)
     for name, scene in variants:
-        cells |= _crossed([(name, MODEL)], {c: in_scene(r, name, scene) for c, r in columns.items()})
+        cells |= crossed([(name, MODEL)], {c: in_scene(r, name, scene) for c, r in columns.items()})
     note = "With alpha the sensor grows too, so that a panel pixel stays as many sensor pixels wide as in the scene."
     shown = (*((name, "moiré, δ = 0") for name, _ in variants),)
     title = "Factors of the moiré (paper, figure 6)"
-    return _table("factors", title, "factor", cells, note=note, pictures=shown)
+    return table("factors", title, "factor", cells, note=note, pictures=shown)
 
 
 def noise_position(g: Given) -> Table:
@@ -216,7 +170,7 @@ def noise_position(g: Given) -> Table:
     columns = _controls(g.eps) | {"MA": moire_attack(g.eps, g.steps), "Moiré + BIM": after}
     judges = [("no defence", MODEL), *((f"JPEG {q}", g.judge(f"jpeg_{q}")) for q in (20, 40))]
     title = "Noise before or after demosaicing (paper, appendix E)"
-    return _table("noise_position", title, "compression", _crossed(judges, columns))
+    return table("noise_position", title, "compression", crossed(judges, columns))
 
 
 def natural(g: Given) -> Table:
@@ -236,7 +190,7 @@ def natural(g: Given) -> Table:
     )
     note += "column is the same photos of panels without subpixels. The scenes’ figures are in `evaluation/threat.py`."
     title = "Natural moiré: displays, cameras, angles (paper, section 3.1)"
-    return _table("threat", title, "display, camera", cells, note=note, pictures=shown)
+    return table("threat", title, "display, camera", cells, note=note, pictures=shown)
 
 
 ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # one of each kind: a codec, a filter, a randomised one
@@ -246,7 +200,7 @@ def adaptive(g: Given) -> Table:
     """What an attacker gains who knows of the defence, searches harder, or does not know the pose."""
     strong = {"rule": "halving", "loss": "margin", "restarts": 2}
     plain = moire_attack(g.eps, g.steps)
-    cells = _crossed([("no defence", MODEL)], _controls(g.eps) | {"MA": plain})
+    cells = crossed([("no defence", MODEL)], _controls(g.eps) | {"MA": plain})
     cells["no defence", "adaptive MA"] = Cell(
         (moire_attack(g.eps, g.steps, name="margin, halving, 2 restarts", **strong),)
     )
@@ -257,7 +211,7 @@ def adaptive(g: Given) -> Table:
         cells["no defence", "MA turns the camera"] = Cell((turning,))
     for name in ADAPTED:
         judge, defence = g.judge(name), g.defences[name]
-        cells |= _crossed([(judge.title, judge)], _controls(g.eps) | {"MA": plain})
+        cells |= crossed([(judge.title, judge)], _controls(g.eps) | {"MA": plain})
         knows = through(moire_attack(g.eps, g.steps, name=f"through {judge.title}", **strong), defence)
         cells[judge.title, "adaptive MA"] = Cell((knows,), judge)
     for row in dict.fromkeys(row for row, _ in cells):
@@ -270,7 +224,7 @@ def adaptive(g: Given) -> Table:
     note += "fooled where any column of its row but the first fools it."
     if not _turns(g.scene):
         note += " This scene is point-sampled: its pose has no gradient, so no attacker turns it."
-    return _table("adaptive", "Adaptive attackers", "defence", cells, note=note)
+    return table("adaptive", "Adaptive attackers", "defence", cells, note=note)
 
 
 def through(rung: Rung, defence: Defence, draws: int = 4) -> Rung:
