@@ -32,7 +32,8 @@ class Subpixel:
 
     @property
     def width(self) -> tuple[float, float]:
-        return self.x1 - self.x0, self.y1 - self.y0
+        # rounded, so that three thirds are one width: what depends on it alone is computed once
+        return round(self.x1 - self.x0, 12), round(self.y1 - self.y0, 12)
 
     @property
     def centre(self) -> tuple[float, float]:
