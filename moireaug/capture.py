@@ -6,6 +6,8 @@ photo = capture(image, shot, noise)                      # the paper's x* = g(x,
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -13,8 +15,8 @@ from moireaug.effects import bayer, noise, tone
 from moireaug.effects.denoise import DENOISERS
 from moireaug.effects.flicker import flicker
 from moireaug.effects.jpeg import jpeg
-from moireaug.effects.resize import register
-from moireaug.integrate import integrate
+from moireaug.effects.resize import register, unbent
+from moireaug.integrate import in_parts, integral
 from moireaug.plan import Plan
 from moireaug.shot import Shot
 
@@ -63,17 +65,26 @@ def expose(image: Tensor, shot: Shot) -> Tensor:
     plan, shot = shot.scene.plan(), shot.to(image.device)
     light = image if image.dtype == torch.float64 else image.float()
     with torch.autocast(image.device.type, enabled=False):
-        if "decode" in plan:
-            light = tone.decode(light)
-        raw = integrate(light, shot, plan)
-        raw = _attenuate(raw, shot, plan)
-        if "shot_noise" in plan:
-            raw = noise.sensor_noise(raw, shot.sensor.read_noise, shot.sensor.shot_noise, shot.seed)
-        elif "read_noise" in plan:
-            raw = noise.read_noise(raw, shot.sensor.read_noise, shot.seed)
-        if any(effect in plan for effect in ("saturate", "read_noise", "shot_noise", "flicker")):
-            # the reading itself has ended at its bounds, so that an attacker's noise starts where it is felt
-            raw = tone.clip(raw)
+        integrate = integral(shot, plan, light.dtype)
+
+        def read(light: Tensor, shot: Shot, rows: slice) -> Tensor:
+            if "decode" in plan:
+                light = tone.decode(light)
+            return _read(integrate(light, rows), shot, plan)
+
+        return in_parts(read, light, shot)
+
+
+def _read(raw: Tensor, shot: Shot, plan: Plan) -> Tensor:
+    """What the sensor makes of the light on its pixels."""
+    raw = _attenuate(raw, shot, plan)
+    if "shot_noise" in plan:
+        raw = noise.sensor_noise(raw, shot.sensor.read_noise, shot.sensor.shot_noise, shot.seed)
+    elif "read_noise" in plan:
+        raw = noise.read_noise(raw, shot.sensor.read_noise, shot.seed)
+    if any(effect in plan for effect in ("saturate", "read_noise", "shot_noise", "flicker")):
+        # the reading itself has ended at its bounds, so that an attacker's noise starts where it is felt
+        raw = tone.clip(raw)
     return raw
 
 
@@ -101,26 +112,44 @@ def _attenuate(raw: Tensor, shot: Shot, plan: Plan) -> Tensor:
 def develop(raw: Tensor, shot: Shot) -> Tensor:
     """Raw to photo, the paper's g2: `shot.raw_shape()` to (B, 3, H, W) in [0, 1]. Differentiable in raw."""
     plan, shot = shot.scene.plan(), shot.to(raw.device)
-    how, (rows, cols) = shot.scene.develop, shot.readouts()
     with torch.autocast(raw.device.type, enabled=False):
-        if "saturate" in plan:
-            raw = tone.saturate(raw)
-        if "bits" in plan:
-            raw = noise.quantise(raw, shot.scene.sensor.bits)
-        if "denoise" in plan:
-            photo = bayer.demosaic_all(raw, rows, cols, how.demosaic) if "demosaic" in plan else raw
-            photo = DENOISERS[how.denoise](_encode(photo, shot, plan))
-            photo = bayer.resize_colour(photo, rows, cols, how.resize)
-        elif "demosaic" in plan:
-            photo = _encode(bayer.develop_mosaic(raw, rows, cols, how.resize, how.demosaic), shot, plan)
-        else:
-            photo = _encode(bayer.resize_colour(raw, rows, cols, how.resize), shot, plan)
-        if "register" in plan:
-            # interpolation rounds, and may end a digit above 1
-            photo = tone.clip(register(photo, shot.matrix(), shot.bends, affine=plan.affine))
-        if "jpeg" in plan:
-            photo = jpeg(photo, shot.develop.jpeg)
-    return photo
+        back = _registration(shot, plan)
+
+        def photograph(raw: Tensor, shot: Shot, rows: slice) -> Tensor:
+            photo = back(_photo(raw, shot, plan), rows)
+            return jpeg(photo, shot.develop.jpeg) if "jpeg" in plan else photo
+
+        return in_parts(photograph, raw, shot)
+
+
+def _registration(shot: Shot, plan: Plan) -> Callable[[Tensor, slice], Tensor]:
+    """What takes a photo of some rows of the batch back to the image's frame."""
+    if "register" not in plan:
+        return lambda photo, rows: photo
+    matrix, affine = shot.matrix(), plan.affine
+    factor = unbent(matrix, shot.bends, shot.size, affine=affine)
+
+    def back(photo: Tensor, rows: slice) -> Tensor:
+        photo = register(photo, matrix[rows], None if factor is None else factor[rows], affine=affine)
+        return tone.clip(photo)  # interpolation rounds, and may end a digit above 1
+
+    return back
+
+
+def _photo(raw: Tensor, shot: Shot, plan: Plan) -> Tensor:
+    """Raw to a photo in the camera's frame."""
+    how, (rows, cols) = shot.scene.develop, shot.readouts()
+    if "saturate" in plan:
+        raw = tone.saturate(raw)
+    if "bits" in plan:
+        raw = noise.quantise(raw, shot.scene.sensor.bits)
+    if "denoise" in plan:
+        photo = bayer.demosaic_all(raw, rows, cols, how.demosaic) if "demosaic" in plan else raw
+        photo = DENOISERS[how.denoise](_encode(photo, shot, plan))
+        return bayer.resize_colour(photo, rows, cols, how.resize)
+    if "demosaic" in plan:
+        return _encode(bayer.develop_mosaic(raw, rows, cols, how.resize, how.demosaic), shot, plan)
+    return _encode(bayer.resize_colour(raw, rows, cols, how.resize), shot, plan)
 
 
 def _encode(photo: Tensor, shot: Shot, plan: Plan) -> Tensor:

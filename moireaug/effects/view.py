@@ -233,22 +233,19 @@ def look(
     u, v = (cols - w / 2)[..., None, :], (rows - h / 2)[..., :, None]
     if upright and lens is None:
         return m[:, 0, 0] * u + m[:, 0, 2], m[:, 1, 1] * v + m[:, 1, 2]
+    # few passes over memory: the sum of a row and a column is one
+    lifted = range(2 if affine else 3)
     if lens is None:
-        x = m[:, 0, 0] * u + (m[:, 0, 1] * v + m[:, 0, 2])
-        y = m[:, 1, 0] * u + (m[:, 1, 1] * v + m[:, 1, 2])
-        d = None if affine else m[:, 2, 0] * u + (m[:, 2, 1] * v + m[:, 2, 2])
+        x, y, *depth = (m[:, i, 0] * u + (m[:, i, 1] * v + m[:, i, 2]) for i in lifted)
     else:
         k1, k2 = (k.to(rows.dtype)[:, None, None] for k in lens)
-        r2 = u * u * (4 / (h * h + w * w)) + v * v * (4 / (h * h + w * w))
-        one = torch.ones_like(k1)
-        bend = torch.addcmul(one, r2, torch.addcmul(k1, r2, k2))
-        x = torch.addcmul(m[:, 0, 2], bend, m[:, 0, 0] * u + m[:, 0, 1] * v)
-        y = torch.addcmul(m[:, 1, 2], bend, m[:, 1, 0] * u + m[:, 1, 1] * v)
-        d = None if affine else torch.addcmul(m[:, 2, 2], bend, m[:, 2, 0] * u + m[:, 2, 1] * v)
-    if d is None:
+        a, b = (t * t * (4 / (h * h + w * w)) for t in (u, v))  # the square of the radius is their sum
+        bend = torch.addcmul((1 + a * (k1 + k2 * a)) + b * (k1 + k2 * b), 2 * k2 * a, b)
+        x, y, *depth = (torch.addcmul(m[:, i, 2], bend, m[:, i, 0] * u + m[:, i, 1] * v) for i in lifted)
+    if affine:
         return x, y
-    d = d.clamp(min=NEAR_HORIZON).reciprocal()
-    return x * d, y * d
+    nearness = depth[0].clamp(min=NEAR_HORIZON).reciprocal()
+    return x * nearness, y * nearness
 
 
 def lattice(rows: Tensor, cols: Tensor) -> Tensor:
