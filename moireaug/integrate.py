@@ -18,7 +18,7 @@ from moireaug.fields import bounds
 from moireaug.plan import Plan
 from moireaug.shot import Shot
 
-AT_ONCE = 2**16  # sensor pixels of one colour that are worked on together on CPU: what a processor's cache holds
+AT_ONCE = 2**17  # sensor pixels of one colour that are worked on together on CPU: what a processor's cache holds
 
 
 def in_parts(f: Callable[[Tensor, Shot, slice], Tensor], batch: Tensor, shot: Shot) -> Tensor:

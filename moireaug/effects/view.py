@@ -136,11 +136,11 @@ def nodes(positions: Tensor) -> Tensor:
 
 
 @functools.lru_cache(maxsize=64)
-def _between(n: int, size: int) -> Tensor:
-    """Linear interpolation from n nodes to `size` positions with the same ends: (size, n) float64."""
+def _between(n: int, size: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Linear interpolation from n nodes to `size` positions with the same ends: (size, n)."""
     with torch.inference_mode(False):  # what is kept must serve gradients, too
         at = torch.linspace(0, n - 1, size, dtype=torch.float64)[:, None]
-        return (1 - (at - torch.arange(n, dtype=torch.float64)).abs()).clamp(min=0)
+        return (1 - (at - torch.arange(n, dtype=torch.float64)).abs()).clamp(min=0).to(device, dtype)
 
 
 def enlarge(t: Tensor, size: tuple[int, int]) -> Tensor:
@@ -150,7 +150,7 @@ def enlarge(t: Tensor, size: tuple[int, int]) -> Tensor:
     """
     if t.shape[-2:] == (1, 1):
         return t
-    down, across = (_between(n, s).to(t) for n, s in zip(t.shape[-2:], size, strict=True))
+    down, across = (_between(n, s, t.dtype, t.device) for n, s in zip(t.shape[-2:], size, strict=True))
     return down @ t @ across.mT
 
 
