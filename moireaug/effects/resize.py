@@ -29,8 +29,8 @@ def register(photo: Tensor, matrix: Tensor, factor: Tensor | None, *, affine: bo
     """
     h, w = size = photo.shape[-2:]
     rows, cols = (torch.arange(n, dtype=photo.dtype, device=photo.device) + 0.5 for n in size)
-    to_edges = matrix.new_tensor([[2 / w, 0, -1], [0, 2 / h, -1], [0, 0, 1]])  # the photo goes from -1 to 1
-    x, y = look(to_edges @ matrix, rows, cols, size, affine=affine, lens=None)
+    to_edges = matrix.new_tensor([2 / w, 2 / h, 1])[:, None]  # the photo goes from -1 to 1
+    x, y = (t - 1 for t in look(to_edges * matrix, rows, cols, size, affine=affine, lens=None))
     if factor is not None:
         factor = enlarge(factor.to(photo.dtype), size)[:, 0]
         x, y = x * factor, y * factor

@@ -229,23 +229,21 @@ def look(
     h, w = size
     centre = matrix.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
     # the constant terms are folded in float64, before the cast to the lattice's dtype
-    m = (matrix @ centre).to(rows.dtype)[..., None, None]
-    u, v = (cols - w / 2)[..., None, :], (rows - h / 2)[..., :, None]
-    if upright and lens is None:
-        return m[:, 0, 0] * u + m[:, 0, 2], m[:, 1, 1] * v + m[:, 1, 2]
-    # few passes over memory: the sum of a row and a column is one
-    lifted = range(2 if affine else 3)
+    m = (matrix @ centre)[:, : 2 if affine else 3].to(rows.dtype)[..., None, None]
+    u, v = (cols - w / 2)[..., None, None, :], (rows - h / 2)[..., None, :, None]
+    across, down, middle = m[:, :, 0] * u, m[:, :, 1] * v, m[:, :, 2]  # of x, y and, unless affine, depth
     if lens is None:
-        x, y, *depth = (m[:, i, 0] * u + (m[:, i, 1] * v + m[:, i, 2]) for i in lifted)
+        if upright:
+            return across[:, 0] + middle[:, 0], down[:, 1] + middle[:, 1]
+        lifted = across + (down + middle)
     else:
-        k1, k2 = (k.to(rows.dtype)[:, None, None] for k in lens)
+        k1, k2 = (k.to(rows.dtype)[:, None, None, None] for k in lens)
         a, b = (t * t * (4 / (h * h + w * w)) for t in (u, v))  # the square of the radius is their sum
         bend = torch.addcmul((1 + a * (k1 + k2 * a)) + b * (k1 + k2 * b), 2 * k2 * a, b)
-        x, y, *depth = (torch.addcmul(m[:, i, 2], bend, m[:, i, 0] * u + m[:, i, 1] * v) for i in lifted)
-    if affine:
-        return x, y
-    nearness = depth[0].clamp(min=NEAR_HORIZON).reciprocal()
-    return x * nearness, y * nearness
+        lifted = torch.addcmul(middle, bend, across + down)
+    if not affine:
+        lifted = lifted[:, :2] * lifted[:, 2:].clamp(min=NEAR_HORIZON).reciprocal()
+    return lifted.unbind(1)  # type: ignore[return-value]
 
 
 def lattice(rows: Tensor, cols: Tensor) -> Tensor:
