@@ -32,7 +32,7 @@ from moireaug.fields import one_of
 from training import runs
 from training.classifier import Batches, Classifier
 from training.data import Splits, load
-from training.reattack import attack_again, check, publish
+from training.reattack import attack_again, check, describe, from_run, publish
 from training.schema import Config, check_keys, register
 
 
@@ -66,13 +66,21 @@ def fit(cfg: DictConfig) -> dict[str, Any]:
 
 
 def trained_twin(twin: DictConfig, *, resume: bool) -> dict[str, Any]:
-    """The baseline's metrics: from `runs/` where it was trained with the same settings before, else from training."""
+    """The baseline's metrics: from `runs/` where it was trained with the same settings before, else from training. Where
+    only the re-attack's settings differ, the weights that are there are attacked again."""
     out = runs.folder(twin)
     known = runs.read_metrics(out)
     say = rank_zero_only(print)
-    if known and known.get("fingerprint") == runs.fingerprint(runs.settings(twin)) and (out / "best.ckpt").is_file():
-        say(f"The baseline is reused from {out}.")
-        return known
+    if known and (out / "best.ckpt").is_file():
+        before, now = known.get("config") or {}, runs.settings(twin)
+        if before == now:
+            say(f"The baseline is reused from {out}.")
+            return known
+        if before | {"reattack": None} == now | {"reattack": None}:
+            say(f"The baseline's weights are reused from {out} and attacked again: reattack.* has changed.")
+            if rank_zero_only.rank != 0:
+                return known
+            return known | describe(attack_again(from_run(out)[0], load(twin.data), twin, title="clean"))
     say("The baseline comes first: recipe clean, with the same settings.")
     twin.resume = resume and (out / "last.ckpt").is_file()
     return fit(twin)

@@ -26,21 +26,28 @@ EXPLAINED = (
 )
 
 
-def write(path: Path, title: str, facts: Mapping[str, Any], paragraphs: Sequence[str], sections: Sequence[str]) -> None:
+def write(
+    path: Path, title: str, facts: Mapping[str, Any], paragraphs: Sequence[str], sections: Sequence[str], how: str
+) -> None:
     """Write a page; an older one stays whole until the new one is.
 
     Args:
         path: of the page; its folder is made where it is missing.
         title: the answer in one line. facts: what it is about, under the title; empty ones are left out.
         paragraphs: the answer at length, as plain text. sections: HTML; empty ones are left out.
+        how: name of the file that says how to read it.
     """
     lead, *others = (f"<p>{prose(p)}</p>" for p in paragraphs)
-    template = resources.files("moireaug.evaluation").joinpath("report_template.html").read_text("utf-8")
+    template, reading = (
+        resources.files("moireaug.evaluation").joinpath(name).read_text("utf-8")
+        for name in ("report_template.html", how)
+    )
     write_text(path, Template(template).substitute(
         title=prose(title),
         facts=" · ".join(f"{k}: {escape(str(v))}" for k, v in facts.items() if v not in (None, "")),
         headline="\n".join([lead.replace("<p>", '<p class="lead">', 1), *others]),
         body="\n".join(filter(None, sections)),
+        how=reading,
     ))  # fmt: skip
 
 

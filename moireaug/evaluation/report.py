@@ -42,7 +42,7 @@ def write(path: Path, metrics: Metrics, pictures: list[dict[str, Any]] | None = 
         section("Time", times and f'<div class="beside">{times}</div>'),
         page.made(metrics),
     )
-    page.write(path, title, facts, paragraphs, sections)
+    page.write(path, title, facts, paragraphs, sections, how="report_how.html")
 
 
 def _ladder(metrics: Metrics) -> str:

@@ -45,7 +45,7 @@ def write(
         sections.append(section(table.title, *parts))
     sections += [tables.trust(metrics), section("Time", tables.phases(metrics)), page.made(metrics)]
     facts = {k: metrics.get(k) for k in ("data", "model", "suite", "n", "steps")} | {"scene": metrics["scene_name"]}
-    page.write(folder / "report.html", title, facts, paragraphs, sections)
+    page.write(folder / "report.html", title, facts, paragraphs, sections, how="suite_how.html")
 
 
 PLOT = (

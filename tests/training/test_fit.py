@@ -117,6 +117,17 @@ def test_the_baseline_is_reused_only_where_its_settings_fit(whole, capsys):
     assert runs.fingerprint(runs.settings(runs.plain_twin(other))) != runs.fingerprint(runs.settings(twin))
 
 
+def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, capsys):
+    cwd, _ = whole
+    cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1")
+    before = (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns
+    known = fit.trained_twin(runs.plain_twin(cfg), resume=False)
+    assert "weights are reused" in capsys.readouterr().out
+    assert [r["n"] for r in known["reattack"]] == [6] * len(known["reattack"]) and known["train"]["epochs"] == 2
+    assert (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns == before
+    assert runs.read_metrics(cwd / "runs/clean/seed0")["reattack"][0]["n"] == 24  # its own report stays
+
+
 def test_reattack_of_a_run(whole):
     cwd, _ = whole
     done = command("reattack.py", "run=runs/moire_at/seed0", "scene=paper_code", "reattack.n=12", cwd=cwd)
