@@ -66,8 +66,8 @@ def fit(cfg: DictConfig) -> dict[str, Any]:
 
 
 def trained_twin(twin: DictConfig, *, resume: bool) -> dict[str, Any]:
-    """The baseline's metrics: from `runs/` where it was trained with the same settings before, else from training. Where
-    only the re-attack's settings differ, the weights that are there are attacked again."""
+    """The baseline's metrics: from `runs/` where it was trained with the same settings before, else from training.
+    Where only the re-attack's settings differ, the weights that are there are attacked again."""
     out = runs.folder(twin)
     known = runs.read_metrics(out)
     say = rank_zero_only(print)

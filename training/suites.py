@@ -48,7 +48,7 @@ def evaluate(model: nn.Module, splits: Splits, cfg: DictConfig, out: Path) -> di
     model, batches = model.to(fabric.device).eval(), Places(splits, cfg, fabric.device)
     began = time.perf_counter()
     given = Given(scene=scene, eps=middle(r.eps), steps=r.steps, targets=_targets(cfg, splits, fabric.device))
-    mark = runs.fingerprint(_settings(cfg, model, given))
+    mark = runs.fingerprint(_settings(cfg, model, given, batches.size))
     store = Store(out / f"records-{mark}", fabric.global_rank)
     given = _with_bank(given, cfg, splits, batches, store.folder, fabric)
     made = tables_of(cfg.suite, given)
@@ -119,12 +119,13 @@ def _targets(cfg: DictConfig, splits: Splits, device: torch.device) -> dict[str,
     return found | {name: None for name in published if name not in found}
 
 
-def _settings(cfg: DictConfig, model: nn.Module, given: Given) -> dict[str, Any]:
+def _settings(cfg: DictConfig, model: nn.Module, given: Given, size: int) -> dict[str, Any]:
     """What the records depend on: never the suite, so that suites share them."""
     kept = ("scene", "model", "data", "demoire")
     settings = {k: v for k, v in runs.settings(cfg).items() if k in kept}
     weights = {name: _digest(m) for name, m in {"model": model, **given.targets}.items() if m is not None}
-    return settings | {"reattack": runs.settings(cfg)["reattack"], "weights": weights, "version": version("moireaug")}
+    how = runs.settings(cfg)["reattack"] | {"batch_size": size}  # the draws are by batch
+    return settings | {"reattack": how, "weights": weights, "version": version("moireaug")}
 
 
 def _digest(model: nn.Module) -> str:

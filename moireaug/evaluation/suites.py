@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import torch
 from torch import Tensor
 
 from moireaug.attacks import MoireAttack
@@ -193,6 +194,7 @@ def natural(g: Given) -> Table:
     return table("threat", title, "display, camera", cells, note=note, pictures=shown)
 
 
+DRAWS = 4  # of an expectation, of shots or of a randomised defence
 ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # one of each kind: a codec, a filter, a randomised one
 
 
@@ -227,26 +229,36 @@ def adaptive(g: Given) -> Table:
     return table("adaptive", "Adaptive attackers", "defence", cells, note=note)
 
 
-def through(rung: Rung, defence: Defence, draws: int = 4) -> Rung:
+def through(rung: Rung, defence: Defence) -> Rung:
     """The same attack on the model behind a defence: backward by the defence's own approximation (BPDA), and by
     expectation over its draws where it is randomised (EOT)."""
-    n = draws if getattr(defence, "randomised", False) else 1
+    n = DRAWS if getattr(defence, "randomised", False) else 1
 
     def show(b: Bout) -> Tensor:
         return rung.show(dataclasses.replace(b, model=Defended(b.model, defence, draws=n)))
 
-    return dataclasses.replace(rung, show=show)
+    return dataclasses.replace(rung, show=_in_turn(show, n))
+
+
+def _in_turn(show: Callable[[Bout], Tensor], n: int) -> Callable[[Bout], Tensor]:
+    """A batch in n parts: an expectation over n draws holds n times the images, and so no more than a batch."""
+
+    def parts(b: Bout) -> Tensor:
+        size = -(-len(b.images) // n)
+        return torch.cat([show(b[i : i + size]) for i in range(0, len(b.images), size)])
+
+    return parts
 
 
 def _blind(eps: float, steps: int) -> Callable[[Bout], Tensor]:
     """Noise that was found over other shots, on the shot that is judged."""
 
     def show(b: Bout) -> Tensor:
-        attack = MoireAttack(model=b.model, scene=b.shot.scene, eps=eps, steps=steps, eot=4)
+        attack = MoireAttack(model=b.model, scene=b.shot.scene, eps=eps, steps=steps, eot=DRAWS)
         found = attack(b.images, b.labels, generator=b.generator)
         return capture(b.images, b.shot, found.noise)
 
-    return show
+    return _in_turn(show, DRAWS)
 
 
 def _turns(scene: Scene) -> bool:
