@@ -22,11 +22,12 @@ from tqdm import tqdm
 
 from moireaug.defenses import DEFENSES, Quilting
 from moireaug.evaluation import suite_report, trust
+from moireaug.evaluation.adaptive import Defence
 from moireaug.evaluation.grids import tidy
 from moireaug.evaluation.ladder import middle
 from moireaug.evaluation.rungs import CLEAN, Rung
 from moireaug.evaluation.store import Store, write_text
-from moireaug.evaluation.suites import Defence, Given, tables_of
+from moireaug.evaluation.suites import Given, tables_of
 from moireaug.evaluation.sweep import MODEL, Job, Record, complete, sweep
 from moireaug.evaluation.table import Table
 from training import runs

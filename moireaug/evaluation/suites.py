@@ -10,20 +10,14 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-import torch
-from torch import Tensor
-
-from moireaug.attacks import MoireAttack
-from moireaug.capture import capture
-from moireaug.defenses import DEFENSES, Defended, restore_mean
+from moireaug.defenses import DEFENSES, restore_mean
 from moireaug.evaluation import rungs, threat
-from moireaug.evaluation.rungs import CLEAN, MOIRE, NO_MOIRE, Bout, Model, Rung, in_scene, moire_attack, random_noise
+from moireaug.evaluation.adaptive import Defence, blind, through, turns
+from moireaug.evaluation.rungs import CLEAN, MOIRE, NO_MOIRE, Model, Rung, in_scene, moire_attack, random_noise
 from moireaug.evaluation.sweep import MODEL, Judge, behind, other
 from moireaug.evaluation.table import Cell, Table, crossed, table
 from moireaug.fields import bounds, one_of
 from moireaug.scene import Scene
-
-Defence = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +188,6 @@ def natural(g: Given) -> Table:
     return table("threat", title, "display, camera", cells, note=note, pictures=shown)
 
 
-DRAWS = 4  # of an expectation, of shots or of a randomised defence
 ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # one of each kind: a codec, a filter, a randomised one
 
 
@@ -206,9 +199,9 @@ def adaptive(g: Given) -> Table:
     cells["no defence", "adaptive MA"] = Cell(
         (moire_attack(g.eps, g.steps, name="margin, halving, 2 restarts", **strong),)
     )
-    blind = rungs.Rung(f"blind_{rungs.label(g.eps)}", "Moiré Attack at another pose", _blind(g.eps, g.steps), g.eps)
-    cells["no defence", "MA, pose unknown"] = Cell((blind,))
-    if _turns(g.scene):
+    unseen = rungs.Rung(f"blind_{rungs.label(g.eps)}", "Moiré Attack at another pose", blind(g.eps, g.steps), g.eps)
+    cells["no defence", "MA, pose unknown"] = Cell((unseen,))
+    if turns(g.scene):
         turning = moire_attack(g.eps, g.steps, name="turns the camera", optimise=("noise", "view", "panel"))
         cells["no defence", "MA turns the camera"] = Cell((turning,))
     for name in ADAPTED:
@@ -224,46 +217,9 @@ def adaptive(g: Given) -> Table:
     note += "margin, with halved steps and two restarts. “Pose unknown”: the noise was found by expectation over four "
     note += "shots a step, and is judged at a shot that the attacker did not see. “Worst case”: each image counts as "
     note += "fooled where any column of its row but the first fools it."
-    if not _turns(g.scene):
+    if not turns(g.scene):
         note += " This scene is point-sampled: its pose has no gradient, so no attacker turns it."
     return table("adaptive", "Adaptive attackers", "defence", cells, note=note)
-
-
-def through(rung: Rung, defence: Defence) -> Rung:
-    """The same attack on the model behind a defence: backward by the defence's own approximation (BPDA), and by
-    expectation over its draws where it is randomised (EOT)."""
-    n = DRAWS if getattr(defence, "randomised", False) else 1
-
-    def show(b: Bout) -> Tensor:
-        return rung.show(dataclasses.replace(b, model=Defended(b.model, defence, draws=n)))
-
-    return dataclasses.replace(rung, show=_in_turn(show, n))
-
-
-def _in_turn(show: Callable[[Bout], Tensor], n: int) -> Callable[[Bout], Tensor]:
-    """A batch in n parts: an expectation over n draws holds n times the images, and so no more than a batch."""
-
-    def parts(b: Bout) -> Tensor:
-        size = -(-len(b.images) // n)
-        return torch.cat([show(b[i : i + size]) for i in range(0, len(b.images), size)])
-
-    return parts
-
-
-def _blind(eps: float, steps: int) -> Callable[[Bout], Tensor]:
-    """Noise that was found over other shots, on the shot that is judged."""
-
-    def show(b: Bout) -> Tensor:
-        attack = MoireAttack(model=b.model, scene=b.shot.scene, eps=eps, steps=steps, eot=DRAWS)
-        found = attack(b.images, b.labels, generator=b.generator)
-        return capture(b.images, b.shot, found.noise)
-
-    return _in_turn(show, DRAWS)
-
-
-def _turns(scene: Scene) -> bool:
-    """Whether the photo has a gradient in the camera's pose."""
-    return scene.plan().exposure in ("spectral", "box") and scene.view.pose == "camera"
 
 
 SUITES: dict[str, Callable[[Given], Table]] = {

@@ -1,0 +1,55 @@
+"""What attackers do who know of a defence, or do not know of the pose."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from moireaug.attacks import MoireAttack
+from moireaug.capture import capture
+from moireaug.defenses import Defended
+from moireaug.evaluation.rungs import Bout, Rung
+from moireaug.scene import Scene
+
+DRAWS = 4  # of an expectation, of shots or of a randomised defence
+Defence = Callable[[Tensor], Tensor]
+
+
+def through(rung: Rung, defence: Defence) -> Rung:
+    """The same attack on the model behind a defence: backward by the defence's own approximation (BPDA), and by
+    expectation over its draws where it is randomised (EOT)."""
+    n = DRAWS if getattr(defence, "randomised", False) else 1
+
+    def show(b: Bout) -> Tensor:
+        return rung.show(dataclasses.replace(b, model=Defended(b.model, defence, draws=n)))
+
+    return dataclasses.replace(rung, show=_in_turn(show, n))
+
+
+def _in_turn(show: Callable[[Bout], Tensor], n: int) -> Callable[[Bout], Tensor]:
+    """A batch in n parts: an expectation over n draws holds n times the images, and so no more than a batch."""
+
+    def parts(b: Bout) -> Tensor:
+        size = -(-len(b.images) // n)
+        return torch.cat([show(b[i : i + size]) for i in range(0, len(b.images), size)])
+
+    return parts
+
+
+def blind(eps: float, steps: int) -> Callable[[Bout], Tensor]:
+    """Noise that was found by expectation over other shots, on the shot that is judged."""
+
+    def show(b: Bout) -> Tensor:
+        attack = MoireAttack(model=b.model, scene=b.shot.scene, eps=eps, steps=steps, eot=DRAWS)
+        found = attack(b.images, b.labels, generator=b.generator)
+        return capture(b.images, b.shot, found.noise)
+
+    return _in_turn(show, DRAWS)
+
+
+def turns(scene: Scene) -> bool:
+    """Whether the photo has a gradient in the camera's pose."""
+    return scene.plan().exposure in ("spectral", "box") and scene.view.pose == "camera"
