@@ -32,7 +32,7 @@ from moireaug.evaluation import Row, climb, ladder, middle, paired_gain, report,
 from moireaug.evaluation.pictures import examples
 from moireaug.evaluation.store import write_text
 from moireaug.evaluation.suites import SUITES, Given
-from moireaug.evaluation.sweep import complete, sweep
+from moireaug.evaluation.sweep import Index, complete, sweep
 from moireaug.fields import one_of
 from training import runs
 from training.classifier import as_model
@@ -61,11 +61,16 @@ def check(cfg: DictConfig) -> None:
     MoireAttack(model=torch.nn.Identity(), scene=scene, eps=list(r.eps), steps=r.steps)
 
 
+def scene_name(cfg: DictConfig) -> str:
+    """A preset's name, or one that changes with any field."""
+    return cfg.scene if isinstance(cfg.scene, str) else f"custom-{runs.fingerprint(scene_of(cfg).to_dict())[:6]}"
+
+
 def attack_again(model: nn.Module, splits: Splits, cfg: DictConfig, title: str) -> list[Row]:
     """Climb the ladder on the test images, with a progress bar; the shots depend on the seed alone."""
     r, model = cfg.reattack, model.to(device(cfg)).eval()
     rungs, batches = ladder(tuple(r.eps), r.steps), Places(splits, cfg, device(cfg))
-    steps = climb(model, batches, scene_of(cfg), rungs, seed=r.seed, classes=splits.num_classes)
+    steps = climb(model, batches, scene_of(cfg), rungs, seed=r.seed)
     *_, rows = tqdm(steps, total=len(batches), desc=f"Attacking {title} again", unit="batch", leave=False)
     return rows
 
@@ -75,10 +80,10 @@ def checked(model: nn.Module, splits: Splits, cfg: DictConfig) -> dict[str, Any]
     r, batches = cfg.reattack, Places(splits, cfg, device(cfg))
     given = Given(scene=scene_of(cfg), eps=middle(r.eps), steps=r.steps)
     jobs = complete(trust.jobs(given))
-    found = sweep(model, batches.__getitem__, [0], given.scene, jobs, seed=r.seed, classes=splits.num_classes)
+    found = sweep(model, batches.__getitem__, [0], given.scene, jobs, seed=r.seed)
     bar = tqdm(found, total=len(jobs), desc="Checking the attack", unit="rung", leave=False)
-    records = [record for new in bar for record in new]
-    return {"trust": [c.to_dict() for c in trust.checks(given, records)], "trust_n": min(batches.n, batches.size)}
+    index = Index(record for new in bar for record in new)
+    return {"trust": [c.to_dict() for c in trust.checks(given, index)], "trust_n": min(batches.n, batches.size)}
 
 
 def publish(
@@ -190,7 +195,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
         splits = splits._replace(classes=(cfg.data.class_index and published_names(cfg.model)) or splits.classes)
         out, title = Path(cfg.runs) / "reattack" / cfg.model, cfg.model
         if cfg.suite != "ladder":
-            return evaluate(model, splits, cfg, out)
+            return evaluate(model, splits, cfg, out / scene_name(cfg))
     else:
         run = Path(cfg.run)
         model, own = from_run(run)
@@ -207,7 +212,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
                 OmegaConf.update(own, key, OmegaConf.select(cfg, key))
         own.runs = str(run.parent.parent)
         cfg, splits, title = own, load(own.data), own.recipe
-        out = run / "reattack" / (cfg.scene if isinstance(cfg.scene, str) else "custom")
+        out = run / "reattack" / scene_name(cfg)
         if cfg.suite != "ladder":
             return evaluate(model, splits, cfg, out)
         if known:

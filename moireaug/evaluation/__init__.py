@@ -4,13 +4,14 @@ from moireaug.evaluation.ladder import climb, ladder, middle
 from moireaug.evaluation.rungs import Rung, no_moire
 from moireaug.evaluation.statistics import mix, paired_gain, wilson
 from moireaug.evaluation.suites import SUITES, Given, tables_of
-from moireaug.evaluation.sweep import Job, Judge, Row, complete, gather, sweep
+from moireaug.evaluation.sweep import Index, Job, Judge, Row, complete, gather, sweep
 from moireaug.evaluation.table import Cell, Table
 
 __all__ = [
     "SUITES",
     "Cell",
     "Given",
+    "Index",
     "Job",
     "Judge",
     "Row",

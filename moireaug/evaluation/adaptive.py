@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import MoireAttack
+from moireaug.attacks.pose import moved_fields
 from moireaug.capture import capture
 from moireaug.defenses import Defended
 from moireaug.evaluation.rungs import Bout, Rung
@@ -50,6 +51,13 @@ def blind(eps: float, steps: int) -> Callable[[Bout], Tensor]:
     return _in_turn(show, DRAWS)
 
 
-def turns(scene: Scene) -> bool:
-    """Whether the photo has a gradient in the camera's pose."""
-    return scene.plan().exposure in ("spectral", "box") and scene.view.pose == "camera"
+def turnable(scene: Scene) -> tuple[tuple[str, ...], str]:
+    """Which of view and panel an attacker can turn, and, where it is none, why."""
+    found, why = [], ""
+    for part in ("view", "panel"):
+        try:
+            moved_fields(scene, (part,))
+            found.append(part)
+        except ValueError as error:
+            why = why or str(error)
+    return tuple(found), "" if found else why

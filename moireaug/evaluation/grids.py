@@ -11,7 +11,7 @@ from typing import NamedTuple
 from moireaug.evaluation import tables
 from moireaug.evaluation.published import PUBLISHED
 from moireaug.evaluation.statistics import wilson
-from moireaug.evaluation.sweep import Record, Row, gather
+from moireaug.evaluation.sweep import Index, Row, gather
 from moireaug.evaluation.table import Cell, Table
 from moireaug.evaluation.words import Metrics, duration, percent
 
@@ -21,21 +21,22 @@ CONTROLS = ("clean", "rotated", "rotated and dim", "no moiré", "moiré, δ = 0"
 NOISELESS, RANDOM = "moiré, δ = 0", "random noise"
 
 
-def tidy(table: Table, records: Sequence[Record]) -> list[Metrics]:
+def tidy(table: Table, index: Index) -> list[Metrics]:
     """One plain dict a cell, with the keys of `FIELDS`; unknown ones are None."""
     out = []
     for (row, column), cell in table.cells.items():
-        out.append(_pooled(cell, records) | {"suite": table.name, "row": row, "column": column})
-        paper = PUBLISHED.get(table.name, {}).get((row, column))
+        out.append(_pooled(cell, index) | {"suite": table.name, "row": row, "column": column})
+        paper = PUBLISHED.get(table.name, {}).get((row, column)) if table.published else None
         out[-1] = {key: out[-1].get(key) for key in FIELDS} | {"paper": paper}
     return out
 
 
-def _pooled(cell: Cell, records: Sequence[Record]) -> Metrics:
-    rows = [gather(records, rung, cell.judge) for rung in cell.rungs]
+def _pooled(cell: Cell, index: Index) -> Metrics:
+    rows = [gather(index, rung, cell.judge) for rung in cell.rungs]
     rows = [_worst(rows)] if cell.worst else rows
     hits, counted, n = (sum(f(r) for r in rows) for f in (lambda r: r.hits, lambda r: sum(r.counted), _shown))
-    low, high = wilson(hits, counted)
+    # photos of one image are no independent trials: the interval is that of so many images
+    low, high = wilson(hits / len(rows), counted / len(rows))
     return {
         "rung": rows[0].name if len(rows) == 1 else f"{len(rows)} pooled",
         "judge": cell.judge.name,
@@ -120,7 +121,8 @@ def to_html(table: Table, rows: Sequence[Metrics]) -> str:
         ends = "".join(f"<td>{escape(t)}</td>" for t in _tail(rows, row))
         body.append(f'<tr><th scope="row">{escape(row)}</th>{"".join(cells)}{ends}</tr>')
     caption = "Images fooled, % of those right when clean; small print: 95 % interval, and the paper’s own figure. "
-    caption += "Grey columns are controls: nobody searched for anything. " + table.note
+    caption += "Grey columns are controls: nobody searched for anything. " if set(CONTROLS) & set(table.columns) else ""
+    caption += "Time is of showing and judging, and counts an attack in every row that it stands in. " + table.note
     return tables.framed(head + "</tr>", body, escape(caption, quote=False), "grid")
 
 
@@ -159,9 +161,10 @@ def _figure(r: Metrics, key: str, digits: int) -> str:
 
 
 class Verdict(NamedTuple):
-    """What one table says of the moiré and of the noise, as rates of images fooled."""
+    """What one table says of the moiré and of the noise, as rates of images fooled; `eps` is the attack's."""
 
     row: str
+    eps: float
     photo: float
     random: float
     attack: float
@@ -182,11 +185,12 @@ class Verdict(NamedTuple):
         return (text + self.others).strip()
 
 
-ATTACK = ("MA", "untargeted MA", "MA ε = 4")
+ATTACK = ("worst case", "MA", "untargeted MA", "MA ε = 4")
 
 
 def verdict(table: Table, rows: Sequence[Metrics]) -> Verdict | None:
-    """The verdict of a table on its row at ε = 4, or its first; None where it has no attack beside its photo."""
+    """The verdict of a table on its row at ε = 4, or its first, by the strongest attack of `ATTACK` that it has; None
+    where it has none beside its photo."""
     row = "ε = 4" if "ε = 4" in table.rows else table.rows[0]
     attack = next((c for c in ATTACK if c in table.columns), None)
     photo, random, hit = (_cell(rows, row, c) for c in (NOISELESS, RANDOM, attack))
@@ -202,7 +206,7 @@ def verdict(table: Table, rows: Sequence[Metrics]) -> Verdict | None:
         spread = spread or f"{percent(least, 0)} to {percent(most, 0)} %"
         added = percent(max(0.0, both - alone), 0)
         others = f"In the other rows the photo alone fools {spread}; the noise adds at most {added} points ({name})."
-    return Verdict(row, photo["success"], random["success"], hit["success"], hit["counted"], others)
+    return Verdict(row, hit["eps"], photo["success"], random["success"], hit["success"], hit["counted"], others)
 
 
 def _known(*cells: Metrics) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from moireaug.evaluation import rungs
 from moireaug.evaluation.rungs import Model, Rung
-from moireaug.evaluation.sweep import MODEL, Batch, Job, Row, complete, gather, sweep
+from moireaug.evaluation.sweep import MODEL, Batch, Index, Job, Row, complete, gather, sweep
 from moireaug.scene import Scene, as_scene
 
 
@@ -46,7 +46,6 @@ def climb(
     steps: Sequence[Rung] | None = None,
     *,
     seed: int = 0,
-    classes: int | None = None,
 ) -> Iterator[list[Row]]:
     """Climb the ladder batch by batch; yields the rows so far after each batch.
 
@@ -57,12 +56,11 @@ def climb(
             two models meet the same photos.
         steps: the rungs, `ladder()` by default; CLEAN must be among them.
         seed: of shots, targets and random starts.
-        classes: number of classes to choose targets from; by default as many as the model has logits.
     """
     wanted = list(ladder() if steps is None else steps)
     jobs = complete([Job(rung, (MODEL,)) for rung in wanted])
-    records = []
+    index = Index()
     for place in range(len(batches)):
-        for new in sweep(model, batches.__getitem__, [place], as_scene(scene), jobs, seed=seed, classes=classes):
-            records += new
-        yield [gather(records, rung, MODEL) for rung in wanted]
+        for new in sweep(model, batches.__getitem__, [place], as_scene(scene), jobs, seed=seed):
+            index.add(new)
+        yield [gather(index, rung, MODEL) for rung in wanted]

@@ -10,7 +10,7 @@ from torch import Tensor
 Z95 = 1.959964
 
 
-def wilson(hits: int, n: int) -> tuple[float, float]:
+def wilson(hits: float, n: float) -> tuple[float, float]:
     """95 % interval of a proportion (Wilson, 1927); (0, 1) where nothing was counted."""
     if n == 0:
         return 0.0, 1.0

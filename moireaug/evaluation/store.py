@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from moireaug.evaluation.sweep import Record
+
+try:
+    import fcntl
+except ImportError:  # Windows, where nothing is locked
+    fcntl = None  # type: ignore[assignment]
 
 
 def write_text(path: Path, text: str) -> None:
@@ -23,28 +29,48 @@ def write_text(path: Path, text: str) -> None:
 
 
 class Store:
-    """A folder of one JSON-lines file per process. Made for settings that do not change: a folder for each.
+    """A folder of one JSON-lines file per process, to be used in a `with`. Made for settings that do not change: a
+    folder for each.
 
     Args:
         folder: made where it is missing.
         rank: of this process; each appends to a file of its own and reads all of them.
+
+    Raises:
+        ValueError: another process writes the same file.
     """
 
     def __init__(self, folder: Path, rank: int = 0) -> None:
-        self.folder, self.path = Path(folder), Path(folder) / f"records-{rank}.jsonl"
+        self.folder = Path(folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        if self.path.is_file():
-            whole = self.path.read_bytes()
-            torn = len(whole) - (whole.rfind(b"\n") + 1)
-            if torn:  # a process that was killed while it wrote: its half line would spoil the next one
-                os.truncate(self.path, len(whole) - torn)
+        path = self.folder / f"records-{rank}.jsonl"
+        self.file = path.open("a+b")
+        try:
+            if fcntl:
+                fcntl.flock(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self.file.close()
+            raise ValueError(
+                f"{path} is being written by another process: wait for it, or give other settings."
+            ) from None
+        whole = path.read_bytes()
+        if not whole.endswith(b"\n"):  # of a process that was killed while it wrote: the next line starts anew
+            os.truncate(path, whole.rfind(b"\n") + 1)
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.file.close()
 
     def records(self) -> list[Record]:
-        """Everything that any process has written; the half line of one that is writing is left out."""
+        """Everything that any process has written. A line that cannot be read, because a process is writing it or a
+        disk was full, is left out: what it held is computed again."""
         found = []
         for path in sorted(self.folder.glob("records-*.jsonl")):
-            lines = path.read_text(encoding="utf-8").split("\n")
-            found += [json.loads(line) for line in lines[:-1] if line]
+            for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+                with contextlib.suppress(ValueError):
+                    found.append(json.loads(line))
         return found
 
     def done(self) -> set[tuple[int, str, str]]:
@@ -54,7 +80,6 @@ class Store:
     def append(self, records: Sequence[Record]) -> None:
         """Write records, all of them on the disk before this returns."""
         if records:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write("".join(json.dumps(r) + "\n" for r in records))
-                file.flush()
-                os.fsync(file.fileno())
+            self.file.write("".join(json.dumps(r) + "\n" for r in records).encode())
+            self.file.flush()
+            os.fsync(self.file.fileno())

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from moireaug.evaluation import grids, page, tables
+from moireaug.evaluation import grids, page, tables, words
 from moireaug.evaluation.page import figure, section
 from moireaug.evaluation.plots import facets
 from moireaug.evaluation.store import write_text
@@ -56,24 +56,27 @@ PLOT = (
 
 def answer(metrics: Metrics, results: Sequence[Grid]) -> tuple[str, list[str]]:
     """The title and the paragraphs under it."""
-    name, said = metrics["model"], []
-    failed = [c["name"] for c in metrics.get("trust") or [] if c["verdict"] == "fail"]
+    name, said, checks = words.names(metrics)[0], [], metrics.get("trust") or []
+    failed = [c["name"] for c in checks if c["verdict"] == "fail"]
     if failed:
         said.append(f"Checks that failed: {'; '.join(failed)}. The figures below may understate the attacker.")
+    elif checks:
+        warned = [c["name"] for c in checks if c["verdict"] == "warning"]
+        text = f"None of {len(checks)} checks failed on {metrics['trust_n']} images"
+        said.append(text + (f"; warnings: {'; '.join(warned)}." if warned else "."))
     first = next(((t, v) for t, rows in results if (v := grids.verdict(t, rows))), None)
-    said += [f"{first[0].title}. {first[1]} n = {first[1].counted} images that it has right."] if first else []
+    if first:
+        said.insert(0, f"{first[0].title}. {first[1]} n = {first[1].counted} images that it has right.")
     said += [text for t, rows in results if (text := grids.natural(t, rows))]
     if not first:
-        return f"{name}: {metrics['suite']}", said or ["Nothing was attacked."]
-    title = (
-        f"The Moiré Attack at {255 * metrics['eps']:.3g}/255 fools {name} on {percent(first[1].attack, 0)} % of the "
-    )
+        return f"{name}: {metrics['suite']}", said
+    title = f"The Moiré Attack at {255 * first[1].eps:.3g}/255 fools {name} on {percent(first[1].attack, 0)} % of the "
     return title + f"images; its photo alone on {percent(first[1].photo, 0)} %", said
 
 
 def markdown(metrics: Metrics, results: Sequence[Grid]) -> str:
     """Every table as Markdown, with the verdicts and the checks."""
-    lines = [f"# {metrics['model']}, suite {metrics['suite']}", ""]
+    lines = [f"# {words.names(metrics)[0]}, suite {metrics['suite']}", ""]
     took = duration(sum((metrics.get("time") or {}).values()))
     facts = f"{metrics['data']}, n = {metrics['n']}, {metrics['steps']} steps, scene {metrics['scene_name']}, {took}."
     note = "Images fooled, % of those right when clean, with 95 % intervals; the paper's figure in bold brackets."

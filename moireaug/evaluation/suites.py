@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from moireaug.defenses import DEFENSES, restore_mean
 from moireaug.evaluation import rungs, threat
-from moireaug.evaluation.adaptive import Defence, blind, through, turns
+from moireaug.evaluation.adaptive import Defence, blind, through, turnable
 from moireaug.evaluation.rungs import CLEAN, MOIRE, NO_MOIRE, Model, Rung, in_scene, moire_attack, random_noise
 from moireaug.evaluation.sweep import MODEL, Judge, behind, other
 from moireaug.evaluation.table import Cell, Table, crossed, table
@@ -61,18 +61,25 @@ def _rivals(g: Given) -> dict[str, Rung]:
     }
 
 
+CW = "C&W has no bound: c = 1, a learning rate of 0.01, as many steps as the others, and no search for c."
+
+
+def _published(g: Given) -> bool:
+    """The paper compares at ε = 4."""
+    return rungs.label(g.eps) == "4"
+
+
 def success(g: Given) -> Table:
     """Paper, table 1: rotated, rotated and dimmed, targeted and untargeted Moiré Attacks by eps."""
     cells = {}
     for e in (2 / 255, 4 / 255, 6 / 255, 8 / 255):
-        columns = {"rotated": rungs.ROTATED, "rotated and dim": NO_MOIRE} | _controls(e)
-        columns |= {"untargeted MA": moire_attack(e, g.steps), "targeted MA": moire_attack(e, g.steps, targeted=True)}
-        del columns["clean"]
+        columns = {"rotated": rungs.ROTATED, "rotated and dim": NO_MOIRE, "moiré, δ = 0": MOIRE}
+        columns |= {"random noise": random_noise(e), "untargeted MA": moire_attack(e, g.steps)}
+        columns |= {"targeted MA": moire_attack(e, g.steps, targeted=True)}
         cells |= crossed([(f"ε = {rungs.label(e)}", MODEL)], columns)
     note = "“Rotated” is the photo of a screen without subpixels, as bright as its image; “rotated and dim” as dark as "
-    note += "the photo. The last target is a random other class, drawn per image; the paper’s is always “hen”."
-    first = [c for r, c in cells if r == "ε = 4"]
-    shown = (*(("ε = 4", c) for c in first),)
+    note += "the photo. Targets are random other classes, one an image; the paper’s is always “hen”."
+    shown = tuple((row, column) for row, column in cells if row == "ε = 4")
     return table("success", "Success of the Moiré Attack (paper, table 1)", "bound", cells, note=note, pictures=shown)
 
 
@@ -80,11 +87,11 @@ def mean_normalised(g: Given) -> Table:
     """Paper, table 2: the photo's mean brought to the clean image's; and to a fixed mean, as a deployed system can."""
     restored = Judge("restored", "mean of the clean image", lambda b, shown: b.model(restore_mean(shown, b.images)))  # type: ignore[operator]
     judges = [("as it is", MODEL), ("mean restored", restored), ("gain to a grey mean", g.judge("gain"))]
-    columns = _controls(2 / 255) | {
+    columns = _controls(4 / 255) | {
         f"MA ε = {rungs.label(e)}": moire_attack(e, g.steps) for e in (2 / 255, 4 / 255, 6 / 255, 8 / 255)
     }
     note = "“Mean restored” subtracts the difference to the clean image’s mean, which only an experimenter knows. The "
-    note += "random noise is of the least ε."
+    note += "random noise is of ε = 4."
     title = "After mean normalisation (paper, table 2)"
     return table("mean_normalised", title, "brightness", crossed(judges, columns), note=note)
 
@@ -93,19 +100,21 @@ def jpeg(g: Given) -> Table:
     """Paper, table 3: the attacks after JPEG."""
     judges = [("no defence", MODEL), *((f"quality {q}", g.judge(f"jpeg_{q}")) for q in (20, 40, 60, 80))]
     columns = _controls(g.eps) | _rivals(g)
-    note = "The attacker does not know of the compression. The rivals perturb the image, which no camera saw."
-    return table("jpeg", "Under JPEG compression (paper, table 3)", "JPEG", crossed(judges, columns), note=note,
-                  pictures=(*(("no defence", c) for c in columns),))  # fmt: skip
+    note = "The attacker does not know of the compression. The rivals perturb the image, which no camera saw. "
+    note += CW
+    title, shown = "Under JPEG compression (paper, table 3)", tuple(("no defence", c) for c in columns)
+    cells = crossed(judges, columns)
+    return table("jpeg", title, "JPEG", cells, note=note, pictures=shown, published=_published(g))
 
 
 def defences(g: Given) -> Table:
     """Paper, table 4: the attacks after other input transformations."""
     names = [n for n in g.defences if not n.startswith("jpeg_") and n != "gain"]
     judges = [("no defence", MODEL), *((g.judge(n).title, g.judge(n)) for n in names)]
-    note = "The attacker does not know of the defence." + "".join(f" {n}: {why}." for n, why in g.without.items())
+    note = "The attacker does not know of the defence. " + CW + "".join(f" {n}: {why}." for n, why in g.without.items())
     columns = _controls(g.eps) | _rivals(g)
     title = "Under input transformations (paper, table 4)"
-    return table("defences", title, "defence", crossed(judges, columns), note=note)
+    return table("defences", title, "defence", crossed(judges, columns), note=note, published=_published(g))
 
 
 def transfer(g: Given) -> Table:
@@ -113,9 +122,10 @@ def transfer(g: Given) -> Table:
     columns = _controls(g.eps) | _rivals(g)
     judges = [("the attacked model", MODEL), *((n, other(n, m)) for n, m in g.targets.items() if m is not None)]
     lost = [n for n, m in g.targets.items() if m is None]
-    note = "Each row counts the images that its own model has right when clean."
+    note = "Each row counts the images that its own model has right when clean. " + CW
     note += f" Weights not at hand: {', '.join(lost)}." if lost else ""
-    made = table("transfer", "Transfer to other models (paper, table 6)", "judged by", crossed(judges, columns))
+    title = "Transfer to other models (paper, table 6)"
+    made = table("transfer", title, "judged by", crossed(judges, columns), published=_published(g))
     return dataclasses.replace(made, rows=(*made.rows, *lost), note=note)
 
 
@@ -128,33 +138,36 @@ def budget(g: Given) -> Table:
         cells |= crossed([(f"ε = {rungs.label(e)}", MODEL)], columns)
     note = "Below each attack, how visible its change is: against the photo without noise for MA, against the clean "
     note += "image for BIM."
-    shown = (*(key for key in cells if key[1] in ("MA", "BIM")),)
+    shown = tuple(key for key in cells if key[1] in ("MA", "BIM"))
     title = "Budget: success and visibility (paper, figure 4)"
     return table("budget", title, "bound", cells, note=note, visible=("MA", "BIM"), pictures=shown)
 
 
 def factors(g: Given) -> Table:
     """Paper, figure 6: rotation, and the factor alpha by which the picture is enlarged on the screen."""
-    ratio = g.scene.sensor.scale / (sum(bounds(g.scene.panel.scale)) / 2)
+    low, high = bounds(g.scene.panel.scale)
+    usual = (low + high) / 2
 
     def turned(roll: float) -> Callable[[Scene], Scene]:
         return lambda s: dataclasses.replace(s, view=dataclasses.replace(s.view, roll=roll))
 
     def enlarged(alpha: float) -> Callable[[Scene], Scene]:
-        sensor = max(1.0, round(ratio * alpha))
+        panel, sensor = (low * alpha / usual, high * alpha / usual), g.scene.sensor.scale * alpha / usual
         return lambda s: dataclasses.replace(
-            s, panel=dataclasses.replace(s.panel, scale=alpha), sensor=dataclasses.replace(s.sensor, scale=sensor)
+            s, panel=dataclasses.replace(s.panel, scale=panel), sensor=dataclasses.replace(s.sensor, scale=sensor)
         )
 
-    cells = {}
+    # of odd multiples a point-sampled photo reads one sensor pixel, of even ones the mean of two, which is a filter
+    alphas = (1, 3, 5) if g.scene.develop.resize == "point" else (1, 2, 3)
     variants = [(f"roll {r}°", turned(float(r))) for r in (0, 5, 10, 15, 30, 45)]
-    variants += [(f"alpha {a}", enlarged(float(a))) for a in (1, 2, 3, 4)]
+    variants += [(f"alpha {a}", enlarged(float(a))) for a in alphas]
     columns = {"no moiré": NO_MOIRE, "moiré, δ = 0": MOIRE, "random noise": random_noise(g.eps)}
     columns["MA"] = moire_attack(g.eps, g.steps)
+    cells = {}
     for name, scene in variants:
         cells |= crossed([(name, MODEL)], {c: in_scene(r, name, scene) for c, r in columns.items()})
     note = "With alpha the sensor grows too, so that a panel pixel stays as many sensor pixels wide as in the scene."
-    shown = (*((name, "moiré, δ = 0") for name, _ in variants),)
+    shown = tuple((name, "moiré, δ = 0") for name, _ in variants)
     title = "Factors of the moiré (paper, figure 6)"
     return table("factors", title, "factor", cells, note=note, pictures=shown)
 
@@ -165,7 +178,7 @@ def noise_position(g: Given) -> Table:
     columns = _controls(g.eps) | {"MA": moire_attack(g.eps, g.steps), "Moiré + BIM": after}
     judges = [("no defence", MODEL), *((f"JPEG {q}", g.judge(f"jpeg_{q}")) for q in (20, 40))]
     title = "Noise before or after demosaicing (paper, appendix E)"
-    return table("noise_position", title, "compression", crossed(judges, columns))
+    return table("noise_position", title, "compression", crossed(judges, columns), published=_published(g))
 
 
 def natural(g: Given) -> Table:
@@ -201,8 +214,9 @@ def adaptive(g: Given) -> Table:
     )
     unseen = rungs.Rung(f"blind_{rungs.label(g.eps)}", "Moiré Attack at another pose", blind(g.eps, g.steps), g.eps)
     cells["no defence", "MA, pose unknown"] = Cell((unseen,))
-    if turns(g.scene):
-        turning = moire_attack(g.eps, g.steps, name="turns the camera", optimise=("noise", "view", "panel"))
+    parts, why = turnable(g.scene)
+    if parts:
+        turning = moire_attack(g.eps, g.steps, name="turns the camera", optimise=("noise", *parts))
         cells["no defence", "MA turns the camera"] = Cell((turning,))
     for name in ADAPTED:
         judge, defence = g.judge(name), g.defences[name]
@@ -215,10 +229,11 @@ def adaptive(g: Given) -> Table:
         cells[row, "worst case"] = Cell(every, tried[0].judge, worst=True)
     note = "“Adaptive MA” attacks the model with its defence (BPDA; four draws a step of a randomised one), by the "
     note += "margin, with halved steps and two restarts. “Pose unknown”: the noise was found by expectation over four "
-    note += "shots a step, and is judged at a shot that the attacker did not see. “Worst case”: each image counts as "
-    note += "fooled where any column of its row but the first fools it."
-    if not turns(g.scene):
-        note += " This scene is point-sampled: its pose has no gradient, so no attacker turns it."
+    note += (
+        "other draws of the scene a step. “Worst case”: each image counts as fooled where any column of its row but "
+    )
+    note += "the first fools it; a randomised defence is drawn anew for each."
+    note += f" No attacker turns the camera: {why}" if why else ""
     return table("adaptive", "Adaptive attackers", "defence", cells, note=note)
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from moireaug.attacks import evaluating
 from moireaug.attacks.loop import check_classes, check_labels
@@ -45,14 +46,24 @@ def behind(name: str, title: str, defence: Callable[[Tensor], Tensor]) -> Judge:
     return Judge(name, title, lambda b, shown: b.model(defence(shown)))  # type: ignore[operator]
 
 
-def other(name: str, model: Model) -> Judge:
-    """Another model, to which the attacked one's pictures are shown: transfer."""
+def other(title: str, model: Model) -> Judge:
+    """Another model, to which the attacked one's pictures are shown: transfer. Its name changes with its weights."""
+    name = f"{title}#{digest(model) if isinstance(model, nn.Module) else ''}"
 
     def see(b: Bout, shown: Tensor) -> Tensor:
-        with evaluating(model):
+        with evaluating(model), torch.no_grad():
             return model(shown)
 
-    return Judge(name, name, see, base=name)
+    return Judge(name, title, see, base=name)
+
+
+def digest(model: nn.Module) -> str:
+    """Sixteen hex digits that change with any weight."""
+    sums = hashlib.sha256()
+    for name, value in model.state_dict().items():
+        sums.update(name.encode())
+        sums.update(value.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy())
+    return sums.hexdigest()[:16]
 
 
 class Job(NamedTuple):
@@ -101,7 +112,7 @@ class Row:
             "targeted": self.targeted,
             "accuracy": self.accuracy,
             "accuracy_interval": list(wilson(sum(self.correct), n)),
-            "success": hits / m if m else 0.0,
+            "success": hits / m if m else None,
             "success_interval": list(wilson(hits, m)),
             "n": n,
             "counted": m,
@@ -110,14 +121,23 @@ class Row:
         return out | ({"measured": self.measured} if self.measured else {})
 
 
-def gather(records: Sequence[Record], rung: Rung, judge: Judge) -> Row:
+class Index(dict[tuple[str, str], dict[int, Record]]):
+    """Records by rung and judge, then by place."""
+
+    def __init__(self, records: Iterable[Record] = ()) -> None:
+        super().__init__()
+        self.add(records)
+
+    def add(self, records: Iterable[Record]) -> None:
+        for r in records:
+            self.setdefault((r["rung"], r["judge"]), {})[r["place"]] = r
+
+
+def gather(index: Index, rung: Rung, judge: Judge) -> Row:
     """All batches of one rung before one judge, as one row, in the order of the images."""
-    by = {(r["place"], r["rung"], r["judge"]): r for r in records}
-    places = sorted(p for p, name, seer in by if name == rung.name and seer == judge.name)
     row, shown = Row(rung.name, rung.title, rung.eps, rung.targeted), []
-    for place in places:
-        r = by[place, rung.name, judge.name]
-        clean = by[place, CLEAN.name, judge.base]
+    for place, r in sorted(index.get((rung.name, judge.name), {}).items()):
+        clean = index[CLEAN.name, judge.base][place]
         row.correct += [p == y for p, y in zip(r["predicted"], r["labels"], strict=True)]
         goal = r["targets"] if rung.targeted else r["labels"]
         row.fooled += [(p == g) == rung.targeted for p, g in zip(r["predicted"], goal, strict=True)]
@@ -152,9 +172,8 @@ def sweep(
     jobs: Sequence[Job],
     *,
     seed: int = 0,
-    classes: int | None = None,
     done: set[tuple[int, str, str]] = frozenset(),  # type: ignore[assignment]
-    watch: Callable[[int, Rung, Tensor, Mapping[str, list[int]]], None] | None = None,
+    watch: Callable[[int, Rung, Tensor], None] | None = None,
 ) -> Iterator[list[Record]]:
     """Show every rung to its judges; yields the new records of one place and one rung at a time, which may be none.
 
@@ -166,9 +185,8 @@ def sweep(
         scene: whose shots are drawn, one per image.
         jobs: what to show to whom; `complete` them first.
         seed: of shots, targets, random starts and randomised judges.
-        classes: number of classes to choose targets from; by default as many as the model has logits.
         done: (place, rung, judge) that need not be done again.
-        watch: called with the place, the rung, what it showed and what each judge predicted.
+        watch: called with the place, the rung and what it showed.
     """
     for place in places:
         open_jobs = [Job(r, tuple(j for j in js if (place, r.name, j.name) not in done)) for r, js in jobs]
@@ -177,7 +195,7 @@ def sweep(
             continue
         images, labels = batch(place)
         labels = check_labels(labels, len(images), "labels").to(images.device)
-        targets = _targets(model, images, labels, mix(seed, place, 1), classes)
+        targets = _targets(model, images, labels, mix(seed, place, 1))
         for rung, judges in open_jobs:
             found: list[Record] = []
             if judges:
@@ -190,14 +208,15 @@ def sweep(
             yield found
 
 
-def _targets(model: Model, images: Tensor, labels: Tensor, seed: int, classes: int | None) -> Tensor:
-    """A random other class an image."""
-    if classes is None:
-        with evaluating(model), torch.no_grad():
-            logits = model(images)
-        check_classes(labels, logits, 1)
-        classes = logits.shape[1]
-    offset = torch.randint(1, max(2, classes), labels.shape, generator=torch.Generator().manual_seed(seed))
+def _targets(model: Model, images: Tensor, labels: Tensor, seed: int) -> Tensor:
+    """A random other class of the model's an image."""
+    with evaluating(model), torch.no_grad():
+        logits = model(images[:1])
+    check_classes(labels[:1], logits, 1)
+    classes = logits.shape[1]
+    if classes < 2:
+        raise ValueError(f"the model must tell at least two classes apart; it returns {classes} logit.")
+    offset = torch.randint(1, classes, labels.shape, generator=torch.Generator().manual_seed(seed))
     return (labels + offset.to(labels)) % classes
 
 
@@ -209,36 +228,40 @@ def _judge(
         torch.manual_seed(mix(seed, place, 3, _digits(rung.name)))
         start = time.perf_counter()
         with torch.no_grad():
-            shown = _in_parts(lambda part: rung.show(part), b)
+            shown = _in_parts(rung.show, b)
         shown_in = _wait(shown, start)
         measured = {}
         if rung.measure:
             with torch.no_grad():
                 measured = rung.measure(b, shown)
-        found, said = [], {}
+        found = []
         for judge in judges:
             torch.manual_seed(mix(seed, place, 4, _digits(rung.name), _digits(judge.name)))
             start = time.perf_counter()
             with evaluating(b.model), torch.no_grad():
                 logits = judge.see(b, shown)
             check_classes(b.labels, logits, 1)
-            said[judge.name] = logits.argmax(1).tolist()
+            predicted = logits.argmax(1).tolist()
             seconds = shown_in + time.perf_counter() - start  # the list has waited for the device
-            record = {"place": place, "rung": rung.name, "judge": judge.name, "predicted": said[judge.name]}
+            record = {"place": place, "rung": rung.name, "judge": judge.name, "predicted": predicted}
             record |= {"labels": b.labels.tolist(), "targets": b.targets.tolist(), "seconds": seconds}
             found.append(record | ({"measured": measured} if measured else {}))
     if watch:
-        watch(place, rung, shown, said)
+        watch(place, rung, shown)
     return found
 
 
 def _in_parts(show: Callable[[Bout], Tensor], b: Bout) -> Tensor:
-    """The whole batch at once, or, where the device's memory does not hold it, half and half."""
+    """The whole batch at once, or, where the device's memory does not hold it, half and half. The halves then draw
+    their random numbers one after the other: other ones than the whole would, but the same each time."""
+    states = b.generator.get_state(), torch.get_rng_state()
     try:
         return show(b)
     except torch.OutOfMemoryError:
         if len(b.images) == 1:
             raise
+    b.generator.set_state(states[0])
+    torch.set_rng_state(states[1])
     torch.cuda.empty_cache()  # outside of the handler, whose traceback keeps the tensors alive
     middle = len(b.images) // 2
     return torch.cat([_in_parts(show, b[:middle]), _in_parts(show, b[middle:])])

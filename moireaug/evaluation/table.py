@@ -30,6 +30,7 @@ class Table:
         note: how to read it.
         visible: columns whose pictures' change is measured and shown.
         pictures: which (row, column) to show.
+        published: whether the paper's figures are of these cells: they are of eps 4.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Table:
     note: str = ""
     visible: tuple[str, ...] = ()
     pictures: tuple[tuple[str, str], ...] = ()
+    published: bool = True
 
     def jobs(self) -> list[Job]:
         return [Job(rung, (cell.judge,)) for cell in self.cells.values() for rung in cell.rungs]

@@ -1,10 +1,10 @@
 """Displays, cameras and angles of the paper's section 3.1, as scenes: how often natural moiré alone is mistaken.
 
 The paper names kinds of screens and three cameras, but neither pixel pitches nor distances. Those below are of common
-devices of these kinds; distances are where one would stand. The pitch of a panel in sensor pixels is f * p / d: focal
-length f in sensor pixels, panel pixel p and distance d in mm.
+devices of these kinds; distances are where one would stand. Its "outdoor LCD" is a wall of LEDs here. The pitch of a
+panel in sensor pixels is f * p / d: focal length f in sensor pixels, panel pixel p and distance d in mm.
 
-- LED wall, 10 mm between pixels, from 20 m. Television, 55 inch 3840 x 2160, 0.315 mm, from 1 m. Large display,
+- LED wall, 10 mm between pixels, from 20 m. Television, 55 inch 3840 x 2160, 0.317 mm, from 1 m. Large display,
   98 inch 3840 x 2160, 0.565 mm, from 2 m. Monitor, 24 inch 1920 x 1080, 0.277 mm, from 0.5 m.
 - Pixel 4: 4032 x 3024 pixels, 27 mm equivalent. P20 Pro: 3648 x 2736, 27 mm equivalent. A Sony camera with 6000 pixels
   over 23.5 mm behind a 24 mm lens; such a sensor has an optical low-pass filter, here of half a pixel.
@@ -33,7 +33,7 @@ class Camera(NamedTuple):
 
 DISPLAYS = {
     "LED wall": Display("led", 10.0, 20_000.0, 12.0),
-    "television": Display("rgb_stripe", 0.315, 1_000.0, 2.7),
+    "television": Display("rgb_stripe", 0.317, 1_000.0, 2.7),
     "large display": Display("rgb_stripe", 0.565, 2_000.0, 2.7),
     "monitor": Display("rgb_stripe", 0.277, 500.0, 2.7),
 }
@@ -57,7 +57,7 @@ def scene(display: str, camera: str, angle: float) -> Scene:
         panel=Panel(layout=screen.layout, scale=SCALE / pitch(display, camera)),
         view=View(
             yaw=angle - 90.0, pitch=(-2.0, 2.0), roll=(-2.0, 2.0),
-            fov=math.degrees(2 * math.atan(math.hypot(SIDE, SIDE) * SCALE / 2 / body.focal)),
+            fov=math.degrees(2 * math.atan(math.hypot(SIDE, SIDE) * SCALE / 2 / body.focal)), fit=False,
         ),
         lens=Lens(blur=0.3, olpf=body.olpf),
         sensor=Sensor(scale=SCALE, gain=screen.gain, read_noise=0.005),

@@ -6,7 +6,7 @@ false sense of security" (2018). Success rates are of the images that the model 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -19,10 +19,10 @@ from moireaug.defenses import BitDepth
 from moireaug.evaluation.adaptive import through
 from moireaug.evaluation.rungs import CLEAN, MOIRE, Bout, Rung, attacking, label, moire_attack, random_noise
 from moireaug.evaluation.suites import Given
-from moireaug.evaluation.sweep import MODEL, Job, Record, behind, gather, other
+from moireaug.evaluation.sweep import MODEL, Index, Job, behind, gather, other
 
 SLACK = 0.02  # two points, or one image where that is more
-MASKED, SUSPECT = 0.5, 0.1  # shares of gradients that are exactly zero
+MASKED, SUSPECT = 0.5, 0.3  # shares of gradients that are exactly zero
 LONGER = 2  # times as many steps
 FULL = 0.9  # share of images fooled that leaves nothing to see
 QUERIES = 5  # of the gradient-free attack, for each gradient step of the others
@@ -78,7 +78,7 @@ def rungs(g: Given) -> dict[str, Rung]:
 
 
 def _sizes(g: Given) -> list[float]:
-    return sorted({g.eps / 2, g.eps, 2 * g.eps, 1.0})
+    return sorted({g.eps / 2, g.eps, min(1.0, 2 * g.eps), 1.0})
 
 
 def jobs(g: Given) -> list[Job]:
@@ -99,16 +99,19 @@ class Seen(NamedTuple):
     slack: float
 
 
-def checks(g: Given, records: Sequence[Record]) -> list[Check]:
-    """Every check, failed ones first, then warnings."""
+def checks(g: Given, index: Index) -> list[Check]:
+    """Every check, failed ones first, then warnings; a single warning where the model has no image right."""
     found, rounded = rungs(g), behind("rounded", "", BitDepth(8))
-    rows = {name: gather(records, r, rounded if name == "shattered" else MODEL) for name, r in found.items()}
+    rows = {name: gather(index, r, rounded if name == "shattered" else MODEL) for name, r in found.items()}
+    if not any(rows["clean"].counted):
+        return [Check("there is something to attack", "warning", "0 % of the images are right when clean")]
     transfer = {}
     for name, model in g.targets.items():
         if model is not None:
-            pair = (gather(records, found[k], other(name, model)) for k in (label(g.eps), "random"))
-            a, b = (row.to_dict()["success"] for row in pair)
-            transfer[name] = (a, b)
+            judge = other(name, model)
+            a, b = (gather(index, found[k], judge).to_dict()["success"] for k in (label(g.eps), "random"))
+            if a is not None:
+                transfer[name] = (a, b)
     seen = Seen(
         {name: row.to_dict()["success"] for name, row in rows.items()},
         transfer,
@@ -138,10 +141,9 @@ def _ordered(g: Given, seen: Seen) -> Check:
     name, white, random = "white box, then transfer, then random noise", seen.rate[label(g.eps)], seen.rate["random"]
     says = f"white box {_pc(white)}, random noise {_pc(random)}"
     says += "".join(f"; {n} {_pc(t)}, random noise {_pc(r)}" for n, (t, r) in seen.transfer.items())
-    good = white >= random - seen.slack and all(t <= white + seen.slack for t, _ in seen.transfer.values())
-    if good and any(t < r - seen.slack for t, r in seen.transfer.values()):
-        return Check(name, "warning", says)
-    return Check(name, _verdict(good), says)
+    # another model may be weaker, so what counts is what the noise adds to chance
+    odd = any(not -seen.slack <= t - r <= white - random + seen.slack for t, r in seen.transfer.values())
+    return Check(name, "fail" if white < random - seen.slack else "warning" if odd else "pass", says)
 
 
 def _iterates(g: Given, seen: Seen) -> Check:
@@ -160,7 +162,7 @@ def _gradients(g: Given, seen: Seen) -> Check:
 def _queries(g: Given, seen: Seen) -> Check:
     blind, white = seen.rate["queries"], seen.rate[label(g.eps)]
     says = f"{QUERIES * g.steps} queries without gradients {_pc(blind)}, gradients {_pc(white)}"
-    return Check("no gradient-free attack wins", _verdict(blind <= white + seen.slack), says)
+    return Check("a search without gradients does not win", _verdict(blind <= white + seen.slack), says)
 
 
 def _breaks(g: Given, seen: Seen) -> Check:

@@ -1,13 +1,14 @@
 """The sweep: the same figures however the work is cut, and nothing computed twice."""
 
 import json
+import sys
 
 import pytest
 import torch
 from torch import nn
 
 from moireaug import Scene
-from moireaug.evaluation import Job, Judge, complete, gather, sweep
+from moireaug.evaluation import Index, Job, Judge, complete, gather, sweep
 from moireaug.evaluation.rungs import CLEAN, MOIRE, NO_MOIRE, ROTATED, Rung, in_scene, moire_attack, random_noise, rival
 from moireaug.evaluation.store import Store, write_text
 from moireaug.evaluation.sweep import MODEL, behind, other
@@ -104,10 +105,10 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
 
     stranger = other("stranger", contrary)
     records = run(known, jobs=complete([Job(MOIRE, (MODEL, stranger, HAZE))]))
-    assert {r["judge"] for r in records if r["rung"] == "clean"} == {"model", "stranger"}
-    mine, theirs, hazed = (gather(records, MOIRE, j) for j in (MODEL, stranger, HAZE))
+    assert {r["judge"] for r in records if r["rung"] == "clean"} == {"model", "stranger#"}
+    mine, theirs, hazed = (gather(Index(records), MOIRE, j) for j in (MODEL, stranger, HAZE))
     assert sum(mine.counted) == sum(hazed.counted) == 16  # behind a defence, the model without it counts
-    theirs_clean = [r for r in records if (r["rung"], r["judge"]) == ("clean", "stranger")]
+    theirs_clean = [r for r in records if (r["rung"], r["judge"]) == ("clean", "stranger#")]
     right = [p == y for r in theirs_clean for p, y in zip(r["predicted"], r["labels"], strict=True)]
     assert theirs.counted == right and 0 < sum(right) < 16
 
@@ -136,7 +137,7 @@ def test_rotated_is_bright_and_still_turned(known):
     scene = Scene.preset("paper")
     model, _ = known
     grey = torch.full((2, 3, 32, 32), 0.6)
-    watch = lambda place, rung, images, said: shown.__setitem__(rung.name, images)  # noqa: E731
+    watch = lambda place, rung, images: shown.__setitem__(rung.name, images)  # noqa: E731
     jobs = complete([Job(r, (MODEL,)) for r in (ROTATED, NO_MOIRE)])
     list(sweep(model, lambda _: (grey, torch.zeros(2, dtype=torch.long)), [0], scene, jobs, watch=watch))
     middle = (..., slice(12, 20), slice(12, 20))
@@ -147,7 +148,7 @@ def test_rotated_is_bright_and_still_turned(known):
 
 def test_measures_are_means_over_the_images(known):
     records = run(known, jobs=complete([Job(moire_attack(EPS, 1), (MODEL,))]))
-    row = gather(records, moire_attack(EPS, 1), MODEL)
+    row = gather(Index(records), moire_attack(EPS, 1), MODEL)
     each = [r["measured"] for r in records if "measured" in r]
     assert row.to_dict()["measured"]["psnr"] == pytest.approx(sum(m["psnr"] for m in each) / 2)
     assert row.measured["largest"] > 0 and row.measured["ssim"] < 1
@@ -167,17 +168,59 @@ def test_the_model_keeps_its_mode(known):
 
 
 def test_a_store_keeps_whole_records_alone(tmp_path):
-    one, two = Store(tmp_path / "s", 0), Store(tmp_path / "s", 1)
     record = {"place": 0, "rung": "clean", "judge": "model", "predicted": [1]}
-    one.append([record])
-    two.append([record | {"place": 1}])
-    with one.path.open("a") as file:
-        file.write('{"place": 2, "rung": "cl')  # killed while it wrote
-    assert one.done() == {(0, "clean", "model"), (1, "clean", "model")}
-    again = Store(tmp_path / "s", 0)
-    again.append([record | {"place": 2}])
-    assert again.done() == {(p, "clean", "model") for p in range(3)}
-    assert all(json.loads(line) for line in one.path.read_text().splitlines())
+    with Store(tmp_path / "s", 0) as one, Store(tmp_path / "s", 1) as two:
+        one.append([record])
+        two.append([record | {"place": 1}])
+        with (tmp_path / "s/records-0.jsonl").open("a") as file:
+            file.write('{"place": 2, "rung": "cl')  # killed while it wrote
+        assert one.done() == {(0, "clean", "model"), (1, "clean", "model")}
+    with Store(tmp_path / "s", 0) as again:
+        again.append([record | {"place": 2}])
+        assert again.done() == {(p, "clean", "model") for p in range(3)}
+    assert all(json.loads(line) for line in (tmp_path / "s/records-0.jsonl").read_text().splitlines())
+
+
+def test_a_broken_line_is_computed_again(tmp_path):
+    record = {"place": 0, "rung": "clean", "judge": "model", "predicted": [1]}
+    (tmp_path / "records-0.jsonl").write_text('{"place": 5, "rung\n' + json.dumps(record) + "\n")
+    with Store(tmp_path) as store:
+        assert store.done() == {(0, "clean", "model")}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="nothing is locked there")
+def test_two_processes_do_not_write_one_file(tmp_path):
+    with Store(tmp_path), pytest.raises(ValueError, match=r"records-0.jsonl is being written by another process"):
+        Store(tmp_path)
+    Store(tmp_path).__exit__()
+
+
+def test_an_attempt_that_did_not_fit_leaves_no_trace(known):
+    """Its random numbers are drawn again by the halves."""
+    seen = []
+
+    def show(b):
+        noise = torch.rand(len(b.images), generator=b.generator), torch.rand(len(b.images))
+        if len(b.images) > 4 and not seen:
+            seen.append(None)
+            raise torch.OutOfMemoryError("too much")
+        seen.append(noise)
+        return b.images
+
+    jobs = complete([Job(Rung("mine", "mine", show), (MODEL,))])
+    run(known, (0,), jobs)
+    halves = seen[1:]
+    seen[:] = [None]
+    run(known, (0,), jobs)
+    (whole,) = seen[1:]
+    for k in (0, 1):
+        assert torch.equal(torch.cat([h[k] for h in halves]), whole[k])
+
+
+def test_a_model_without_a_choice_is_refused(known):
+    with pytest.raises(ValueError, match="at least two classes apart; it returns 1 logit"):
+        batch = torch.rand(2, 3, 8, 8), torch.zeros(2, dtype=torch.long)
+        list(sweep(lambda x: x.mean((1, 2, 3))[:, None], lambda _: batch, [0], SCENE, JOBS))
 
 
 def test_a_text_is_written_whole_or_not_at_all(tmp_path, monkeypatch):

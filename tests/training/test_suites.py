@@ -18,7 +18,9 @@ from hydra.core.global_hydra import GlobalHydra
 from moireaug.evaluation import SUITES
 from moireaug.evaluation.grids import CONTROLS, FIELDS
 from moireaug.evaluation.published import PUBLISHED
-from training import models, reattack
+from moireaug.evaluation.rungs import CLEAN
+from moireaug.evaluation.sweep import MODEL
+from training import models, reattack, suites
 from training.data import load
 from training.places import Places
 from training.schema import check_keys
@@ -69,7 +71,7 @@ def whole(weights, tmp_path_factory):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = suite("paper", weights, runs, f"targets={{small_resnet: {weights}, resnet34: null}}")
-    return found, runs / "reattack/small_resnet"
+    return found, runs / "reattack/small_resnet/screen_photo"
 
 
 def cells(metrics):
@@ -129,8 +131,44 @@ def test_another_suite_takes_what_is_there(whole, weights):
     _, out = whole
     (records,) = out.glob("records-*/records-0.jsonl")
     before = records.read_bytes()
-    again = suite("paper", weights, out.parents[1], f"targets={{small_resnet: {weights}, resnet34: null}}")
-    assert cells(again) == cells(whole[0]) and records.read_bytes() == before
+    again = suite("jpeg", weights, out.parents[2])
+    assert cells(again) == {key: cell for key, cell in cells(whole[0]).items() if key[0] == "jpeg"}
+    assert records.read_bytes() == before
+
+
+def test_pictures_that_an_earlier_suite_did_not_keep_are_drawn(weights, tmp_path):
+    suite("noise_position", weights, tmp_path)
+    suite("jpeg", weights, tmp_path)
+    later = (tmp_path / "reattack/small_resnet/screen_photo/jpeg/report.html").read_text()
+    suite("jpeg", weights, tmp_path / "first")
+    first = (tmp_path / "first/reattack/small_resnet/screen_photo/jpeg/report.html").read_text()
+    assert later.count('<div class="cell"') == first.count('<div class="cell"') == 8
+
+
+def test_a_scene_without_a_choice_of_pose_says_so(weights, tmp_path):
+    found = suite(
+        "adaptive",
+        weights,
+        tmp_path,
+        "scene={preset: screen_photo, view: {yaw: 0, pitch: 0, roll: 0, fov: 40}}",
+        "reattack.n=3",
+    )
+    assert "MA turns the camera" in {r["column"] for r in found["tables"]["adaptive"]}  # the panel still varies
+    still = suite("adaptive", weights, tmp_path, "scene=paper_code", "reattack.n=3")
+    assert "MA turns the camera" not in {r["column"] for r in still["tables"]["adaptive"]}
+    page = next(tmp_path.glob("reattack/small_resnet/paper_code/adaptive/report.html")).read_text()
+    assert "No attacker turns the camera: optimise" in page
+
+
+def test_the_papers_figures_stand_beside_its_own_bound_alone(weights, tmp_path):
+    found = suite("noise_position", weights, tmp_path, "reattack.eps=[0.0627]", "reattack.n=3")
+    assert all(r["paper"] is None for r in found["tables"]["noise_position"])
+
+
+def test_records_that_are_missing_are_not_passed_over():
+    jobs = [suites.Job(CLEAN, (MODEL,))]
+    with pytest.raises(ValueError, match="2 of 2 records are missing"):
+        suites._whole([(jobs, range(2))], suites.Index())
 
 
 def run(cwd, weights, *more, **options):
@@ -142,7 +180,7 @@ def run(cwd, weights, *more, **options):
 
 
 def metrics_of(cwd, name):
-    return json.loads((cwd / f"runs/reattack/small_resnet/{name}/metrics.json").read_text())
+    return json.loads((cwd / f"runs/reattack/small_resnet/screen_photo/{name}/metrics.json").read_text())
 
 
 def test_a_killed_evaluation_goes_on_where_it_was(weights, tmp_path):
@@ -150,13 +188,13 @@ def test_a_killed_evaluation_goes_on_where_it_was(weights, tmp_path):
     process = run(tmp_path, weights, "suite=noise_position")
     until, kept = time.time() + 120, 0
     while time.time() < until and kept < 4 and process.poll() is None:
-        found = list(tmp_path.glob("runs/reattack/small_resnet/records-*/records-0.jsonl"))
+        found = list(tmp_path.glob("runs/reattack/small_resnet/*/records-*/records-0.jsonl"))
         kept = len(found[0].read_text().splitlines()) if found else 0
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    assert kept >= 4 and not (tmp_path / "runs/reattack/small_resnet/noise_position").exists()
-    (records,) = tmp_path.glob("runs/reattack/small_resnet/records-*/records-0.jsonl")
+    assert kept >= 4 and not list(tmp_path.rglob("metrics.json"))
+    (records,) = tmp_path.glob("runs/reattack/small_resnet/*/records-*/records-0.jsonl")
     text = records.read_text()
     before = text[: text.rfind("\n") + 1]
     records.write_text(text + '{"place": 0, "rung": "mo')  # what a kill in the middle of a write leaves
@@ -173,7 +211,7 @@ def test_processes_share_the_work(weights, tmp_path):
     out, err = process.communicate(timeout=240)
     assert process.returncode == 0, err
     assert out.count("Report: ") == 1
-    (folder,) = tmp_path.glob("runs/reattack/small_resnet/records-*")
+    (folder,) = tmp_path.glob("runs/reattack/small_resnet/*/records-*")
     places = [
         {json.loads(line)["place"] for line in path.read_text().splitlines()} for path in sorted(folder.glob("*.jsonl"))
     ]
@@ -184,10 +222,10 @@ def test_processes_share_the_work(weights, tmp_path):
 def test_a_network_against_moire_is_a_defence(weights, tmp_path):
     found = suite("defences", weights, tmp_path, "demoire=torch.nn.functional:relu", "reattack.n=3")
     rows = {r["row"] for r in found["tables"]["defences"]}
-    assert {"demoire", "quilting", "TVM"} <= rows
+    assert {"relu", "quilting", "TVM"} <= rows
     same = [
         {r["column"]: r["success"] for r in found["tables"]["defences"] if r["row"] == n}
-        for n in ("demoire", "no defence")
+        for n in ("relu", "no defence")
     ]
     assert same[0] == same[1]  # relu changes nothing in [0, 1]
 
