@@ -44,7 +44,7 @@ class Compose(Defence):
 
     @property
     def title(self) -> str:
-        return " + ".join(getattr(d, "title", type(d).__name__) for d in self.defences) or "none"
+        return " + ".join(map(_title, self.defences)) or "none"
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
@@ -65,6 +65,11 @@ class Compose(Defence):
                 out = tone.clip(out).to(images.dtype)
             images = out
         return images
+
+
+def _title(defence: object) -> str:
+    """A defence's title; of a function its name, of a network its class's."""
+    return getattr(defence, "title", None) or getattr(defence, "__name__", type(defence).__name__)
 
 
 class Defended(nn.Module):
