@@ -30,8 +30,11 @@ from omegaconf import DictConfig, OmegaConf
 from moireaug.evaluation.store import write_text
 from moireaug.fields import one_of
 from training import runs
-from training.classifier import Batches, Classifier
+from training.adversaries import passes
+from training.batches import Batches
+from training.classifier import Classifier
 from training.data import Splits, load
+from training.guard import Guard
 from training.reattack import attack_again, check, describe, from_run, publish
 from training.schema import Config, check_keys, register
 
@@ -113,6 +116,7 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
     callbacks = [
         EMAWeightAveraging(decay=cfg.train.ema),
         best,
+        Guard(out / "best.ckpt"),
         ModelCheckpoint(filename="last", save_on_train_epoch_end=True, **keep),
         TQDMProgressBar(leave=False),
     ]
@@ -136,7 +140,6 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
             say("\nInterrupted before the first epoch was over: nothing was kept.")
         raise SystemExit(130) from None
     spent = sum(h["seconds"] for h in classifier.history)
-    share = cfg.adversary.share if cfg.adversary.kind != "none" else 0.0
     state = runs.read_checkpoint(out / "best.ckpt")
     classifier.load_state_dict(state["state_dict"])
     return classifier.eval(), {
@@ -146,7 +149,7 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
         "best_epoch": int(state["epoch"]),
         "images_per_second": len(splits.train) * len(classifier.history) / max(spent, 1e-9),  # type: ignore[arg-type]
         "init": cfg.train.init,
-        "passes": 1 + share * cfg.adversary.steps,
+        "passes": passes(cfg.adversary),
         "collapsed_at": classifier.collapsed_at,
         "history": classifier.history,
     }

@@ -43,7 +43,7 @@ DATA = {
 
 @dataclass
 class Adversary:
-    """What training images are turned into. Cost in forward and backward passes an image: 1 + share * steps."""
+    """What training images are turned into; `adversaries.passes` says what it costs."""
 
     kind: str = "none"  # none, moire (random), moire_attack (adversarial noise on it), pgd (noise on pixels)
     share: float = 1.0  # of each batch; the other images stay clean
@@ -52,6 +52,12 @@ class Adversary:
     step_size: float | None = None  # in units of eps; null is min(1, 2.5 / steps)
     warmup: float = 0.0  # share of training over which eps rises from 0
     random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
+    replays: int = 1  # times that a batch is trained on, its noise moved on by each time's own gradient; 1 is once
+    window: int = 16  # batches that are replayed in turn, held in memory with their raw readings and noise
+    worst_of: int = 1  # random shots of each image, of which the one of the greatest loss is used
+    turn: bool = False  # the camera is then turned for the worse, by one gradient step
+    consistency: float = 0.0  # weight of KL(clean || attacked) beside the clean images' loss (TRADES); 0 is neither
+    curriculum: float = 0.0  # share of training over which the scene's ranges open from their middles
 
 
 @dataclass
@@ -59,11 +65,13 @@ class Train:
     epochs: int = 12
     batch_size: int = 128  # of all devices together
     lr: float = 0.1
-    momentum: float = 0.9
+    momentum: float = 0.95  # the greatest of the one-cycle schedule, which runs from it to 0.1 less and back
     weight_decay: float = 5e-4
     label_smoothing: float = 0.0
     init: str = "random"  # or "clean": from the weights of recipe clean with the same settings
     ema: float = 0.98  # decay of the averaged weights a step; they are the ones validated and kept
+    channels_last: bool = True
+    compile: bool = False  # torch.compile of the model
 
 
 @dataclass

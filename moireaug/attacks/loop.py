@@ -110,18 +110,24 @@ class Attack(ABC):
                 return [self._best(problem, images, labels, targets, float(e), generator) for e in self.eps]
             return self._best(problem, images, labels, targets, float(self.eps), generator)
 
-    def last(self, images: Tensor, labels: Tensor, *, shot: Shot | None = None,
-             generator: torch.Generator | None = None) -> Tensor:  # fmt: skip
-        """The images after the last step, (B, 3, H, W), whether or not an earlier step was better: what adversarial
-        training uses, at one forward and backward pass a step and none beside. Arguments as in a call."""
+    def walk(self, images: Tensor, labels: Tensor, *, shot: Shot | None = None,
+             generator: torch.Generator | None = None) -> tuple[Problem, Point]:  # fmt: skip
+        """The problem, and the point after the last step, whether or not an earlier step was better: what adversarial
+        training uses, at one forward and backward pass a step and none beside. `problem.render(**point)` are the
+        images, (B, 3, H, W), differentiable in the point. Arguments as in a call."""
         with evaluating(self.model):
             images = images.detach().clone()
             labels = check_labels(labels, len(images), "labels").to(images.device).clone()
             problem, eps = self.problem(images, shot, generator), float(self.eps)  # type: ignore[arg-type]
             point = self._start(problem, eps, 0, images, generator)
-            point = self._ascend(problem, point, labels, None, eps, generator, None)
-            with torch.no_grad():
-                return problem.render(**point).detach()
+            return problem, self._ascend(problem, point, labels, None, eps, generator, None)
+
+    def last(self, images: Tensor, labels: Tensor, *, shot: Shot | None = None,
+             generator: torch.Generator | None = None) -> Tensor:  # fmt: skip
+        """The images after the last step of a `walk`, (B, 3, H, W)."""
+        problem, point = self.walk(images, labels, shot=shot, generator=generator)
+        with torch.no_grad():
+            return problem.render(**point).detach()
 
     def _start(
         self, problem: Problem, eps: float, restart: int, images: Tensor, generator: torch.Generator | None

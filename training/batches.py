@@ -1,0 +1,107 @@
+"""The splits as loaders, the same order of images on any number of ranks; batches that are replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import lightning as L
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+from torch.utils.data.distributed import DistributedSampler
+
+from training.data import Splits
+from training.schema import Config
+
+
+class Batch(NamedTuple):
+    """A batch of training.
+
+    Args:
+        images: (B, 3, H, W) uint8. labels: (B,) int64.
+        slot: which of the batches that are held. visit: how often it was trained on before.
+    """
+
+    images: Tensor
+    labels: Tensor
+    slot: int = 0
+    visit: int = 0
+
+
+class Part(DistributedSampler):
+    """A part of a rank's shuffled images an epoch: the next of `parts`, so that as many epochs see each image once.
+
+    The order follows from the seed and the epoch alone, on any number of ranks.
+    """
+
+    def __init__(self, data: Dataset, ranks: int, rank: int, *, seed: int, parts: int) -> None:
+        super().__init__(data, ranks, rank, shuffle=True, seed=seed, drop_last=False)
+        self.parts = parts
+
+    def set_epoch(self, epoch: int) -> None:
+        round_, self.part = divmod(epoch, self.parts)
+        super().set_epoch(round_)
+
+    part = 0
+
+    def __iter__(self) -> Iterator[int]:
+        order = list(super().__iter__())
+        return iter(order[self.part * len(self) : (self.part + 1) * len(self)])
+
+    def __len__(self) -> int:
+        return max(1, super().__len__() // self.parts)
+
+
+class Replayed:
+    """A loader of which each `window` batches come `replays` times, one round after the other.
+
+    Args:
+        loader: of (images, labels). replays: rounds. window: batches a round.
+    """
+
+    def __init__(self, loader: DataLoader, replays: int, window: int) -> None:
+        self.loader, self.replays, self.window = loader, replays, window
+        self.sampler = loader.sampler  # Lightning tells it the epoch
+
+    def __len__(self) -> int:
+        return self.replays * len(self.loader)
+
+    def __iter__(self) -> Iterator[Batch]:
+        held: list[Any] = []
+        for n, pair in enumerate(self.loader, 1):
+            yield Batch(*pair, slot=len(held))
+            held.append(pair)
+            if len(held) == self.window or n == len(self.loader):
+                for visit in range(1, self.replays):
+                    for slot, again in enumerate(held):
+                        yield Batch(*again, slot=slot, visit=visit)
+                held = []
+
+
+class Batches(L.LightningDataModule):
+    """The splits as loaders. Of a recipe that replays its batches an epoch sees one part of the images, as often as
+    there are parts: its optimiser takes as many steps an epoch as any other's."""
+
+    def __init__(self, cfg: Config, splits: Splits) -> None:
+        super().__init__()
+        self.cfg, self.splits = cfg, splits
+
+    def _ranks(self) -> tuple[int, int]:
+        return (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
+
+    def _loader(self, sampler: DistributedSampler, batch_size: int, drop_last: bool) -> DataLoader:
+        size = max(1, batch_size // self._ranks()[0])
+        workers = self.cfg.data.workers
+        return DataLoader(
+            sampler.dataset, size, sampler=sampler, num_workers=workers, persistent_workers=workers > 0,
+            drop_last=drop_last and len(sampler) > size,
+        )  # fmt: skip
+
+    def train_dataloader(self) -> Replayed:
+        a = self.cfg.adversary
+        sampler = Part(self.splits.train, *self._ranks(), seed=self.cfg.seed, parts=a.replays)
+        return Replayed(self._loader(sampler, self.cfg.train.batch_size, True), a.replays, a.window)
+
+    def val_dataloader(self) -> DataLoader:
+        sampler = DistributedSampler(self.splits.val, *self._ranks(), shuffle=False)
+        return self._loader(sampler, 320, False)

@@ -1,0 +1,64 @@
+"""Catastrophic overfitting of few-step adversarial training: noticed on validation, and undone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+from lightning.pytorch.callbacks import WeightAveraging
+from lightning.pytorch.utilities import rank_zero_only
+
+from training import runs
+from training.classifier import Classifier
+
+FLOOR = 0.2  # accuracy below which a model has nothing to lose yet
+FALL = 0.5  # share of the best accuracy that counts as a collapse
+
+
+def collapsed(perturbed: list[float]) -> bool:
+    """Whether the last epoch's accuracy under the validation's attack, of three steps or more, has fallen to less than
+    half of the best before it."""
+    *before, now = perturbed
+    return bool(before) and max(before) > FLOOR and now < FALL * max(before)
+
+
+class Guard(L.Callback):
+    """Takes a model that has collapsed back to its best epoch, and goes on with three steps instead of fewer.
+
+    A model that learns against one step may learn to defeat that step alone (catastrophic overfitting, Wong et al.,
+    2020): within an epoch its accuracy under more steps falls to nothing. The event is kept in the run's history, and
+    said when it happens; the schedule of the learning rate goes on.
+
+    Args:
+        best: the best checkpoint's file.
+    """
+
+    def __init__(self, best: Path) -> None:
+        self.best = best
+
+    def on_train_epoch_start(self, trainer: L.Trainer, module: L.LightningModule) -> None:
+        assert isinstance(module, Classifier)
+        history = [h["perturbed"] for h in module.history if "perturbed" in h]
+        if module.hardened or not module.few_steps or not history or not collapsed(history):
+            return
+        good = runs.read_checkpoint(self.best)
+        restore(trainer, module, good)
+        module.harden(module.history[-1]["epoch"])
+        rank_zero_only(print)(
+            f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three steps fell to "
+            f"{history[-1]:.0%} from {max(history):.0%}. Back to epoch {good['epoch']}, and on with three steps."
+        )
+
+
+def restore(trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
+    """Weights, their running average and the optimiser's momentum as in a checkpoint; epoch, rate and draws go on."""
+    module.load_state_dict(checkpoint["state_dict"])
+    for callback in trainer.callbacks:  # type: ignore[attr-defined]
+        if isinstance(callback, WeightAveraging):
+            callback.on_load_checkpoint(trainer, module, checkpoint)
+    for optimizer, state in zip(trainer.optimizers, checkpoint["optimizer_states"], strict=True):
+        rates = [(g["lr"], g["momentum"]) for g in optimizer.param_groups]
+        optimizer.load_state_dict(state)
+        for group, (lr, momentum) in zip(optimizer.param_groups, rates, strict=True):
+            group["lr"], group["momentum"] = lr, momentum
