@@ -18,6 +18,7 @@ from moireaug.fields import one_of
 from training import signs
 from training.schema import DATA, Data
 
+IMAGENET = 1000  # classes of torchvision's published weights, which a class_index refers to
 AUGMENT = ("none", "shift", "shift_flip")
 
 
@@ -106,24 +107,31 @@ def _folder(cfg: Data) -> Splits:
             f"data.root={cfg.root!r} does not look like an image folder: {error}. "
             "It must hold train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, with images inside."
         ) from error
-    names = sets[1].classes
-    if sets[0].classes != names:
-        odd = sorted(set(sets[0].classes) ^ set(names))
+    # with an index of its own, a class need not be in both halves
+    numbers = [_numbers(half.classes, cfg) for half in sets]
+    if numbers[0] != numbers[1] and not cfg.class_index:
+        odd = sorted(set(sets[0].classes) ^ set(sets[1].classes))
         raise ValueError(
             f"train/ and test/ under {cfg.root!r} must hold the same class folders; these differ: {odd[:5]}."
         )
-    index = list(range(len(names)))
-    if cfg.class_index:
-        known = _class_index(Path(cfg.class_index))
-        lost = [n for n in names if n not in known]
-        if lost:
-            raise ValueError(f"{cfg.class_index} names no class_index for the folders {lost[:5]} of {cfg.root!r}.")
-        index = [known[n] for n in names]
-        for half in sets:
-            half.target_transform = index.__getitem__
+    for half, index in zip(sets, numbers, strict=True):
+        half.target_transform = [index[name] for name in half.classes].__getitem__
     train, val = _split(sets[0], cfg) if halves[0] != halves[1] else (sets[0], sets[0])
-    classes = dict(zip(index, names, strict=True))
-    return Splits(train, val, _take(sets[1], cfg.test), classes, max(index) + 1)
+    classes = {number: name for index in numbers for name, number in index.items()}
+    return Splits(train, val, _take(sets[1], cfg.test), classes, IMAGENET if cfg.class_index else len(classes))
+
+
+def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
+    """The class of each folder: its place, or what the CSV says."""
+    if not cfg.class_index:
+        return {name: i for i, name in enumerate(names)}
+    known = _class_index(Path(cfg.class_index))
+    lost = [n for n in names if known.get(n, IMAGENET) >= IMAGENET]
+    if lost:
+        raise ValueError(
+            f"{cfg.class_index} names no class_index below {IMAGENET} for the folders {lost[:5]} of {cfg.root!r}."
+        )
+    return {name: known[name] for name in names}
 
 
 def _class_index(path: Path) -> dict[str, int]:

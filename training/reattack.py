@@ -190,8 +190,7 @@ def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
                 "name of weights, such as DEFAULT)."
             )
         splits = load(cfg.data)
-        classes = 1000 if cfg.data.class_index else splits.num_classes
-        model = as_model(cfg.model, classes, cfg.weights, whole=True).to(device(cfg)).eval()
+        model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True).to(device(cfg)).eval()
         splits = splits._replace(classes=(cfg.data.class_index and published_names(cfg.model)) or splits.classes)
         out, title = Path(cfg.runs) / "reattack" / cfg.model, cfg.model
         if cfg.suite != "ladder":

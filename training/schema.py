@@ -26,7 +26,9 @@ class Data:
     train: int | None = None  # images; null is all there are
     val: int | None = None  # null is a tenth of the training images; for signs, its default
     test: int | None = None
-    class_index: str | None = None  # folder: CSV with the columns wnid (or folder) and class_index
+    class_index: str | None = (
+        None  # folder: CSV of folder (or wnid) and class_index among the 1000 of published weights
+    )
     augment: str = "none"  # "none", "shift" (zero padded, by up to an eighth) or "shift_flip"
     workers: int = 0
     download: bool = False  # torchvision's own sets

@@ -113,14 +113,13 @@ def _targets(cfg: DictConfig, splits: Splits, device: torch.device) -> dict[str,
     if cfg.targets is not None and not OmegaConf.is_dict(cfg.targets):
         raise ValueError(f"targets={cfg.targets!r} must be names with weights, as in targets='{{resnet18: FILE}}'.")
     found: dict[str, nn.Module | None] = {}
-    classes = 1000 if cfg.data.class_index else splits.num_classes
     for name, weights in (cfg.targets or {}).items():
         if weights is not None and (Path(weights) / "best.ckpt").is_file():
             from training.reattack import from_run
 
             found[name] = from_run(Path(weights), splits.num_classes)[0].to(device)
         elif name in names():
-            found[name] = weights and as_model(name, classes, weights, whole=True).to(device).eval()
+            found[name] = weights and as_model(name, splits.num_classes, weights, whole=True).to(device).eval()
         else:
             raise ValueError(
                 f"targets.{name}={weights!r} is neither a run's folder with best.ckpt nor a model's name with weights. "

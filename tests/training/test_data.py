@@ -1,0 +1,43 @@
+"""A folder of images as data: halves with classes of their own, and sentences for what does not fit."""
+
+import pytest
+import torch
+from torchvision.io import write_png
+
+from training.data import load
+from training.schema import Data
+
+
+@pytest.fixture
+def root(tmp_path):
+    for half, names in {"train": ("n01", "n02"), "test": ("n02", "n03")}.items():
+        for k, name in enumerate(names):
+            (tmp_path / half / name).mkdir(parents=True)
+            for i in range(3):
+                image = torch.full((3, 20, 30), 60 * k + i, dtype=torch.uint8)
+                write_png(image, str(tmp_path / half / name / f"{i}.png"))
+    (tmp_path / "labels.csv").write_text("wnid,class_index\nn01,7\nn02,123\nn03,999\n")
+    return tmp_path
+
+
+def folder(root, **settings):
+    return load(Data(name="folder", root=str(root), size=16, val=2, **settings))
+
+
+def test_an_index_lets_the_halves_hold_different_classes(root):
+    splits = folder(root, class_index=str(root / "labels.csv"))
+    assert {y for _, y in splits.train} | {y for _, y in splits.val} == {7, 123}
+    assert {y for _, y in splits.test} == {123, 999}
+    assert splits.classes == {7: "n01", 123: "n02", 999: "n03"} and splits.num_classes == 1000
+
+
+def test_without_an_index_the_halves_hold_the_same(root):
+    with pytest.raises(ValueError, match=r"same class folders; these differ: \['n01', 'n03'\]"):
+        folder(root)
+
+
+@pytest.mark.parametrize("row", ["n03,1000", "n04,5"])
+def test_a_folder_without_a_class_gets_a_sentence(root, row):
+    (root / "labels.csv").write_text(f"wnid,class_index\nn01,7\nn02,123\n{row}\n")
+    with pytest.raises(ValueError, match=r"names no class_index below 1000 for the folders \['n03'\]"):
+        folder(root, class_index=str(root / "labels.csv"))
