@@ -35,7 +35,7 @@ def worst_case(g: Given) -> Table:
     note += (
         "photo alone or any of the three MA fools it. PGD perturbs the pixels of the image, which no camera saw; it "
     )
-    note += "is not part of the worst case."
+    note += "is not part of the worst case. Accuracy on all images is in results.csv."
     shown = tuple(key for key in cells if key[0] == "ε = 4" and key[1] != "worst case")
     return table("worst_case", "The worst of the attackers", "bound", cells, note=note, pictures=shown)
 
