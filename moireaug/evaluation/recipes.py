@@ -28,14 +28,10 @@ def worst_case(g: Given) -> Table:
         cells[row, "PGD on pixels"] = Cell((rungs.rival("pgd", e, g.steps, "PGD"),))
     note = (
         "“Adaptive MA” goes by the margin, with halved steps and two restarts. “Pose unknown”: the noise was found by "
-    )
-    note += (
         "expectation over four other draws of the scene a step. “Worst case”: each image counts as fooled where the "
+        "photo alone or any of the three MA fools it. PGD perturbs the pixels of the image, which no camera saw; it is "
+        "not part of the worst case. Accuracy on all images is in results.csv."
     )
-    note += (
-        "photo alone or any of the three MA fools it. PGD perturbs the pixels of the image, which no camera saw; it "
-    )
-    note += "is not part of the worst case. Accuracy on all images is in results.csv."
     shown = tuple(key for key in cells if key[0] == "ε = 4" and key[1] != "worst case")
     return table("worst_case", "The worst of the attackers", "bound", cells, note=note, pictures=shown)
 
