@@ -29,9 +29,10 @@ from tqdm import tqdm
 
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation import Row, climb, ladder, middle, paired_gain, report, trust
+from moireaug.evaluation.given import Given
 from moireaug.evaluation.pictures import examples
 from moireaug.evaluation.store import write_text
-from moireaug.evaluation.suites import SUITES, Given
+from moireaug.evaluation.suites import GROUPS, SUITES
 from moireaug.evaluation.sweep import Index, complete, sweep
 from moireaug.fields import one_of
 from training import runs
@@ -57,7 +58,7 @@ def check(cfg: DictConfig) -> None:
     for name in ("n", "batch_size"):
         if r[name] is not None and r[name] < 1:
             raise ValueError(f"reattack.{name} must be at least 1; got {r[name]}.")
-    one_of("suite", cfg.get("suite", "ladder"), ("ladder", *SUITES, "paper", "trust"))
+    one_of("suite", cfg.get("suite", "ladder"), ("ladder", *SUITES, *GROUPS, "trust"))
     MoireAttack(model=torch.nn.Identity(), scene=scene, eps=list(r.eps), steps=r.steps)
 
 

@@ -117,7 +117,7 @@ class Config:
 class ReattackConfig(Config):
     recipe: str = "pretrained"
     run: str | None = None  # a run's folder; its own settings hold, but for those on the command line
-    suite: str = "ladder"  # or one of evaluation.suites.SUITES, "paper" (all of them), "trust"
+    suite: str = "ladder"  # or one of evaluation.suites.SUITES, a group ("paper", "recipes"), "trust"
     targets: Any = None  # of transfer: name to a file of weights or a run's folder
     demoire: str | None = None  # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
 

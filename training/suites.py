@@ -24,11 +24,12 @@ import moireaug
 from moireaug.defenses import DEFENSES, Compose, Quilting
 from moireaug.evaluation import suite_report, trust
 from moireaug.evaluation.adaptive import Defence
+from moireaug.evaluation.given import Given
 from moireaug.evaluation.grids import tidy
 from moireaug.evaluation.ladder import middle
 from moireaug.evaluation.rungs import CLEAN, Rung
 from moireaug.evaluation.store import Store, write_text
-from moireaug.evaluation.suites import Given, tables_of
+from moireaug.evaluation.suites import tables_of
 from moireaug.evaluation.sweep import MODEL, Index, Job, complete, digest, sweep
 from moireaug.evaluation.table import Table
 from training import runs

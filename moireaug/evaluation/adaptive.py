@@ -12,7 +12,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.attacks.pose import moved_fields
 from moireaug.capture import capture
 from moireaug.defenses import Defended
-from moireaug.evaluation.rungs import Bout, Rung
+from moireaug.evaluation.rungs import Bout, Rung, label, moire_attack
 from moireaug.scene import Scene
 
 DRAWS = 4  # of an expectation, of shots or of a randomised defence
@@ -40,7 +40,12 @@ def _in_turn(show: Callable[[Bout], Tensor], n: int) -> Callable[[Bout], Tensor]
     return parts
 
 
-def blind(eps: float, steps: int) -> Callable[[Bout], Tensor]:
+def strong(eps: float, steps: int, name: str = "margin, halving, 2 restarts") -> Rung:
+    """The Moiré Attack that searches harder: by the margin, with halved steps (as APGD's) and two restarts."""
+    return moire_attack(eps, steps, name=name, rule="halving", loss="margin", restarts=2)
+
+
+def blind(eps: float, steps: int) -> Rung:
     """Noise that was found by expectation over other shots, on the shot that is judged."""
 
     def show(b: Bout) -> Tensor:
@@ -48,7 +53,7 @@ def blind(eps: float, steps: int) -> Callable[[Bout], Tensor]:
         found = attack(b.images, b.labels, generator=b.generator)
         return capture(b.images, b.shot, found.noise)
 
-    return _in_turn(show, DRAWS)
+    return Rung(f"blind_{label(eps)}", "Moiré Attack at another pose", _in_turn(show, DRAWS), eps)
 
 
 def turnable(scene: Scene) -> tuple[tuple[str, ...], str]:

@@ -213,15 +213,25 @@ def _known(*cells: Metrics) -> bool:
     return all(c and c["success"] is not None for c in cells)
 
 
+# of the tables that nobody attacks in: a lead, the column with moiré and the one without
+UNATTACKED = {
+    "threat": ("Over all angles", "all", "all, no moiré"),
+    "unseen": ("Without any attacker", NOISELESS, "no moiré"),
+}
+
+
 def natural(table: Table, rows: Sequence[Metrics]) -> str:
-    """What the displays and cameras say, in a sentence; empty for any other table."""
-    found = [(r, _cell(rows, r, "all"), _cell(rows, r, "all, no moiré")) for r in table.rows]
+    """What displays and cameras, or scenes, say in a sentence; empty for any other table."""
+    if table.name not in UNATTACKED:
+        return ""
+    lead, photo, plain = UNATTACKED[table.name]
+    found = [(r, _cell(rows, r, photo), _cell(rows, r, plain)) for r in table.rows]
     known = [(r, a["success"], b["success"]) for r, a, b in found if _known(a, b)]
     if not known:
         return ""
     (worst, a, b), (best, c, d) = (f(known, key=lambda x: x[1] - x[2]) for f in (max, min))
     return (
-        f"Over all angles the moiré adds most for {worst}: {percent(a, 0)} % fooled, against {percent(b, 0)} % without "
+        f"{lead} the moiré adds most for {worst}: {percent(a, 0)} % fooled, against {percent(b, 0)} % without "
         f"moiré; least for {best}: {percent(c, 0)} against {percent(d, 0)} %."
     )
 

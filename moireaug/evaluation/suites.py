@@ -7,47 +7,17 @@ noise, and with noise of random sign.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
-from moireaug.defenses import DEFENSES, restore_mean
-from moireaug.evaluation import rungs, threat
-from moireaug.evaluation.adaptive import Defence, blind, through, turnable
-from moireaug.evaluation.rungs import CLEAN, MOIRE, NO_MOIRE, Model, Rung, in_scene, moire_attack, random_noise
-from moireaug.evaluation.sweep import MODEL, Judge, behind, other
-from moireaug.evaluation.table import Cell, Table, crossed, table
+from moireaug.defenses import restore_mean
+from moireaug.evaluation import recipes, rungs, threat
+from moireaug.evaluation.adaptive import blind, strong, through, turnable
+from moireaug.evaluation.given import Given, controls
+from moireaug.evaluation.rungs import MOIRE, NO_MOIRE, Rung, in_scene, moire_attack, random_noise
+from moireaug.evaluation.sweep import MODEL, Judge, other
+from moireaug.evaluation.table import Cell, Table, crossed, table, worst_of
 from moireaug.fields import bounds, one_of
 from moireaug.scene import Scene
-
-
-@dataclass(frozen=True, kw_only=True)
-class Given:
-    """What suites are built from.
-
-    Args:
-        scene: the evaluation's scene.
-        eps: bound of the attacks that tables compare, in [0, 1] units. steps: gradient steps of every attack.
-        targets: name to model for transfer; None where its weights are not at hand.
-        defences: name to defence: by default the paper's; an image quilting, or a network that removes moiré, joins it.
-        without: name to the reason why a defence is not there.
-    """
-
-    scene: Scene
-    eps: float = 4 / 255
-    steps: int = 20
-    targets: Mapping[str, Model | None] = field(default_factory=dict)
-    defences: Mapping[str, Defence] = field(default_factory=lambda: {k: make() for k, make in DEFENSES.items()})
-    without: Mapping[str, str] = field(default_factory=dict)
-
-    def judge(self, name: str) -> Judge:
-        """The attacked model behind the defence of that name."""
-        defence = self.defences[name]
-        return behind(name, getattr(defence, "title", name), defence)
-
-
-def _controls(eps: float) -> dict[str, Rung]:
-    """What stands beside every attack: the image itself, and its photo without and with noise that nobody searched."""
-    return {"clean": CLEAN, "moiré, δ = 0": MOIRE, "random noise": random_noise(eps)}
 
 
 def _rivals(g: Given) -> dict[str, Rung]:
@@ -87,7 +57,7 @@ def mean_normalised(g: Given) -> Table:
     """Paper, table 2: the photo's mean brought to the clean image's; and to a fixed mean, as a deployed system can."""
     restored = Judge("restored", "mean of the clean image", lambda b, shown: b.model(restore_mean(shown, b.images)))  # type: ignore[operator]
     judges = [("as it is", MODEL), ("mean restored", restored), ("gain to a grey mean", g.judge("gain"))]
-    columns = _controls(4 / 255) | {
+    columns = controls(4 / 255) | {
         f"MA ε = {rungs.label(e)}": moire_attack(e, g.steps) for e in (2 / 255, 4 / 255, 6 / 255, 8 / 255)
     }
     note = "“Mean restored” subtracts the difference to the clean image’s mean, which only an experimenter knows. The "
@@ -99,7 +69,7 @@ def mean_normalised(g: Given) -> Table:
 def jpeg(g: Given) -> Table:
     """Paper, table 3: the attacks after JPEG."""
     judges = [("no defence", MODEL), *((f"quality {q}", g.judge(f"jpeg_{q}")) for q in (20, 40, 60, 80))]
-    columns = _controls(g.eps) | _rivals(g)
+    columns = controls(g.eps) | _rivals(g)
     note = "The attacker does not know of the compression. The rivals perturb the image, which no camera saw. "
     note += CW
     title, shown = "Under JPEG compression (paper, table 3)", tuple(("no defence", c) for c in columns)
@@ -112,14 +82,14 @@ def defences(g: Given) -> Table:
     names = [n for n in g.defences if not n.startswith("jpeg_") and n != "gain"]
     judges = [("no defence", MODEL), *((g.judge(n).title, g.judge(n)) for n in names)]
     note = "The attacker does not know of the defence. " + CW + "".join(f" {n}: {why}." for n, why in g.without.items())
-    columns = _controls(g.eps) | _rivals(g)
+    columns = controls(g.eps) | _rivals(g)
     title = "Under input transformations (paper, table 4)"
     return table("defences", title, "defence", crossed(judges, columns), note=note, published=_published(g))
 
 
 def transfer(g: Given) -> Table:
     """Paper, table 6: the attacked model's pictures before other models."""
-    columns = _controls(g.eps) | _rivals(g)
+    columns = controls(g.eps) | _rivals(g)
     judges = [("the attacked model", MODEL), *((n, other(n, m)) for n, m in g.targets.items() if m is not None)]
     lost = [n for n, m in g.targets.items() if m is None]
     note = "Each row counts the images that its own model has right when clean. " + CW
@@ -175,7 +145,7 @@ def factors(g: Given) -> Table:
 def noise_position(g: Given) -> Table:
     """Paper, appendix E: noise on the raw reading against noise on the developed photo ("Moiré + BIM")."""
     after = moire_attack(g.eps, g.steps, name="noise on the photo", noise_at="photo")
-    columns = _controls(g.eps) | {"MA": moire_attack(g.eps, g.steps), "Moiré + BIM": after}
+    columns = controls(g.eps) | {"MA": moire_attack(g.eps, g.steps), "Moiré + BIM": after}
     judges = [("no defence", MODEL), *((f"JPEG {q}", g.judge(f"jpeg_{q}")) for q in (20, 40))]
     title = "Noise before or after demosaicing (paper, appendix E)"
     return table("noise_position", title, "compression", crossed(judges, columns), published=_published(g))
@@ -206,27 +176,22 @@ ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # one of each kind: a cod
 
 def adaptive(g: Given) -> Table:
     """What an attacker gains who knows of the defence, searches harder, or does not know the pose."""
-    strong = {"rule": "halving", "loss": "margin", "restarts": 2}
     plain = moire_attack(g.eps, g.steps)
-    cells = crossed([("no defence", MODEL)], _controls(g.eps) | {"MA": plain})
-    cells["no defence", "adaptive MA"] = Cell(
-        (moire_attack(g.eps, g.steps, name="margin, halving, 2 restarts", **strong),)
-    )
-    unseen = rungs.Rung(f"blind_{rungs.label(g.eps)}", "Moiré Attack at another pose", blind(g.eps, g.steps), g.eps)
-    cells["no defence", "MA, pose unknown"] = Cell((unseen,))
+    cells = crossed([("no defence", MODEL)], controls(g.eps) | {"MA": plain})
+    cells["no defence", "adaptive MA"] = Cell((strong(g.eps, g.steps),))
+    cells["no defence", "MA, pose unknown"] = Cell((blind(g.eps, g.steps),))
     parts, why = turnable(g.scene)
     if parts:
         turning = moire_attack(g.eps, g.steps, name="turns the camera", optimise=("noise", *parts))
         cells["no defence", "MA turns the camera"] = Cell((turning,))
     for name in ADAPTED:
         judge, defence = g.judge(name), g.defences[name]
-        cells |= crossed([(judge.title, judge)], _controls(g.eps) | {"MA": plain})
-        knows = through(moire_attack(g.eps, g.steps, name=f"through {judge.title}", **strong), defence)
+        cells |= crossed([(judge.title, judge)], controls(g.eps) | {"MA": plain})
+        knows = through(strong(g.eps, g.steps, name=f"through {judge.title}"), defence)
         cells[judge.title, "adaptive MA"] = Cell((knows,), judge)
     for row in dict.fromkeys(row for row, _ in cells):
         tried = [cell for (r, column), cell in cells.items() if r == row and column != "clean"]
-        every = tuple(rung for cell in tried for rung in cell.rungs)
-        cells[row, "worst case"] = Cell(every, tried[0].judge, worst=True)
+        cells[row, "worst case"] = worst_of(tried)
     note = "“Adaptive MA” attacks the model with its defence (BPDA; four draws a step of a randomised one), by the "
     note += "margin, with halved steps and two restarts. “Pose unknown”: the noise was found by expectation over four "
     note += (
@@ -248,14 +213,18 @@ SUITES: dict[str, Callable[[Given], Table]] = {
     "noise_position": noise_position,
     "threat": natural,
     "adaptive": adaptive,
+    "worst_case": recipes.worst_case,
+    "unseen": recipes.unseen,
 }
+RECIPES = ("worst_case", "unseen")
+GROUPS = {"paper": tuple(name for name in SUITES if name not in RECIPES), "recipes": RECIPES}
 
 
 def tables_of(suite: str, given: Given) -> list[Table]:
-    """The tables of a suite; "paper" is all of them, "trust" none, since its checks are not one.
+    """The tables of a suite, or of a group of them; "trust" has none, since its checks are not one.
 
     Raises:
         ValueError: an unknown suite; the message lists the known ones.
     """
-    one_of("suite", suite, (*SUITES, "paper", "trust"))
-    return [make(given) for name, make in SUITES.items() if suite in (name, "paper")]
+    one_of("suite", suite, (*SUITES, *GROUPS, "trust"))
+    return [make(given) for name, make in SUITES.items() if suite == name or name in GROUPS.get(suite, ())]

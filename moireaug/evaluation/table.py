@@ -53,6 +53,11 @@ def crossed(rows: Sequence[tuple[str, Judge]], columns: Mapping[str, Rung]) -> d
     return {(title, column): Cell((rung,), judge) for title, judge in rows for column, rung in columns.items()}
 
 
+def worst_of(cells: Sequence[Cell]) -> Cell:
+    """Each image at the worst of these cells, which one judge has seen."""
+    return Cell(tuple(rung for cell in cells for rung in cell.rungs), cells[0].judge, worst=True)
+
+
 def table(name: str, title: str, corner: str, cells: Mapping[tuple[str, str], Cell], **more: Any) -> Table:
     rows, columns = (tuple(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
     return Table(name, title, corner, rows, columns, cells, **more)

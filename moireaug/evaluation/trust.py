@@ -17,8 +17,8 @@ from torch import Tensor
 from moireaug.attacks import LOSSES, evaluating
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.adaptive import through
+from moireaug.evaluation.given import Given
 from moireaug.evaluation.rungs import CLEAN, MOIRE, Bout, Rung, attacking, label, moire_attack, random_noise
-from moireaug.evaluation.suites import Given
 from moireaug.evaluation.sweep import MODEL, Index, Job, behind, gather, other
 
 SLACK = 0.02  # two points, or one image where that is more

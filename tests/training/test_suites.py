@@ -15,7 +15,7 @@ import torch
 from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
-from moireaug.evaluation import SUITES
+from moireaug.evaluation import GROUPS
 from moireaug.evaluation.grids import CONTROLS, FIELDS
 from moireaug.evaluation.published import PUBLISHED
 from moireaug.evaluation.rungs import CLEAN
@@ -85,14 +85,14 @@ def cells(metrics):
 
 def test_the_paper_suite_has_every_table(whole):
     metrics, _ = whole
-    assert list(metrics["tables"]) == list(SUITES)
+    assert list(metrics["tables"]) == list(GROUPS["paper"])
     found = cells(metrics)
     for name, row, column in found:
         cell = found[name, row, column]
         pooled = 8 if column.startswith("all") else 1
         assert cell["n"] == 6 * pooled and cell["counted"] <= cell["n"], (name, row, column)
         assert 0 <= cell["low"] <= (cell["success"] or 0) <= cell["high"] <= 1
-    for name in SUITES:
+    for name in GROUPS["paper"]:
         columns = {c for n, _, c in found if n == name}
         assert columns & set(CONTROLS) or (name == "threat" and "all, no moiré" in columns), name
     known = {(n, r, c) for n, entries in PUBLISHED.items() for r, c in entries}
@@ -101,6 +101,17 @@ def test_the_paper_suite_has_every_table(whole):
     for key in known & found.keys():
         assert found[key]["paper"] == PUBLISHED[key[0]][key[1:]]
     assert ("transfer", "small_resnet", "MA") in found and ("transfer", "resnet34", "MA") not in found
+
+
+def test_a_group_is_one_report(weights, tmp_path):
+    found = suite("recipes", weights, tmp_path, "reattack.n=3")
+    assert list(found["tables"]) == list(GROUPS["recipes"])
+    folder = tmp_path / "reattack/small_resnet/screen_photo/recipes"
+    page, text = (folder / "report.html").read_text(), (folder / "tables.md").read_text()
+    for title in ("The worst of the attackers", "Natural moiré in other scenes", "Verdict: what is the moiré"):
+        assert title in page
+    assert "| own scene |" in text and "Without any attacker the moiré adds most for" in text and "nan" not in text
+    assert page.count('<div class="cell"') == 7 + 4  # the attackers and controls of one bound, and the scenes
 
 
 def test_the_worst_case_is_no_better_than_any_of_its_row(whole):
@@ -122,7 +133,7 @@ def test_every_form_of_the_tables_is_written(whole):
         lines = list(csv.DictReader(file))
     assert tuple(lines[0]) == FIELDS and len(lines) == len(cells(metrics))
     words = (folder / "tables.md").read_text()
-    assert words.count("\n## ") == len(SUITES) + 1 and "| resnet34 | – |" in words and "nan" not in words
+    assert words.count("\n## ") == len(GROUPS["paper"]) + 1 and "| resnet34 | – |" in words and "nan" not in words
     assert json.loads((folder / "metrics.json").read_text())["trust"] == metrics["trust"]
     assert len(metrics["trust"]) == 9 and metrics["trust_n"] == 6
 

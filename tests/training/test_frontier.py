@@ -1,0 +1,241 @@
+"""The frontier: its figures against closed forms, its refusals, and files that open."""
+
+import csv
+import io
+import json
+import math
+import random
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from scipy import stats
+
+from moireaug import Scene
+from moireaug.evaluation.recipes import OWN, others
+from training import frontier as command
+from training.frontier_plot import draw, figure
+from training.points import read
+from training.summaries import pareto, rate, summarise
+
+SCENE = Scene.preset("screen_photo")
+ENVIRONMENT = {"device": "cpu", "cpu": "a slow one", "threads": 2}
+
+
+def cell(row, column, accuracy):
+    return {"row": row, "column": column, "accuracy": accuracy}
+
+
+def put(
+    root,
+    recipe,
+    seed,
+    *,
+    worst=(0.2, 0.1),
+    seconds=10.0,
+    start=10.0,
+    init="clean",
+    unseen=0.6,
+    attacked=True,
+    n=200,
+    steps=50,
+    collapsed=None,
+    scene="screen_photo",
+    data="signs",
+    size=48,
+    device=ENVIRONMENT,
+    trust=(),
+):
+    """A finished run as fit.py leaves it, and its re-attack."""
+    folder = root / recipe / f"seed{seed}"
+    init = "random" if recipe == "clean" else init
+    where = Scene.preset(scene).to_dict()
+    train = {"seconds": seconds, "images_per_second": 600.0, "init": init, "passes": 2.5, "collapsed_at": collapsed}
+    baseline = None if recipe == "clean" else {"recipe": "clean", "train": {"seconds": start}}
+    config = {"data": {"name": data, "size": size, "root": None}, "reattack": {"n": 480, "steps": 20, "seed": 1234}}
+    metrics = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet", "train": train, "config": config,
+               "baseline": baseline, "scene_name": scene, "scene": where, "environment": device}  # fmt: skip
+    write(folder, metrics)
+    if attacked:
+        rows = [cell(f"ε = {e}", "worst case", w) for e, w in zip((4, 8), worst, strict=True)]
+        rows += [cell("ε = 4", "clean", 0.9), cell("ε = 4", "PGD on pixels", 0.4), cell("ε = 4", "moiré, δ = 0", 0.7)]
+        photos = [cell(OWN, "moiré, δ = 0", 0.7), cell(OWN, "no moiré", 0.8)]
+        photos += [cell(name, "moiré, δ = 0", unseen + 0.1 * i) for i, name in enumerate(others(SCENE))]
+        again = {"n": n, "steps": steps, "scene": where, "config": config, "trust": list(trust),
+                 "tables": {"worst_case": rows, "unseen": photos}}  # fmt: skip
+        write(folder / "reattack" / scene / "recipes", again)
+    return folder
+
+
+def write(folder, metrics):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+
+
+@pytest.fixture
+def root(tmp_path):
+    """Three recipes of three seeds; `slow` is beaten by `good`, and `lone` has one seed."""
+    for seed in range(3):
+        put(tmp_path, "clean", seed, worst=(0.01, 0.0), seconds=10.0 + seed)
+        put(tmp_path, "good", seed, worst=(0.3 + 0.02 * seed, 0.2), seconds=20.0, start=10.0 + seed)
+        put(tmp_path, "slow", seed, worst=(0.2, 0.1), seconds=60.0, start=10.0 + seed, init="random")
+    put(tmp_path, "lone", 0, worst=(0.5, 0.25), seconds=100.0, collapsed=4)
+    return tmp_path
+
+
+def test_the_figures_of_the_table(root):
+    recipes = {r.name: r for r in command.frontier(root, root / "out")}
+    assert list(recipes) == ["clean", "good", "slow", "lone"]  # the cheapest first
+    good, slow, lone = recipes["good"], recipes["slow"], recipes["lone"]
+    assert good.seeds == (0, 1, 2) and good.rates["worst_4"].value == pytest.approx(0.32)
+    assert [good.rates[key].value for key in ("clean", "natural", "pgd_4")] == pytest.approx([0.9, 0.7, 0.4])
+    assert good.rates["unseen_mean"].value == pytest.approx(0.7) and good.rates["unseen_worst"].value == 0.6
+    assert recipes["clean"].relative.value == 1 and recipes["clean"].start_seconds == 0
+    assert good.relative.value == pytest.approx((20 + 11) / 11) and good.start_seconds == 11
+    assert slow.relative.value == pytest.approx(60 / 11) and slow.start_seconds == 0  # it began with random weights
+    assert [r.name for r in recipes.values() if r.front] == ["clean", "good", "lone"]
+    assert lone.collapsed == 1 and lone.relative.low == lone.relative.high == lone.relative.value
+
+
+def test_intervals_are_students_over_seeds_and_wilsons_of_one(root):
+    values = [0.3, 0.32, 0.34]
+    low, high = stats.t.interval(0.95, 2, loc=0.32, scale=stats.sem(values))
+    assert rate(values, 200) == pytest.approx((0.32, low, high))
+    one = stats.binomtest(100, 200).proportion_ci(0.95, method="wilson")
+    assert rate([0.5], 200) == pytest.approx((0.5, one.low, one.high), abs=1e-6)
+    assert rate([0.0, 0.1], 200).low == 0  # no accuracy is below 0
+    words = command.caption(summarise(read(root).points), {k: 1 for k in ("n", "data", "model", "scene", "steps")})
+    assert "over seeds (Student’s t). Of a recipe with one seed: of 1 images (Wilson)" in words
+    assert "lone in 1 of 1 seeds" in words
+
+
+def test_the_front_is_what_nothing_dominates():
+    dice = random.Random(0)
+    for _ in range(200):
+        points = [(dice.randint(1, 6), dice.randint(1, 6)) for _ in range(dice.randint(1, 9))]
+        kept = []
+        for cost, gain in points:
+            better = [(c, g) for c, g in points if c <= cost and g >= gain and (c < cost or g > gain)]
+            kept.append(not better)
+        assert pareto(points) == kept and any(kept)
+
+
+def test_every_file_is_whole(root, capsys):
+    command.main([str(root)])
+    out = root / "frontier"
+    assert {p.name for p in out.iterdir()} == {"frontier.md", "frontier.csv", "frontier.json", "frontier.png"}
+    lines = list(csv.DictReader(io.StringIO((out / "frontier.csv").read_text())))
+    assert len(lines) == 10 and {line["recipe"] for line in lines} == {"clean", "good", "slow", "lone"}
+    assert all(math.isclose(float(x["total_seconds"]), float(x["seconds"]) + float(x["start_seconds"])) for x in lines)
+    whole = json.loads((out / "frontier.json").read_text())
+    assert whole["recipes"][1]["rates"]["worst_4"]["value"] == pytest.approx(0.32)
+    assert whole["shared"] == {"data": "signs", "model": "small_resnet", "scene": "screen_photo", "n": 200,
+                               "steps": 50, "seed": 1234}  # fmt: skip
+    words = (out / "frontier.md").read_text()
+    assert "| good ● | 3 |" in words and "| slow | 3 |" in words and "| lone ● † | 1 |" in words and "nan" not in words
+    rows = [line for line in words.splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in rows}) == 1
+    with Image.open(out / "frontier.png") as image:
+        image.load()
+        assert image.size == (1000, 490)
+    printed = capsys.readouterr().out
+    assert "× clean" in printed and max(map(len, printed.split("\nAccuracy")[0].splitlines())) <= 100
+
+
+def named(fig):
+    """The names in each panel, as boxes in pixels, and the panel."""
+    fig.canvas.draw()
+    for ax in fig.axes:
+        yield [t.get_window_extent() for t in ax.texts], ax.get_window_extent()
+
+
+def test_names_are_whole_and_apart(tmp_path):
+    for i, recipe in enumerate(
+        ("clean", "moire_aug", "moire_at", "a_long_name_of_a_recipe", "pgd", "b", "cc", "d", "e")
+    ):
+        for seed in range(3):
+            put(tmp_path, recipe, seed, worst=(0.05 * i + 0.01 * seed, 0.03 * i), seconds=10.0 + 3 * i + 0.1 * seed)
+    found = read(tmp_path)
+    for boxes, panel in named(figure(summarise(found.points), found.shared)):
+        assert len(boxes) == 9
+        for i, box in enumerate(boxes):
+            assert not box.count_overlaps(boxes[i + 1 :])
+            assert panel.x0 <= box.x0 and box.x1 <= panel.x1 and panel.y0 <= box.y0 and box.y1 <= panel.y1
+
+
+def test_hard_cases_are_drawn(tmp_path):
+    put(tmp_path, "clean", 0, worst=(0.0, 0.0))
+    found = read(tmp_path)
+    assert draw(summarise(found.points), found.shared)  # a point alone
+    for seed, seconds in enumerate((1.0, 900.0)):  # an interval of time that reaches below 0
+        put(tmp_path, r"$\\broken_$ré", seed, worst=(0.0, 1.0), seconds=seconds)
+    recipes = summarise(read(tmp_path).points)
+    assert recipes[-1].relative.low == 0 and draw(recipes, found.shared | {"scene": "$"})
+
+
+def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path):
+    put(root, "new one", 0, attacked=False)
+    (root / "good" / "seed0-0123456789ab").mkdir()  # set aside by fit.py, which found other settings there
+    write(root / "good" / "seed0-0123456789ab", {"train": None})
+    found = read(root)
+    assert len(found.points) == 10
+    assert found.commands == [
+        f"python training/reattack.py run='{root}/new one/seed0' suite=recipes reattack.n=200 reattack.steps=50"
+    ]
+    recipes = command.frontier(root, root / "out")
+    assert (
+        "new one" not in {r.name for r in recipes} and "    python training/" in (root / "out/frontier.md").read_text()
+    )
+
+
+def test_an_attack_in_another_scene_does_not_count(tmp_path):
+    folder = put(tmp_path, "good", 0)
+    (folder / "reattack/screen_photo").rename(folder / "reattack/elsewhere")
+    assert len(read(tmp_path).points) == 1  # whatever its folder is called
+    path = folder / "reattack/elsewhere/recipes/metrics.json"
+    again = json.loads(path.read_text())
+    path.write_text(json.dumps(again | {"scene": Scene.preset("phone_at_laptop").to_dict()}))
+    with pytest.raises(ValueError, match=r"(?s)own scene. Run:.*run=\S+/good/seed0 suite=recipes reattack.steps=50$"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("odd", "message"),
+    [
+        ({"data": "cifar10"}, r"runs with different data.name do not compare: \S+odd/seed0 has 'cifar10', most others"),
+        ({"size": 32}, "runs with different data.size do not compare: .* has 32, most others have 48"),
+        ({"scene": "phone_at_laptop"}, "different scene do not compare: .*'phone_at_laptop', .* have 'screen_photo'"),
+        ({"steps": 20}, "re-attacks with different reattack.steps do not compare: .* has 20, most others have 50"),
+        ({"n": 480}, r"re-attacks with different reattack.n do not compare: \S+odd/seed0 has 480"),
+    ],
+)
+def test_what_does_not_compare_is_named(root, odd, message):
+    put(root, "odd", 0, **odd)
+    with pytest.raises(ValueError, match=message):
+        read(root)
+
+
+def test_mistakes_get_a_sentence(tmp_path):
+    with pytest.raises(SystemExit, match=r"error: no finished run in \S+: it must hold <recipe>/seed<k>/metrics.json"):
+        command.main([str(tmp_path / "nowhere")])
+    for argv in ([], ["a", "b"], ["a", "out=b", "out=c"]):
+        with pytest.raises(SystemExit, match="error: pass one folder of runs, as in: python"):
+            command.main(argv)
+    folder = put(tmp_path, "good", 0)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    write(folder, metrics | {"baseline": None})
+    with pytest.raises(ValueError, match="train recipe clean with seed=0 and the same settings"):
+        read(tmp_path)
+    del metrics["train"]["passes"]
+    write(folder, metrics)
+    with pytest.raises(ValueError, match="lacks 'passes': another version"):
+        read(tmp_path)
+
+
+def test_times_of_two_machines_and_failed_checks_are_said(tmp_path):
+    failed = {"name": "many steps beat one", "verdict": "fail", "says": ""}
+    put(tmp_path, "clean", 0, trust=[failed, failed | {"verdict": "pass", "name": "fine"}])
+    put(tmp_path, "good", 0, device={"device": "NVIDIA H100"})
+    machines, checks = read(tmp_path).warnings
+    assert machines.startswith("The runs were trained on different machines (NVIDIA H100; a slow one, 2 threads)")
+    assert checks.endswith(f"failed on {Path(tmp_path, 'clean', 'seed0')}: many steps beat one.")
