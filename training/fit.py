@@ -29,6 +29,7 @@ from lightning.pytorch.callbacks import EMAWeightAveraging, TQDMProgressBar
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
+from torch.utils.data import DataLoader
 
 from moireaug.evaluation import report
 from moireaug.evaluation.store import write_text
@@ -126,7 +127,7 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
         say(f"{len(before)} of them are over: {last} is gone on from.")
     try:
         with ranks.together(trainer):
-            trainer.fit(classifier, Batches(cfg, splits), ckpt_path=str(last) if resume else None)
+            trainer.fit(classifier, Ordered(cfg, splits), ckpt_path=str(last) if resume else None)
     except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
         raise KeyboardInterrupt from None
     spent = sum(h["seconds"] for h in classifier.history)
@@ -147,6 +148,16 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
     if rank_zero_only.rank == 0:
         write_text(told, json.dumps(train))
     return classifier.eval(), train
+
+
+class Ordered(Batches):
+    """Batches whose first epoch after an interruption has its own order."""
+
+    def train_dataloader(self) -> DataLoader:
+        loader = super().train_dataloader()
+        # Lightning says so only once the workers have begun, in the order of epoch 0
+        loader.sampler.set_epoch(self.trainer.current_epoch)
+        return loader
 
 
 def trainer_of(cfg: DictConfig, out: Path) -> L.Trainer:
@@ -183,6 +194,8 @@ def main(cfg: DictConfig) -> None:
 
 def sentence(error: Exception) -> str:
     """What an error says, without the traceback that a DataLoader's worker puts around it."""
+    if isinstance(error, OSError) and error.errno:  # the system's own words
+        return f"{error}. Every whole epoch is kept, and the same command goes on once this is mended."
     return str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
 
 

@@ -1,9 +1,10 @@
-"""The processes of a run on several devices: where one is lost, all end, and one of them says so."""
+"""The processes of a run, one for each device and each worker: where one is lost, all end, and one says so."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -20,6 +21,7 @@ LOST = (
     "whole epoch is kept, and the same command goes on from there."
 )
 PERIOD, GRACE = 0.5, 5.0  # seconds between looks, and for a process to notice by itself and clean up
+_SAID = r"gloo|DataLoader worker \(pid"  # by plain RuntimeErrors
 _children: list[subprocess.Popen] = []
 _ending = threading.Event()
 
@@ -42,8 +44,8 @@ def together(trainer: L.Trainer) -> Iterator[None]:
         _ending.set()
         for child in _children:
             child.kill()
-        if isinstance(error, DistError) or (isinstance(error, RuntimeError) and "gloo" in str(error)):
-            raise ConnectionError(LOST) from error
+        if isinstance(error, RuntimeError) and (isinstance(error, DistError) or re.search(_SAID, str(error))):
+            raise ConnectionError(f"{LOST} ({str(error).splitlines()[0]})") from error
         raise
 
 

@@ -58,7 +58,7 @@ def wait(process, last, at_least):
 
 
 def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp_path):
-    given = ["recipe=clean", *TINY, "train.epochs=12"]
+    given = ["recipe=clean", *TINY, "train.epochs=12", "data.workers=1", "reattack.n=6"]
     folder = tmp_path / "runs/clean/seed0"
     process = start("fit.py", *given, cwd=tmp_path)
     wait(process, folder / "last.ckpt", 1)
@@ -93,7 +93,7 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
 
 
 def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
-    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "trainer.devices=2", "trainer.strategy=ddp"]
+    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "reattack.n=6", "trainer.devices=2", "trainer.strategy=ddp"]
     process = start("fit.py", *given, cwd=tmp_path)
     wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
     (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
@@ -106,8 +106,29 @@ def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "of them are over" in done.stdout or "Training is over" in done.stdout
     m = json.loads((tmp_path / "runs/moire_fast/seed0/metrics.json").read_text())
-    assert m["train"]["epochs"] == 3 and m["reattack"][0]["n"] == 24
+    assert m["train"]["epochs"] == 3 and m["reattack"][0]["n"] == 6
     assert done.stdout.count("Report: runs/moire_fast/seed0/report.html") == 1
+
+
+def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
+    class Fatal(torch.utils.data.Dataset):
+        def __len__(self):
+            return 64
+
+        def __getitem__(self, index):
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
+    runs.prepare(cfg)
+    with pytest.raises(ConnectionError, match=r"another process of this run was lost.*(exited unexpectedly|is killed)"):
+        fit.train_model(cfg, load(cfg.data)._replace(train=Fatal()), runs.folder(cfg), start=None)
+
+
+def test_the_systems_own_errors_say_how_to_go_on():
+    full = fit.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
+    assert "No space left" in full and "runs/report.html" in full and "the same command goes on" in full
+    assert fit.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n")) == "this."
+    assert fit.sentence(ValueError("this.")) == "this."
 
 
 @pytest.mark.parametrize("code", [-9, 1])
