@@ -119,7 +119,8 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
     before = runs.read_checkpoint(last)["history"] if resume else []
     if rank_zero_only.rank == 0:
         write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
-    trainer = trainer_of(cfg, out)
+    trainer, batches = trainer_of(cfg, out), Ordered(cfg, splits)
+    batches.first = len(before)
     began = time.perf_counter()
     say = rank_zero_only(print)
     say(f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}, {cfg.train.epochs} epochs")
@@ -127,7 +128,7 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
         say(f"{len(before)} of them are over: {last} is gone on from.")
     try:
         with ranks.together(trainer):
-            trainer.fit(classifier, Ordered(cfg, splits), ckpt_path=str(last) if resume else None)
+            trainer.fit(classifier, batches, ckpt_path=str(last) if resume else None)
     except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
         raise KeyboardInterrupt from None
     spent = sum(h["seconds"] for h in classifier.history)
@@ -151,12 +152,14 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
 
 
 class Ordered(Batches):
-    """Batches whose first epoch after an interruption has its own order."""
+    """Batches that begin in the order of epoch `first`."""
+
+    first = 0
 
     def train_dataloader(self) -> DataLoader:
         loader = super().train_dataloader()
-        # Lightning says so only once the workers have begun, in the order of epoch 0
-        loader.sampler.set_epoch(self.trainer.current_epoch)
+        # Lightning starts the workers before it has read which epoch is gone on with
+        loader.sampler.set_epoch(self.first)
         return loader
 
 
