@@ -80,11 +80,15 @@ class Replayed:
 
 class Batches(L.LightningDataModule):
     """The splits as loaders. Of a recipe that replays its batches an epoch sees one part of the images, as often as
-    there are parts: its optimiser takes as many steps an epoch as any other's."""
+    there are parts: its optimiser takes as many steps an epoch as any other's.
 
-    def __init__(self, cfg: Config, splits: Splits) -> None:
+    Args:
+        first: the epoch that is begun with.
+    """
+
+    def __init__(self, cfg: Config, splits: Splits, first: int = 0) -> None:
         super().__init__()
-        self.cfg, self.splits = cfg, splits
+        self.cfg, self.splits, self.first = cfg, splits, first
 
     def _ranks(self) -> tuple[int, int]:
         return (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
@@ -100,6 +104,8 @@ class Batches(L.LightningDataModule):
     def train_dataloader(self) -> Replayed:
         a = self.cfg.adversary
         sampler = Part(self.splits.train, *self._ranks(), seed=self.cfg.seed, parts=a.replays)
+        # Lightning starts the workers before it has read which epoch is gone on with
+        sampler.set_epoch(self.first)
         return Replayed(self._loader(sampler, self.cfg.train.batch_size, True), a.replays, a.window)
 
     def val_dataloader(self) -> DataLoader:

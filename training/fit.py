@@ -6,11 +6,13 @@
 
 Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with report.html,
 metrics.json, best.ckpt, last.ckpt and config.yaml. Its baseline, recipe `clean` with the same settings, is trained
-first, or reused where it was trained before.
+first, or reused where it was trained before. A run that was cut short, however it was, goes on when the same command is
+given again.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import sys
 import time
@@ -23,15 +25,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import hydra
 import lightning as L
 import torch
-from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint, TQDMProgressBar
+from lightning.pytorch.callbacks import EMAWeightAveraging, TQDMProgressBar
+from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
+from moireaug.evaluation import report
 from moireaug.evaluation.store import write_text
 from moireaug.fields import one_of
-from training import runs
+from training import ranks, runs
 from training.adversaries import passes
 from training.batches import Batches
+from training.checkpoints import Keep, WholeFiles
 from training.classifier import Classifier
 from training.data import Splits, load
 from training.guard import Guard
@@ -40,35 +45,42 @@ from training.schema import Config, check_keys, register
 
 
 def fit(cfg: DictConfig) -> dict[str, Any]:
-    """Train, attack again, report: one run. Returns its metrics."""
+    """Train, attack again, report: one run, or what is left of it. Returns its metrics."""
     check(cfg)
-    out, mark = runs.folder(cfg), runs.fingerprint(runs.settings(cfg))
+    out = runs.folder(cfg)
+    with runs.held(out):
+        if cfg.resume is not False and runs.stage(cfg) == "finished":
+            print(report.summary(known := runs.read_metrics(out)))
+            print(f"{out} is already finished; resume=false trains it again.")
+            return known
+        return _fit(cfg, out)
+
+
+def _fit(cfg: DictConfig, out: Path) -> dict[str, Any]:
     twin = None if cfg.recipe == "clean" else runs.plain_twin(cfg)
-    baseline = trained_twin(twin, resume=cfg.resume) if twin else None
+    if cfg.resume and rank_zero_only.rank == 0:
+        runs.insist(cfg, *([twin] if twin else []))
+    baseline = trained_twin(twin) if twin else None
 
     began = time.perf_counter()
     splits = load(cfg.data)
     seconds = {"data": time.perf_counter() - began}
-    # an interruption may have come while the baseline was trained: then this run begins
-    cfg.resume = cfg.resume and (twin is None or (out / "last.ckpt").is_file())
     if rank_zero_only.rank == 0:
-        runs.prepare(out, mark, resume=cfg.resume)
+        runs.prepare(cfg)
     model, train = train_model(cfg, splits, out, start=runs.folder(twin) if twin else None)
     seconds["train"] = train["wall_seconds"]
     if rank_zero_only.rank != 0:
         return {}
 
     began = time.perf_counter()
-    try:
-        rows = attack_again(model, splits, cfg, title=cfg.recipe)
-    except KeyboardInterrupt:
-        print(f"\nInterrupted after training. The model is whole in {out / 'best.ckpt'}; go on with\n  {again()}")
-        raise SystemExit(130) from None
+    rows = attack_again(model, splits, cfg, title=cfg.recipe)
     seconds["re-attack"] = time.perf_counter() - began
-    return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
+    metrics = publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
+    (out / "train.json").unlink(missing_ok=True)  # metrics.json holds it
+    return metrics
 
 
-def trained_twin(twin: DictConfig, *, resume: bool) -> dict[str, Any]:
+def trained_twin(twin: DictConfig) -> dict[str, Any]:
     """The baseline's metrics: from `runs/` where it was trained with the same settings before, else from training.
     Where only the re-attack's settings differ, the weights that are there are attacked again."""
     out = runs.folder(twin)
@@ -85,13 +97,7 @@ def trained_twin(twin: DictConfig, *, resume: bool) -> dict[str, Any]:
                 return known
             return known | describe(attack_again(from_run(out)[0], load(twin.data), twin, title="clean"))
     say("The baseline comes first: recipe clean, with the same settings.")
-    twin.resume = resume and (out / "last.ckpt").is_file()
     return fit(twin)
-
-
-def again() -> str:
-    """The command that goes on with this run."""
-    return f"{runs.command([a for a in sys.argv if not a.startswith('resume=')])} resume=true"
 
 
 def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | None) -> tuple[Classifier, dict[str, Any]]:
@@ -101,50 +107,37 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
         start: the folder of the baseline, whose weights `train.init=clean` begins with.
     """
     L.seed_everything(cfg.seed, verbose=False)
-    last = out / "last.ckpt"
+    last, best, told = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     classifier = Classifier(cfg, splits.num_classes)
+    resume = runs.goes_on(cfg)
+    if resume and (train := runs.read_json(told)):
+        classifier.load_state_dict(runs.read_checkpoint(best)["state_dict"])
+        print(f"Training is over: the weights are those of {best}.")
+        return classifier.eval(), train
     if one_of("train.init", cfg.train.init, ("random", "clean")) == "clean":
         if start is None:
             raise ValueError("train.init=clean starts from recipe clean, which has no such start itself: use random.")
         classifier.load_state_dict(runs.read_checkpoint(start / "best.ckpt")["state_dict"])
-    if cfg.resume:
-        runs.read_checkpoint(last)
+    before = runs.read_checkpoint(last)["history"] if resume else []
     if rank_zero_only.rank == 0:
         write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
-    keep = {"dirpath": out, "enable_version_counter": False}
-    best = ModelCheckpoint(filename="best", monitor="val_score", mode="max", **keep)
-    callbacks = [
-        EMAWeightAveraging(decay=cfg.train.ema),
-        best,
-        Guard(out / "best.ckpt"),
-        ModelCheckpoint(filename="last", save_on_train_epoch_end=True, **keep),
-        TQDMProgressBar(leave=False),
-    ]
-    settings = OmegaConf.to_container(cfg.trainer)
-    if settings["accelerator"] == "auto" and not torch.cuda.is_available():
-        settings["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
-    trainer = L.Trainer(
-        **settings,  # type: ignore[arg-type]
-        max_epochs=cfg.train.epochs, callbacks=callbacks, logger=False, num_sanity_val_steps=0,
-        enable_model_summary=False, use_distributed_sampler=False, benchmark=False,
-    )  # fmt: skip
+    trainer, batches = trainer_of(cfg, out), Batches(cfg, splits, first=len(before))
     began = time.perf_counter()
     say = rank_zero_only(print)
     say(f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}, {cfg.train.epochs} epochs")
+    if before:
+        say(f"{len(before)} of them are over: {last} is gone on from.")
     try:
-        trainer.fit(classifier, Batches(cfg, splits), ckpt_path=str(last) if cfg.resume else None)
-    except (SystemExit, KeyboardInterrupt):
-        if last.is_file():
-            say(f"\nInterrupted. Every whole epoch is kept in {last}; go on with\n  {again()}")
-        else:
-            say("\nInterrupted before the first epoch was over: nothing was kept.")
-        raise SystemExit(130) from None
+        with ranks.together(trainer):
+            trainer.fit(classifier, batches, ckpt_path=str(last) if resume else None)
+    except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
+        raise KeyboardInterrupt from None
     spent = sum(h["seconds"] for h in classifier.history)
-    state = runs.read_checkpoint(out / "best.ckpt")
+    state = runs.read_checkpoint(best)
     classifier.load_state_dict(state["state_dict"])
-    return classifier.eval(), {
+    train = {
         "seconds": spent,
-        "wall_seconds": time.perf_counter() - began,
+        "wall_seconds": time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in before),
         "epochs": len(classifier.history),
         "best_epoch": int(state["epoch"]),
         "images_per_second": len(splits.train) * len(classifier.history) / max(spent, 1e-9),  # type: ignore[arg-type]
@@ -153,6 +146,29 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
         "collapsed_at": classifier.collapsed_at,
         "history": classifier.history,
     }
+    if rank_zero_only.rank == 0:
+        write_text(told, json.dumps(train))
+    return classifier.eval(), train
+
+
+def trainer_of(cfg: DictConfig, out: Path) -> L.Trainer:
+    """Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder."""
+    settings = OmegaConf.to_container(cfg.trainer)
+    if settings["accelerator"] == "auto" and not torch.cuda.is_available():
+        settings["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
+    plugins: list[Any] = [WholeFiles()]
+    if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
+        plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command goes on by itself
+    best = Keep(out, "best", monitor="val_score", mode="max")
+    callbacks = [
+        EMAWeightAveraging(decay=cfg.train.ema), best, Guard(out / "best.ckpt"), Keep(out, "last"),
+        TQDMProgressBar(leave=False),
+    ]  # fmt: skip
+    return L.Trainer(
+        **settings,  # type: ignore[arg-type]
+        max_epochs=cfg.train.epochs, callbacks=callbacks, plugins=plugins, logger=False, num_sanity_val_steps=0,
+        enable_model_summary=False, use_distributed_sampler=False, benchmark=False,
+    )  # fmt: skip
 
 
 @hydra.main(version_base="1.3", config_path=None, config_name="root")
@@ -160,8 +176,21 @@ def main(cfg: DictConfig) -> None:
     quiet()
     try:
         fit(cfg)
-    except (ValueError, TypeError, FloatingPointError) as error:
-        raise SystemExit(f"error: {error}") from None
+    except KeyboardInterrupt:
+        again = runs.command([a for a in sys.argv if not a.startswith("resume=")])
+        rank_zero_only(print)(f"\nInterrupted. Every whole epoch is kept, and the same command goes on:\n  {again}")
+        raise SystemExit(130) from None
+    except ConnectionError as error:  # the first process speaks for all
+        raise SystemExit(f"error: {error}" if rank_zero_only.rank == 0 else 1) from None
+    except (ValueError, TypeError, FloatingPointError, OSError) as error:
+        raise SystemExit(f"error: {sentence(error)}") from None
+
+
+def sentence(error: Exception) -> str:
+    """What an error says, without the traceback that a DataLoader's worker puts around it."""
+    if isinstance(error, OSError) and error.errno:  # the system's own words
+        return f"{error}. Every whole epoch is kept, and the same command goes on once this is mended."
+    return str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
 
 
 def quiet() -> None:
@@ -170,6 +199,7 @@ def quiet() -> None:
         logging.getLogger(name).setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", ".*does not have many workers.*")
     warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
+    warnings.filterwarnings("ignore", ".*sync_dist=True.*")  # what is logged is the mean of all devices already
     warnings.filterwarnings("ignore", ".*smaller than the logging interval.*")
     warnings.filterwarnings("ignore", ".*isinstance.treespec, LeafSpec.*")  # Lightning's own, on newer torch
 

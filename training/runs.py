@@ -1,31 +1,41 @@
-"""A run's folder: what marks it as whole, whose settings it was made with, and how its files are written."""
+"""A run's folder: how far it has come, whose settings it was made with, and who works on it."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
+import itertools
 import json
 import os
 import platform
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import torch
+from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
 from training.schema import RECIPES, Adversary, Config
 
+try:
+    import fcntl
+except ImportError:  # Windows, where nothing is locked
+    fcntl = None  # type: ignore[assignment]
+
 # What a run's result does not depend on.
-_FREE = ("runs", "resume")
+_FREE, _FREE_DATA = ("runs", "resume"), ("workers", "download")
 
 
 def settings(cfg: DictConfig) -> dict[str, Any]:
     """The settings that a run's result depends on, as plain values."""
-    plain = OmegaConf.to_container(cfg, resolve=True)
-    return {k: v for k, v in plain.items() if k not in _FREE}  # type: ignore[union-attr]
+    plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
+    data = {k: v for k, v in plain["data"].items() if k not in _FREE_DATA}
+    return {k: v for k, v in plain.items() if k not in _FREE} | {"data": data}
 
 
 def fingerprint(values: Mapping[str, Any]) -> str:
@@ -40,7 +50,7 @@ def folder(cfg: DictConfig | Config) -> Path:
 def plain_twin(cfg: DictConfig) -> DictConfig:
     """Recipe `clean` with all else as in this run."""
     plain = OmegaConf.load(RECIPES / "clean.yaml")
-    return OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean", "resume": False})
+    return OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean", "resume": None})
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -56,41 +66,107 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, RuntimeError, KeyError ...
         raise ValueError(
             f"The checkpoint {path} could not be read ({type(error).__name__}). It may be missing or damaged: train "
-            "again without resume=true, or name another run."
+            "again with resume=false, which moves what is there aside, or name another run."
         ) from error
 
 
 def read_metrics(path: Path) -> dict[str, Any] | None:
     """The metrics of a whole run, or None where there is none; `metrics.json` is written last."""
+    return read_json(path / "metrics.json")
+
+
+def read_json(path: Path) -> dict[str, Any] | None:
+    """What a file holds, or None where it is missing or damaged."""
     try:
-        return json.loads((path / "metrics.json").read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
 
 
-def prepare(path: Path, mark: str, *, resume: bool) -> None:
-    """Make a run's folder ready: a run with other settings is moved aside, so that nothing is lost; what would make
-    this one look whole before it is goes.
+def stage(cfg: DictConfig) -> str:
+    """How far the run of these settings has come in its folder.
+
+    Returns:
+        "new"; "begun" where an epoch is over; "trained"; "finished"; "other" where the folder holds another run.
+    """
+    path = folder(cfg)
+    best, told = (path / "best.ckpt").is_file(), read_metrics(path)
+    if _mark(path) != fingerprint(settings(cfg)):
+        return "other" if _mark(path) or told or any(path.glob("*.ckpt")) else "new"
+    if best and told:
+        return "finished"
+    if best and read_json(path / "train.json"):
+        return "trained"
+    return "begun" if (path / "last.ckpt").is_file() else "new"
+
+
+def _mark(path: Path) -> str | None:
+    """The fingerprint of the run that a folder holds."""
+    try:
+        return fingerprint(settings(OmegaConf.load(path / "config.yaml")))  # type: ignore[arg-type]
+    except FileNotFoundError:
+        return None
+    except Exception:  # not YAML, or not a run's
+        return "damaged"
+
+
+def goes_on(cfg: DictConfig) -> bool:
+    """Whether there is something to go on from, and this is wanted. The same in every process of a run."""
+    return cfg.resume is not False and stage(cfg) in ("begun", "trained")
+
+
+def insist(cfg: DictConfig, *others: DictConfig) -> None:
+    """Refuse `resume=true` of a run that has nothing to go on from, and neither have the others.
 
     Raises:
-        ValueError: `resume` of a run that is not there, or was made with other settings.
+        ValueError: no such run, or one that was made with other settings.
     """
-    config, last = path / "config.yaml", path / "last.ckpt"
-    old = fingerprint(settings(OmegaConf.load(config))) if config.is_file() else None
-    if resume and not (old and last.is_file()):
-        raise ValueError(f"resume=true needs {last}, which does not exist: leave it out to train from the start.")
-    if resume and old != mark:
+    if any(goes_on(c) for c in (cfg, *others)):
+        return
+    path = folder(cfg)
+    if stage(cfg) == "other":
         raise ValueError(
-            f"{path} was made with other settings, see {config}: resume it with those, or leave resume out."
+            f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: give those, or leave "
+            "resume=true out, and that run is moved aside."
         )
-    if old and old != mark:
-        aside = path.with_name(f"{path.name}-{old}")
-        if not aside.exists():
-            os.replace(path, aside)
-            print(f"{path} held a run with other settings; it is now {aside}")
+    raise ValueError(f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to begin.")
+
+
+def prepare(cfg: DictConfig) -> None:
+    """Make a run's folder ready: what is not gone on with is moved aside, so that nothing is lost; what would make
+    this run look whole before it is goes."""
+    path, at = folder(cfg), stage(cfg)
+    if at == "other" or (cfg.resume is False and at != "new"):
+        name = f"{path.name}-{_mark(path) or 'old'}"
+        names = itertools.chain([name], (f"{name}-{i}" for i in itertools.count(2)))
+        aside = next(p for p in map(path.with_name, names) if not p.exists())
+        os.replace(path, aside)
+        print(f"{path} held {'a run with other settings' if at == 'other' else 'this run'}; it is now {aside}")
     path.mkdir(parents=True, exist_ok=True)
-    for name in ("metrics.json", "report.html", *(() if resume else ("best.ckpt", "last.ckpt"))):
-        (path / name).unlink(missing_ok=True)
+    for stale in (path / "metrics.json", path / "report.html", *path.glob(".*.tmp")):
+        stale.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Keep a run's folder to this command. The kernel lets go of it when the command ends, however it ends.
+
+    Raises:
+        ValueError: another command works on it.
+    """
+    if fcntl is None or rank_zero_only.rank != 0:
+        yield
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.with_name(f".{path.name}.lock").open("w") as file:  # beside it, for the folder itself may be moved
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # flock would live on in a DataLoader's worker
+        except OSError as error:
+            if error.errno in (errno.EACCES, errno.EAGAIN):  # else a disk that knows no locks
+                raise ValueError(
+                    f"another command is at work in {path}: wait for it, or give another seed=N or runs=DIR."
+                ) from None
+        yield
 
 
 def environment() -> dict[str, Any]:

@@ -110,7 +110,7 @@ class Config:
     train: Train = field(default_factory=Train)
     trainer: Trainer = field(default_factory=Trainer)
     reattack: Reattack = field(default_factory=Reattack)
-    resume: bool = False  # go on from last.ckpt of the same run
+    resume: bool | None = None  # null: go on where the same command stopped; true: or fail; false: train it anew
 
 
 @dataclass

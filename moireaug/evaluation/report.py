@@ -71,4 +71,10 @@ def _training(metrics: Metrics) -> str:
         "trains against; a recipe without one has no dashed line. Rings mark the epoch whose weights were kept. The "
         "losses are of differently perturbed images, so their heights do not compare."
     )
+    at = (trains[0] or {}).get("collapsed_at")
+    if at is not None:
+        caption += (
+            f" In epoch {at} this model collapsed (catastrophic overfitting): it defeated the few steps that it was "
+            "trained against, and nothing else. It was taken back to its best epoch, and trained on with three steps."
+        )
     return section("Training", figure(wide, narrow, "Loss and validation accuracy per epoch", caption))

@@ -219,6 +219,15 @@ def test_unknown_numbers_crash_nothing(tmp_path, metrics, unknown):
     assert not re.search(r"\b(nan|inf|None)\b", head)
 
 
+@pytest.mark.parametrize(("epoch", "said"), [(None, False), (0, True), (3, True)])
+def test_a_collapse_of_training_is_told(metrics, epoch, said, tmp_path):
+    metrics["train"]["collapsed_at"] = epoch
+    report.write(tmp_path / "report.html", metrics)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert (f"In epoch {epoch} this model collapsed" in text) == said
+    assert ("catastrophic overfitting" in text) == said
+
+
 @pytest.mark.parametrize("least", [{}, {"recipe": "x"}, {"reattack": []}, {"recipe": "x", "baseline": {}, "train": {}}])
 def test_the_least_that_can_be_reported(tmp_path, least):
     assert "not attacked" in read(tmp_path, least).text

@@ -6,32 +6,20 @@ import lightning as L
 import pytest
 import torch
 import torch.nn.functional as F
-from hydra import compose, initialize
-from hydra.core.global_hydra import GlobalHydra
 from torch import nn
 from torch.utils.data import DataLoader, SequentialSampler, TensorDataset
 
 from moireaug.attacks import MoireAttack
 from moireaug.capture import capture
 from moireaug.scene import Scene
+from tests.training.small import TINY, configured
 from training import guard
 from training.adversaries import Adversaries, Moment, Shown, check, narrowed, passes
 from training.batches import Batch, Batches, Part, Replayed
 from training.classifier import Classifier
-from training.schema import RECIPES, Adversary, register
+from training.schema import RECIPES, Adversary
 
-TINY = [
-    "data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2", "train.batch_size=32",
-    "trainer.accelerator=cpu",
-]  # fmt: skip
-register()
 SCENE = Scene.preset("screen_photo")
-
-
-def configured(*overrides):
-    GlobalHydra.instance().clear()
-    with initialize(version_base="1.3", config_path=None):
-        return compose("root", list(overrides))
 
 
 @pytest.fixture(autouse=True)

@@ -1,42 +1,16 @@
 """The recipes through their real commands, small: files, figures, resuming, and sentences for what goes wrong."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize
-from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
+from tests.training.small import TINY, command, configured, train
 from training import fit, reattack, runs
 from training.classifier import Classifier
 from training.data import augment, load
 from training.schema import Config, check_keys
-
-ROOT = Path(__file__).resolve().parents[2]
-TINY = [
-    "data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2", "train.batch_size=32",
-    "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2", "trainer.accelerator=cpu",
-]  # fmt: skip
-
-
-def command(script, *overrides, cwd):
-    """Run a script as a user does, away from the repository, with warnings as errors left to the libraries."""
-    env = os.environ | {"OMP_NUM_THREADS": "2"}
-    return subprocess.run(
-        [sys.executable, str(ROOT / "training" / script), *overrides],
-        cwd=cwd,
-        env=env,
-        capture_output=True,
-        text=True,
-        timeout=240,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -46,12 +20,6 @@ def whole(tmp_path_factory):
     done = command("fit.py", "recipe=moire_at", *TINY, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return cwd, done
-
-
-def configured(*overrides, name="root"):
-    GlobalHydra.instance().clear()
-    with initialize(version_base="1.3", config_path=None):
-        return compose(name, list(overrides))
 
 
 @pytest.fixture(autouse=True)
@@ -110,7 +78,7 @@ def test_the_baseline_is_reused_only_where_its_settings_fit(whole, capsys):
     cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}")
     twin = runs.plain_twin(cfg)
     before = (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns
-    assert fit.trained_twin(twin, resume=False)["recipe"] == "clean"
+    assert fit.trained_twin(twin)["recipe"] == "clean"
     assert (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns == before
     assert "reused" in capsys.readouterr().out
     other = configured("recipe=moire_aug", *TINY, "data.train=80")
@@ -121,7 +89,7 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, c
     cwd, _ = whole
     cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1")
     before = (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns
-    known = fit.trained_twin(runs.plain_twin(cfg), resume=False)
+    known = fit.trained_twin(runs.plain_twin(cfg))
     assert "weights are reused" in capsys.readouterr().out
     assert [r["n"] for r in known["reattack"]] == [6] * len(known["reattack"]) and known["train"]["epochs"] == 2
     assert (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns == before
@@ -160,61 +128,6 @@ def test_reattack_of_weights_on_a_folder(tmp_path):
     metrics = reattack.reattack(cfg, [])
     assert metrics["baseline"] is None and metrics["reattack"][0]["n"] == 4
     assert (tmp_path / "runs/reattack/squeezenet1_1/report.html").is_file()
-
-
-def weights(path):
-    return torch.load(path, weights_only=True)["state_dict"]
-
-
-def train(tmp_path, name, *overrides):
-    cfg = configured(
-        "recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", f"runs={tmp_path / name}", *overrides
-    )
-    out = runs.folder(cfg)
-    runs.prepare(out, runs.fingerprint(runs.settings(cfg)), resume=cfg.resume)
-    _, told = fit.train_model(cfg, load(cfg.data), out, start=None)
-    return out, told
-
-
-def test_resuming_at_an_epochs_end_is_exact(tmp_path, monkeypatch, capsys):
-    straight, told = train(tmp_path, "straight")
-    start = Classifier.on_train_epoch_start
-
-    def interrupt(self):
-        start(self)
-        if self.current_epoch == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(Classifier, "on_train_epoch_start", interrupt)
-    with pytest.raises(SystemExit):
-        train(tmp_path, "broken")
-    assert "resume=true" in capsys.readouterr().out
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # Lightning has taken it
-    monkeypatch.setattr(Classifier, "on_train_epoch_start", start)
-    resumed, again = train(tmp_path, "broken", "resume=true")
-    for name in ("best.ckpt", "last.ckpt"):
-        a, b = weights(straight / name), weights(resumed / name)
-        assert all(torch.equal(a[k], b[k]) for k in a)
-    assert [h["epoch"] for h in again["history"]] == [0, 1, 2]
-    assert [h["loss"] for h in again["history"]] == [h["loss"] for h in told["history"]]
-
-
-def test_ctrl_c_says_how_to_go_on(tmp_path):
-    """The real signal to the real command, once an epoch is over."""
-    process = subprocess.Popen(
-        [sys.executable, str(ROOT / "training/fit.py"), "recipe=clean", *TINY, "train.epochs=500"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    )  # fmt: skip
-    last = tmp_path / "runs/clean/seed0/last.ckpt"
-    deadline = time.monotonic() + 120
-    while not last.is_file() and time.monotonic() < deadline:
-        time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "python training/fit.py recipe=clean" in out and "resume=true" in out
-    torch.load(last, weights_only=True)
-    assert not (last.parent / "metrics.json").exists() and not (last.parent / "report.html").exists()
 
 
 def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):
@@ -274,7 +187,7 @@ def test_an_unknown_key_gets_the_nearest_one(override, sentence):
 def test_an_interrupted_baseline_is_resumed_and_then_its_recipe_begins(tmp_path, monkeypatch):
     cfg = configured("recipe=moire_aug", *TINY, "train.epochs=1", f"runs={tmp_path}")
     twin = runs.plain_twin(cfg)
-    runs.prepare(runs.folder(twin), runs.fingerprint(runs.settings(twin)), resume=False)
+    runs.prepare(twin)
     fit.train_model(twin, load(twin.data), runs.folder(twin), start=None)
     cfg.resume = True
     metrics = fit.fit(cfg)
@@ -327,15 +240,6 @@ def test_config_files_are_read_back():
     assert OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True)) == cfg
 
 
-def test_two_processes_share_a_run(tmp_path):
-    """DDP on the CPU: each rank trains on its half, one report is written."""
-    done = command("fit.py", "recipe=moire_fast", *TINY, "trainer.devices=2", "trainer.strategy=ddp", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    m = json.loads((tmp_path / "runs/moire_fast/seed0/metrics.json").read_text())
-    assert m["train"]["epochs"] == 2 and m["reattack"][0]["n"] == 24
-    assert done.stdout.count("Report: runs/moire_fast/seed0/report.html") == 1
-
-
 def test_ranks_and_steps_draw_differently(monkeypatch):
     cfg = configured("recipe=moire_fast", *TINY)
     batch = (torch.randint(0, 256, (4, 3, 24, 24), dtype=torch.uint8), torch.arange(4))
@@ -343,11 +247,11 @@ def test_ranks_and_steps_draw_differently(monkeypatch):
 
     def draws(rank, index):
         monkeypatch.setattr(Classifier, "global_rank", property(lambda self: rank))
-        monkeypatch.setattr(Classifier, "_strength", lambda self: 1.0)
         monkeypatch.setattr(Classifier, "log", lambda *args, **kwargs: None)
         torch.manual_seed(0)
         model = Classifier(cfg, 16)
-        monkeypatch.setattr(model, "perturb", lambda images, labels, strength: seen.append(torch.rand(3)) or images)
+        monkeypatch.setattr(model, "_moment", lambda: None)
+        monkeypatch.setattr(model, "adversary", lambda images, *rest: seen.append(torch.rand(3)) or images)
         model.training_step(batch, index)
         return seen[-1]
 

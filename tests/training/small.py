@@ -1,0 +1,69 @@
+"""What the tests of training share: settings that take seconds, the real command, and one run of it in this process."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import torch
+from hydra import compose, initialize
+from hydra.core.global_hydra import GlobalHydra
+
+from training import fit, runs
+from training.data import load
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = [
+    "data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2", "train.batch_size=32",
+    "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2", "trainer.accelerator=cpu",
+]  # fmt: skip
+LONG = 240  # seconds, for a busy machine
+
+
+def start(script, *overrides, cwd):
+    """Start a script as a user does, away from the repository."""
+    return subprocess.Popen(
+        [sys.executable, str(ROOT / "training" / script), *overrides], cwd=cwd,
+        env=os.environ | {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive"},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def command(script, *overrides, cwd):
+    """Run a script as a user does, to its end."""
+    process = start(script, *overrides, cwd=cwd)
+    try:
+        out, err = process.communicate(timeout=LONG)
+    finally:
+        process.kill()
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def configured(*overrides, name="root"):
+    GlobalHydra.instance().clear()
+    with initialize(version_base="1.3", config_path=None):
+        return compose(name, list(overrides))
+
+
+def train(tmp_path, name, *overrides):
+    """Three epochs of one recipe, without its baseline and re-attack: the run's folder, and what it cost."""
+    cfg = configured(
+        "recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", f"runs={tmp_path / name}", *overrides
+    )
+    runs.prepare(cfg)
+    out = runs.folder(cfg)
+    _, told = fit.train_model(cfg, load(cfg.data), out, start=None)
+    return out, told
+
+
+def weights(path):
+    return torch.load(path, weights_only=True)["state_dict"]
+
+
+def same(one, other):
+    """Whether two runs' folders hold the same weights, bit for bit."""
+    return all(
+        torch.equal(value, weights(other / name)[key])
+        for name in ("best.ckpt", "last.ckpt")
+        for key, value in weights(one / name).items()
+    )

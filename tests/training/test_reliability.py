@@ -1,0 +1,313 @@
+"""What cuts a run short, and that the same command goes on from the last whole epoch to the same weights."""
+
+import errno
+import json
+import os
+import resource
+import shutil
+import signal
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import torch
+from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.plugins.environments import SLURMEnvironment
+from torchvision.io import write_png
+
+from tests.training.small import LONG, TINY, command, configured, same, start, train, weights
+from training import checkpoints, fit, ranks, runs
+from training.classifier import Classifier
+from training.data import load
+
+
+@pytest.fixture(autouse=True)
+def _as_the_command_is():
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # Lightning takes it at an interruption
+
+
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory):
+    """A run that nothing cut short."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.set_num_threads(2)
+        return train(tmp_path_factory.mktemp("straight"), "runs")
+
+
+def epoch(path):
+    return runs.read_checkpoint(path)["epoch"] if path.is_file() else -1
+
+
+def wait(process, last, at_least):
+    """Until a running command has kept that epoch."""
+    deadline = time.monotonic() + LONG
+    while epoch(last) < at_least:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp_path):
+    given = ["recipe=clean", *TINY, "train.epochs=12", "data.workers=1", "reattack.n=6"]
+    folder = tmp_path / "runs/clean/seed0"
+    process = start("fit.py", *given, cwd=tmp_path)
+    wait(process, folder / "last.ckpt", 1)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=LONG)
+    assert process.returncode == 130
+    assert "python training/fit.py recipe=clean" in out and "resume" not in out
+    assert not (folder / "metrics.json").exists() and not (folder / "report.html").exists()
+
+    kept = epoch(folder / "last.ckpt")
+    process = start("fit.py", *given, cwd=tmp_path)
+    wait(process, folder / "last.ckpt", kept + 1)
+    process.send_signal(signal.SIGSTOP)
+    cfg = configured(*given, f"runs={tmp_path / 'runs'}")
+    with pytest.raises(ValueError, match="another command is at work"):
+        fit.fit(cfg)
+    kept = epoch(folder / "last.ckpt")
+    assert kept < 11, "nothing was left to go on with"
+    process.kill()
+    process.communicate(timeout=LONG)
+
+    done = command("fit.py", *given, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"{kept + 1} of them are over" in done.stdout
+    found = json.loads((folder / "metrics.json").read_text())
+    assert [h["epoch"] for h in found["train"]["history"]] == list(range(12))
+    whole = configured(*given, f"runs={tmp_path / 'whole'}")
+    runs.prepare(whole)
+    torch.set_num_threads(1)  # as the command's
+    fit.train_model(whole, load(whole.data), runs.folder(whole), start=None)
+    assert same(folder, runs.folder(whole))
+
+
+def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
+    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "reattack.n=6", "trainer.devices=2", "trainer.strategy=ddp"]
+    process = start("fit.py", *given, cwd=tmp_path)
+    wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
+    (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    os.kill(int(child), signal.SIGKILL)
+    _, err = process.communicate(timeout=LONG)
+    assert process.returncode == 1 and err.count("another process of this run was lost") == 1
+    assert "Traceback" not in err
+
+    done = command("fit.py", *given, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "of them are over" in done.stdout or "Training is over" in done.stdout
+    m = json.loads((tmp_path / "runs/moire_fast/seed0/metrics.json").read_text())
+    assert m["train"]["epochs"] == 3 and m["reattack"][0]["n"] == 6
+    assert done.stdout.count("Report: runs/moire_fast/seed0/report.html") == 1
+
+
+def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
+    class Fatal(torch.utils.data.Dataset):
+        def __len__(self):
+            return 64
+
+        def __getitem__(self, index):
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
+    runs.prepare(cfg)
+    with pytest.raises(ConnectionError, match=r"another process of this run was lost.*(exited unexpectedly|is killed)"):
+        fit.train_model(cfg, load(cfg.data)._replace(train=Fatal()), runs.folder(cfg), start=None)
+
+
+def test_the_systems_own_errors_say_how_to_go_on():
+    full = fit.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
+    assert "No space left" in full and "runs/report.html" in full and "the same command goes on" in full
+    assert fit.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n")) == "this."
+    assert fit.sentence(ValueError("this.")) == "this."
+
+
+@pytest.mark.parametrize("code", [-9, 1])
+def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code):
+    """As on a GPU, where nothing wakes it."""
+    ended, lost, left = [], SimpleNamespace(poll=lambda: code, kill=lambda: None), []
+    monkeypatch.setattr(ranks.os, "_exit", ended.append)
+    monkeypatch.setattr(ranks, "GRACE", 0.01)
+    monkeypatch.setattr(ranks, "_ending", threading.Event())
+    monkeypatch.setattr(ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost])
+    ranks._end_with_children()
+    assert ended == [1] and left == [1] and "the same command goes on" in capsys.readouterr().err
+    ranks._ending.set()  # it has noticed by itself, and says so
+    ranks._end_with_children()
+    assert ended == [1] and not capsys.readouterr().err
+    ranks._end_with_parent(os.getppid() + 1)
+    assert ended == [1, 1]
+
+
+def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight):
+    real = os.fsync
+
+    def full(file):
+        if epoch(tmp_path / "runs/moire_fast/seed0/last.ckpt") == 1:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(file)
+
+    monkeypatch.setattr(checkpoints.os, "fsync", full)
+    with pytest.raises(
+        OSError, match=r"ckpt could not be written \(No space left on device\): it needs .* MB are free"
+    ):
+        train(tmp_path, "runs")
+    folder = tmp_path / "runs/moire_fast/seed0"
+    assert epoch(folder / "last.ckpt") == 1 and not list(folder.glob(".*"))
+    monkeypatch.setattr(checkpoints.os, "fsync", real)
+    shutil.move(folder, tmp_path / "elsewhere/moire_fast/seed0")  # a larger disk
+    out, told = train(tmp_path, "elsewhere")
+    assert same(out, straight[0])
+    assert [h["loss"] for h in told["history"]] == [h["loss"] for h in straight[1]["history"]]
+
+
+def test_a_file_that_may_not_grow_is_not_left_half_written(tmp_path):
+    """The kernel itself refuses to write on."""
+    path, io = tmp_path / "last.ckpt", checkpoints.WholeFiles()
+    io.save_checkpoint({"state": torch.zeros(10)}, path)
+    _, hard = limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, hard))
+    try:
+        with pytest.raises(OSError, match="could not be written"):
+            io.save_checkpoint({"state": torch.ones(1_000_000)}, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert torch.load(path)["state"].sum() == 0 and [p.name for p in tmp_path.iterdir()] == ["last.ckpt"]
+
+
+def test_a_nan_loss_ends_at_the_last_whole_epoch(tmp_path, monkeypatch, straight):
+    forward = Classifier.forward
+
+    def broken(self, images):
+        return forward(self, images) * (float("nan") if self.training and self.current_epoch == 1 else 1)
+
+    monkeypatch.setattr(Classifier, "forward", broken)
+    with pytest.raises(FloatingPointError, match="the loss became nan in epoch 1"):
+        train(tmp_path, "runs")
+    folder = tmp_path / "runs/moire_fast/seed0"
+    assert epoch(folder / "last.ckpt") == 0
+    assert all(v.isfinite().all() for v in weights(folder / "last.ckpt").values())
+    monkeypatch.setattr(Classifier, "forward", forward)
+    assert same(train(tmp_path, "runs")[0], straight[0])
+
+
+def test_an_image_that_cannot_be_read_is_named(tmp_path):
+    images = [tmp_path / f"images/{half}/{c}/{k}.png" for half in ("train", "test") for c in "ab" for k in range(12)]
+    for k, path in enumerate(images):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_png(torch.full((3, 20, 20), 5 * k, dtype=torch.uint8), str(path))
+    whole, torn = images[3].read_bytes(), images[3]
+    torn.write_bytes(whole[:40])
+    given = [
+        "recipe=clean", *TINY[3:], "data=folder", f"data.root={tmp_path / 'images'}", "data.val=4", "data.workers=1",
+        "train.batch_size=8",
+    ]  # fmt: skip
+    failed = command("fit.py", *given, cwd=tmp_path)
+    assert failed.returncode == 1
+    (said,) = [line for line in failed.stderr.splitlines() if "could not be read" in line]
+    assert said.startswith(f"error: The image {torn} could not be read")
+    assert "Traceback" not in failed.stderr and "Caught" not in failed.stderr
+    torn.write_bytes(whole)
+    done = fit.fit(configured(*given, f"runs={tmp_path / 'runs'}"))
+    assert done["train"]["epochs"] == 2
+
+
+def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, monkeypatch, capsys):
+    cfg = configured("recipe=clean", *TINY, f"runs={tmp_path}")
+    folder, attack = runs.folder(cfg), fit.attack_again
+
+    def interrupt(*args, **settings):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fit, "attack_again", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        fit.fit(cfg)
+    told = json.loads((folder / "train.json").read_text())
+    assert runs.stage(cfg) == "trained"
+    monkeypatch.setattr(fit, "attack_again", attack)
+    monkeypatch.setattr(fit, "trainer_of", lambda *args: pytest.fail("trained again"))
+    done = fit.fit(cfg)
+    assert done["train"] == told and done["time"]["train"] == told["wall_seconds"]
+    assert not (folder / "train.json").exists()
+
+    monkeypatch.setattr(fit, "attack_again", interrupt)
+    again = configured("recipe=clean", *TINY, f"runs={tmp_path}", "data.workers=1", "resume=true")
+    assert fit.fit(again) == json.loads((folder / "metrics.json").read_text())
+    assert "already finished; resume=false trains it again" in capsys.readouterr().out
+
+
+def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
+    shutil.copytree(straight[0], tmp_path / "moire_fast/seed0")
+    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", f"runs={tmp_path}"]
+    cfg, folder = configured(*given, "resume=false"), tmp_path / "moire_fast/seed0"
+    asides = []
+    for _ in range(2):
+        kept = (folder / "best.ckpt").read_bytes()
+        runs.prepare(cfg)
+        (aside,) = [p for p in folder.parent.glob("seed0-*") if p not in asides]
+        assert (aside / "best.ckpt").read_bytes() == kept and not list(folder.iterdir())
+        assert f"{folder} held this run; it is now {aside}" in capsys.readouterr().out
+        shutil.copytree(aside, folder, dirs_exist_ok=True)
+        asides.append(aside)
+    cfg.resume = None
+    runs.prepare(cfg)
+    assert runs.goes_on(cfg) and len(list(folder.parent.glob("seed0*"))) == 3
+    (folder / "config.yaml").write_text("recipe: [")
+    runs.prepare(cfg)
+    assert (folder.parent / "seed0-damaged/best.ckpt").is_file()
+
+
+def test_resume_true_insists(tmp_path, straight):
+    shutil.copytree(straight[0], tmp_path / "moire_fast/seed0")
+    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", "resume=true", f"runs={tmp_path}"]
+    runs.insist(configured(*given))
+    with pytest.raises(ValueError, match="was made with other settings"):
+        runs.insist(configured(*given, "train.lr=0.05"))
+    with pytest.raises(ValueError, match="does not exist: leave it out"):
+        runs.insist(configured(*given, "seed=1"))
+
+
+def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):
+    shutil.copytree(straight[0], tmp_path / "runs/moire_fast/seed0")
+    last = tmp_path / "runs/moire_fast/seed0/last.ckpt"
+    last.write_bytes(last.read_bytes()[:5000])
+    (last.parent / "train.json").unlink()
+    with pytest.raises(ValueError, match=r"could not be read .* with resume=false, which moves what is there aside"):
+        train(tmp_path, "runs")
+
+
+def test_the_best_score_is_known_in_a_folder_that_was_moved(tmp_path):
+    def after(kind, **settings):
+        old, new = (kind(tmp_path / n, monitor="val_score", mode="max", **settings) for n in ("old", "new"))
+        path = str(tmp_path / "old/best.ckpt")
+        old.best_k_models, old.best_model_path, old.kth_best_model_path = {path: torch.tensor(0.9)}, path, path
+        new.load_state_dict(old.state_dict())
+        return new.best_k_models
+
+    keep = after(lambda folder, **settings: checkpoints.Keep(folder, "best", **settings))
+    assert keep == {str(tmp_path / "new/best.ckpt"): torch.tensor(0.9)}
+    assert after(ModelCheckpoint) == {}, "Lightning can do this by itself now: drop Keep.load_state_dict"
+
+
+def test_what_does_not_change_a_result_does_not_tell_runs_apart():
+    def mark(*given):
+        return runs.fingerprint(runs.settings(configured(*given)))
+
+    assert mark() == mark("data.workers=2", "data.download=true", "runs=there", "resume=true")
+    assert mark() != mark("data.train=7")
+
+
+def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
+    for name, value in {"NTASKS": "1", "PROCID": "0", "LOCALID": "0", "NODEID": "0", "JOB_ID": "1"}.items():
+        monkeypatch.setenv(f"SLURM_{name}", value)
+    environment = fit.trainer_of(configured(*TINY), tmp_path)._accelerator_connector.cluster_environment
+    assert isinstance(environment, SLURMEnvironment) and not environment.auto_requeue

@@ -1,0 +1,71 @@
+"""The processes of a run, one for each device and each worker: where one is lost, all end, and one says so."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import lightning as L
+from lightning.pytorch.plugins.environments import LightningEnvironment
+from lightning.pytorch.strategies.launchers import subprocess_script
+from torch.distributed import DistError
+
+LOST = (
+    "another process of this run was lost: it was killed, ran out of memory, or has said above what it met. Every "
+    "whole epoch is kept, and the same command goes on from there."
+)
+PERIOD, GRACE = 0.5, 5.0  # seconds between looks, and for a process to notice by itself and clean up
+_SAID = r"gloo|DataLoader worker \(pid"  # by plain RuntimeErrors
+_children: list[subprocess.Popen] = []
+_ending = threading.Event()
+
+
+@contextlib.contextmanager
+def together(trainer: L.Trainer) -> Iterator[None]:
+    """Train in it: no process outlives the others, or waits for one that is gone.
+
+    Raises:
+        ConnectionError: another process was lost.
+    """
+    # Lightning's observer kills this process without a word
+    subprocess_script._launch_process_observer = _observe
+    environment = getattr(trainer.strategy, "cluster_environment", None)
+    if trainer.local_rank > 0 and isinstance(environment, LightningEnvironment):
+        threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    try:
+        yield
+    except BaseException as error:
+        _ending.set()
+        for child in _children:
+            child.kill()
+        if isinstance(error, RuntimeError) and (isinstance(error, DistError) or re.search(_SAID, str(error))):
+            raise ConnectionError(f"{LOST} ({str(error).splitlines()[0]})") from error
+        raise
+
+
+def _observe(children: list[subprocess.Popen]) -> None:
+    _children[:] = children
+    threading.Thread(target=_end_with_children, daemon=True).start()
+
+
+def _end_with_children() -> None:
+    """End where a child has failed and this process has not noticed: it may wait for the child, for ever on a GPU."""
+    while not any(child.poll() for child in _children):
+        time.sleep(PERIOD)
+    if not _ending.wait(GRACE):
+        for child in _children:
+            child.kill()
+        print(f"error: {LOST}", file=sys.stderr, flush=True)
+        os._exit(1)
+
+
+def _end_with_parent(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(PERIOD)
+    os._exit(1)
