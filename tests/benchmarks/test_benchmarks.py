@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FACTS = {"date", "device", "cpu", "cores", "threads", "load_average_at_start", "python", *measure.LIBRARIES}
 
 
-SCRIPTS = ("accuracy_vs_time", "speed", "effects_cost")
+SCRIPTS = ("accuracy_vs_time", "speed", "effects_cost", "training_steps")
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +73,17 @@ def test_speed(ran):
     for row in written["rows"]:
         assert row["what"] in out and row["value"] >= 0 and {"low", "high", "unit", "ratio"} <= row.keys()
         assert row["met"] == (row["ratio"] <= row["bar"] if row["bar"] else None)
+
+
+def test_training_steps(ran):
+    out, written, _ = ran["training_steps"]
+    rows = {row["recipe"]: row for row in written["recipes"]}
+    assert rows.keys() == {p.stem for p in (ROOT / "recipes").glob("*.yaml")}
+    assert rows["clean"]["relative"] == 1 and rows["clean"]["passes"] == 1
+    assert rows["moire_at"]["relative"] > 1.5  # two and a half passes, and a camera
+    assert {row["option"] for row in written["options"]} >= {"as it is", "train.channels_last=false"}
+    assert all(row["loaded"] > 0 and row["share"] > 0 for row in written["loading"])
+    assert "images/s loaded" in out
 
 
 @pytest.mark.parametrize("name", PRESETS)

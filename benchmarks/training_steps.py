@@ -1,0 +1,149 @@
+"""What a step of training costs: by recipe, by option, and beside the loading of its images.
+
+    python benchmarks/training_steps.py
+
+A step is forward, backward and update of `training.classifier.Classifier` on one batch of photographs (small_resnet at
+48 px, resnet18 at 224 px). Loading is the DataLoader of `training.batches` over a folder of JPEG files, made for the
+purpose. Prints three tables and writes results/training_steps.json.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
+
+import torch
+from hydra import compose, initialize
+from omegaconf import DictConfig
+from PIL import Image
+
+from benchmarks import measure
+from benchmarks.problems import images
+from training.adversaries import WHOLE, passes
+from training.batches import Batch, Batches
+from training.classifier import Classifier
+from training.data import load
+from training.schema import RECIPES, register
+
+FULL = {"batch": 128, "large": 8, "repeats": 9, "files": 192, "sides": (48, 256), "compile": True}
+QUICK = {"batch": 4, "large": 1, "repeats": 1, "files": 4, "sides": (16,), "compile": False}
+OPTIONS = {
+    "as it is": [],
+    "train.channels_last=false": ["train.channels_last=false"],
+    "train.compile=true": ["train.compile=true"],
+    "trainer.precision=bf16-mixed": ["trainer.precision=bf16-mixed"],
+}
+
+
+def main() -> None:
+    args = measure.arguments(__doc__).parse_args()
+    torch.set_num_threads(args.threads)
+    facts, settings = measure.metadata(), QUICK if args.quick else FULL
+    print(measure.told(facts), end="\n\n")
+    register()
+    with initialize(version_base="1.3", config_path=None):
+        found = {"recipes": recipes(settings), "options": options(settings), "loading": loading(settings)}
+    print("A step of each recipe: small_resnet, 48 px, batch", settings["batch"])
+    heads = ["recipe", "ms a step", "quartiles", "times clean", "passes"]
+    rows = [[r["recipe"], *measure.in_ms(r["seconds"]), r["relative"], r["passes"]] for r in found["recipes"]]
+    print(measure.table(heads, rows), end="\n\n")
+    print("Options of moire_at")
+    heads = ["model", "option", "ms a step", "quartiles", "times as it is"]
+    rows = [[r["model"], r["option"], *measure.in_ms(r["seconds"]), r["relative"]] for r in found["options"]]
+    print(measure.table(heads, rows), end="\n\n")
+    print("Loading JPEG files, and the training that they are loaded for (clean)")
+    heads = ["side", "model", "workers", "images/s loaded", "images/s trained", "loading / training"]
+    rows = [list(r.values()) for r in found["loading"]]
+    print(measure.table(heads, rows))
+    measure.write_json(args.out / "training_steps.json", {"metadata": facts, "settings": settings} | found)
+
+
+def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for each recipe: the time of a step; of one that replays its batches, the mean over a batch's visits."""
+    names = sorted(p.stem for p in RECIPES.glob("*.yaml"))
+    configured = {name: compose("root", [f"recipe={name}"]) for name in names}
+    calls = {name: step(cfg, settings["batch"], 48) for name, cfg in configured.items()}
+    rounds = {name: cfg.adversary.replays for name, cfg in configured.items()}
+    several = {n: lambda f=f, k=rounds[n]: [f() for _ in range(k)] for n, f in calls.items()}
+    times = measure.timed_together(several, settings["repeats"])
+    each = {name: times[name] / rounds[name] for name in names}
+    return [
+        {"recipe": name, "seconds": each[name]._asdict(), "relative": each[name].median / each["clean"].median,
+         "passes": passes(configured[name].adversary)}
+        for name in sorted(names, key=lambda name: each[name].median)
+    ]  # fmt: skip
+
+
+def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for each model and option that changes no figure but the time."""
+    rows = []
+    for model, batch, side in (("small_resnet", settings["batch"], 48), ("resnet18", settings["large"], 224)):
+        chosen = {k: v for k, v in OPTIONS.items() if settings["compile"] or "compile" not in k}
+        recipe = ["recipe=moire_at", f"model={model}"]
+        calls = {name: step(compose("root", [*recipe, *given]), batch, side) for name, given in chosen.items()}
+        times = measure.timed_together(calls, settings["repeats"], warmup=2)
+        plain = times["as it is"].median
+        rows += [
+            {"model": model, "option": name, "seconds": t._asdict(), "relative": t.median / plain}
+            for name, t in times.items()
+        ]
+    return rows
+
+
+def step(cfg: DictConfig, batch: int, side: int) -> Callable[[], None]:
+    """A step of training away from Lightning's loop; each call is the next visit of one batch."""
+    torch.manual_seed(0)
+    model = Classifier(cfg, 16)
+    type(model).current_epoch = property(lambda self: 0)  # type: ignore[assignment]
+    model._moment, model.log = (lambda: WHOLE), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
+    optimizer = torch.optim.SGD(model.parameters(), 1e-3, momentum=0.9)
+    shown = (images("photo", batch, side) * 255).to(torch.uint8)
+    labels, visits = torch.arange(batch) % 16, itertools.cycle(range(cfg.adversary.replays))
+    half = cfg.trainer.precision == "bf16-mixed"
+
+    def once() -> None:
+        with torch.autocast("cpu", torch.bfloat16, enabled=half):
+            loss = model.training_step(Batch(shown, labels, visit=next(visits)), 0)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+
+    return once
+
+
+def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for each size of files and number of workers: images a second, and those of a step of clean training."""
+    rows = []
+    for side in settings["sides"]:
+        model, size, batch = ("small_resnet", 48, 64) if side < 100 else ("resnet18", 224, settings["large"])
+        given = ["recipe=clean", f"model={model}", f"data.size={size}", "data=folder", f"train.batch_size={batch}"]
+        trained = batch / measure.timed(step(compose("root", given), batch, size), settings["repeats"]).median
+        with tempfile.TemporaryDirectory() as root:
+            write_folder(Path(root), settings["files"], side)
+            for workers in (0, 2):
+                cfg = compose("root", [*given, f"data.root={root}", f"data.workers={workers}", "data.val=2"])
+                loader = Batches(cfg, load(cfg.data)).train_dataloader()
+                n = len(loader) * min(batch, settings["files"])
+                taken = measure.timed(lambda loader=loader: list(loader), 3 if settings["repeats"] > 1 else 1).median
+                rows.append({"side": side, "model": model, "workers": workers, "loaded": n / taken,
+                             "trained": trained, "share": trained / (n / taken)})  # fmt: skip
+    return rows
+
+
+def write_folder(root: Path, n: int, side: int) -> None:
+    """n + 4 JPEG files of a photograph-like picture, in train/ and test/."""
+    shown = (images("photo", 4, side).movedim(1, -1) * 255).to(torch.uint8).numpy()
+    for half, many in (("train", n + 2), ("test", 2)):
+        (root / half / "a").mkdir(parents=True)
+        for i in range(many):
+            Image.fromarray(shown[i % 4]).save(root / half / "a" / f"{i}.jpg", quality=90)
+
+
+if __name__ == "__main__":
+    main()
