@@ -59,9 +59,6 @@ class Shown:
         return replace(self, noise=moved.clamp(-eps, eps))
 
 
-Perturb = Callable[[Tensor, Tensor, Moment], Tensor]  # images, labels -> images
-
-
 class Adversaries:
     """Turns images against a model, as `adversary.*` says.
 
@@ -78,7 +75,6 @@ class Adversaries:
         self.model, self.scene, self.cfg = model, scene, cfg
         check(cfg)
         self.turned = _turned(scene) if cfg.turn else ()
-        moved_fields(scene, self.turned)  # raises where no gradient turns the camera
         self.attack = _attack(model, scene, cfg)
 
     def __call__(self, images: Tensor, labels: Tensor, moment: Moment = WHOLE) -> Tensor:
@@ -108,7 +104,7 @@ class Adversaries:
             # of the shot and the turned one it keeps the worse
             camera = MoireAttack(model=self.model, scene=self.scene, eps=0.0, steps=1, step_size=STEP,
                                  optimise=self.turned)  # fmt: skip
-            shot = camera(images, labels, shot=shot).shot._map(Tensor.detach)  # type: ignore[union-attr]
+            shot = camera(images, labels, shot=shot).shot  # type: ignore[union-attr]
         return shot
 
     def _worst(self, images: Tensor, labels: Tensor, shots: Shot) -> Shot:
@@ -189,8 +185,17 @@ def narrowed(shot: Shot, width: float) -> Shot:
 
 
 def _turned(scene: Scene) -> tuple[str, ...]:
-    """Those of `TURNED` that have a range in this scene."""
+    """Those of `TURNED` that have a range in this scene.
+
+    Raises:
+        ValueError: none has one, or no gradient turns this camera.
+    """
     parts = {name: getattr(scene, name) for name in TURNED}
-    return tuple(
-        n for n, part in parts.items() if any(isinstance(getattr(part, f), tuple) for f in ranged_fields(part))
-    )
+    open_ = [n for n, part in parts.items() if any(isinstance(getattr(part, f), tuple) for f in ranged_fields(part))]
+    if not open_:
+        raise ValueError(
+            f"adversary.turn searches the ranges of {' and '.join(TURNED)}, and the scene has none: give one of their "
+            "fields a (low, high) pair, or leave adversary.turn out."
+        )
+    moved_fields(scene, tuple(open_))
+    return tuple(open_)

@@ -206,7 +206,9 @@ def verdict(table: Table, rows: Sequence[Metrics]) -> Verdict | None:
         spread = spread or f"{percent(least, 0)} to {percent(most, 0)} %"
         added = percent(max(0.0, both - alone), 0)
         plural = "" if added == "1" else "s"
-        others = f"In the other rows the photo alone fools {spread}; the noise adds at most {added} point{plural} ({name})."
+        others = (
+            f"In the other rows the photo alone fools {spread}; the noise adds at most {added} point{plural} ({name})."
+        )
     return Verdict(row, hit["eps"], photo["success"], random["success"], hit["success"], hit["counted"], others)
 
 

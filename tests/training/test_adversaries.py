@@ -269,9 +269,15 @@ def test_adversaries_that_cannot_be_get_a_sentence(settings, sentence):
         check(Adversary(**settings))
 
 
-def test_a_scene_that_nothing_can_be_turned_in_gets_a_sentence():
-    with pytest.raises(ValueError, match="differentiable in the shot"):
-        scene = dataclasses.replace(SCENE, sensor=dataclasses.replace(SCENE.sensor, exposure="supersample:2"))
+@pytest.mark.parametrize(
+    ("scene", "sentence"),
+    [
+        (dataclasses.replace(SCENE, sensor=dataclasses.replace(SCENE.sensor, exposure="point")), "differentiable in"),
+        (Scene(), "searches the ranges of panel and view, and the scene has none"),
+    ],
+)
+def test_a_scene_that_nothing_can_be_turned_in_gets_a_sentence(scene, sentence):
+    with pytest.raises(ValueError, match=sentence):
         Adversaries(nn.Identity(), scene, Adversary(kind="moire", turn=True))
 
 
