@@ -11,6 +11,7 @@ from torch.utils.data import DataLoader, SequentialSampler, TensorDataset
 
 from moireaug.attacks import MoireAttack
 from moireaug.capture import capture
+from moireaug.parts import Panel
 from moireaug.scene import Scene
 from tests.training.small import TINY, configured
 from training import guard
@@ -273,7 +274,7 @@ def test_adversaries_that_cannot_be_get_a_sentence(settings, sentence):
     ("scene", "sentence"),
     [
         (dataclasses.replace(SCENE, sensor=dataclasses.replace(SCENE.sensor, exposure="point")), "differentiable in"),
-        (Scene(), "searches the ranges of panel and view, and the scene has none"),
+        (Scene(panel=Panel(phase=0.0)), "searches the ranges of panel and view, and the scene has none"),
     ],
 )
 def test_a_scene_that_nothing_can_be_turned_in_gets_a_sentence(scene, sentence):
