@@ -30,39 +30,27 @@ from training.summaries import RATES, Recipe, summarise
 
 def caption(recipes: Sequence[Recipe], shared: dict) -> str:
     """What the figures are of, and what their intervals are."""
-    text = "Accuracy in % of {n} test images: {data}, {model}, scene {scene}, {steps} steps an attack. ".format(
-        **shared
-    )
-    many, one = (any((len(r.seeds) > 1) == several for r in recipes) for several in (True, False))
-    text += "Intervals of 95 %: over seeds (Student’s t). " if many else ""
-    text += (
-        f"{'Of a recipe with one seed' if many else 'Intervals of 95 %'}: of {shared['n']} images (Wilson). "
-        if one
-        else ""
-    )
-    text += (
-        "Worst case: each image at the worst of the photo alone and three Moiré Attacks. Time is of training alone, "
-    )
-    text += (
-        "on top of the clean weights that a recipe starts from; × clean counts both. ● no other recipe is as robust "
-    )
-    text += "at 4/255 for less time."
+    n, many = shared["n"], [r for r in recipes if len(r.seeds) > 1]
+    intervals = ["over seeds (Student’s t)"] if many else []
+    if len(many) < len(recipes):
+        intervals.append(f"{'of a recipe with one seed ' if many else ''}of {n} images (Wilson)")
+    said = [
+        "Accuracy in % of {n} test images: {data}, {model}, scene {scene}, {steps} steps an attack.".format(**shared),
+        f"Intervals of 95 %: {'; '.join(intervals)}.",
+        "Worst case: each image at the worst of the photo alone and three Moiré Attacks.",
+        "Time is of training alone, on top of the clean weights that a recipe starts from; × clean counts both.",
+        "● no other recipe is as robust at 4/255 for less time.",
+    ]
     lost = [f"{r.name} in {r.collapsed} of {len(r.seeds)} seeds" for r in recipes if r.collapsed]
-    return text + (f" † training collapsed (catastrophic overfitting): {', '.join(lost)}." if lost else "")
+    if lost:
+        said.append(f"† training collapsed (catastrophic overfitting): {', '.join(lost)}.")
+    return " ".join(said)
 
 
 def markdown(recipes: Sequence[Recipe], found: Found) -> str:
     """The table, its caption, what to beware of, and the commands that would complete it."""
-    heads = [
-        "recipe",
-        "seeds",
-        *RATES.values(),
-        "training, s",
-        "its start, s",
-        "× clean",
-        "passes an image",
-        "images/s",
-    ]
+    times = ["training, s", "its start, s", "× clean", "passes an image", "images/s"]
+    heads = ["recipe", "seeds", *RATES.values(), *times]
     lines = ["| " + " | ".join(heads) + " |", "|---|" + "---:|" * (len(heads) - 1)]
     for r in recipes:
         rates = [f"{percent(e.value)} <sub>{percent(e.low)}–{percent(e.high)}</sub>" for e in r.rates.values()]
