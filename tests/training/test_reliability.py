@@ -58,7 +58,7 @@ def wait(process, last, at_least):
 
 
 def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp_path):
-    given = ["recipe=clean", *TINY, "train.epochs=12", "data.workers=1", "reattack.n=6"]
+    given = ["recipe=clean", *TINY, "train.epochs=24", "data.workers=1", "reattack.n=6"]
     folder = tmp_path / "runs/clean/seed0"
     process = start("fit.py", *given, cwd=tmp_path)
     wait(process, folder / "last.ckpt", 1)
@@ -76,7 +76,7 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     with pytest.raises(ValueError, match="another command is at work"):
         fit.fit(cfg)
     kept = epoch(folder / "last.ckpt")
-    assert kept < 11, "nothing was left to go on with"
+    assert kept < 23, "nothing was left to go on with"
     process.kill()
     process.communicate(timeout=LONG)
 
@@ -84,7 +84,7 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     assert done.returncode == 0, done.stderr
     assert f"{kept + 1} of them are over" in done.stdout
     found = json.loads((folder / "metrics.json").read_text())
-    assert [h["epoch"] for h in found["train"]["history"]] == list(range(12))
+    assert [h["epoch"] for h in found["train"]["history"]] == list(range(24))
     whole = configured(*given, f"runs={tmp_path / 'whole'}")
     runs.prepare(whole)
     torch.set_num_threads(1)  # as the command's
