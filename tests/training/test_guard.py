@@ -1,0 +1,87 @@
+"""Catastrophic overfitting: what counts as a collapse, and what becomes of a model that has collapsed."""
+
+import lightning as L
+import pytest
+import torch
+
+from tests.training.small import TINY, configured
+from training import guard
+from training.batches import Batches
+from training.classifier import Classifier
+
+
+@pytest.fixture(autouse=True)
+def _no_third_party_warnings():
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+@pytest.mark.parametrize(
+    ("accuracies", "fallen"),
+    [([0.5], False), ([0.5, 0.45], False), ([0.5, 0.45, 0.1], True), ([0.15, 0.01], False), ([0.6, 0.2, 0.5], False)],
+)
+def test_what_counts_as_a_collapse(accuracies, fallen):
+    assert guard.collapsed(accuracies) == fallen
+
+
+class Loud(L.Callback):
+    """Makes the accuracy under attack look collapsed after epoch 1, and keeps what the weights were then."""
+
+    def __init__(self):
+        self.weights, self.steps = {}, {}
+
+    def on_train_epoch_start(self, trainer, module):
+        self.weights[trainer.current_epoch] = {k: v.clone() for k, v in module.state_dict().items()}
+        self.steps[trainer.current_epoch] = module.adversary.cfg.steps
+
+    def on_validation_end(self, trainer, module):
+        module.history[-1]["perturbed"] = 0.05 if trainer.current_epoch == 1 else 0.6
+
+
+def trained(tmp_path, *overrides):
+    from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint
+
+    from training.data import load
+
+    cfg = configured("recipe=moire_fast", *TINY, "train.init=random", "train.epochs=3", *overrides)
+    L.seed_everything(0, verbose=False)
+    model, loud = Classifier(cfg, 16), Loud()
+    best = ModelCheckpoint(dirpath=tmp_path, filename="best", monitor="epoch", mode="min", enable_version_counter=False)
+    trainer = L.Trainer(
+        max_epochs=3, accelerator="cpu", logger=False, num_sanity_val_steps=0, use_distributed_sampler=False,
+        callbacks=[EMAWeightAveraging(decay=0.5), best, guard.Guard(tmp_path / "best.ckpt"), loud],
+        enable_model_summary=False, enable_progress_bar=False,
+    )  # fmt: skip
+    trainer.fit(model, Batches(cfg, load(cfg.data)))
+    return model, loud, torch.load(tmp_path / "best.ckpt", weights_only=True)
+
+
+def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(tmp_path, capsys):
+    model, loud, best = trained(tmp_path)
+    assert best["epoch"] == 0
+    assert model.collapsed_at == 1 and loud.steps == {0: 1, 1: 1, 2: 3}
+    assert "Back to epoch 0, and on with three steps" in capsys.readouterr().out
+    again, before = loud.weights[2], best["current_model_state"]
+    assert all(torch.equal(again[k], before[k]) for k in before)
+    # the collapse outlives the process
+    kept: dict = {}
+    model.on_save_checkpoint(kept)
+    resumed = Classifier(model.cfg, 16)
+    resumed.on_load_checkpoint(kept)
+    assert resumed.hardened and resumed.adversary.cfg.steps == 3 and resumed.adversary.cfg.random_start == 1.0
+
+
+def test_multi_step_training_is_left_alone(tmp_path):
+    model, loud, _ = trained(tmp_path, "adversary.steps=3", "adversary.random_start=1", "adversary.step_size=null")
+    assert model.collapsed_at is None and loud.steps[2] == 3
+
+
+@pytest.mark.parametrize("setting", ["train.channels_last=false", "train.label_smoothing=0.1", "train.momentum=0"])
+def test_options_of_training_train(setting, tmp_path):
+    model, _, _ = trained(tmp_path, setting)
+    assert len(model.history) == 3
+    if "channels" in setting:
+        assert all(p.is_contiguous() for p in model.model.parameters())
