@@ -11,7 +11,7 @@ fit: .venv/installed
 test: .venv/installed-dev
 	$(VENV)/ruff check .
 	$(VENV)/ruff format --check .
-	$(VENV)/python -m pytest
+	OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(VENV)/python -m pytest -n auto --maxprocesses 8 --dist worksteal
 
 .venv/bin/python:
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'moireaug needs Python 3.11 or newer, got ' + sys.version.split()[0] + '. Name one: make PYTHON=python3.12')"

@@ -1,4 +1,4 @@
-"""What every test shares: two threads, small images, and quiet third parties."""
+"""What every test shares: small images, threads that do not fight over the cores, and quiet third parties."""
 
 import os
 
@@ -7,10 +7,13 @@ os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 import pytest
 import torch
 
+# pytest-xdist gives each core a process of its own: two threads in each would wait for one another.
+THREADS = 1 if "PYTEST_XDIST_WORKER" in os.environ else 2
+
 
 @pytest.fixture(autouse=True)
-def _two_threads():
-    torch.set_num_threads(2)
+def _threads_and_seed():
+    torch.set_num_threads(THREADS)
     torch.manual_seed(0)
 
 

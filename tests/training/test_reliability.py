@@ -17,6 +17,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.plugins.environments import SLURMEnvironment
 from torchvision.io import write_png
 
+from tests.conftest import THREADS
 from tests.training.small import LONG, TINY, command, configured, same, start, train, weights
 from training import checkpoints, fit, ranks, runs
 from training.classifier import Classifier
@@ -40,7 +41,7 @@ def straight(tmp_path_factory):
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        torch.set_num_threads(2)
+        torch.set_num_threads(THREADS)
         return train(tmp_path_factory.mktemp("straight"), "runs")
 
 
