@@ -91,7 +91,7 @@ def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     left = max(left, 0.2 * min(r.relative.value for r in recipes))  # two seeds may leave an interval down to 0
     low, high = min(100 * r.rates[key].low for r in recipes), max(100 * r.rates[key].high for r in recipes)
     margin, wide = max(2.0, 0.08 * (high - low)), max(math.log(right / left), math.log(1.5))
-    left, right = left * math.exp(-0.1 * wide), right * math.exp(0.22 * wide)  # a name may stand at the right
+    left, right = left * math.exp(-0.1 * wide), right * math.exp(0.28 * wide)  # a name may stand at the right
     ax.set(xlim=(left, right), ylim=(max(-margin / 2, low - margin), min(102.0, high + margin)))
     inside = [t for t in TICKS if left <= t <= right]
     ticks = inside[:: -(-len(inside) // 8)]
@@ -124,6 +124,7 @@ def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
         end = np.clip(point, best[:2], best[2:])
         if np.hypot(*(end - point)) > 20:
             ax.plot(*data([point, end]).T, color=RIVALS, linewidth=0.7)
+            taken += _thick(point + np.linspace(0, 1, 12)[:, None] * (end - point))  # other lines keep clear of it
 
 
 def _thick(line: np.ndarray) -> list[np.ndarray]:

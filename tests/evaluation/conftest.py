@@ -1,8 +1,12 @@
-"""A small model that has every image of two batches right, so that all of them count."""
+"""What the tests of evaluations share: a small model that has every image of two batches right, so that all of them
+count, and the metrics and pictures of a run to report."""
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
+
+from moireaug.evaluation.statistics import wilson
 
 
 def classifier(seed=0, classes=4):
@@ -20,3 +24,92 @@ def known():
     images = [torch.rand(8, 3, 16, 16, generator=g) for _ in range(2)]
     with torch.no_grad():
         return model, [(x, model(x).argmax(1)) for x in images]
+
+
+N, COUNTED = 200, 180
+RUNGS = (
+    ("clean", "clean image", 0),
+    ("no_moire", "photo, no moiré", 0),
+    ("moire", "photo with moiré, no noise", 0),
+    ("ma_2", "Moiré Attack 2/255", 2 / 255),
+    ("ma_4", "Moiré Attack 4/255", 4 / 255),
+    ("ma_8", "Moiré Attack 8/255", 8 / 255),
+    ("ma_4_targeted", "targeted Moiré Attack 4/255", 4 / 255),
+    ("pgd_4", "PGD on pixels 4/255", 4 / 255),
+)
+
+
+def rows(accuracies, fooled):
+    return [
+        {
+            "name": name,
+            "title": title,
+            "eps": eps,
+            "targeted": name.endswith("targeted"),
+            "accuracy": a,
+            "accuracy_interval": list(wilson(round(a * N), N)),
+            "success": f,
+            "success_interval": list(wilson(round(f * COUNTED), COUNTED)),
+            "n": N,
+            "counted": COUNTED,
+            "seconds": 1.5,
+        }
+        for (name, title, eps), a, f in zip(RUNGS, accuracies, fooled, strict=True)
+    ]
+
+
+def run(recipe, accuracies, fooled, seconds):
+    history = [
+        {"epoch": i, "loss": 2.0 - i, "clean": 0.4 + 0.2 * i, "perturbed": 0.3, "seconds": 9.0} for i in range(2)
+    ]
+    return {
+        "recipe": recipe,
+        "seed": 0,
+        "data": "signs",
+        "model": "small_resnet",
+        "clean_accuracy": accuracies[0],
+        "train": {
+            "seconds": seconds,
+            "epochs": 2,
+            "best_epoch": 1,
+            "images_per_second": 100.0,
+            "passes": 3.25,
+            "history": history,
+        },
+        "baseline": None,
+        "reattack": rows(accuracies, fooled),
+    }
+
+
+@pytest.fixture
+def metrics():
+    ours = run("moire_at", (0.9, 0.9, 0.9, 0.8, 0.76, 0.5, 0.8, 0.6), (0, 0.02, 0.03, 0.1, 0.18, 0.5, 0.1, 0.3), 210.0)
+    theirs = run("clean", (0.95, 0.8, 0.5, 0.2, 0.08, 0, 0.2, 0), (0, 0.2, 0.46, 0.8, 0.92, 1, 0.6, 1), 70.0)
+    gains = {
+        o["name"]: o["accuracy"] - t["accuracy"] for o, t in zip(ours["reattack"], theirs["reattack"], strict=True)
+    }
+    return ours | {
+        "baseline": theirs,
+        "gain": gains,
+        "gain_interval": {name: [gain - 0.06, gain + 0.06] for name, gain in gains.items()},
+        "time": {"data": 1.0, "train": 210.0, "re-attack": 60.0, "pictures": 0.5},
+        "scene": {"panel": {"scale": [1.0, 2.0]}},
+        "plan": "12 effects are computed, in this order",
+        "scene_name": "screen_photo",
+        "config": {"data": {"name": "signs", "root": None}, "empty": {}},
+        "environment": {"python": "3.11.7", "threads": 2},
+        "command": "python training/fit.py recipe=moire_at",
+    }
+
+
+@pytest.fixture
+def pictures():
+    def image(side):
+        return np.random.default_rng(side).integers(0, 256, (side, side, 3), dtype=np.uint8)
+
+    cell = {
+        "title": "clean image",
+        "image": image(32),
+        "predictions": [("moire_at", "stop", True), ("clean", "go", False)],
+    }
+    return [{"label": "stop", "cells": [cell, {"title": "noise, × 8", "image": image(299)}]}]

@@ -12,96 +12,6 @@ import numpy as np
 import pytest
 
 from moireaug.evaluation import plots, report
-from moireaug.evaluation.statistics import wilson
-from moireaug.evaluation.words import duration, headline, main_row
-
-N, COUNTED = 200, 180
-RUNGS = (
-    ("clean", "clean image", 0),
-    ("no_moire", "photo, no moiré", 0),
-    ("moire", "photo with moiré, no noise", 0),
-    ("ma_2", "Moiré Attack 2/255", 2 / 255),
-    ("ma_4", "Moiré Attack 4/255", 4 / 255),
-    ("ma_8", "Moiré Attack 8/255", 8 / 255),
-    ("ma_4_targeted", "targeted Moiré Attack 4/255", 4 / 255),
-    ("pgd_4", "PGD on pixels 4/255", 4 / 255),
-)
-
-
-def rows(accuracies, fooled):
-    return [
-        {
-            "name": name,
-            "title": title,
-            "eps": eps,
-            "targeted": name.endswith("targeted"),
-            "accuracy": a,
-            "accuracy_interval": list(wilson(round(a * N), N)),
-            "success": f,
-            "success_interval": list(wilson(round(f * COUNTED), COUNTED)),
-            "n": N,
-            "counted": COUNTED,
-            "seconds": 1.5,
-        }
-        for (name, title, eps), a, f in zip(RUNGS, accuracies, fooled, strict=True)
-    ]
-
-
-def run(recipe, accuracies, fooled, seconds):
-    history = [
-        {"epoch": i, "loss": 2.0 - i, "clean": 0.4 + 0.2 * i, "perturbed": 0.3, "seconds": 9.0} for i in range(2)
-    ]
-    return {
-        "recipe": recipe,
-        "seed": 0,
-        "data": "signs",
-        "model": "small_resnet",
-        "clean_accuracy": accuracies[0],
-        "train": {
-            "seconds": seconds,
-            "epochs": 2,
-            "best_epoch": 1,
-            "images_per_second": 100.0,
-            "passes": 3.25,
-            "history": history,
-        },
-        "baseline": None,
-        "reattack": rows(accuracies, fooled),
-    }
-
-
-@pytest.fixture
-def metrics():
-    ours = run("moire_at", (0.9, 0.9, 0.9, 0.8, 0.76, 0.5, 0.8, 0.6), (0, 0.02, 0.03, 0.1, 0.18, 0.5, 0.1, 0.3), 210.0)
-    theirs = run("clean", (0.95, 0.8, 0.5, 0.2, 0.08, 0, 0.2, 0), (0, 0.2, 0.46, 0.8, 0.92, 1, 0.6, 1), 70.0)
-    gains = {
-        o["name"]: o["accuracy"] - t["accuracy"] for o, t in zip(ours["reattack"], theirs["reattack"], strict=True)
-    }
-    return ours | {
-        "baseline": theirs,
-        "gain": gains,
-        "gain_interval": {name: [gain - 0.06, gain + 0.06] for name, gain in gains.items()},
-        "time": {"data": 1.0, "train": 210.0, "re-attack": 60.0, "pictures": 0.5},
-        "scene": {"panel": {"scale": [1.0, 2.0]}},
-        "plan": "12 effects are computed, in this order",
-        "scene_name": "screen_photo",
-        "config": {"data": {"name": "signs", "root": None}, "empty": {}},
-        "environment": {"python": "3.11.7", "threads": 2},
-        "command": "python training/fit.py recipe=moire_at",
-    }
-
-
-@pytest.fixture
-def pictures():
-    def image(side):
-        return np.random.default_rng(side).integers(0, 256, (side, side, 3), dtype=np.uint8)
-
-    cell = {
-        "title": "clean image",
-        "image": image(32),
-        "predictions": [("moire_at", "stop", True), ("clean", "go", False)],
-    }
-    return [{"label": "stop", "cells": [cell, {"title": "noise, × 8", "image": image(299)}]}]
 
 
 class Page(HTMLParser):
@@ -234,44 +144,6 @@ def test_the_least_that_can_be_reported(tmp_path, least):
     assert "not attacked" in report.summary(least)
 
 
-def test_headline_says_what_was_gained_and_paid(metrics):
-    title, (lead, shares) = headline(metrics)
-    assert title == "moire_at raises accuracy under the Moiré Attack from 8 % to 76 %"
-    assert "fooled the plainly trained model on 92 % of the images that it had right; it fools moire_at on 18 %" in lead
-    assert "rose from 8 % to 76 % (+68 points, 95 % interval +62 to +74, n = 200)" in lead
-    assert "clean accuracy went from 95.0 % to 90.0 %" in lead
-    assert "Training took 3 min 30 s, 3.0 times the 1 min 10 s of the baseline." in lead
-    assert (
-        "fools the plainly trained model on 20 %; to that the moiré adds 26 and the attacker’s noise 46 points"
-        in shares
-    )
-    assert "with moire_at it is 2 %, 1 and 15 points" in shares
-
-
-def test_headline_of_a_loss(metrics):
-    metrics["reattack"], metrics["baseline"]["reattack"] = metrics["baseline"]["reattack"], metrics["reattack"]
-    metrics["gain"] = {k: -v for k, v in metrics["gain"].items()}
-    metrics["gain_interval"] = {k: [-high, -low] for k, (low, high) in metrics["gain_interval"].items()}
-    title, (lead, _) = headline(metrics)
-    assert title == "moire_at lowers accuracy under the Moiré Attack from 76 % to 8 %"
-    assert "fell from 76 % to 8 % (−68 points, 95 % interval −74 to −62" in lead
-
-
-@pytest.mark.parametrize("interval", [[-0.01, 0.05], [0.0, 0.04], [-0.03, 0.0]])
-def test_headline_of_a_difference_that_may_be_none(metrics, interval):
-    metrics["gain"]["ma_4"], metrics["gain_interval"]["ma_4"] = 0.02, interval
-    title, (lead, _) = headline(metrics)
-    assert "does not measurably change" in title
-    assert "cannot tell from none" in lead and "rose" not in lead and "fell" not in lead
-
-
-def test_headline_is_about_the_plain_attack_at_the_middle_eps(metrics):
-    assert main_row(metrics)["name"] == "ma_4"
-    metrics["reattack"] = [r for r in metrics["reattack"] if not r["name"].startswith("ma_")]
-    title, _ = headline(metrics)
-    assert "PGD on pixels 4/255" in title
-
-
 def test_a_failure_leaves_the_older_report_whole(tmp_path, metrics, pictures, monkeypatch):
     path = tmp_path / "report.html"
     path.write_text("older")
@@ -298,28 +170,6 @@ def test_plots_leave_matplotlib_as_it_was(metrics):
     assert plots.curves((metrics["train"], None), ("a", "b"))
     assert plots.curves((None, {"history": [{"loss": math.nan}]}), ("a", "b")) is None
     assert dict(matplotlib.rcParams) == before
-
-
-@pytest.mark.parametrize("baseline", [True, False])
-def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, baseline):
-    metrics["recipe"] = "a_recipe_with_a_very_long_name"
-    metrics["data"] = metrics["model"] = metrics["scene_name"] = "x" * 80
-    metrics["reattack"][0]["title"] = "t" * 80
-    if not baseline:
-        metrics["baseline"] = None
-    lines = report.summary(metrics).splitlines()
-    assert max(map(len, lines)) <= 100
-    assert len({len(line) for line in lines[1 : 2 + len(RUNGS)]}) == 1
-    assert "n = 200" in lines[0] and lines[-1].startswith("training: ") and "3 min 30 s" in lines[-1]
-    assert ("+68.0  [+62.0, +74.0]" in "\n".join(lines)) == baseline
-
-
-@pytest.mark.parametrize(
-    ("seconds", "said"),
-    [(None, "–"), (0.04, "0.0 s"), (59.94, "59.9 s"), (59.97, "1 min 0 s"), (210.3, "3 min 30 s"), (3900, "1 h 5 min")],
-)
-def test_duration(seconds, said):
-    assert duration(seconds) == said
 
 
 def test_numbers_stay_on_one_line_with_their_units(tmp_path, metrics):

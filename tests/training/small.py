@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import torch
@@ -37,6 +38,19 @@ def command(script, *overrides, cwd):
     finally:
         process.kill()
     return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def epoch(path):
+    return runs.read_checkpoint(path)["epoch"] if path.is_file() else -1
+
+
+def wait(process, last, at_least):
+    """Until a running command has kept that epoch."""
+    deadline = time.monotonic() + LONG
+    while epoch(last) < at_least:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
 
 
 def configured(*overrides, name="root"):

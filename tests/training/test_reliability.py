@@ -6,32 +6,19 @@ import os
 import resource
 import shutil
 import signal
-import threading
-import time
-from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import torch
 from lightning.pytorch.callbacks import ModelCheckpoint
-from lightning.pytorch.plugins.environments import SLURMEnvironment
 from torchvision.io import write_png
 
 from tests.conftest import THREADS
-from tests.training.small import LONG, TINY, command, configured, same, start, train, weights
-from training import checkpoints, fit, ranks, runs
+from tests.training.small import LONG, TINY, command, configured, epoch, same, start, train, wait, weights
+from training import checkpoints, fit, runs
 from training.classifier import Classifier
 from training.data import load
 
-
-@pytest.fixture(autouse=True)
-def _as_the_command_is():
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # Lightning takes it at an interruption
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 
 @pytest.fixture(scope="module")
@@ -43,19 +30,6 @@ def straight(tmp_path_factory):
         warnings.simplefilter("ignore")
         torch.set_num_threads(THREADS)
         return train(tmp_path_factory.mktemp("straight"), "runs")
-
-
-def epoch(path):
-    return runs.read_checkpoint(path)["epoch"] if path.is_file() else -1
-
-
-def wait(process, last, at_least):
-    """Until a running command has kept that epoch."""
-    deadline = time.monotonic() + LONG
-    while epoch(last) < at_least:
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp_path):
@@ -93,60 +67,11 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     assert same(folder, runs.folder(whole))
 
 
-def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
-    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "reattack.n=6", "trainer.devices=2", "trainer.strategy=ddp"]
-    process = start("fit.py", *given, cwd=tmp_path)
-    wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
-    (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    os.kill(int(child), signal.SIGKILL)
-    _, err = process.communicate(timeout=LONG)
-    assert process.returncode == 1 and err.count("another process of this run was lost") == 1
-    assert "Traceback" not in err
-
-    done = command("fit.py", *given, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "of them are over" in done.stdout or "Training is over" in done.stdout
-    m = json.loads((tmp_path / "runs/moire_fast/seed0/metrics.json").read_text())
-    assert m["train"]["epochs"] == 3 and m["reattack"][0]["n"] == 6
-    assert done.stdout.count("Report: runs/moire_fast/seed0/report.html") == 1
-
-
-def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
-    class Fatal(torch.utils.data.Dataset):
-        def __len__(self):
-            return 64
-
-        def __getitem__(self, index):
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
-    runs.prepare(cfg)
-    with pytest.raises(ConnectionError, match=r"another process of this run was lost.*(exited unexpectedly|is killed)"):
-        fit.train_model(cfg, load(cfg.data)._replace(train=Fatal()), runs.folder(cfg), start=None)
-
-
 def test_the_systems_own_errors_say_how_to_go_on():
     full = fit.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
     assert "No space left" in full and "runs/report.html" in full and "the same command goes on" in full
     assert fit.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n")) == "this."
     assert fit.sentence(ValueError("this.")) == "this."
-
-
-@pytest.mark.parametrize("code", [-9, 1])
-def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code):
-    """As on a GPU, where nothing wakes it."""
-    ended, lost, left = [], SimpleNamespace(poll=lambda: code, kill=lambda: None), []
-    monkeypatch.setattr(ranks.os, "_exit", ended.append)
-    monkeypatch.setattr(ranks, "GRACE", 0.01)
-    monkeypatch.setattr(ranks, "_ending", threading.Event())
-    monkeypatch.setattr(ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost])
-    ranks._end_with_children()
-    assert ended == [1] and left == [1] and "the same command goes on" in capsys.readouterr().err
-    ranks._ending.set()  # it has noticed by itself, and says so
-    ranks._end_with_children()
-    assert ended == [1] and not capsys.readouterr().err
-    ranks._end_with_parent(os.getppid() + 1)
-    assert ended == [1, 1]
 
 
 def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight):
@@ -305,10 +230,3 @@ def test_what_does_not_change_a_result_does_not_tell_runs_apart():
 
     assert mark() == mark("data.workers=2", "data.download=true", "runs=there", "resume=true")
     assert mark() != mark("data.train=7")
-
-
-def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
-    for name, value in {"NTASKS": "1", "PROCID": "0", "LOCALID": "0", "NODEID": "0", "JOB_ID": "1"}.items():
-        monkeypatch.setenv(f"SLURM_{name}", value)
-    environment = fit.trainer_of(configured(*TINY), tmp_path)._accelerator_connector.cluster_environment
-    assert isinstance(environment, SLURMEnvironment) and not environment.auto_requeue

@@ -1,0 +1,180 @@
+"""Closed forms of the camera: where it looks, light over its sensor, and from raw to photo. A check asserts them in one
+dtype."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
+from moireaug.effects import bayer, view
+from tests.closed_forms.common import CLOSE, COLOUR, EVEN, read, sinc
+
+# -- geometry
+
+PLACES = View(yaw=(-30, 30), pitch=(-20, 20), roll=(-45, 45), zoom=(0.7, 1.2), shift_x=(-0.1, 0.1), shift_y=(-0.1, 0.1))
+BENDS = ((0.0, 0.0), (0.2, 0.0), (-0.15, 0.0), (0.05, 0.1), (0.3, -0.15), (-0.2, 0.05))
+
+
+def check_round_trip(dtype):
+    """Where a photo point looks is shown at that photo point."""
+    size, n = (30, 40), 8
+    lines = [torch.linspace(0, s, 9, dtype=dtype) for s in size]
+    corners = view.lattice(*lines).flatten(1, 2).double()
+    for pose in view.POSES:
+        for k1, k2 in BENDS:
+            scene = Scene(view=dataclasses.replace(PLACES, pose=pose), lens=Lens(k1=k1, k2=k2))
+            shot = scene.sample(n, size, torch.Generator().manual_seed(1))
+            inverse = torch.linalg.inv(shot.matrix())
+            seen = torch.stack(view.look(inverse, *lines, size, affine=False, lens=shot.bends), -1).flatten(1, 2)
+            back = view.image_to_photo(seen.double(), shot.matrix(), size, shot.bends)
+            assert (back - corners).norm(dim=-1).max() < {torch.float64: 1e-9, torch.float32: 1e-3}[dtype]
+            assert (seen - corners).norm(dim=-1).max() > 1
+
+
+# -- light over the sensor
+
+
+def check_bands(dtype):
+    """pwm * readout bands from the first row to the last, of depth 2 sinc(duty) |sinc(pwm * shutter)|."""
+    n, readout = 256, 1 / 50
+    cases = (250.0, 1 / 1000, 0.5), (350.0, 1 / 120, 0.3), (1050.0, 1 / 3000, 0.8), (250.0, 1 / 125, 0.4)
+    for pwm, shutter, duty in cases:
+        sensor = Sensor(scale=2.0, shutter=shutter, readout=readout)
+        raw = read(Scene(panel=Panel(layout="even", pwm=pwm, duty=duty), sensor=sensor), (n, 1), dtype, level=0.2)
+        spectrum, bands = torch.fft.fft(raw[..., 0]) / n, round(pwm * readout)
+        depth = 2 * sinc(duty) * abs(sinc(pwm * shutter))
+        mean, first = spectrum[:, 0].real, spectrum[:, bands]
+        assert mean.tolist() == pytest.approx([0.2] * 4, rel=1e-3)
+        assert (2 * first.abs() / mean).tolist() == pytest.approx([depth] * 4, abs=1e-4)
+        if depth < 1e-9:
+            assert raw.std() < CLOSE[dtype]
+            continue
+        later = (first[2:] / first[:2]).angle() / (2 * math.pi)  # the cell's second row exposes one row later
+        assert later.tolist() == pytest.approx([bands / (2 * n)] * 2, abs=1e-4)
+
+
+def check_vignetting(dtype):
+    """Of a ray's light its cosine to the fourth is left: 1 in the centre, and in the corner all but its loss."""
+    (h, w), loss = (5, 9), 0.4
+    for scale in (1, 3):  # without colour filters and with
+        sensor = Sensor(scale=scale, cfa="none" if scale == 1 else "rggb")
+        raw = read(Scene(panel=EVEN, lens=Lens(vignetting=loss), sensor=sensor), (h, w), dtype)
+        dark = (raw if scale == 1 else bayer.unpack(raw[None]))[0, : h * scale, : w * scale].numpy()
+        v, u = ((np.arange(n * scale) + 0.5) / scale - n / 2 for n in (h, w))
+        r = np.hypot(v[:, None], u) / math.hypot(h / 2, w / 2)
+        corner = math.acos((1 - loss) ** 0.25)  # the angle of its ray, whose cosine to the fourth is left
+        assert np.abs(dark - np.cos(np.arctan(r * math.tan(corner))) ** 4).max() < CLOSE[dtype]
+        assert dark[h * scale // 2, w * scale // 2] == 1
+
+
+# -- from raw to photo
+
+
+def photo_of(mosaic, dtype, size, **parts):
+    """The photo of (h, w) raw numbers."""
+    shot = Scene(panel=EVEN, **parts).sample(1, size)
+    raw = bayer.pack(mosaic[None].to(dtype))
+    assert raw.shape == shot.raw_shape()
+    return develop(raw, shot)[0].double()
+
+
+def sensor_of(size, scale):
+    """Rows and columns of a whole sensor, whose cells are not cut."""
+    return [n * scale + n * scale % 2 for n in size]
+
+
+SIZE = (7, 10)
+
+
+def check_demosaic_of_a_constant(dtype):
+    """Up to the border, past which the mosaic is mirrored."""
+    for demosaic in bayer.DEMOSAICS:
+        for scale in (1, 2, 3, 4):
+            flat = torch.full(sensor_of(SIZE, scale), 0.6, dtype=torch.float64)
+            parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
+            assert (photo_of(flat, dtype, SIZE, **parts) - 0.6).abs().max() < CLOSE[dtype]
+
+
+def check_demosaic_of_a_ramp(dtype):
+    """Away from the border by as much as the filters reach."""
+    for demosaic in bayer.DEMOSAICS:
+        for scale in (1, 2, 3, 4):
+            v, u = ((torch.arange(n, dtype=torch.float64) + 0.5) / scale for n in sensor_of(SIZE, scale))
+            parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
+            photo = photo_of(0.1 + 0.05 * v[:, None] + 0.03 * u, dtype, SIZE, **parts)
+            v, u = (torch.arange(n, dtype=torch.float64) + 0.5 for n in SIZE)
+            ramp = 0.1 + 0.05 * v[:, None] + 0.03 * u
+            assert (photo - ramp)[:, 2:-2, 2:-2].abs().max() < CLOSE[dtype]
+
+
+def check_folded_kernels(dtype):
+    """One convolution of the packed planes does what demosaic and area resize do one after another."""
+    plain = {"bilinear": bayer.demosaic_bilinear, "malvar": bayer.demosaic_malvar}
+    for demosaic, scale in ((d, s) for d in plain for s in (1, 2, 3, 4)):
+        h, w = sensor_of(SIZE, scale)
+        mosaic = torch.rand(h, w, dtype=torch.float64, generator=torch.Generator().manual_seed(scale))
+        parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
+        photo = photo_of(mosaic, dtype, SIZE, **parts)
+        wide = bayer.unpack(F.pad(bayer.pack(mosaic[None]), (2, 2, 2, 2), mode="replicate"))
+        colour = plain[demosaic](wide)[..., 4 : 4 + SIZE[0] * scale, 4 : 4 + SIZE[1] * scale]
+        assert (photo - F.avg_pool2d(colour, scale)[0].clamp(0, 1)).abs().max() < CLOSE[dtype]
+
+
+def shade(dtype):
+    """A picture of every level, (1, 3, 1, 101)."""
+    return torch.linspace(0, 1, 101, dtype=dtype).expand(1, 3, 1, -1)
+
+
+def check_gain(dtype):
+    """A reading is multiplied by it and ends at a full well."""
+    scene = Scene(panel=EVEN, sensor=Sensor(cfa="none", gain=1.7))
+    for step in (expose, capture):
+        reading = step(shade(dtype), scene.sample(1, (1, 101)))
+        assert (reading - (1.7 * shade(dtype)).clamp(max=1)).abs().max() < CLOSE[dtype]
+
+
+def check_bits(dtype):
+    """As many levels as there are, evenly from 0 to 1, and a gradient that passes straight through."""
+    for bits in (1, 3, 8):
+        scene, image = Scene(panel=EVEN, sensor=Sensor(cfa="none", bits=bits)), shade(dtype).clone().requires_grad_()
+        photo = capture(image, scene.sample(1, (1, 101)))
+        levels = photo.detach() * (2**bits - 1)
+        assert (levels - levels.round()).abs().max() < 300 * CLOSE[dtype]
+        assert (photo - image).abs().max() <= 0.5 / (2**bits - 1) + CLOSE[dtype]
+        assert len(levels.round().unique()) == min(2**bits, 101)
+        (gradient,) = torch.autograd.grad(photo.sum(), image)
+        assert (gradient == 1).all()
+
+
+def check_balance(dtype):
+    """White balance multiplies light, and brighten adds to codes."""
+
+    def to_light(codes):
+        return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+
+    def to_codes(light):
+        return np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+
+    gains = np.array([1.3, 1.0, 0.6])[None, :, None, None]
+    for linear in (True, False):
+        how, codes = Develop(red=1.3, blue=0.6, brighten=0.05, linear_light=linear), shade(torch.float64).numpy()
+        expected = to_codes(to_light(codes) * gains) if linear else codes * gains
+        shot = Scene(panel=EVEN, sensor=COLOUR, develop=how).sample(1, (1, 101))
+        photo = capture(shade(dtype), shot).double().numpy()
+        assert np.abs(photo - np.clip(expected + 0.05, 0, 1)).max() < max(1e-5, CLOSE[dtype])
+
+
+def check_noise_variance(dtype):
+    """read^2 + shot^2 * reading, the reading after gain."""
+    levels, gain = torch.tensor([0.1, 0.3, 0.6]), 1.4
+    for still, lit in ((0.01, 0.0), (0.01, 0.03), (0.0, 0.03)):
+        scene = Scene(panel=EVEN, sensor=Sensor(gain=gain, read_noise=still, shot_noise=lit))
+        image = levels.to(dtype)[:, None, None, None].expand(3, 3, 160, 160)
+        raw = expose(image, scene.sample(3, (160, 160), torch.Generator().manual_seed(2))).double()
+        variance = still**2 + lit**2 * gain * levels.double()
+        assert raw.mean((1, 2, 3)).tolist() == pytest.approx((gain * levels).tolist(), abs=1e-3)
+        assert raw.var((1, 2, 3)).tolist() == pytest.approx(variance.tolist(), rel=0.03)

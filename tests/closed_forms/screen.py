@@ -1,0 +1,201 @@
+"""Closed forms of the screen: moiré and the picture that carries it. A check asserts them in one dtype."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
+from moireaug.effects import bayer, view
+from moireaug.effects.panel import LAYOUTS, as_layout
+from tests.closed_forms.common import CELL, CLOSE, EVEN, read, sinc
+
+STEEP = math.degrees(math.atan(3 / 4))  # of cosine 4/5 and sine 3/5
+
+
+def red_spectrum(scene, n, dtype):
+    """Fourier coefficients of the red plane that n x n white pixels give, frequencies along v first."""
+    return torch.fft.fft2(read(scene, (n, n), dtype)[0]) / n**2
+
+
+# -- moiré
+
+
+def check_alias(dtype):
+    """Harmonic (k, l) of the panel shows at J^T (k, l), folded to the red pixels' lattice, with |a| times the MTF."""
+    n, fill, blur, olpf, side, close = 64, 0.8, 0.08, 0.3, 0.9, CLOSE[dtype] / 10
+    red = {  # width and height of the red subpixel, and some harmonics
+        "rgb_stripe": (1 / 3, 1, ((1, 0), (2, 0), (4, 0))),
+        "rgb_column": (1, 1 / 3, ((0, 1), (0, 2), (0, 4))),
+        "led": (1 / 2, 1 / 6, ((1, 0), (0, 1), (1, -1))),
+    }
+    turns = (
+        (View(), 1.0, 0.0),
+        (View(roll=STEEP, fit=False), 0.8, 0.6),
+        (View(roll=-STEEP, zoom=1.25, fit=False), 0.8, -0.6),
+    )
+    sensor, lens = Sensor(scale=2.0, fill=fill, exposure="spectral"), Lens(blur=blur, olpf=olpf)
+    for layout, (w, h, harmonics) in red.items():
+        for turn, c, s in turns:
+            panel = Panel(layout=layout, lit=side**2, scale=95 / n * turn.zoom)
+            spectrum = red_spectrum(Scene(panel=panel, view=turn, lens=lens, sensor=sensor, tolerance=1e-5), n, dtype)
+            for k, l in harmonics:
+                across, down = 95 * (c * k + s * l), 95 * (c * l - s * k)  # cycles over n red pixels: whole
+                fu, fv = across / (2 * n), down / (2 * n)  # cycles per sensor pixel
+                a = w * h * side**2 * sinc(k * w * side) * sinc(l * h * side)
+                mtf = sinc(fill * fu) * sinc(fill * fv) * math.exp(-2 * (math.pi * blur) ** 2 * (fu * fu + fv * fv))
+                mtf *= math.cos(math.pi * olpf * fu) * math.cos(math.pi * olpf * fv)
+                assert abs(a * mtf) > 50 * close
+                assert abs(spectrum[round(down) % n, round(across) % n].abs() - abs(a * mtf)) < close
+
+
+def check_whole_pitches(dtype):
+    """An aperture as wide as a whole number of pitches sees no contrast."""
+    for exposure in ("spectral", "box"):
+        for alpha, fill, whole in ((2.5, 0.8, True), (4.5, 8 / 9, True), (2.5, 0.7, False), (4.5, 1.0, False)):
+            sensor = Sensor(scale=2.0, fill=fill, exposure=exposure)
+            contrast = read(Scene(panel=Panel(scale=alpha), sensor=sensor, tolerance=1e-7), (2, 63), dtype)[0].std()
+            assert contrast < CLOSE[dtype] if whole else contrast > 1e-3
+
+
+def check_low_pass_filter(dtype):
+    """One that parts its pictures by half a pitch removes the first harmonic and leaves the second."""
+    n = 64
+    for share, gone in ((1 / 2, True), (1 / 3, False)):  # of the pitch, 2 n / 95 sensor pixels
+        lens, sensor = Lens(olpf=share * 2 * n / 95), Sensor(scale=2.0, exposure="spectral")
+        scene = Scene(panel=Panel(scale=95 / n), lens=lens, sensor=sensor, tolerance=1e-7)
+        first, second = (red_spectrum(scene, n, dtype)[0, 95 * k % n].abs() for k in (1, 2))
+        assert first < CLOSE[dtype] if gone else first > 0.01
+        assert second > 0.01
+
+
+def check_mean_light(dtype):
+    """Over all phases of the panel, 63 along each axis. Points do not integrate, so `point` has no such form."""
+    methods = {"mean": 1e-5, "spectral": 1e-5, "box": 1e-5, "supersample:4": 0.02}
+    for layout in (*LAYOUTS, CELL):
+        cell = as_layout(layout)
+        area = [sum(s.width[0] * s.width[1] for s in cell.of(c)) / math.prod(cell.period) for c in bayer.CHANNELS]
+        for lit in (1.0, 0.6):
+            for method, bound in methods.items():
+                panel, sensor = Panel(layout=layout, lit=lit, scale=92 / 63), Sensor(scale=2.0, exposure=method)
+                mean = read(Scene(panel=panel, sensor=sensor), (63, 63), dtype).mean((1, 2))
+                assert mean.tolist() == pytest.approx([lit * a for a in area], rel=bound)
+
+
+def overlap(centre, reach, start, width, period):
+    """How much of [centre - reach, centre + reach] lies in the copies of [start, start + width], one each period."""
+    left = start + period * np.arange(-200, 200)
+    low, high = np.maximum(centre[:, None] - reach, left), np.minimum(centre[:, None] + reach, left + width)
+    return np.clip(high - low, 0, None).sum(1)
+
+
+def check_box(dtype):
+    """Frontal and sharp, a reading is the exact overlap of subpixels and aperture."""
+    size, scale, fill, lit = (8, 12), 3.0, 0.9, 0.7
+    for layout in (*LAYOUTS, CELL):
+        for alpha in (0.31, 1.7):
+            panel, sensor = Panel(layout=layout, lit=lit, scale=alpha), Sensor(scale=scale, fill=fill, exposure="box")
+            raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), size, dtype)
+            centres = [(np.arange(n * scale) + 0.5) * alpha / scale for n in size]  # of sensor pixels, on the panel
+            reach, cell = fill / 2 * alpha / scale, as_layout(layout)
+            for plane, (r, c), channel in zip(raw, bayer.CELL, bayer.CHANNELS, strict=True):
+                light = 0
+                for s in cell.of(channel):
+                    sides = [(o - w * lit**0.5 / 2, w * lit**0.5) for o, w in zip(s.centre, s.width, strict=True)]
+                    down = overlap(centres[0], reach, *sides[1], cell.period[1])[r::2]
+                    across = overlap(centres[1], reach, *sides[0], cell.period[0])[c::2]
+                    light = light + down[:, None] * across / (2 * reach) ** 2
+                assert np.abs(plane.numpy() - light).max() < 1e-6
+
+
+def check_point(dtype):
+    """A reading is bilinear in a raster of subpixels, as few as their edges allow and each of one value."""
+    n, scale, lit = 8, 2.5, 0.6
+    for layout in (*LAYOUTS, CELL):
+        for alpha in (1.3, 4.0):
+            panel, sensor = Panel(layout=layout, lit=lit, scale=alpha), Sensor(scale=scale, exposure="point")
+            raw, cell = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype), as_layout(layout)
+            at = ((np.arange(n * scale) + 0.5) * alpha / scale) * cell.raster - 0.5  # of sensor pixels, on the raster
+            left, height, width = np.floor(at).astype(int), *(cell.raster * p for p in cell.period[::-1])
+            for plane, (r, c), channel in zip(raw, bayer.CELL, bayer.CHANNELS, strict=True):
+                raster = np.zeros((height, width))
+                for s in cell.of(channel):
+                    x0, y0, x1, y1 = (round(v * cell.raster) for v in (s.x0, s.y0, s.x1, s.y1))
+                    raster[y0:y1, x0:x1] = 1
+                light = 0
+                for y, x in np.ndindex(2, 2):
+                    down, across = (np.abs(1 - k - (at - left))[i::2] for k, i in ((y, r), (x, c)))
+                    cells = np.ix_((left[r::2] + y) % height, (left[c::2] + x) % width)
+                    light = light + np.outer(down, across) * raster[cells]
+                assert np.abs(plane.numpy() - lit * light).max() < 1e-6
+
+
+MAGNIFIED = Scene(panel=Panel(scale=0.3, layout="pentile", lit=0.8), sensor=Sensor(scale=2.0), tolerance=1e-4)
+MINIFIED = dataclasses.replace(MAGNIFIED, panel=Panel(scale=1.3, layout=CELL, lit=0.8))
+
+
+def from_everywhere(scene, exposure, dtype):
+    """The raw reading of six flat screens, seen from six places through bent and blurred lenses."""
+    scene = dataclasses.replace(
+        scene, view=View(yaw=(-25, 25), pitch=(-10, 10), roll=(-30, 30)), lens=Lens(blur=0.25, olpf=0.4, k1=(0, 0.05)),
+        sensor=Sensor(scale=2.0, exposure=exposure),
+    )  # fmt: skip
+    shot = scene.sample(6, (8, 8), torch.Generator().manual_seed(0))
+    return expose(torch.full((6, 3, 8, 8), 0.7, dtype=dtype), shot).double()
+
+
+@functools.cache
+def brute_force(scene, n):
+    return from_everywhere(scene, f"supersample:{n}", torch.float64)
+
+
+def check_supersampling(dtype):
+    """Spectral is exact in any view; box, for magnified screens, to the Gaussian that stands for what is not a box."""
+    for method, scene, bound, gain in (("spectral", MINIFIED, 0.02, 10), ("box", MAGNIFIED, 0.015, 2)):
+        ours = from_everywhere(scene, method, dtype)
+        coarse, fine = ((ours - brute_force(scene, n)).square().mean().sqrt() / ours.max() for n in (4, 32))
+        assert fine < bound and fine < coarse / gain
+
+
+# -- the picture
+
+
+def check_held_picture(dtype):
+    """Six sensor pixels a panel pixel, two a stripe: every other reading of a colour lies wholly inside a subpixel."""
+    own = (0, 0, 3), (1, 1, 4), (2, 1, 4), (3, 2, 5)  # plane, and where the left and the right panel pixel are read
+    for exposure in ("spectral", "box", "supersample:3"):
+        scene = Scene(sensor=Sensor(scale=6.0, exposure=exposure))
+        pictures = torch.tensor([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=dtype)[:, None, None].expand(-1, 3, 4, -1)
+        left, right, both = expose(pictures, scene.sample(3, (4, 2)))
+        for plane, a, b in own:
+            assert torch.equal(left[plane, :, a], both[plane, :, a]) and (left[plane, :, b] == 0).all()
+            assert torch.equal(right[plane, :, b], both[plane, :, b]) and (right[plane, :, a] == 0).all()
+            assert (both[plane, :, [a, b]] - 1).abs().max() < 0.02  # the series is cut at the tolerance
+
+
+FAR = (  # one reading spans more than 8 image pixels everywhere, or at the far end
+    View(zoom=0.1, fit=False),
+    View(zoom=0.1, roll=30.0, fit=False),
+    View(yaw=60.0, zoom=0.25, fov=60.0, fit=False),
+)
+
+
+def check_checkerboard_from_afar(dtype):
+    """Squares of one pixel, eight and more to a reading, are grey: no alias."""
+    n = 127  # odd, so that no halving of the picture has each window on as many black as white squares
+    board = (torch.arange(n)[:, None] + torch.arange(n)) % 2
+    for exposure in ("spectral", "box", "mean"):
+        for turn in FAR:
+            sensor = Sensor(cfa="none", exposure=exposure)
+            scene = Scene(panel=EVEN, view=turn, sensor=sensor, develop=Develop(registered=False))
+            shot = scene.sample(1, (n, n))
+            raw = expose(board.to(dtype).expand(1, 3, n, n), shot)[0]
+            inverse, lines = torch.linalg.inv(shot.matrix()), shot.readouts()[0].positions()
+            x, y = view.look(inverse, lines, lines, (n, n), affine=False, lens=None)
+            span = view.jacobian(inverse, view.lattice(lines, lines), (n, n), lens=None).norm(dim=-1).amax(-1)
+            far = ((x.sub(n / 2).abs() < 48) & (y.sub(n / 2).abs() < 48) & (span > 8))[0]
+            assert far.sum() > 50
+            assert (raw[:, far] - 0.5).abs().max() < 0.02

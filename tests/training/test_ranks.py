@@ -1,0 +1,74 @@
+"""Processes of one run: the end of one is the end of all, in a sentence."""
+
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import torch
+from lightning.pytorch.plugins.environments import SLURMEnvironment
+
+from tests.training.small import LONG, TINY, command, configured, start, wait
+from training import fit, ranks, runs
+from training.data import load
+
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
+
+def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
+    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "reattack.n=6", "trainer.devices=2", "trainer.strategy=ddp"]
+    process = start("fit.py", *given, cwd=tmp_path)
+    wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
+    (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    os.kill(int(child), signal.SIGKILL)
+    _, err = process.communicate(timeout=LONG)
+    assert process.returncode == 1 and err.count("another process of this run was lost") == 1
+    assert "Traceback" not in err
+
+    done = command("fit.py", *given, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "of them are over" in done.stdout or "Training is over" in done.stdout
+    m = json.loads((tmp_path / "runs/moire_fast/seed0/metrics.json").read_text())
+    assert m["train"]["epochs"] == 3 and m["reattack"][0]["n"] == 6
+    assert done.stdout.count("Report: runs/moire_fast/seed0/report.html") == 1
+
+
+def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
+    class Fatal(torch.utils.data.Dataset):
+        def __len__(self):
+            return 64
+
+        def __getitem__(self, index):
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
+    runs.prepare(cfg)
+    with pytest.raises(ConnectionError, match=r"another process of this run was lost.*(exited unexpectedly|is killed)"):
+        fit.train_model(cfg, load(cfg.data)._replace(train=Fatal()), runs.folder(cfg), start=None)
+
+
+@pytest.mark.parametrize("code", [-9, 1])
+def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code):
+    """As on a GPU, where nothing wakes it."""
+    ended, lost, left = [], SimpleNamespace(poll=lambda: code, kill=lambda: None), []
+    monkeypatch.setattr(ranks.os, "_exit", ended.append)
+    monkeypatch.setattr(ranks, "GRACE", 0.01)
+    monkeypatch.setattr(ranks, "_ending", threading.Event())
+    monkeypatch.setattr(ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost])
+    ranks._end_with_children()
+    assert ended == [1] and left == [1] and "the same command goes on" in capsys.readouterr().err
+    ranks._ending.set()  # it has noticed by itself, and says so
+    ranks._end_with_children()
+    assert ended == [1] and not capsys.readouterr().err
+    ranks._end_with_parent(os.getppid() + 1)
+    assert ended == [1, 1]
+
+
+def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
+    for name, value in {"NTASKS": "1", "PROCID": "0", "LOCALID": "0", "NODEID": "0", "JOB_ID": "1"}.items():
+        monkeypatch.setenv(f"SLURM_{name}", value)
+    environment = fit.trainer_of(configured(*TINY), tmp_path)._accelerator_connector.cluster_environment
+    assert isinstance(environment, SLURMEnvironment) and not environment.auto_requeue
