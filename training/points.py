@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -92,8 +92,15 @@ def read(root: Path) -> Found:
         raise ValueError(
             f"a metrics.json in {root} lacks {error}: another version of this project wrote it. Train and attack again."
         ) from error
-    shared = {"data": settings["data.name"], "model": settings["model"], "scene": settings["scene"]}
+    shared = {"data": _data(trained.values()), "model": settings["model"], "scene": settings["scene"]}
     return Found(points, shared | {k.removeprefix("reattack."): v for k, v in protocol.items()}, commands, warnings)
+
+
+def _data(metrics: Iterable[Metrics]) -> str:
+    """The data set's name; a folder goes by its own, where all runs have the same."""
+    sets = [m["config"]["data"] for m in metrics]
+    own = {Path(data["root"]).resolve().name for data in sets if data["name"] == "folder"}
+    return own.pop() if len(own) == 1 else sets[0]["name"]
 
 
 def _settings(m: Metrics) -> dict[str, Any]:

@@ -42,6 +42,7 @@ def put(
     collapsed=None,
     scene="screen_photo",
     data="signs",
+    at=None,
     size=48,
     device=ENVIRONMENT,
     trust=(),
@@ -52,7 +53,7 @@ def put(
     where = Scene.preset(scene).to_dict()
     train = {"seconds": seconds, "images_per_second": 600.0, "init": init, "passes": 2.5, "collapsed_at": collapsed}
     baseline = None if recipe == "clean" else {"recipe": "clean", "train": {"seconds": start}}
-    config = {"data": {"name": data, "size": size, "root": None}, "reattack": {"n": 480, "steps": 20, "seed": 1234}}
+    config = {"data": {"name": data, "size": size, "root": at}, "reattack": {"n": 480, "steps": 20, "seed": 1234}}
     metrics = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet", "train": train, "config": config,
                "baseline": baseline, "scene_name": scene, "scene": where, "environment": device}  # fmt: skip
     write(folder, metrics)
@@ -230,6 +231,14 @@ def test_mistakes_get_a_sentence(tmp_path):
     write(folder, metrics)
     with pytest.raises(ValueError, match="lacks 'passes': another version"):
         read(tmp_path)
+
+
+def test_a_folder_of_images_goes_by_its_own_name(tmp_path):
+    put(tmp_path, "clean", 0, data="folder", at="somewhere/gtsrb")
+    put(tmp_path, "good", 0, data="folder", at="elsewhere/gtsrb/")
+    assert read(tmp_path).shared["data"] == "gtsrb"
+    put(tmp_path, "good", 1, data="folder", at="elsewhere/moved")
+    assert read(tmp_path).shared["data"] == "folder"
 
 
 def test_times_of_two_machines_and_failed_checks_are_said(tmp_path):
