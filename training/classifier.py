@@ -62,6 +62,17 @@ class Classifier(L.LightningModule):
         self._loss: list[Tensor] = []
         self._hits: dict[str, list[Tensor]] = {}
         self._began, self._trained = time.perf_counter(), 0.0
+        own = cfg.train.batch_statistics
+        self._fixed = [] if (cfg.weights is None if own is None else own) else _normalisations(self.model)
+        self.train()
+
+    def train(self, mode: bool = True) -> Classifier:
+        """Fine-tuning keeps the weights' own statistics: a few images have no better ones, and published weights may
+        have theirs folded into the convolutions."""
+        super().train(mode)
+        for module in self._fixed:
+            module.eval()
+        return self
 
     def forward(self, images: Tensor) -> Tensor:
         """[0, 1] images (B, 3, H, W) to logits."""
@@ -193,6 +204,10 @@ class Classifier(L.LightningModule):
         self.history = list(checkpoint["history"])
         if checkpoint["collapsed_at"] is not None:
             self.harden(checkpoint["collapsed_at"])
+
+
+def _normalisations(model: nn.Module) -> list[nn.Module]:
+    return [m for m in model.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)]
 
 
 def _strong(a: Adversary) -> Adversary:

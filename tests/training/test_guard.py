@@ -3,11 +3,13 @@
 import lightning as L
 import pytest
 import torch
+from torch import nn
 
 from tests.training.small import TINY, configured
 from training import guard
 from training.batches import Batches
 from training.classifier import Classifier
+from training.models import build
 
 
 @pytest.fixture(autouse=True)
@@ -85,3 +87,15 @@ def test_options_of_training_train(setting, tmp_path):
     assert len(model.history) == 3
     if "channels" in setting:
         assert all(p.is_contiguous() for p in model.model.parameters())
+
+
+@pytest.mark.parametrize(("given", "moves"), [(None, False), (True, True), (False, False)])
+def test_fine_tuning_keeps_the_weights_own_statistics(given, moves, tmp_path):
+    path = tmp_path / "weights.pt"
+    torch.save(build("small_resnet", 16).state_dict(), path)
+    setting = f"train.batch_statistics={'null' if given is None else given}"
+    model, _, _ = trained(tmp_path, f"weights={path}", setting)
+    statistics = {k: v for k, v in model.model.state_dict().items() if "running" in k}
+    assert statistics and any((v != float("var" in k)).any() for k, v in statistics.items()) == moves
+    model.train()
+    assert any(m.training for m in model.modules() if isinstance(m, nn.BatchNorm2d)) == moves
