@@ -7,7 +7,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
 from moireaug.attacks import LOSSES
-from moireaug.effects import tone
+from moireaug.effects import exposure, tone
 from moireaug.fields import ranged_fields
 from moireaug.parts import PARTS
 
@@ -83,3 +83,12 @@ def test_saturated_logits_still_have_gradients(name):
     loss = LOSSES[name](logits, torch.tensor([0, 1]))
     (g,) = torch.autograd.grad(loss.sum(), logits)
     assert loss.isfinite().all() and (g.abs().sum(1) > (1e-5 if name == "dlr" else 0.5)).all()
+
+
+def test_a_lookup_on_a_pixels_centre_moves_with_the_camera():
+    """As everywhere between two centres, where the picture is not held; `torch.clamp` would stop it there."""
+    q, one = torch.tensor([[[0.0, 1.0, 1.5, 7.0]]], requires_grad=True), torch.ones(1, 1, 1)
+    (gradient,) = torch.autograd.grad(exposure.held(q, one, 0 * one).sum(), q)
+    assert (gradient == 1).all()
+    (gradient,) = torch.autograd.grad(exposure.held(q, 4 * one, -1.5 * one).sum(), q)
+    assert gradient.tolist() == [[[0, 0, 4, 0]]]

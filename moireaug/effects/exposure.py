@@ -25,6 +25,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.effects.panel import Layout, Subpixel, coefficient, emits
+from moireaug.effects.tone import clip
 
 
 class Optics(NamedTuple):
@@ -129,7 +130,7 @@ def held(q: Tensor, slope: Tensor, offset: Tensor) -> Tensor:
         slope: (B, h or 1, w or 1), as from `slope`. offset: (1 - slope) / 2.
     """
     whole = q.floor().detach()
-    return whole + torch.addcmul(offset, q - whole, slope).clamp(0, 1)
+    return whole + clip(torch.addcmul(offset, q - whole, slope))
 
 
 def amplitudes(
