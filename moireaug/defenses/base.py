@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from numbers import Integral, Real
 
 import torch
@@ -11,7 +12,7 @@ from torch import Tensor
 from moireaug.capture import check_images
 
 
-class Defence:
+class Defence(ABC):
     """A defence is called on images and returns images; subclasses are frozen dataclasses with `apply` and `title`.
 
     Forward is the real operation. Backward is what each one documents: its own gradient where it has a useful one,
@@ -23,9 +24,9 @@ class Defence:
     randomised = False
 
     @property
+    @abstractmethod
     def title(self) -> str:
         """The defence's name in tables."""
-        raise NotImplementedError
 
     def __call__(self, images: Tensor) -> Tensor:
         """Defend a batch.
@@ -45,9 +46,9 @@ class Defence:
         with torch.autocast(images.device.type, enabled=False):
             return self.apply(images if images.dtype == torch.float64 else images.float()).to(images.dtype)
 
+    @abstractmethod
     def apply(self, images: Tensor) -> Tensor:
         """The operation on checked images, B >= 1, float32 or float64."""
-        raise NotImplementedError
 
 
 class _Through(torch.autograd.Function):

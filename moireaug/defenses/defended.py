@@ -54,6 +54,9 @@ class Compose(Defence):
 
     def __call__(self, images: Tensor) -> Tensor:
         check_images(images)
+        return self.apply(images)  # each computes half precision as it likes
+
+    def apply(self, images: Tensor) -> Tensor:
         for defence in self.defences:
             out = defence(images)
             if not isinstance(defence, Defence):

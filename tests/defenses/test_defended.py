@@ -256,3 +256,11 @@ def test_an_attack_goes_through_the_defence(name, photos):
         return nn.functional.cross_entropy(model(x), labels)
 
     assert loss(attacked) > loss(images) + 0.01
+
+
+def test_a_defence_says_what_it_does_and_how_it_is_called():
+    class Half(defenses.Defence):
+        title = "half"
+
+    with pytest.raises(TypeError, match="apply"):
+        Half()
