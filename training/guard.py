@@ -37,8 +37,7 @@ class Guard(L.Callback):
     def __init__(self, best: Path) -> None:
         self.best = best
 
-    def on_train_epoch_start(self, trainer: L.Trainer, module: L.LightningModule) -> None:
-        assert isinstance(module, Classifier)
+    def on_train_epoch_start(self, trainer: L.Trainer, module: Classifier) -> None:  # type: ignore[override]
         history = [h["perturbed"] for h in module.history if "perturbed" in h]
         if module.hardened or not module.few_steps or not history or not collapsed(history):
             return
