@@ -17,16 +17,9 @@ from training.batches import Batch
 from training.classifier import Classifier
 from training.schema import RECIPES, Adversary
 
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
 SCENE = Scene.preset("screen_photo")
-
-
-@pytest.fixture(autouse=True)
-def _no_third_party_warnings():
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
 
 
 class Counting(nn.Module):

@@ -12,6 +12,8 @@ from training.classifier import Classifier
 from training.data import augment, load
 from training.schema import Config, check_keys
 
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
@@ -20,15 +22,6 @@ def whole(tmp_path_factory):
     done = command("fit.py", "recipe=moire_at", *TINY, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return cwd, done
-
-
-@pytest.fixture(autouse=True)
-def _no_third_party_warnings():
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
 
 
 def test_a_run_leaves_what_it_promises(whole):

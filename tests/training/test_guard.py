@@ -11,14 +11,7 @@ from training.batches import Batches
 from training.classifier import Classifier
 from training.models import build
 
-
-@pytest.fixture(autouse=True)
-def _no_third_party_warnings():
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,8 @@ from training.data import load
 from training.places import Places
 from training.schema import check_keys
 
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
 ROOT = Path(__file__).resolve().parents[2]
 TINY = [
     "data.train=60", "data.val=16", "data.test=24", "data.size=24", "reattack.n=6", "reattack.batch_size=3",
@@ -44,13 +46,6 @@ def weights(tmp_path_factory):
         model.head.bias[label] += logits.max() - logits[label] + 1e-3
     torch.save(model.state_dict(), path)
     return path
-
-
-@pytest.fixture(autouse=True)
-def _no_third_party_warnings():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
 
 
 def configured(*overrides):
