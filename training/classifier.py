@@ -62,8 +62,9 @@ class Classifier(L.LightningModule):
         self._loss: list[Tensor] = []
         self._hits: dict[str, list[Tensor]] = {}
         self._began, self._trained = time.perf_counter(), 0.0
-        own = cfg.train.batch_statistics
-        self._fixed = [] if (cfg.weights is None if own is None else own) else _normalisations(self.model)
+        moving = cfg.weights is None if cfg.train.batch_statistics is None else cfg.train.batch_statistics
+        normal = [m for m in self.model.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)]
+        self._fixed = [] if moving else normal
         self.train()
 
     def train(self, mode: bool = True) -> Classifier:
@@ -204,10 +205,6 @@ class Classifier(L.LightningModule):
         self.history = list(checkpoint["history"])
         if checkpoint["collapsed_at"] is not None:
             self.harden(checkpoint["collapsed_at"])
-
-
-def _normalisations(model: nn.Module) -> list[nn.Module]:
-    return [m for m in model.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)]
 
 
 def _strong(a: Adversary) -> Adversary:

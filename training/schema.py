@@ -72,7 +72,7 @@ class Train:
     label_smoothing: float = 0.0
     init: str = "random"  # or "clean": from the weights of recipe clean with the same settings
     ema: float = 0.98  # decay of the averaged weights a step; they are the ones validated and kept
-    batch_statistics: bool | None = None  # for batch normalisation; null: but in fine-tuning, which keeps the weights'
+    batch_statistics: bool | None = None  # in batch normalisation; null: unless `weights` are given, whose own stay
     channels_last: bool = True
     compile: bool = False  # torch.compile of the model
 
