@@ -31,7 +31,7 @@ from training.summaries import RATES, Recipe, summarise
 def caption(recipes: Sequence[Recipe], shared: dict) -> str:
     """What the figures are of, and what their intervals are."""
     n, many = shared["n"], [r for r in recipes if len(r.seeds) > 1]
-    intervals = ["over seeds (Student’s t)"] if many else []
+    intervals = ["over seeds, on the same images (Student’s t)"] if many else []
     if len(many) < len(recipes):
         intervals.append(f"{'of a recipe with one seed ' if many else ''}of {n} images (Wilson)")
     said = [

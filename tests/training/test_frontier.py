@@ -106,7 +106,7 @@ def test_intervals_are_students_over_seeds_and_wilsons_of_one(root):
     assert rate([0.5], 200) == pytest.approx((0.5, one.low, one.high), abs=1e-6)
     assert rate([0.0, 0.1], 200).low == 0  # no accuracy is below 0
     words = command.caption(summarise(read(root).points), {k: 1 for k in ("n", "data", "model", "scene", "steps")})
-    assert "over seeds (Student’s t); of a recipe with one seed of 1 images (Wilson)" in words
+    assert "over seeds, on the same images (Student’s t); of a recipe with one seed of 1 images (Wilson)" in words
     assert "lone in 1 of 1 seeds" in words
 
 
