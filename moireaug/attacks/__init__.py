@@ -4,6 +4,7 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import LOSSES, margin
 from moireaug.attacks.model import Normalized, evaluating
 from moireaug.attacks.moire import MoireAttack
+from moireaug.attacks.photographed import Photographed
 from moireaug.attacks.pixel import BIM, CW, MIFGSM, PGD
 from moireaug.attacks.problem import Result
 from moireaug.attacks.rules import RULES
@@ -29,6 +30,7 @@ __all__ = [
     "Attack",
     "MoireAttack",
     "Normalized",
+    "Photographed",
     "Result",
     "SquareMoire",
     "evaluating",

@@ -1,0 +1,136 @@
+"""A camera in front of a model, for attacks of other libraries: raw readings, or images, to logits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from moireaug.capture import capture, develop, expose
+from moireaug.fields import one_of
+from moireaug.shot import Shot
+
+# what an attack perturbs, to what the camera makes of it
+CAMERAS: dict[str, Callable[[Tensor, Shot], Tensor]] = {"raw": develop, "image": capture}
+
+STRAY = 0.25  # of the way to another row's clean input: how far a row may stray and still be told apart
+SAME = 1e-12  # mean squared difference below which two inputs are the same but for rounding
+
+
+class Photographed(nn.Module):
+    """A model that sees photos: logits = model(develop(raw, shot)), or model(capture(image, shot)).
+
+    Any attack on an `nn.Module` whose inputs lie in [0, 1] attacks the camera and the model through it: let it start
+    from `clean`. Many attacks drop rows of the batch or change their order. A row therefore finds its own shot by what
+    it looks like: it is taken for the row of `clean` that is nearest (mean square), and refused where it has come more
+    than a quarter of the way from there towards another row, or lies farther off than one. An attack that starts from
+    noise or from another row's input, or asks about a blank one, needs one image at a time: with a single row there is
+    nothing to tell apart.
+
+    Args:
+        model: (B, 3, H, W) photos in [0, 1] to (B, K) logits; a module becomes a submodule, so that its mode and device
+            are set here.
+        images: (B, 3, H, W) float in [0, 1].
+        shot: one draw for these images.
+        noise_at: what is attacked, a key of `CAMERAS`: "raw", the readings, or "image", what the screen shows.
+
+    Attributes:
+        clean: the inputs that nobody has attacked: the readings, of `shot.raw_shape()`, or the images.
+
+    Raises:
+        TypeError, ValueError: images or a shot that `capture` refuses, or rows of the same input but different shots,
+            which nothing tells apart.
+    """
+
+    clean: Tensor
+    gaps: Tensor
+
+    def __init__(
+        self,
+        model: nn.Module | Callable[[Tensor], Tensor],
+        images: Tensor,
+        shot: Shot,
+        *,
+        noise_at: str = "raw",
+    ) -> None:
+        super().__init__()
+        if not callable(model) or isinstance(model, type):
+            raise TypeError(f"model must be callable on images; got {model!r}.")
+        self.model, self.shot = model, shot
+        self.noise_at = one_of("noise_at", noise_at, CAMERAS)
+        self.dtype = images.dtype if isinstance(images, Tensor) else None
+        if isinstance(model, nn.Module):
+            # an attack that restores the mode which it finds here must not put an evaluated model into training
+            self.training = model.training
+        with torch.no_grad():
+            raw = expose(images, shot)
+            clean = raw.clamp(0, 1) if noise_at == "raw" else images.detach().clone()
+            gaps = _gaps(clean)
+            _refuse_twins(clean, gaps, shot, noise_at)
+        self.register_buffer("clean", clean, persistent=False)
+        self.register_buffer("gaps", gaps, persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Perturbed rows of `clean`, any of them and in any order, to logits (b, K). Differentiable in x.
+
+        Raises:
+            ValueError: rows of another shape, or that cannot be told apart.
+        """
+        return self.model(self.photos(x))
+
+    def photos(self, x: Tensor) -> Tensor:
+        """The photos (b, 3, H, W) in [0, 1] of such rows, each by its own shot; gradient and errors as in a call."""
+        rows = self.rows(x).to(self.shot.device)
+        return CAMERAS[self.noise_at](x, self.shot[rows]).to(self.dtype)
+
+    @torch.no_grad()
+    def rows(self, x: Tensor) -> Tensor:
+        """Which rows of `clean` these are, (b,) int64; errors as in a call. b * B inner products, in float64."""
+        if x.ndim != 4 or x.shape[1:] != self.clean.shape[1:]:
+            raise ValueError(
+                f"rows must have the shape (b, {', '.join(map(str, self.clean.shape[1:]))}) of Photographed.clean; got "
+                f"{tuple(x.shape)}."
+            )
+        if len(self.clean) == 1:
+            return torch.zeros(len(x), dtype=torch.int64, device=x.device)
+        x, clean = x.flatten(1).double(), self.clean.flatten(1).double()
+        # minus half the mean squared distance to each row, but for a term that all rows share
+        nearness = (x @ clean.T - clean.square().sum(1) / 2) / x.shape[1]
+        found = nearness.argmax(1)
+        lead = 2 * (nearness.gather(1, found[:, None]) - nearness)
+        away = (x - clean[found]).square().mean(1, keepdim=True)
+        gaps = self.gaps[found].double()
+        sure = (lead > (1 - 2 * STRAY) * gaps) & (away < gaps)
+        doubtful = (~sure & (gaps > SAME)).any(1)
+        if doubtful.any():
+            row = int(doubtful.nonzero()[0])
+            raise ValueError(
+                f"row {row} is too far from Photographed.clean, or not finite: row {int(found[row])} is the nearest "
+                "there, but it cannot be told whose shot it takes. Start the attack from Photographed.clean; if it "
+                "goes that far, attack one image at a time: Photographed(model, images[i : i + 1], shot[i : i + 1])."
+            )
+        return found
+
+
+def _gaps(clean: Tensor) -> Tensor:
+    """Mean squared differences of each two rows, (B, B) float64."""
+    flat = clean.flatten(1).double()
+    products = flat @ flat.T / max(1, flat.shape[1])
+    squares = products.diagonal()
+    return (squares[:, None] + squares[None, :] - 2 * products).clamp(min=0)
+
+
+def _refuse_twins(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> None:
+    """Refuse rows of the same input whose shots differ. Where both make the same photo of anything, either will do."""
+    twins = (gaps <= SAME).triu(1).nonzero().tolist()
+    if not twins:
+        return
+    anything = torch.rand(clean[:1].shape, generator=torch.Generator().manual_seed(0)).to(clean)
+    photos = CAMERAS[noise_at](anything.expand_as(clean), shot)
+    for i, j in twins:
+        if not torch.allclose(photos[i], photos[j], rtol=0, atol=1e-4):
+            raise ValueError(
+                f"rows {i} and {j} have the same {noise_at} but different shots, and nothing tells them apart: put "
+                "them into two batches."
+            )

@@ -1,0 +1,262 @@
+"""Attacks of other libraries through the camera: every row meets its own shot, whatever an attack does to the batch."""
+
+import warnings
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Scene, Sensor, attacks, capture, develop, expose
+from moireaug.attacks import MoireAttack, Photographed
+from moireaug.attacks.photographed import CAMERAS
+from tests.attacks.common import EPS, SCENE, predicted
+
+N = 16
+
+
+def quietly(name):
+    """A library of attacks, or a skipped test; its imports warn of other libraries' future."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return pytest.importorskip(name)
+
+
+@pytest.fixture(scope="module")
+def learnt(trained):
+    """A model that is right about these photos, their images, labels and shot."""
+    g = torch.Generator().manual_seed(0)
+    images, labels = torch.rand(N, 3, 16, 16, generator=g), torch.arange(N) % 5
+    images[torch.arange(N), 0, :, labels * 3] *= 0.3  # the class is where a column is dark
+    shot = SCENE.sample(N, (16, 16), g)
+    model = trained(capture(images, shot), labels)
+    assert torch.equal(predicted(model, capture(images, shot)), labels)
+    return model, images, labels, shot
+
+
+class Naive(nn.Module):
+    """A camera that takes the rows as they come: the mistake that Photographed is there to avoid."""
+
+    def __init__(self, model, shot, noise_at="raw"):
+        super().__init__()
+        self.model, self.shot, self.camera = model, shot, CAMERAS[noise_at]
+
+    def forward(self, x):
+        return self.model(self.camera(x, self.shot[: len(x)]))
+
+
+ROWS = {
+    "in order": list(range(N)),
+    "permuted": torch.randperm(N, generator=torch.Generator().manual_seed(3)).tolist(),
+    "dropped": [1, 2, 5, 11],
+    "one": [7],
+    "repeated": [3, 3, 0, 9, 3],
+    "more than there are": list(range(N)) + list(range(N)),
+    "none": [],
+}
+
+
+@pytest.mark.parametrize("rows", ROWS.values(), ids=ROWS)
+@pytest.mark.parametrize("noise_at", CAMERAS)
+def test_rows_meet_their_own_shots(learnt, noise_at, rows):
+    model, images, _, shot = learnt
+    camera = Photographed(model, images, shot, noise_at=noise_at)
+    noise = torch.empty_like(camera.clean).uniform_(-8 / 255, 8 / 255)
+    x = (camera.clean + noise).clamp(0, 1)
+    logits = model(CAMERAS[noise_at](x, shot))  # all rows in order: nothing to mix up
+    assert camera.rows(x[rows]).tolist() == rows
+    assert torch.allclose(camera(x[rows]), logits[rows], atol=1e-4)
+    if rows and rows != ROWS["in order"] and len(rows) <= N:
+        assert not torch.allclose(Naive(model, shot, noise_at)(x[rows]), logits[rows], atol=1e-2)
+
+
+@pytest.mark.parametrize("noise_at", CAMERAS)
+def test_gradients_are_those_of_the_camera(learnt, noise_at):
+    model, images, labels, shot = learnt
+    camera, rows = Photographed(model, images, shot, noise_at=noise_at), [9, 4, 4]
+    x = camera.clean[rows].requires_grad_(True)
+    losses = (
+        nn.functional.cross_entropy(camera(x), labels[rows]),
+        nn.functional.cross_entropy(model(CAMERAS[noise_at](x, shot[rows])), labels[rows]),
+    )
+    ours, expected = (torch.autograd.grad(loss, x)[0] for loss in losses)
+    assert torch.equal(ours, expected) and (ours != 0).any((1, 2, 3)).all()
+
+
+def of_torchattacks(name, **settings):
+    def attack(camera, labels):
+        made = getattr(quietly("torchattacks"), name)(camera, **settings)
+        if name == "AutoAttack":
+            made._autoattack.attacks[-1].n_queries = 100  # of the Square Attack, which takes 5000
+        with torch.enable_grad():
+            return made(camera.clean, labels)
+
+    return attack
+
+
+def of_foolbox(name, **settings):
+    def attack(camera, labels):
+        foolbox = quietly("foolbox")
+        model = foolbox.PyTorchModel(camera, bounds=(0, 1))
+        return getattr(foolbox.attacks, name)(**settings)(model, camera.clean, labels, epsilons=EPS)[1]
+
+    return attack
+
+
+def of_art(name, **settings):
+    def attack(camera, labels):
+        quietly("art.estimators.classification")
+        art = quietly("art")
+        classifier = art.estimators.classification.PyTorchClassifier(
+            camera, nn.CrossEntropyLoss(), tuple(camera.clean.shape[1:]), 5, clip_values=(0, 1), device_type="cpu"
+        )
+        made = getattr(quietly("art.attacks.evasion"), name)(classifier, verbose=False, **settings)
+        return torch.from_numpy(made.generate(camera.clean.numpy(), labels.numpy()))
+
+    return attack
+
+
+BOUNDED = {
+    "torchattacks AutoAttack": of_torchattacks("AutoAttack", eps=EPS, n_classes=5, seed=0),
+    "torchattacks PGD": of_torchattacks("PGD", eps=EPS, alpha=EPS / 4, steps=20),
+    "foolbox PGD": of_foolbox("LinfPGD", rel_stepsize=0.25, steps=20),
+    "ART PGD": of_art("ProjectedGradientDescent", eps=EPS, eps_step=EPS / 4, max_iter=20, batch_size=5),
+}
+
+
+@pytest.fixture(autouse=True)
+def _no_files_at_home(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))  # where ART writes when it is imported
+
+
+@pytest.mark.parametrize("attack", BOUNDED.values(), ids=BOUNDED)
+def test_what_others_find_in_the_ball_is_what_we_find(learnt, attack):
+    model, images, labels, shot = learnt
+    camera, asked = Photographed(model, images, shot), []
+    camera.register_forward_pre_hook(lambda module, args: asked.append(args[0].detach()))
+    x = attack(camera, labels)
+    for query in asked:
+        far = torch.cdist(query.flatten(1), camera.clean.flatten(1), p=torch.inf)
+        near = far.amin(1) < 4 * EPS  # another measure of what is near, and as clear
+        assert torch.equal(camera.rows(query)[near], far.argmin(1)[near])
+    if attack is BOUNDED["torchattacks AutoAttack"]:
+        assert any(camera.rows(query).tolist() != list(range(len(query))) for query in asked)  # it dropped rows
+    assert x.min() >= 0 and x.max() <= 1 and (x - expose(images, shot)).abs().max() <= EPS * 1.001
+    theirs = predicted(model, develop(x, shot)) != labels  # judged with all rows in order
+    assert torch.equal(theirs, predicted(camera, x) != labels)
+    ours = MoireAttack(model, scene=SCENE, eps=EPS, steps=40, rule="halving", loss="margin", restarts=2)
+    ours = ours(images, labels, shot=shot).success
+    assert 0.2 < ours.float().mean() < 1
+    assert (ours.sum() - theirs.sum()).abs() <= 2
+
+
+UNBOUNDED = {
+    "torchattacks DeepFool": of_torchattacks("DeepFool", steps=20),
+    "ART DeepFool": of_art("DeepFool", max_iter=20, batch_size=5),
+}
+
+
+@pytest.mark.parametrize("attack", UNBOUNDED.values(), ids=UNBOUNDED)
+def test_attacks_that_take_rows_one_by_one_or_few_at_a_time(learnt, attack):
+    """All rows are fooled by the smallest noise where each meets its own shot; with another's, most need luck."""
+    model, images, labels, shot = learnt
+    camera, naive = Photographed(model, images, shot), Naive(model, shot).eval()
+    naive.clean = camera.clean
+    fooled = {}
+    for which in (camera, naive):
+        x = attack(which, labels)
+        assert (x - camera.clean).abs().max() < 0.5
+        fooled[which] = (predicted(model, develop(x, shot)) != labels).float().mean()
+    assert fooled[camera] >= 0.9 > fooled[naive] + 0.1
+
+
+@pytest.mark.parametrize("noise_at", CAMERAS)
+def test_what_cannot_be_told_apart_is_refused(learnt, noise_at):
+    model, images, _, shot = learnt
+    camera = Photographed(model, images, shot, noise_at=noise_at)
+    clean = camera.clean
+    between = torch.stack([clean[0], (clean[1] + clean[2]) / 2])
+    with pytest.raises(ValueError, match=r"row 1 is too far .* row (1|2) is the nearest .*one image at a time"):
+        camera(between)
+    with pytest.raises(ValueError, match="one image at a time"):
+        camera(torch.rand(3, *clean.shape[1:], generator=torch.Generator().manual_seed(7)))
+    with pytest.raises(ValueError, match="not finite"):
+        camera(torch.full_like(clean[:1], torch.nan))
+    for wrong in (clean[0], clean[..., 1:], clean[:, :2]):
+        with pytest.raises(ValueError, match=r"must have the shape \(b, .* got"):
+            camera(wrong)
+    # a quarter of the way is the limit
+    assert camera.rows(torch.lerp(clean[1:2], clean[2:3], 0.2)).tolist() == [1]
+    with pytest.raises(ValueError, match="row 0"):
+        camera.rows(torch.lerp(clean[1:2], clean[2:3], 0.3))
+
+
+def test_one_image_at_a_time_takes_any_attack(learnt):
+    model, images, labels, shot = learnt
+    foolbox = quietly("foolbox")
+    attack = foolbox.attacks.BoundaryAttack(steps=30)
+    camera = Photographed(model, images[3:4], shot[3:4])
+    (x, *_), hit = attack(foolbox.PyTorchModel(camera, bounds=(0, 1)), camera.clean, labels[3:4], epsilons=None)[1:]
+    assert hit.all() and predicted(model, develop(x[None], shot[3:4])) != labels[3]
+    many = Photographed(model, images, shot)
+    with pytest.raises(ValueError, match="one image at a time"):
+        attack(foolbox.PyTorchModel(many, bounds=(0, 1)), many.clean, labels, epsilons=None)
+
+
+STILL = Scene(sensor=Sensor(scale=2.0, gain=2.0))  # nothing is drawn
+
+
+@pytest.mark.parametrize(("scene", "noise_at", "fine"), [
+    (STILL, "raw", True), (STILL, "image", True), (SCENE, "raw", True), (SCENE, "image", False),
+    (Scene(sensor=Sensor(read_noise=0.01)), "raw", True), (Scene(sensor=Sensor(read_noise=0.01)), "image", False),
+])  # fmt: skip
+def test_the_same_image_twice(learnt, scene, noise_at, fine):
+    """Fine where a turned camera or the sensor's noise makes two readings of it, or where either shot will do."""
+    model, images, _, _ = learnt
+    images = images[[0, 1, 0]]
+    shot = scene.sample(3, (16, 16))
+    if not fine:
+        with pytest.raises(ValueError, match="rows 0 and 2 have the same image but different shots"):
+            Photographed(model, images, shot, noise_at=noise_at)
+        return
+    camera = Photographed(model, images, shot, noise_at=noise_at)
+    assert torch.allclose(camera(camera.clean[[2, 1]]), model(capture(images, shot))[[2, 1]], atol=1e-5)
+
+
+def test_black_readings_of_turned_screens_are_refused(learnt):
+    with pytest.raises(ValueError, match="rows 0 and 1 have the same raw but different shots"):
+        Photographed(learnt[0], torch.zeros(2, 3, 16, 16), SCENE.sample(2, (16, 16)))
+
+
+def test_an_attack_leaves_the_model_as_it_found_it(learnt, trained):
+    """torchattacks puts back the mode of what it was given, into every part of it."""
+    model, images, labels, shot = learnt
+    assert not model.training
+    of_torchattacks("PGD", steps=1)(Photographed(model, images, shot), labels)
+    assert not any(part.training for part in model.modules())
+    model.train()
+    assert Photographed(model, images, shot).training
+    model.eval()
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float16])
+def test_photos_are_of_the_images_dtype(learnt, dtype):
+    _, images, _, shot = learnt
+    seen = []
+    camera = Photographed(lambda x: seen.append(x.dtype) or x.mean((2, 3)), images.to(dtype), shot)
+    camera(camera.clean.double()[[3, 1]])
+    assert seen == [dtype] and camera.photos(camera.clean).dtype == dtype
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"model": 3}, "model must be callable"), ({"noise_at": "photo"}, "noise_at must be one of 'raw', 'image'"),
+    ({"images": torch.rand(2, 3, 16, 16)}, "drawn for 16 images"),
+    ({"images": torch.rand(N, 3, 16, 16) * 255}, r"lie in \[0, 1\]"),
+])  # fmt: skip
+def test_arguments_that_do_not_go_together(learnt, change, message):
+    model, images, _, shot = learnt
+    with pytest.raises((TypeError, ValueError), match=message):
+        Photographed(**{"model": model, "images": images, "shot": shot, **change})
+
+
+def test_it_is_public():
+    assert attacks.Photographed is Photographed and "Photographed" in attacks.__all__
