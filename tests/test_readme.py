@@ -1,0 +1,40 @@
+"""Every snippet of Python on a page runs as it stands, after those before it on the page."""
+
+import re
+import warnings
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def snippets(text):
+    """The code of each block, below as many empty lines as stand above it on the page: errors then name its line."""
+    return ["\n" * text[: block.start(1)].count("\n") + block[1] for block in BLOCK.finditer(text)]
+
+
+PAGES = {}
+for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+    blocks = snippets(path.read_text(encoding="utf-8"))
+    if blocks:
+        PAGES[path.name] = blocks
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_snippets_define_what_they_use(page, capsys):
+    names = {}
+    for code in PAGES[page]:
+        if "import torchattacks" in code:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # its imports' own
+                pytest.importorskip("torchattacks")
+        exec(compile(code, page, "exec"), names)
+
+
+def test_no_snippet_is_overlooked():
+    """Python fenced in another way (indented, ```py, ~~~) would not be run."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    fences = re.findall(r"^\s*(?:```|~~~)\s*py", text, re.MULTILINE)
+    assert len(fences) == len(PAGES["README.md"]) == 3
