@@ -86,7 +86,7 @@ def of_torchattacks(name, **settings):
     def attack(camera, labels):
         made = getattr(quietly("torchattacks"), name)(camera, **settings)
         if name == "AutoAttack":
-            made._autoattack.attacks[-1].n_queries = 100  # of the Square Attack, which takes 5000
+            made._autoattack.attacks[-1].n_queries = 20  # of the Square Attack, which takes 5000
         with torch.enable_grad():
             return made(camera.clean, labels)
 
@@ -134,12 +134,14 @@ def test_what_others_find_in_the_ball_is_what_we_find(learnt, attack):
     camera, asked = Photographed(model, images, shot), []
     camera.register_forward_pre_hook(lambda module, args: asked.append(args[0].detach()))
     x = attack(camera, labels)
-    for query in asked:
+    moved = False
+    for query in asked[::10]:
+        rows = camera.rows(query)
         far = torch.cdist(query.flatten(1), camera.clean.flatten(1), p=torch.inf)
         near = far.amin(1) < 4 * EPS  # another measure of what is near, and as clear
-        assert torch.equal(camera.rows(query)[near], far.argmin(1)[near])
-    if attack is BOUNDED["torchattacks AutoAttack"]:
-        assert any(camera.rows(query).tolist() != list(range(len(query))) for query in asked)  # it dropped rows
+        assert torch.equal(rows[near], far.argmin(1)[near])
+        moved = moved or rows.tolist() != list(range(len(rows)))
+    assert moved or attack is not BOUNDED["torchattacks AutoAttack"]  # which drops rows
     assert x.min() >= 0 and x.max() <= 1 and (x - expose(images, shot)).abs().max() <= EPS * 1.001
     theirs = predicted(model, develop(x, shot)) != labels  # judged with all rows in order
     assert torch.equal(theirs, predicted(camera, x) != labels)
