@@ -12,8 +12,9 @@ import torch.nn.functional as F
 from omegaconf import OmegaConf
 from torch import Tensor, nn
 
-from moireaug.attacks import Normalized
+from moireaug.attacks import NoAnswerError, Normalized, predicted
 from moireaug.evaluation import mix
+from moireaug.evaluation.rungs import unless_broken
 from training.adversaries import Adversaries, Moment, Shown
 from training.batches import Batch
 from training.data import augment
@@ -107,7 +108,10 @@ class Classifier(L.LightningModule):
             attacked = shown.images()
         else:
             images = self._augmented(batch)
-            attacked = self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
+            try:
+                attacked = self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
+            except NoAnswerError:
+                raise self._diverged("loss became nan", index) from None
         # batches are shuffled: the first n are a random share
         logits = self(torch.cat([attacked, images[n:]]))
         if self.a.consistency and n:
@@ -115,13 +119,16 @@ class Classifier(L.LightningModule):
         else:
             loss = F.cross_entropy(logits, labels, label_smoothing=self.cfg.train.label_smoothing)
         if not torch.isfinite(loss):
-            raise FloatingPointError(
-                f"the loss became {loss.item()} in epoch {self.current_epoch}, batch {index}. Train with a smaller "
-                "train.lr, or with trainer.precision=32-true; the whole epochs before are kept in the run's folder."
-            )
+            raise self._diverged(f"loss became {loss.item()}", index)
         self._loss.append(loss.detach())
         self.log("loss", loss, prog_bar=True, logger=False)
         return loss
+
+    def _diverged(self, what: str, index: int) -> FloatingPointError:
+        return FloatingPointError(
+            f"the {what} in epoch {self.current_epoch}, batch {index}. Train with a smaller "
+            "train.lr, or with trainer.precision=32-true; the whole epochs before are kept in the run's folder."
+        )
 
     def _augmented(self, batch: Batch) -> Tensor:
         return augment(batch.images.float() / 255, self.cfg.data.augment)
@@ -167,9 +174,10 @@ class Classifier(L.LightningModule):
     def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
         images, labels = batch
         images = images.float() / 255
-        self._hits["clean"].append((self(images).argmax(1) == labels).float())
+        self._hits["clean"].append((predicted(self(images)) == labels).float())
         if self.a.kind != "none":
-            self._hits["perturbed"].append((self(self.judge(images, labels)).argmax(1) == labels).float())
+            shown = unless_broken(lambda: self.judge(images, labels), lambda: images)
+            self._hits["perturbed"].append((predicted(self(shown)) == labels).float())
 
     def on_validation_epoch_end(self) -> None:
         torch.random.set_rng_state(self._rng)
