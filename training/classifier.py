@@ -20,6 +20,7 @@ from training.batches import Batch
 from training.data import augment
 from training.models import build
 from training.schema import Adversary, Config, scene_of
+from training.tuning import tuning
 
 STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
 
@@ -57,6 +58,7 @@ class Classifier(L.LightningModule):
         self.adversary = Adversaries(self.model, scene_of(cfg), self.a)
         own = replace(_strong(self.a), replays=1, worst_of=1, turn=False)
         self.judge = Adversaries(self.model, scene_of(cfg), own)
+        self.tuning = tuning(cfg)
         self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
         self._kept: dict[int, tuple[Shown, Tensor]] = {}
@@ -103,15 +105,15 @@ class Classifier(L.LightningModule):
         batch = Batch(*batch)
         labels = batch.labels
         n = round(self.a.share * len(labels)) if self.a.kind != "none" else 0
-        if self.a.replays > 1 and n:
-            shown, images = self._replayed(batch, n)
-            attacked = shown.images()
-        else:
-            images = self._augmented(batch)
-            try:
+        try:
+            if self.a.replays > 1 and n:
+                shown, images = self._replayed(batch, n)
+                attacked = shown.images()
+            else:
+                images = self._augmented(batch)
                 attacked = self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
-            except NoAnswerError:
-                raise self._diverged("loss became nan", index) from None
+        except NoAnswerError:
+            raise self._diverged("loss became nan", index) from None
         # batches are shuffled: the first n are a random share
         logits = self(torch.cat([attacked, images[n:]]))
         if self.a.consistency and n:
@@ -196,15 +198,18 @@ class Classifier(L.LightningModule):
     def configure_optimizers(self) -> dict[str, Any]:
         t = self.cfg.train
         optimizer = torch.optim.SGD(
-            self.parameters(), t.lr, momentum=t.momentum, weight_decay=t.weight_decay, nesterov=t.momentum > 0
+            self.parameters(), self.tuning.lr, momentum=t.momentum, weight_decay=t.weight_decay, nesterov=t.momentum > 0
         )
         # five steps would leave the rise of the rate no length, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
         schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, t.lr, total_steps=total, pct_start=0.2, cycle_momentum=t.momentum > 0,
+            optimizer, self.tuning.lr, total_steps=total, pct_start=0.2, cycle_momentum=t.momentum > 0,
             max_momentum=t.momentum, base_momentum=max(0.0, t.momentum - 0.1),
         )  # fmt: skip
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def configure_gradient_clipping(self, optimizer: Any, *_: Any, **__: Any) -> None:
+        self.clip_gradients(optimizer, gradient_clip_val=self.tuning.clip, gradient_clip_algorithm="norm")
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["history"], checkpoint["collapsed_at"] = list(self.history), self.collapsed_at
