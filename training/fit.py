@@ -125,9 +125,8 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
     trainer, batches = trainer_of(cfg, out), Batches(cfg, splits, first=len(before))
     began = time.perf_counter()
     say = rank_zero_only(print)
-    say(
-        f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}, {cfg.train.epochs} epochs, lr {tuning(cfg).lr:g}"
-    )
+    what = f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}"
+    say(f"{what}, {cfg.train.epochs} epochs, lr {tuning(cfg).lr:g}")
     if before:
         say(f"{len(before)} of them are over: {last} is gone on from.")
     try:
