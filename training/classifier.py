@@ -12,13 +12,15 @@ import torch.nn.functional as F
 from omegaconf import OmegaConf
 from torch import Tensor, nn
 
-from moireaug.attacks import Normalized
+from moireaug.attacks import NoAnswerError, Normalized, predicted
 from moireaug.evaluation import mix
+from moireaug.evaluation.rungs import unless_broken
 from training.adversaries import Adversaries, Moment, Shown
 from training.batches import Batch
 from training.data import augment
 from training.models import build
 from training.schema import Adversary, Config, scene_of
+from training.tuning import tuning
 
 STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
 
@@ -56,6 +58,7 @@ class Classifier(L.LightningModule):
         self.adversary = Adversaries(self.model, scene_of(cfg), self.a)
         own = replace(_strong(self.a), replays=1, worst_of=1, turn=False)
         self.judge = Adversaries(self.model, scene_of(cfg), own)
+        self.tuning = tuning(cfg)
         self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
         self._kept: dict[int, tuple[Shown, Tensor]] = {}
@@ -102,12 +105,15 @@ class Classifier(L.LightningModule):
         batch = Batch(*batch)
         labels = batch.labels
         n = round(self.a.share * len(labels)) if self.a.kind != "none" else 0
-        if self.a.replays > 1 and n:
-            shown, images = self._replayed(batch, n)
-            attacked = shown.images()
-        else:
-            images = self._augmented(batch)
-            attacked = self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
+        try:
+            if self.a.replays > 1 and n:
+                shown, images = self._replayed(batch, n)
+                attacked = shown.images()
+            else:
+                images = self._augmented(batch)
+                attacked = self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
+        except NoAnswerError:
+            raise self._diverged("loss became nan", index) from None
         # batches are shuffled: the first n are a random share
         logits = self(torch.cat([attacked, images[n:]]))
         if self.a.consistency and n:
@@ -115,13 +121,16 @@ class Classifier(L.LightningModule):
         else:
             loss = F.cross_entropy(logits, labels, label_smoothing=self.cfg.train.label_smoothing)
         if not torch.isfinite(loss):
-            raise FloatingPointError(
-                f"the loss became {loss.item()} in epoch {self.current_epoch}, batch {index}. Train with a smaller "
-                "train.lr, or with trainer.precision=32-true; the whole epochs before are kept in the run's folder."
-            )
+            raise self._diverged(f"loss became {loss.item()}", index)
         self._loss.append(loss.detach())
         self.log("loss", loss, prog_bar=True, logger=False)
         return loss
+
+    def _diverged(self, what: str, index: int) -> FloatingPointError:
+        return FloatingPointError(
+            f"the {what} in epoch {self.current_epoch}, batch {index}. Train with a smaller "
+            "train.lr, or with trainer.precision=32-true; the whole epochs before are kept in the run's folder."
+        )
 
     def _augmented(self, batch: Batch) -> Tensor:
         return augment(batch.images.float() / 255, self.cfg.data.augment)
@@ -167,9 +176,10 @@ class Classifier(L.LightningModule):
     def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
         images, labels = batch
         images = images.float() / 255
-        self._hits["clean"].append((self(images).argmax(1) == labels).float())
+        self._hits["clean"].append((predicted(self(images)) == labels).float())
         if self.a.kind != "none":
-            self._hits["perturbed"].append((self(self.judge(images, labels)).argmax(1) == labels).float())
+            shown = unless_broken(lambda: self.judge(images, labels), lambda: images)
+            self._hits["perturbed"].append((predicted(self(shown)) == labels).float())
 
     def on_validation_epoch_end(self) -> None:
         torch.random.set_rng_state(self._rng)
@@ -188,15 +198,18 @@ class Classifier(L.LightningModule):
     def configure_optimizers(self) -> dict[str, Any]:
         t = self.cfg.train
         optimizer = torch.optim.SGD(
-            self.parameters(), t.lr, momentum=t.momentum, weight_decay=t.weight_decay, nesterov=t.momentum > 0
+            self.parameters(), self.tuning.lr, momentum=t.momentum, weight_decay=t.weight_decay, nesterov=t.momentum > 0
         )
         # five steps would leave the rise of the rate no length, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
         schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, t.lr, total_steps=total, pct_start=0.2, cycle_momentum=t.momentum > 0,
+            optimizer, self.tuning.lr, total_steps=total, pct_start=0.2, cycle_momentum=t.momentum > 0,
             max_momentum=t.momentum, base_momentum=max(0.0, t.momentum - 0.1),
         )  # fmt: skip
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def configure_gradient_clipping(self, optimizer: Any, *_: Any, **__: Any) -> None:
+        self.clip_gradients(optimizer, gradient_clip_val=self.tuning.clip, gradient_clip_algorithm="norm")
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["history"], checkpoint["collapsed_at"] = list(self.history), self.collapsed_at

@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 import torch
 import torchvision
-from PIL import Image
 from torch import Tensor
 from torch.utils.data import Dataset, Subset, TensorDataset
+from torchvision.datasets import ImageFolder
 from torchvision.transforms import v2
 
 from moireaug.fields import one_of
 from training import signs
+from training.images import read
 from training.schema import DATA, Data
 
 IMAGENET = 1000  # classes of torchvision's published weights, which a class_index refers to
@@ -32,24 +33,9 @@ class Splits(NamedTuple):
     num_classes: int
 
 
-class Folder(torchvision.datasets.ImageFolder):
-    """ImageFolder of uint8 tensors that names the file it cannot read."""
-
-    def __getitem__(self, index: int) -> tuple[Tensor, int]:
-        path, _ = self.samples[index]
-        try:
-            return super().__getitem__(index)
-        except (OSError, SyntaxError, ValueError) as error:
-            raise ValueError(f"The image {path} could not be read ({error}). Remove or replace the file.") from error
-
-
 def _resize(size: int) -> v2.Compose:
     """The shorter side to `size`, the centre cut out: what ImageNet models are evaluated on, less the 256 px margin."""
-    return v2.Compose([v2.Lambda(_rgb), v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
-
-
-def _rgb(image: Image.Image) -> Image.Image:
-    return image.convert("RGB")
+    return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
 
 
 def _take(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
@@ -101,7 +87,7 @@ def _folder(cfg: Data) -> Splits:
         raise ValueError(f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ inside it.")
     halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]  # the latter: to attack
     try:
-        sets = [Folder(half, transform=_resize(cfg.size)) for half in halves]
+        sets = [ImageFolder(half, transform=_resize(cfg.size), loader=read) for half in halves]
     except (FileNotFoundError, RuntimeError) as error:
         raise ValueError(
             f"data.root={cfg.root!r} does not look like an image folder: {error}. "

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import hydra
 import lightning as L
 import torch
-from lightning.pytorch.callbacks import EMAWeightAveraging, TQDMProgressBar
+from lightning.pytorch.callbacks import TQDMProgressBar
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
@@ -42,6 +42,7 @@ from training.data import Splits, load
 from training.guard import Guard
 from training.reattack import attack_again, check, describe, from_run, publish
 from training.schema import Config, check_keys, register
+from training.tuning import averaging, tuning
 
 
 def fit(cfg: DictConfig) -> dict[str, Any]:
@@ -124,7 +125,8 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
     trainer, batches = trainer_of(cfg, out), Batches(cfg, splits, first=len(before))
     began = time.perf_counter()
     say = rank_zero_only(print)
-    say(f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}, {cfg.train.epochs} epochs")
+    what = f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}"
+    say(f"{what}, {cfg.train.epochs} epochs, lr {tuning(cfg).lr:g}")
     if before:
         say(f"{len(before)} of them are over: {last} is gone on from.")
     try:
@@ -161,7 +163,7 @@ def trainer_of(cfg: DictConfig, out: Path) -> L.Trainer:
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command goes on by itself
     best = Keep(out, "best", monitor="val_score", mode="max")
     callbacks = [
-        EMAWeightAveraging(decay=cfg.train.ema), best, Guard(out / "best.ckpt"), Keep(out, "last"),
+        averaging(tuning(cfg)), best, Guard(out / "best.ckpt"), Keep(out, "last"),
         TQDMProgressBar(leave=False),
     ]  # fmt: skip
     return L.Trainer(

@@ -1,8 +1,10 @@
 """Classifiers to train and to attack: one compact ResNet for small images, and every torchvision classifier by name."""
 
+import argparse
 import difflib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
 import torchvision
@@ -70,6 +72,9 @@ class SmallResNet(nn.Module):
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
+# How checkpoints name the state_dict that they hold, and what wrappers put before its names.
+_HOLDERS = ("state_dict", "model_state_dict", "model")
+_WRAPPERS = ("module.", "model.", "_orig_mod.")
 
 
 def names() -> list[str]:
@@ -84,8 +89,10 @@ def build(name: str, num_classes: int, weights: str | None = None, *, whole: boo
         name: "small_resnet" (takes [0, 1] images) or any torchvision classifier (its ImageNet normalisation is the
             caller's to apply).
         num_classes: number of logits.
-        weights: a state_dict file, or the name of torchvision weights such as "IMAGENET1K_V1" or "DEFAULT". When they
-            were made for another number of classes, the head stays freshly initialised and all else is loaded.
+        weights: a file with a state_dict, or a checkpoint that holds one as "state_dict", "model_state_dict" or
+            "model", with or without a wrapper's "module.", "model." or "_orig_mod." before its names; or the name of
+            torchvision weights such as "IMAGENET1K_V1" or "DEFAULT". When they were made for another number of
+            classes, the head stays freshly initialised and all else is loaded.
         whole: refuse weights made for another number of classes: nothing is fit to be evaluated with a fresh head.
 
     Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of another model.
@@ -128,24 +135,43 @@ def _published(name: str, weights: str) -> dict[str, Tensor]:
 
 
 def _read(name: str, path: str) -> Mapping[str, Tensor]:
-    """The state_dict in a file, on the CPU; nothing but tensors is unpickled."""
+    """The state_dict in a file, on the CPU, with the names of the bare model; no code in it is run."""
     if not Path(path).is_file():
         published = _published_names(name)
         other = f", or one of {', '.join(published)}" if published else ""
         raise ValueError(f"There is no weights file {path!r}. Please pass the path of a state_dict file{other}.")
     try:
-        state = torch.load(path, weights_only=True, map_location="cpu")
+        # the settings that torchvision's own training scripts keep beside the weights: a record without code
+        with torch.serialization.safe_globals([argparse.Namespace]):
+            state = torch.load(path, weights_only=True, map_location="cpu")
     # A damaged file surfaces as RuntimeError, UnpicklingError, EOFError, KeyError, ... : whichever byte was hit.
     except Exception as error:
         raise ValueError(
             f"The weights file {path!r} could not be read ({type(error).__name__}): it is damaged, or holds more than "
             "tensors. Please fetch it again, or save it anew with torch.save(model.state_dict(), path)."
         ) from error
-    if not isinstance(state, Mapping) or not all(isinstance(value, Tensor) for value in state.values()):
-        raise ValueError(
-            f"The weights file {path!r} holds something other than a state_dict (a mapping of names to tensors). "
-            "Please save it anew with torch.save(model.state_dict(), path)."
-        )
+    return _without_prefix(_state_in(state, path))
+
+
+def _state_in(content: Any, path: str) -> Mapping[str, Tensor]:
+    """The state_dict that a file's content is, or holds beside an optimiser's."""
+    held = [content]
+    if isinstance(content, Mapping):
+        held += [content[name] for name in _HOLDERS if name in content]
+    for state in held:
+        if isinstance(state, Mapping) and all(isinstance(value, Tensor) for value in state.values()):
+            return state
+    raise ValueError(
+        f"The weights file {path!r} holds something other than a state_dict (a mapping of names to tensors), alone or "
+        f"as its {', '.join(map(repr, _HOLDERS))}. Please save it anew with torch.save(model.state_dict(), path)."
+    )
+
+
+def _without_prefix(state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+    """The state_dict without what wrappers (DataParallel, Lightning, torch.compile) put before every name."""
+    for prefix in _WRAPPERS:
+        if state and all(name.startswith(prefix) for name in state):
+            return _without_prefix({name.removeprefix(prefix): value for name, value in state.items()})
     return state
 
 
@@ -159,10 +185,11 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: 
     changed = [key for key in given if key in own and given[key].shape != own[key].shape]
     head = changed if not whole and _is_head(changed, own, given) else []
     wrong = [key for key in changed if key not in head]
+    shapes = [f"{key} {tuple(given[key].shape)} instead of {tuple(own[key].shape)}" for key in wrong]
     problems = [
-        f"{len(keys)} {what} ({', '.join(keys[:3])}{', ...' if len(keys) > 3 else ''})"
-        for keys, what in ((missing, "missing"), (surplus, "unknown"), (wrong, "of another shape"))
-        if keys
+        f"{len(found)} {what} ({', '.join(found[:3])}{', ...' if len(found) > 3 else ''})"
+        for found, what in ((missing, "missing"), (surplus, "unknown"), (shapes, "of another shape"))
+        if found
     ]
     if problems:
         raise ValueError(

@@ -66,12 +66,12 @@ class Adversary:
 class Train:
     epochs: int = 12
     batch_size: int = 128  # of all devices together
-    lr: float = 0.1
+    lr: float | None = None  # null: 0.1; with `weights`, 0.002 for a batch of 128, in proportion (tuning.py)
     momentum: float = 0.95  # the greatest of the one-cycle schedule, which runs from it to 0.1 less and back
     weight_decay: float = 5e-4
     label_smoothing: float = 0.0
     init: str = "random"  # or "clean": from the weights of recipe clean with the same settings
-    ema: float = 0.98  # decay of the averaged weights a step; they are the ones validated and kept
+    ema: float | None = None  # decay of the averaged weights a step, which are validated and kept; null: 0.98
     batch_statistics: bool | None = None  # in batch normalisation; null: unless `weights` are given, whose own stay
     channels_last: bool = True
     compile: bool = False  # torch.compile of the model

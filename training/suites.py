@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 import moireaug
 from moireaug.defenses import DEFENSES, Compose, Quilting
-from moireaug.evaluation import suite_report, trust
+from moireaug.evaluation import suite_report, trust, words
 from moireaug.evaluation.adaptive import Defence
 from moireaug.evaluation.given import Given
 from moireaug.evaluation.grids import tidy
@@ -243,7 +243,7 @@ def _pictures(table: Table, index: Index, folder: Path, classes: Mapping[int, st
         answer = index[rung.name, MODEL.name][0]["predicted"][row]
         every = np.array(Image.open(_file(folder, rung.name)))
         side = every.shape[1]
-        said = [(model, classes.get(answer, str(answer)), answer == label)]
+        said = [(model, words.answer(answer, classes), answer == label)]
         image = every[row * side : (row + 1) * side]
         cells.append({"title": _title(table, key), "image": image, "predictions": said})
     return [{"label": classes.get(label, str(label)), "cells": cells}] if cells else []

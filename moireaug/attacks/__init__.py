@@ -1,5 +1,7 @@
 """Attacks: one loop, and the noise, pixels or pose that it moves. Models take images in [0, 1] and return logits."""
 
+from moireaug.attacks.answers import UNDECIDED, predicted
+from moireaug.attacks.checks import NoAnswerError
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import LOSSES, margin
 from moireaug.attacks.model import Normalized, evaluating
@@ -27,12 +29,15 @@ __all__ = [
     "MIFGSM",
     "PGD",
     "RULES",
+    "UNDECIDED",
     "Attack",
     "MoireAttack",
+    "NoAnswerError",
     "Normalized",
     "Photographed",
     "Result",
     "SquareMoire",
     "evaluating",
     "margin",
+    "predicted",
 ]

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.checks import check_classes, check_labels
+from moireaug.attacks.answers import decided, predicted
+from moireaug.attacks.checks import check_answers, check_classes, check_goals, check_gradient
 from moireaug.attacks.losses import LOSSES, margin, reported
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem, Result
@@ -24,7 +25,8 @@ from moireaug.shot import Shot
 class Attack(ABC):
     """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise becomes an image.
 
-    Where a gradient is exactly zero its sign is zero, and that element of the noise stays where it is.
+    Where a gradient is exactly zero, or NaN, that element of the noise stays where it is. An image whose logits become
+    NaN or infinite is fooled: the model has no answer to it, which is never right, and never the target.
 
     Args:
         model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and gradients are the same
@@ -97,14 +99,13 @@ class Attack(ABC):
             A Result, or a list of them where `eps` is a list.
 
         Raises:
-            TypeError, ValueError: images or labels of the wrong type, shape or range.
+            TypeError, ValueError: images, labels or logits of the wrong type, shape or range; targets that are labels;
+                a model without a gradient, or whose logits are not finite for any of the images.
         """
         check_images(images)
         with evaluating(self.model):
             images = images.detach().clone()
-            labels = check_labels(labels, len(images), "labels").to(images.device).clone()
-            if targets is not None:
-                targets = check_labels(targets, len(images), "targets").to(images.device).clone()
+            labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
             if isinstance(self.eps, (list, tuple)):
                 return [self._best(problem, images, labels, targets, float(e), generator) for e in self.eps]
@@ -117,7 +118,7 @@ class Attack(ABC):
         images, (B, 3, H, W), differentiable in the point. Arguments as in a call."""
         with evaluating(self.model):
             images = images.detach().clone()
-            labels = check_labels(labels, len(images), "labels").to(images.device).clone()
+            labels, _ = check_goals(images, labels, None)
             problem, eps = self.problem(images, shot, generator), float(self.eps)  # type: ignore[arg-type]
             point = self._start(problem, eps, 0, images, generator)
             return problem, self._ascend(problem, point, labels, None, eps, generator, None)
@@ -175,6 +176,8 @@ class Attack(ABC):
             logits = self.model(problem.rehearse(**point))
             if k == 0:
                 check_classes(labels if targets is None else torch.maximum(labels, targets), logits, problem.views)
+                check_answers(logits, self.model, problem.images)
+                check_gradient(logits)
             objective = self._objective(logits, *many)
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(objective.sum(), list(point.values()), allow_unused="pose" in point)
@@ -184,7 +187,8 @@ class Attack(ABC):
                 watch(point, logits.detach())
             for (name, x), gradient in zip(list(point.items()), gradients, strict=True):
                 if name in rules and gradient is not None:
-                    point[name] = rules[name](x, gradient, loss)
+                    # a NaN would stay in the point, and with it in every later image
+                    point[name] = rules[name](x, gradient.nan_to_num(), loss)
         return point
 
     def _best(
@@ -205,7 +209,7 @@ class Attack(ABC):
                 best.watch(point, self.model(problem.rehearse(**point)))
         with torch.no_grad():
             photo = problem.render(**best.point)
-            hit = self.model(photo).argmax(1)
+            hit = predicted(self.model(photo))
         success = hit != labels if targets is None else hit == targets
         losses = torch.stack(best.losses[: self.steps]) if self.steps else torch.zeros(0)
         shot = problem.aim(best.point["pose"]) if problem.aim else problem.shot
@@ -225,6 +229,8 @@ class _Best:
         if not self.losses:
             check_classes(goal, logits, 1)
         score = margin(logits.float(), goal) * (1 if self.targets is None else -1)
+        # no answer is a wrong one, and never the target
+        score = torch.where(decided(logits), score, math.inf if self.targets is None else -math.inf)
         score = score.view(self.views, len(self.labels)).mean(0)
         if not self.point:
             self.point, self.score = point, torch.full_like(score, -math.inf)

@@ -105,6 +105,7 @@ class MoireAttack(Attack):
             render,
             render if self.eot == 1 else rehearse,
             tuple(base.shape),
+            images,
             views=self.eot,
             shot=shot,
             base=base,

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.checks import check_classes, check_labels
+from moireaug.attacks.answers import decided, predicted
+from moireaug.attacks.checks import check_answers, check_classes, check_goals, check_gradient
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import margin, reported
 from moireaug.attacks.model import evaluating
@@ -42,7 +43,7 @@ class PGD(Attack):
         def render(noise: Tensor) -> Tensor:
             return clip(images + noise).to(images.dtype)
 
-        return Problem(render, render, tuple(images.shape))
+        return Problem(render, render, tuple(images.shape), images)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,33 +106,35 @@ class CW:
         _refuse_shot(shot)
         with evaluating(self.model):
             images = images.detach().clone()
-            labels = check_labels(labels, len(images), "labels").to(images.device).clone()
-            if targets is not None:
-                targets = check_labels(targets, len(images), "targets").to(images.device).clone()
+            labels, targets = check_goals(images, labels, targets)
             goal, sign = (labels, 1.0) if targets is None else (targets, -1.0)
             x = images if images.dtype == torch.float64 else images.float()
             w = torch.atanh((x * 2 - 1).clamp(-INSIDE, INSIDE)).requires_grad_(True)
             adam = torch.optim.Adam([w], lr=self.lr)
             best, near, losses = x, torch.full_like(x[:, 0, 0, 0], float("inf")), []
-            for _ in range(self.steps):
+            for k in range(self.steps):
                 shown = (torch.tanh(w) + 1) / 2
                 logits = self.model(shown.to(images.dtype))
-                check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+                if k == 0:
+                    check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+                    check_answers(logits, self.model, images)
+                    check_gradient(logits)
                 far = (shown - x).square().sum((1, 2, 3))
                 ahead = sign * margin(logits, goal)
                 # torch.clamp would pass no gradient where both classes tie
                 short = torch.where(ahead > self.confidence, -self.confidence, -ahead)
                 cost = far.sum() + self.c * short.sum()
-                (w.grad,) = torch.autograd.grad(cost, w)
+                (gradient,) = torch.autograd.grad(cost, w)
+                w.grad = gradient.nan_to_num()
                 adam.step()
                 losses.append(reported(logits, goal))
-                hit = (logits.argmax(1) != labels) if targets is None else (logits.argmax(1) == targets)
-                nearer = hit & (ahead >= self.confidence) & (far < near)
+                hit = (predicted(logits) != labels) if targets is None else (predicted(logits) == targets)
+                nearer = hit & ((ahead >= self.confidence) | ~decided(logits)) & (far < near)
                 near = torch.where(nearer, far, near).detach()
                 best = choose(nearer, shown.detach(), best)
             photo = best.to(images.dtype)
             with torch.no_grad():
-                hit = self.model(photo).argmax(1)
+                hit = predicted(self.model(photo))
         success = hit != labels if targets is None else hit == targets
         noise = best - x
         eps = noise.abs().max().item() if noise.numel() else 0.0

@@ -17,7 +17,8 @@ class Result:
 
     Args:
         images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
-        success: (B,) bool; the label is not predicted, or, targeted, the target is.
+        success: (B,) bool; the label is not predicted, or, targeted, the target is. Logits that are NaN or infinite
+            predict nothing.
         noise: what was added: raw noise of `Shot.raw_shape()` for MoireAttack, or, where its noise is at the photo,
             (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks.
         loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of the last restart.
@@ -33,6 +34,14 @@ class Result:
     eps: float
     shot: Shot | None = None
 
+    def __repr__(self) -> str:
+        """One line: what was found, not its tensors."""
+        n, fooled = len(self.success), int(self.success.sum())
+        parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of {n} images fooled"]
+        if len(self.loss):
+            parts.append(f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {len(self.loss)} steps")
+        return f"Result({', '.join(parts)})"
+
 
 Point = dict[str, Tensor]  # the variables of a search by name: "noise" and, where the camera turns, "pose"
 
@@ -44,6 +53,7 @@ class Problem(NamedTuple):
         render: called with `**point` for the photo that counts.
         rehearse: called with `**point` for the ones that a step is taken on, `views` times as many.
         shape: of the noise.
+        images: (B, 3, H, W), what is attacked.
         views: see `rehearse`.
         shot: of the photos, or None.
         base: (B, ...) what the noise is added to, or None where that differs from step to step.
@@ -55,6 +65,7 @@ class Problem(NamedTuple):
     render: Callable[..., Tensor]
     rehearse: Callable[..., Tensor]
     shape: tuple[int, ...]
+    images: Tensor
     views: int = 1
     shot: Shot | None = None
     base: Tensor | None = None

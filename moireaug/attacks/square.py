@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.attacks.checks import check_classes
+from moireaug.attacks.checks import check_answers, check_classes
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.rules import choose
@@ -70,6 +70,7 @@ class SquareMoire(MoireAttack):
                 logits = self.model(problem.rehearse(**tried))
                 if k == 0:
                     check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+                    check_answers(logits, self.model, problem.images)
                 if watch:
                     watch(tried, logits)
                 loss = self._objective(logits, labels, targets)

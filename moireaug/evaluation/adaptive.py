@@ -12,7 +12,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.attacks.pose import moved_fields
 from moireaug.capture import capture
 from moireaug.defenses import Defended
-from moireaug.evaluation.rungs import Bout, Rung, label, moire_attack
+from moireaug.evaluation.rungs import Bout, Rung, label, moire_attack, unless_broken
 from moireaug.scene import Scene
 
 DRAWS = 4  # of an expectation, of shots or of a randomised defence
@@ -50,8 +50,10 @@ def blind(eps: float, steps: int) -> Rung:
 
     def show(b: Bout) -> Tensor:
         attack = MoireAttack(model=b.model, scene=b.shot.scene, eps=eps, steps=steps, eot=DRAWS)
-        found = attack(b.images, b.labels, generator=b.generator)
-        return capture(b.images, b.shot, found.noise)
+        return unless_broken(
+            lambda: capture(b.images, b.shot, attack(b.images, b.labels, generator=b.generator).noise),
+            lambda: capture(b.images, b.shot),
+        )
 
     return Rung(f"blind_{label(eps)}", "Moiré Attack at another pose", _in_turn(show, DRAWS), eps)
 

@@ -16,7 +16,7 @@ from moireaug.evaluation.table import Cell, Table
 from moireaug.evaluation.words import Metrics, duration, percent
 
 FIELDS = ("suite", "row", "column", "rung", "judge", "eps", "targeted", "success", "low", "high", "accuracy",
-          "counted", "n", "seconds", "paper", "psnr", "ssim", "ciede2000", "largest")  # fmt: skip
+          "counted", "n", "undecided", "seconds", "paper", "psnr", "ssim", "ciede2000", "largest")  # fmt: skip
 CONTROLS = ("clean", "rotated", "rotated and dim", "no moiré", "moiré, δ = 0", "random noise")
 NOISELESS, RANDOM = "moiré, δ = 0", "random noise"
 
@@ -48,6 +48,7 @@ def _pooled(cell: Cell, index: Index) -> Metrics:
         "accuracy": sum(sum(r.correct) for r in rows) / n if n else None,
         "counted": counted,
         "n": n,
+        "undecided": sum(sum(r.undecided) for r in rows),
         "seconds": sum(r.seconds for r in rows),
         **rows[0].measured,
     }
@@ -55,10 +56,12 @@ def _pooled(cell: Cell, index: Index) -> Metrics:
 
 def _worst(rows: Sequence[Row]) -> Row:
     """Each image at the worst of several rungs."""
-    correct, fooled = ([f(seen) for seen in zip(*lists, strict=True)] for f, lists in
-                       ((all, (r.correct for r in rows)), (any, (r.fooled for r in rows))))  # fmt: skip
-    # its time is its rungs'
-    return Row("worst case", "worst case", max(r.eps for r in rows), False, 0.0, correct, fooled, rows[0].counted)
+    worst = Row("worst case", "worst case", max(r.eps for r in rows), False)  # its time is its rungs'
+    worst.correct = [all(seen) for seen in zip(*(r.correct for r in rows), strict=True)]
+    worst.fooled = [any(seen) for seen in zip(*(r.fooled for r in rows), strict=True)]
+    worst.undecided = [any(seen) for seen in zip(*(r.undecided for r in rows), strict=True)]
+    worst.counted = rows[0].counted
+    return worst
 
 
 def _shown(row: Row) -> int:

@@ -9,10 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.attacks import MoireAttack, evaluating
+from moireaug.attacks import MoireAttack, evaluating, predicted
 from moireaug.capture import capture
 from moireaug.effects.tone import clip
-from moireaug.evaluation.rungs import Model
+from moireaug.evaluation.rungs import Model, unless_broken
+from moireaug.evaluation.words import answer
 from moireaug.scene import Scene
 
 AMPLIFY = 4  # how much an attack's change of the photo is enlarged to be seen
@@ -38,7 +39,9 @@ def examples(
     columns = [("clean image", images, models), ("photographed", photo, models)]
     for name, model in models.items():
         attack = MoireAttack(model=model, scene=scene, eps=eps, steps=steps)
-        attacked = attack(images, labels, shot=shot, generator=generator).images
+        attacked = unless_broken(
+            lambda attack=attack: attack(images, labels, shot=shot, generator=generator).images, lambda: photo
+        )
         columns.append((f"attack on {name}, {eps * 255:g}/255", attacked, {name: model}))
         columns.append((f"its change, × {AMPLIFY}", clip(0.5 + AMPLIFY * (attacked - photo)), {}))
     said = [{n: _predict(m, shown) for n, m in asked.items()} for _, shown, asked in columns]
@@ -48,7 +51,7 @@ def examples(
             {
                 "title": title,
                 "image": _pixels(shown[i]),
-                "predictions": [(n, classes.get(k[i], str(k[i])), k[i] == label) for n, k in answers.items()],
+                "predictions": [(n, answer(k[i], classes), k[i] == label) for n, k in answers.items()],
             }
             for (title, shown, _), answers in zip(columns, said, strict=True)
         ]
@@ -58,7 +61,7 @@ def examples(
 
 def _predict(model: Model, images: Tensor) -> list[int]:
     with evaluating(model), torch.no_grad():
-        return model(images).argmax(1).tolist()
+        return predicted(model(images)).tolist()
 
 
 def _pixels(image: Tensor) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 from moireaug.evaluation import page, plots, tables, words
 from moireaug.evaluation.page import figure, section
-from moireaug.evaluation.words import Metrics, finite, headline, percent, summary
+from moireaug.evaluation.words import Metrics, finite, headline, percent, rungs_unanswered, summary
 
 __all__ = ["summary", "write"]
 
@@ -24,6 +24,7 @@ def write(path: Path, metrics: Metrics, pictures: list[dict[str, Any]] | None = 
         ValueError: a picture that is not (H, W, 3) uint8.
     """
     title, paragraphs = headline(metrics)
+    paragraphs += rungs_unanswered(metrics)
     seed = metrics.get("seed")
     facts = {
         "data": metrics.get("data"),

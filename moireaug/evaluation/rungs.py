@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks import ATTACKS, MoireAttack
+from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
 from moireaug.capture import capture, develop, expose
 from moireaug.effects.tone import clip
 from moireaug.evaluation.statistics import ratio_of_means
@@ -104,6 +104,15 @@ def _random_noise(eps: float) -> Callable[[Bout], Tensor]:
     return show
 
 
+def unless_broken(attack: Callable[[], Tensor], start: Callable[[], Tensor]) -> Tensor:
+    """What an attack shows, or, where the model has no answer to any of the images, what it starts from: these images
+    are wrong without it, and an evaluation goes on."""
+    try:
+        return attack()
+    except NoAnswerError:
+        return start()
+
+
 def attacking(kind: str, targeted: bool = False, **settings: Any) -> Callable[[Bout], Tensor]:
     """How the attack of that name in `attacks.ATTACKS` shows a batch; a Moiré Attack meets the bout's own shot."""
     attack, on_screen = ATTACKS[kind], issubclass(ATTACKS[kind], MoireAttack)
@@ -112,7 +121,11 @@ def attacking(kind: str, targeted: bool = False, **settings: Any) -> Callable[[B
         scene = {"scene": b.shot.scene} if on_screen else {}
         shot = {"shot": b.shot} if on_screen else {}
         made = attack(model=b.model, **scene, **settings)
-        return made(b.images, b.labels, b.targets if targeted else None, generator=b.generator, **shot).images
+        goals = b.labels, b.targets if targeted else None
+        return unless_broken(
+            lambda: made(b.images, *goals, generator=b.generator, **shot).images,
+            lambda: photo(b) if on_screen else b.images,
+        )
 
     return show
 

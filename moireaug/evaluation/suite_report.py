@@ -68,10 +68,19 @@ def answer(metrics: Metrics, results: Sequence[Grid]) -> tuple[str, list[str]]:
     if first:
         said.insert(0, f"{first[0].title}. {first[1]} n = {first[1].counted} images that it has right.")
     said += [text for t, rows in results if (text := grids.natural(t, rows))]
+    said += _unanswered(results)
     if not first:
         return f"{name}: {metrics['suite']}", said
     title = f"The Moiré Attack at {255 * first[1].eps:.3g}/255 fools {name} on {percent(first[1].attack, 0)} % of the "
     return title + f"images; its photo alone on {percent(first[1].photo, 0)} %", said
+
+
+def _unanswered(results: Sequence[Grid]) -> list[str]:
+    counts = {}  # a cell may stand in several tables
+    for _, rows in results:
+        for r in rows:
+            counts[r["rung"], r["judge"]] = f"{r['row']}, {r['column']}", r["undecided"], r["n"]
+    return words.unanswered(list(counts.values()))
 
 
 def markdown(metrics: Metrics, results: Sequence[Grid]) -> str:
@@ -85,6 +94,7 @@ def markdown(metrics: Metrics, results: Sequence[Grid]) -> str:
         lines += [f"## {table.title}", "", grids.to_markdown(table, rows), ""]
         lines += [grids.visibility_markdown(table, rows), ""] if table.visible else []
         lines += [f"{text}\n" for text in (table.note, grids.verdict(table, rows), grids.natural(table, rows)) if text]
+    lines += [f"{text}\n" for text in _unanswered(results)]
     if metrics.get("trust"):
         lines += ["## Can it be trusted?", "", "| check | | figures |", "|---|---|---|"]
         lines += [f"| {c['name']} | {c['verdict']} | {c['says']} |" for c in metrics["trust"]]
@@ -103,6 +113,7 @@ def summary(metrics: Metrics, results: Sequence[Grid]) -> str:
             cells = (next((r for r in rows if (r["row"], r["column"]) == (row, c)), None) for c in table.columns)
             texts = ("–" if c is None else percent(c["success"]) for c in cells)
             lines.append(f"{row:{width}}" + "".join(f"{t:>{w}}" for t, w in zip(texts, wide, strict=True)))
+    lines += ["", *text] if (text := _unanswered(results)) else []
     if metrics.get("trust"):
         lines += ["", "Can it be trusted?"]
         lines += [f"  {c['verdict']:8}{c['name']}: {c['says']}" for c in metrics["trust"]]

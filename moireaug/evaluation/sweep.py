@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks import evaluating
-from moireaug.attacks.loop import check_classes, check_labels
+from moireaug.attacks import UNDECIDED, evaluating, predicted
+from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.evaluation.rungs import CLEAN, Bout, Model, Rung
 from moireaug.evaluation.statistics import mix, wilson
 from moireaug.scene import Scene
@@ -81,6 +81,7 @@ class Row:
         correct: (n,) bool, the label is predicted. fooled: (n,) bool, the attack's goal is reached.
         counted: (n,) bool, the images that the judge, without its defence, has right when clean: success is counted on
             these.
+        undecided: (n,) bool, the logits were not finite: correct for no label, and never the target.
         seconds: wall time of showing and judging. measured: means over the images of what the rung measures beside.
     """
 
@@ -93,6 +94,7 @@ class Row:
     fooled: list[bool] = field(default_factory=list)
     counted: list[bool] = field(default_factory=list)
     measured: dict[str, float] = field(default_factory=dict)
+    undecided: list[bool] = field(default_factory=list)
 
     @property
     def accuracy(self) -> float:
@@ -116,6 +118,7 @@ class Row:
             "success_interval": list(wilson(hits, m)),
             "n": n,
             "counted": m,
+            "undecided": sum(self.undecided),
             "seconds": self.seconds,
         }
         return out | ({"measured": self.measured} if self.measured else {})
@@ -142,6 +145,7 @@ def gather(index: Index, rung: Rung, judge: Judge) -> Row:
         goal = r["targets"] if rung.targeted else r["labels"]
         row.fooled += [(p == g) == rung.targeted for p, g in zip(r["predicted"], goal, strict=True)]
         row.counted += [p == y for p, y in zip(clean["predicted"], clean["labels"], strict=True)]
+        row.undecided += [p == UNDECIDED for p in r["predicted"]]
         row.seconds += r["seconds"]
         shown.append((len(r["labels"]), r.get("measured") or {}))
     total = sum(n for n, _ in shown)
@@ -241,9 +245,9 @@ def _judge(
             with evaluating(b.model), torch.no_grad():
                 logits = judge.see(b, shown)
             check_classes(b.labels, logits, 1)
-            predicted = logits.argmax(1).tolist()
+            answers = predicted(logits).tolist()
             seconds = shown_in + time.perf_counter() - start  # the list has waited for the device
-            record = {"place": place, "rung": rung.name, "judge": judge.name, "predicted": predicted}
+            record = {"place": place, "rung": rung.name, "judge": judge.name, "predicted": answers}
             record |= {"labels": b.labels.tolist(), "targets": b.targets.tolist(), "seconds": seconds}
             found.append(record | ({"measured": measured} if measured else {}))
     if watch:

@@ -41,7 +41,7 @@ class Check:
 
 
 def _zero_gradients(b: Bout, shown: Tensor) -> dict[str, float]:
-    """Share of the photo's values whose gradient is exactly zero; of the noise's, a camera leaves some unread."""
+    """Share of the photo's values whose gradient is zero or not finite; of the noise's, a camera leaves some unread."""
     with evaluating(b.model):
         photo = shown.detach().clone().requires_grad_()
         logits = b.model(photo)  # type: ignore[operator]
@@ -50,14 +50,16 @@ def _zero_gradients(b: Bout, shown: Tensor) -> dict[str, float]:
         (gradient,) = torch.autograd.grad(LOSSES["ce"](logits, b.labels).sum(), photo, allow_unused=True)
     if gradient is None:
         return {"zero_gradients": 1.0}
-    return {"zero_gradients": (gradient == 0).float().mean().item()}
+    hidden = (gradient == 0) | ~gradient.isfinite()
+    return {"zero_gradients": hidden.float().mean().item()}
 
 
 def _twice(b: Bout, shown: Tensor) -> dict[str, float]:
     """Share of images whose logits are not the same when the model is asked again."""
     with evaluating(b.model), torch.no_grad():
         first, second = (b.model(shown) for _ in range(2))  # type: ignore[operator]
-    return {"differ": (first != second).any(1).float().mean().item()}
+    differ = (first != second) & ~(first.isnan() & second.isnan())
+    return {"differ": differ.any(1).float().mean().item()}
 
 
 def rungs(g: Given) -> dict[str, Rung]:
@@ -90,13 +92,16 @@ def jobs(g: Given) -> list[Job]:
 
 
 class Seen(NamedTuple):
-    """What the checks judge: success rates by the names of `rungs`, other models' (attacked, random), and the slack."""
+    """What the checks judge: success rates by the names of `rungs`, other models' (attacked, random), the slack, and
+    how many of all answers were none: their logits were not finite."""
 
     rate: Mapping[str, float]
     transfer: Mapping[str, tuple[float, float]]
     zero_gradients: float
     differ: float
     slack: float
+    undecided: int
+    answers: int
 
 
 def checks(g: Given, index: Index) -> list[Check]:
@@ -118,6 +123,8 @@ def checks(g: Given, index: Index) -> list[Check]:
         rows["moire"].measured["zero_gradients"],
         rows["clean"].measured["differ"],
         max(SLACK, 1 / max(1, sum(rows["clean"].counted))),
+        sum(sum(row.undecided) for row in rows.values()),
+        sum(len(row.undecided) for row in rows.values()),
     )
     order = {"fail": 0, "warning": 1, "pass": 2}
     return sorted((check(g, seen) for check in CHECKS), key=lambda c: order[c.verdict])
@@ -155,7 +162,7 @@ def _gradients(g: Given, seen: Seen) -> Check:
     zero = seen.zero_gradients
     verdict = "fail" if zero > MASKED else "warning" if zero > SUSPECT else "pass"
     return Check(
-        "gradients are not hidden", verdict, f"{_pc(zero)} of the photo’s values have a gradient of exactly zero"
+        "gradients are not hidden", verdict, f"{_pc(zero)} of the photo’s values have a gradient of zero or NaN"
     )
 
 
@@ -177,6 +184,11 @@ def _settled(g: Given, seen: Seen) -> Check:
     return Check("the model answers the same twice", "warning" if seen.differ else "pass", says)
 
 
+def _answered(g: Given, seen: Seen) -> Check:
+    says = f"the logits of {seen.undecided} of {seen.answers} answers are NaN or infinite, which counts as wrong"
+    return Check("every image gets an answer", _verdict(seen.undecided == 0), says)
+
+
 def _room(g: Given, seen: Seen) -> Check:
     """Where the photo alone fools nearly every image, no attack can show what it adds."""
     says = f"the photo alone fools {_pc(seen.rate['moire'])}"
@@ -184,7 +196,7 @@ def _room(g: Given, seen: Seen) -> Check:
 
 
 CHECKS: tuple[Callable[[Given, Seen], Check], ...] = (
-    _converged, _grows, _ordered, _iterates, _gradients, _queries, _breaks, _settled, _room,
+    _converged, _grows, _ordered, _iterates, _gradients, _queries, _breaks, _settled, _answered, _room,
 )  # fmt: skip
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from moireaug.attacks import UNDECIDED
+
 Metrics = dict[str, Any]
+MOST = 4  # rungs that a sentence names
 
 
 def finite(value: Any) -> float | None:
@@ -42,6 +46,33 @@ def eps_of(row: Metrics) -> str:
     """The bound of a row's noise in units of 1/255."""
     eps = finite(row.get("eps"))
     return f"{255 * eps:.3g}" if eps else "0"
+
+
+def answer(predicted: int, classes: Mapping[int, str]) -> str:
+    """The name of a predicted class."""
+    return "no answer" if predicted == UNDECIDED else classes.get(predicted, str(predicted))
+
+
+def unanswered(counts: Sequence[tuple[str, int, int]]) -> list[str]:
+    """How many images had no answer, as a paragraph; none where all had one.
+
+    Args:
+        counts: (what was shown, images without an answer, images) each.
+    """
+    found = [f"{n} of {total} ({title})" for title, n, total in counts if n]
+    if not found:
+        return []
+    more = f" and {len(found) - MOST} more" if len(found) > MOST else ""
+    return [f"Logits that are NaN or infinite are wrong answers here: of {', '.join(found[:MOST])}{more} images."]
+
+
+def rungs_unanswered(metrics: Metrics) -> list[str]:
+    """The same of this model and its baseline, rung by rung."""
+    counts = []
+    for side, name in zip((metrics, metrics.get("baseline") or {}), names(metrics), strict=True):
+        for row in side.get("reattack") or []:
+            counts.append((f"{name}, {title_of(row)}", row.get("undecided", 0), row.get("n", 0)))
+    return unanswered(counts)
 
 
 def duration(seconds: float | None) -> str:
@@ -214,7 +245,8 @@ def summary(metrics: Metrics) -> str:
     ratio = ""
     if took[0][1] and took[1][1] is not None:
         ratio = f" ({'from its weights, ' if on_top else ''}{(took[1][1] + on_top) / took[0][1]:.1f} times in all)"
-    return "\n".join([*lines, f"training: {told}{ratio}"] if told else lines)
+    lines += [f"training: {told}{ratio}"] if told else []
+    return "\n".join([*lines, *rungs_unanswered(metrics)])
 
 
 def _capital(text: str) -> str:

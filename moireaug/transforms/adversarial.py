@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.loop import check_labels
+from moireaug.attacks.checks import check_labels
 from moireaug.scene import Scene
 from moireaug.transforms._convert import as_given, as_shown, check_probability
 

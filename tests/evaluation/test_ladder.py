@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from moireaug import Scene, capture
-from moireaug.evaluation import climb, ladder, no_moire, paired_gain, wilson
+from moireaug.evaluation import climb, ladder, no_moire, paired_gain, report, wilson
 from moireaug.evaluation.pictures import examples
 from moireaug.presets import PRESETS
 
@@ -128,3 +128,40 @@ def test_paired_gain_covers_the_truth():
     assert 0.92 <= covered / 400 <= 0.985
     shuffled = paired_gain(ours, theirs[torch.randperm(200, generator=g)])
     assert shuffled[2] - shuffled[1] > 1.3 * sum(widths) / len(widths)
+
+
+class SilentOn(nn.Module):
+    """Answers NaN to dark images, whose argmax is class 0; the others get the model's own answer."""
+
+    def __init__(self, model, level):
+        super().__init__()
+        self.model, self.level = model, level
+
+    def forward(self, x):
+        dark = x.mean((1, 2, 3)) < self.level
+        return torch.where(dark[:, None], torch.nan, self.model(x))
+
+
+def test_images_without_an_answer_are_wrong_and_counted(known):
+    model, data = known
+    zeros = [(x, torch.zeros_like(y)) for x, y in data]  # as if argmax of NaN were an answer
+    *_, rows = climb(SilentOn(model, 0.5), zeros, SCENE, ladder((8 / 255,), steps=2))
+    table = {r.name: r.to_dict() for r in rows}
+    assert 0 < table["clean"]["undecided"] < 16
+    assert all(r["accuracy"] <= 1 - r["undecided"] / 16 for r in table.values())
+    said = report.summary({"reattack": list(table.values()), "model": "silent"})
+    assert "(silent, clean image)" in said.splitlines()[-1] and "NaN or infinite" in said
+
+
+def test_a_model_without_any_answer_is_evaluated_to_its_end(known):
+    broken = SilentOn(known[0], 2.0)
+    zeros = [(x, torch.zeros_like(y)) for x, y in known[1]]
+    *_, rows = climb(broken, zeros, SCENE, ladder((8 / 255,), steps=2))
+    assert all(r.accuracy == 0 and sum(r.undecided) == 16 for r in rows)
+    shown = examples({"broken": broken}, zeros[0][0][:2], zeros[0][1][:2], SCENE, 8 / 255, 2, {0: "zero"})
+    assert shown[0]["cells"][0]["predictions"] == [("broken", "no answer", False)]
+
+
+def test_a_model_that_returns_a_dict_gets_a_sentence(known):
+    with pytest.raises(ValueError, match=r"got a dict of 'logits'.*model\(images\)\['logits'\]"):
+        next(climb(lambda x: {"logits": known[0](x)}, known[1], SCENE))

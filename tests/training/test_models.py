@@ -1,5 +1,7 @@
 """Classifiers by name: shapes, weights that come back, heads that are replaced, and errors that say what to do."""
 
+import argparse
+
 import pytest
 import torch
 from torch import nn
@@ -110,6 +112,41 @@ def test_files_without_batch_counters_load(tmp_path):
     assert same(model, models.build("small_resnet", 7, str(tmp_path / "old.pth")), state)
 
 
+def prefixed(prefix):
+    return lambda state: {prefix + key: value for key, value in state.items()}
+
+
+def held(name, *beside):
+    return lambda state: dict(beside) | {name: state}
+
+
+SETTINGS = argparse.Namespace(lr=0.1, model="small_resnet")
+FORMS = {
+    "model": held("model"),
+    "model, as torchvision's scripts write it": held("model", ("epoch", 3), ("args", SETTINGS)),
+    "state_dict": held("state_dict", ("epoch", 3), ("arch", "resnet18")),
+    "model_state_dict": held(
+        "model_state_dict", ("optimizer_state_dict", {"state": {}, "param_groups": [{"lr": 0.1}]})
+    ),
+    "state_dict beside a model's name": held("state_dict", ("model", "small_resnet")),
+    "module.": prefixed("module."),
+    "model.": prefixed("model."),
+    "_orig_mod.": prefixed("_orig_mod."),
+    "module._orig_mod.": prefixed("module._orig_mod."),
+    "state_dict of model.model.": lambda state: held("state_dict")(prefixed("model.model.")(state)),
+}
+
+
+@pytest.mark.parametrize("classes", [7, 3])
+@pytest.mark.parametrize("name", FORMS)
+def test_the_forms_of_checkpoints_load(name, classes, tmp_path):
+    model = models.build("small_resnet", 7)
+    torch.save(FORMS[name](dict(model.state_dict())), tmp_path / "weights.pth")
+    again = models.build("small_resnet", classes, str(tmp_path / "weights.pth"))
+    kept = [key for key in model.state_dict() if classes == 7 or not key.startswith("head")]
+    assert same(model, again, kept)
+
+
 def narrowed(state):
     return state | {"stem.weight": state["stem.weight"][:, :1]}
 
@@ -137,12 +174,14 @@ def shorter_norm(state):
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (narrowed, r"1 of another shape \(stem.weight\)"),
+        (prefixed("net."), r"49 missing \(stem.weight, .*, \.\.\.\) and 58 unknown \(net.stem.weight, .*, \.\.\.\)"),
+        (lambda state: prefixed("module.")(one_less(state)), r"1 missing \(norm.bias\)"),
+        (narrowed, r"1 of another shape \(stem.weight \(16, 1, 3, 3\) instead of \(16, 3, 3, 3\)\)"),
         (one_less, r"1 missing \(norm.bias\)"),
         (one_more, r"1 unknown \(tail.weight\)"),
-        (other_features, r"1 of another shape \(head.weight\)"),
-        (half_a_head, r"1 of another shape \(head.bias\)"),
-        (shorter_norm, r"1 of another shape \(norm.weight\)"),
+        (other_features, r"1 of another shape \(head.weight \(7, 63\) instead of \(7, 64\)\)"),
+        (half_a_head, r"1 of another shape \(head.bias \(3,\) instead of \(7,\)\)"),
+        (shorter_norm, r"1 of another shape \(norm.weight \(3,\) instead of \(64,\)\)"),
     ],
 )
 def test_every_other_mismatch_is_refused(spoil, sentence, tmp_path):
@@ -190,7 +229,10 @@ def test_a_file_that_cannot_be_read_is_named(damage, tmp_path, monkeypatch):
     assert not (tmp_path / "never-written").exists()
 
 
-@pytest.mark.parametrize("content", [[torch.zeros(2)], {"state_dict": {"a": torch.zeros(2)}}, torch.zeros(3)])
+@pytest.mark.parametrize(
+    "content",
+    [[torch.zeros(2)], {"state_dict": {"a": 2}}, {"epoch": 3}, {"model": [torch.zeros(2)]}, torch.zeros(3)],
+)
 def test_a_file_that_holds_no_state_dict_is_named(content, tmp_path):
     torch.save(content, tmp_path / "weights.pth")
     with pytest.raises(ValueError, match=r"weights\.pth' holds something other than a state_dict"):

@@ -1,0 +1,147 @@
+"""Models that do not answer as they should: every attack says so in a sentence, and no answer is a wrong one."""
+
+import math
+from collections import namedtuple
+
+import pytest
+import torch
+
+from moireaug import Scene, Sensor, attacks
+from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, NoAnswerError, SquareMoire
+from moireaug.transforms import AdversarialMoire
+from tests.attacks.common import EPS, SCENE
+
+ATTACKS = {
+    "ma": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2),
+    "ma halving": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, rule="halving", restarts=2),
+    "ma eot": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, eot=2),
+    "ma turned": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, optimise=("noise", "view")),
+    "pgd": lambda m: PGD(m, eps=EPS, steps=2),
+    "bim": lambda m: BIM(m, eps=EPS, steps=2),
+    "mifgsm": lambda m: MIFGSM(m, eps=EPS, steps=2),
+    "cw": lambda m: CW(m, steps=2),
+    "square": lambda m: SquareMoire(m, scene=SCENE, eps=EPS, steps=2),
+}
+DOORS = ATTACKS | {"transform": lambda m: AdversarialMoire(m, scene=SCENE, eps=EPS, steps=2)}
+Outputs = namedtuple("Outputs", "logits aux")
+
+NO_LOGITS = {
+    "dict": (lambda z: {"loss": z.sum(), "logits": z}, "got a dict of 'loss', 'logits'.", "model(images)['logits']"),
+    "dict of another key": (lambda z: {"out": z}, "got a dict of 'out'.", "model(images)['out']"),
+    "tuple": (lambda z: (z, z), "got a tuple of 2.", "model(images)[0]"),
+    "list": (lambda z: [z], "got a list of 1.", "model(images)[0]"),
+    "named tuple": (lambda z: Outputs(z, None), "got a Outputs of 2.", "model(images)[0]"),
+    "array": (lambda z: z.detach().numpy(), "got a ndarray.", ""),
+    "nothing": (lambda z: None, "got a NoneType.", ""),
+}
+
+
+@pytest.mark.parametrize("form", NO_LOGITS)
+@pytest.mark.parametrize("door", DOORS)
+def test_what_is_no_tensor_is_named_with_its_wrapper(door, form, model, batch):
+    change, got, wrap = NO_LOGITS[form]
+    with pytest.raises(ValueError, match=r"the model must return a tensor of logits \(B, K\)") as error:
+        DOORS[door](lambda x: change(model(x)))(*batch)
+    assert got in str(error.value) and wrap in str(error.value)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("door", DOORS)
+def test_a_model_without_any_answer_is_refused(door, bad, model, batch):
+    with pytest.raises(NoAnswerError, match="NaN or infinite for all 6 clean images: it is broken, not robust"):
+        DOORS[door](lambda x: model(x) + bad)(*batch)
+
+
+@pytest.mark.parametrize("door", ATTACKS)
+def test_targets_that_are_labels_are_refused(door, model, batch):
+    images, labels = batch
+    targets = (labels + 1) % 5
+    targets[4] = labels[4]
+    with pytest.raises(ValueError, match=r"targets must be other classes.*1 of 6 .*image 4.*Leave targets out"):
+        ATTACKS[door](model)(images, labels, targets)
+
+
+@pytest.mark.parametrize("door", [d for d in DOORS if d != "square"])
+def test_logits_without_a_gradient_are_refused(door, model, batch):
+    with pytest.raises(ValueError, match=r"logits have no gradient.*attacks\.SquareMoire"):
+        DOORS[door](lambda x: model(x).detach())(*batch)
+
+
+def broken_on(rows, model):
+    """Answers NaN to these rows of a batch, whatever they show; the others' gradients stay whole."""
+
+    def answer(x):
+        spoilt = torch.zeros(len(x), 1)
+        spoilt.view(-1, 6, 1)[:, rows] = math.nan
+        return model(x) + spoilt
+
+    return answer
+
+
+@pytest.mark.parametrize("targeted", [False, True])
+@pytest.mark.parametrize("door", ATTACKS)
+def test_an_image_without_an_answer_is_fooled_and_never_at_its_target(door, targeted, model, batch):
+    images, _ = batch
+    model.eval()
+    labels = torch.zeros(6, dtype=torch.long)  # where argmax of NaN lies
+    targets = torch.full((6,), 1)
+    whole = ATTACKS[door](model)(images, labels, targets if targeted else None, generator=torch.Generator())
+    result = ATTACKS[door](broken_on([1, 2], model))(
+        images, labels, targets if targeted else None, generator=torch.Generator()
+    )
+    assert result.success[[1, 2]].tolist() == [not targeted] * 2
+    others = [0, 3, 4, 5]
+    assert torch.equal(result.success[others], whole.success[others])
+    assert torch.equal(result.images[others], whole.images[others])
+    assert result.images.isfinite().all() and result.noise.isfinite().all()
+
+
+def nan_when_shown_noise(clean):
+    """Right about the clean images with a margin that no noise crosses; NaN for anything else."""
+
+    def answer(x):
+        sure = torch.tensor([9.0, 0.0]).expand(len(x), 2) + 0 * x.sum((1, 2, 3))[:, None]
+        off = (x - clean).abs().amax((1, 2, 3)) > 1e-3
+        return torch.where(off[:, None], sure * math.nan, sure)
+
+    return answer
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda m: PGD(m, eps=EPS, steps=3),
+        lambda m: MoireAttack(m, scene=Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0)), eps=EPS, steps=3,
+                              random_start=1.0),
+        lambda m: SquareMoire(m, scene=Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0)), eps=EPS, steps=3),
+    ],
+)  # fmt: skip
+def test_a_model_that_hides_behind_nan_is_fooled(make, batch):
+    images = batch[0] * 0.5 + 0.2
+    result = make(nan_when_shown_noise(images))(images, torch.zeros(6, dtype=torch.long))
+    assert result.success.all()
+
+
+@pytest.mark.parametrize(
+    ("logits", "expected"),
+    [
+        ([0.0, 2.0, 1.0], 1),
+        ([math.nan, 2.0, 1.0], -1),
+        ([0.0, math.nan, 9.0], -1),
+        ([0.0, math.inf, 9.0], -1),
+        ([-math.inf, 2.0, 1.0], 1),
+        ([-math.inf] * 3, -1),
+    ],
+)
+def test_a_prediction_is_of_a_finite_greatest_logit(logits, expected):
+    assert attacks.predicted(torch.tensor([logits])).tolist() == [expected]
+
+
+def test_a_result_prints_as_one_line(model, batch):
+    result = MoireAttack(model, scene=SCENE, eps=[2 / 255, EPS], steps=2)(*batch)
+    for one, eps in zip(result, (2, 4), strict=True):
+        fooled = int(one.success.sum())
+        losses = f"loss {one.loss[0]:.3g} to {one.loss[-1]:.3g} in 2 steps"
+        assert str(one) == repr(one) == f"Result(eps {eps}/255, {fooled} of 6 images fooled, {losses})"
+    assert "\n" not in str(result)
+    assert str(PGD(model, steps=0)(*batch)).endswith("images fooled)")

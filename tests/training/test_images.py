@@ -1,0 +1,169 @@
+"""Image files as data: every mode that PIL knows gives the right picture or a sentence, and so does every damage."""
+
+import io
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.training.small import command
+from training.data import load
+from training.schema import Data
+
+SIDE = 8
+RAMP = np.arange(SIDE * SIDE).reshape(SIDE, SIDE) * 4 + 1  # grey, 1 to 253
+COLOURS = np.stack([RAMP, RAMP.T, 254 - RAMP], -1).astype(np.uint8)
+
+
+def rgb(grey):
+    return np.stack([grey] * 3, -1).astype(np.uint8)
+
+
+def pil(image, kind="png", **options):
+    file = io.BytesIO()
+    image.save(file, kind, **options)
+    return file.getvalue()
+
+
+def cv(values, kind="png"):
+    return cv2.imencode(f".{kind}", values)[1].tobytes()
+
+
+def deep(values):
+    """8 bits as 16, whose low byte is another number."""
+    return values.astype(np.uint16) * 256 + 77
+
+
+def of(mode, values=None):
+    return Image.fromarray((RAMP if values is None else values).astype(np.uint8)).convert(mode)
+
+
+def with_alpha(mode):
+    """The left half hides what is under it, a quarter shows half of it."""
+    image, alpha = of("RGB", COLOURS).convert(mode.removesuffix("A")), np.full((SIDE, SIDE), 255, np.uint8)
+    alpha[:, : SIDE // 2] = 0
+    image.putalpha(Image.fromarray(alpha))
+    return image
+
+
+def on_white(values):
+    shown = values.copy()
+    shown[:, : SIDE // 2] = 255
+    return shown
+
+
+def see_through_palette():
+    image = of("P")
+    return pil(image, transparency=int(image.getpixel((0, 0))))
+
+
+def first_white(values):
+    shown = values.copy()
+    shown[0, 0] = 255
+    return shown
+
+
+LUMA = np.array(of("RGB", COLOURS).convert("L"))
+CMYK = of("RGB", COLOURS).convert("CMYK")
+FILES = {
+    "grey": (lambda: pil(of("L")), rgb(RAMP)),
+    "RGB": (lambda: pil(of("RGB", COLOURS)), COLOURS),
+    "1-bit": (lambda: pil(of("1", (RAMP > 99) * 255)), rgb((RAMP > 99) * 255)),
+    "palette": (lambda: pil(of("P")), rgb(RAMP)),
+    "palette, one colour transparent": (see_through_palette, first_white(rgb(RAMP))),
+    "RGBA": (lambda: pil(with_alpha("RGBA")), on_white(COLOURS)),
+    "LA": (lambda: pil(with_alpha("LA")), on_white(rgb(LUMA))),
+    "CMYK": (lambda: pil(CMYK, "tiff"), np.array(CMYK.convert("RGB"))),
+    "16-bit grey PNG": (lambda: cv(deep(RAMP)), rgb(RAMP)),
+    "16-bit grey TIFF": (lambda: cv(deep(RAMP), "tiff"), rgb(RAMP)),
+    "16-bit grey TIFF, high byte first": (lambda: pil(Image.fromarray(deep(RAMP).astype(">u2")), "tiff"), rgb(RAMP)),
+    "16-bit grey PGM": (lambda: cv(deep(RAMP), "pgm"), rgb(RAMP)),
+    "16-bit RGB PNG": (lambda: cv(deep(COLOURS[..., ::-1])), COLOURS),
+    "16-bit RGB TIFF": (lambda: cv(deep(COLOURS[..., ::-1]), "tiff"), COLOURS),
+}
+
+
+def folder(tmp_path, content, kind="png"):
+    """A folder of two classes whose one test image of class "a" is that file."""
+    for half in ("train", "test"):
+        for name in ("a", "b"):
+            (tmp_path / half / name).mkdir(parents=True)
+            for i in range(2):
+                Image.new("RGB", (SIDE, SIDE)).save(tmp_path / half / name / f"x{i}.png")
+    path = tmp_path / "test" / "a" / f"0.{kind}"
+    path.write_bytes(content)
+    return path, load(Data(name="folder", root=str(tmp_path), size=SIDE, val=1)).test
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_mode_keeps_its_picture(name, tmp_path):
+    make, expected = FILES[name]
+    _, data = folder(tmp_path, make())
+    image, label = data[0]
+    assert label == 0 and np.array_equal(image.permute(1, 2, 0).numpy(), expected)
+
+
+@pytest.mark.parametrize(
+    ("mode", "values"),
+    [("I", RAMP.astype(np.int32)), ("F", RAMP.astype(np.float32) / 255), ("LAB", COLOURS)],
+)
+def test_a_mode_of_unknown_white_is_refused_by_name(mode, values, tmp_path):
+    image = Image.fromarray(values) if mode != "LAB" else Image.frombytes("LAB", (SIDE, SIDE), values.tobytes())
+    path, data = folder(tmp_path, pil(image, "tiff"), "tiff")
+    with pytest.raises(ValueError, match=f"The image {path} could not be read .*mode is '{mode}'.*8 or 16 bits"):
+        data[0]
+
+
+def chunk(name, content):
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+
+def png_of_size(side):
+    """A few bytes that claim side x side grey pixels."""
+    header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    parts = chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(bytes(1000))), chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+WHOLE = pil(Image.fromarray(np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)))
+DAMAGED = {
+    "more pixels than PIL warns of": (png_of_size(10_000), "89478485 pixels"),
+    "more pixels than PIL refuses": (png_of_size(60_000), "89478485 pixels"),
+    "fewer rows than claimed": (png_of_size(5000), "truncated"),
+    "cut in its middle": (WHOLE[: len(WHOLE) // 2], "truncated"),
+    "cut in its header": (WHOLE[:20], "could not be read"),
+    "empty": (b"", "it is empty, or no image of a known format"),
+    "a text": (b"not found", "it is empty, or no image of a known format"),
+    "a page": (b"<html>" * 99, "it is empty, or no image of a known format"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_a_file_that_is_no_picture_is_named(name, tmp_path):
+    content, says = DAMAGED[name]
+    path, data = folder(tmp_path, content)
+    with pytest.raises(ValueError, match=f"The image {path} could not be read .*Remove or replace the file") as error:
+        data[0]
+    assert says in str(error.value) and "\n" not in str(error.value)
+
+
+def test_every_cut_of_a_file_gives_a_sentence(tmp_path):
+    path, data = folder(tmp_path, WHOLE)
+    for n in range(0, len(WHOLE) - 64, 499):
+        path.write_bytes(WHOLE[:n])
+        with pytest.raises(ValueError, match=f"The image {path} could not be read"):
+            data[0]
+
+
+def test_a_bomb_ends_the_command_in_one_sentence(tmp_path):
+    path, _ = folder(tmp_path, png_of_size(60_000))
+    torn = path.replace(tmp_path / "train" / "a" / "0.png")
+    done = command(
+        "fit.py", "recipe=clean", "data=folder", f"data.root={tmp_path}", "data.size=24", "data.val=1",
+        "train.epochs=1", "train.batch_size=4", "trainer.accelerator=cpu", cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert f"error: The image {torn} could not be read" in done.stderr

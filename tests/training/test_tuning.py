@@ -1,0 +1,93 @@
+"""Fine-tuning: defaults under which any classifier learns from given weights, at any batch, in few steps."""
+
+import pytest
+import torch
+import torch.nn.functional as F
+from torch.utils.data import TensorDataset
+
+from tests.training.small import configured
+from training import fit, models, runs
+from training.classifier import Classifier
+from training.data import Splits
+from training.tuning import averaging, tuning
+
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
+
+@pytest.mark.parametrize(
+    ("given", "lr", "clip", "ema", "rising"),
+    [
+        ((), 0.1, None, 0.98, False),
+        (("train.lr=0.05", "train.ema=0.9"), 0.05, None, 0.9, False),
+        (("weights=x",), 0.002, 1.0, 0.98, True),
+        (("weights=x", "train.batch_size=8"), 0.002 / 16, 1.0, 0.98, True),
+        (("weights=x", "train.lr=0.01", "train.ema=0"), 0.01, 1.0, 0, False),
+    ],
+)
+def test_null_is_chosen_and_what_is_given_stays(given, lr, clip, ema, rising):
+    assert tuning(configured(*given)) == (pytest.approx(lr), clip, ema, rising)
+
+
+def test_a_rising_average_follows_few_steps_and_then_keeps_its_decay():
+    average = averaging(tuning(configured("weights=x")))._kwargs["avg_fn"]
+    old, new = torch.tensor(1.0), torch.tensor(0.0)
+    kept = [average(old, new, torch.tensor(n)).item() for n in (1, 4, 40, 10_000)]
+    assert kept == pytest.approx([2 / 11, 5 / 14, 41 / 50, 0.98])
+
+
+def learnt(n, size):
+    """Two classes of images: which half is brighter."""
+    g = torch.Generator().manual_seed(n)
+    labels = torch.arange(n) % 2
+    images = torch.randint(0, 120, (n, 3, size, size), generator=g, dtype=torch.uint8)
+    images[labels == 1, :, :, : size // 2] += 100
+    images[labels == 0, :, :, size // 2 :] += 100
+    return TensorDataset(images, labels)
+
+
+def loss_of(model, data):
+    images, labels = data.tensors
+    model.eval()
+    with torch.no_grad():
+        return F.cross_entropy(model(images.float() / 255), labels).item()
+
+
+def tuned(tmp_path, name, batch, size, *more):
+    """Losses before and after a few steps from saved weights, and the run's history."""
+    torch.manual_seed(0)
+    torch.save(models.build(name, 2).state_dict(), tmp_path / "weights.pth")
+    cfg = configured(
+        "recipe=clean", f"model={name}", f"weights={tmp_path / 'weights.pth'}", f"data.size={size}",
+        f"train.batch_size={batch}", "train.epochs=2", "trainer.accelerator=cpu", f"runs={tmp_path / 'runs'}", *more,
+    )  # fmt: skip
+    data = learnt(16, size)
+    before = loss_of(Classifier(cfg, 2), data)
+    runs.prepare(cfg)
+    model, _ = fit.train_model(cfg, Splits(data, data, data, {}, 2), runs.folder(cfg), start=None)
+    last = Classifier(cfg, 2)
+    last.load_state_dict(runs.read_checkpoint(runs.folder(cfg) / "last.ckpt")["state_dict"])
+    return before, loss_of(last, data), model.history
+
+
+@pytest.mark.parametrize(
+    ("name", "batch", "size"),
+    [("shufflenet_v2_x0_5", 8, 32), ("small_resnet", 16, 24)],
+)
+def test_a_network_is_not_worse_after_a_few_steps(name, batch, size, tmp_path):
+    before, after, history = tuned(tmp_path, name, batch, size)
+    assert all(torch.tensor(h["loss"]).isfinite() for h in history)
+    assert after <= before * 1.02, (before, after)
+
+
+def test_gradients_are_clipped_in_fine_tuning_alone(tmp_path, monkeypatch):
+    seen = []
+
+    def clip(self, optimizer, gradient_clip_val=None, gradient_clip_algorithm=None):
+        seen.append(gradient_clip_val)
+
+    monkeypatch.setattr(Classifier, "clip_gradients", clip)
+    tuned(tmp_path, "small_resnet", 8, 24)
+    assert set(seen) == {1.0}
+    seen.clear()
+    tuned(tmp_path, "small_resnet", 8, 24, "weights=null")
+    assert set(seen) == {None}

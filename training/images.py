@@ -1,0 +1,60 @@
+"""Read image files: one right RGB picture, or a sentence that names the file."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+DEEP = ("I;16", "I;16L", "I;16B")  # grey of 16 bits
+AS_RGB = ("1", "L", "P", "RGB", "CMYK", "YCbCr", "HSV")  # what PIL turns into RGB without loss or doubt
+
+
+def read(path: str) -> Image.Image:
+    """Return the picture in a file, in mode RGB.
+
+    Grey of 16 bits keeps its high byte, as PIL does with 16-bit RGB. Transparent pixels show white, as on a page.
+
+    Raises:
+        ValueError: a file that is damaged, no image, too large (`PIL.Image.MAX_IMAGE_PIXELS`), or of a mode whose black
+            and white nobody knows, such as 32-bit numbers; names the file.
+    """
+    try:
+        with open(path, "rb") as file, warnings.catch_warnings():
+            # PIL warns of a size that it suspects, and opens the file all the same
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            return _rgb(Image.open(file))
+    # a damaged file surfaces as OSError, SyntaxError, struct.error, EOFError, ...: whichever byte was hit
+    except Exception as error:
+        raise ValueError(f"The image {path} could not be read ({_why(error)}). Remove or replace the file.") from error
+
+
+def _rgb(image: Image.Image) -> Image.Image:
+    # PGM files of 16 bits come as 32-bit numbers, stretched to 65535
+    if image.mode in DEEP or (image.mode == "I" and image.format == "PPM"):
+        return _high_byte(image)
+    if image.has_transparency_data:
+        return _on_white(image)
+    if image.mode not in AS_RGB:
+        raise ValueError(f"its mode is {image.mode!r}, whose black and white are not known; save it with 8 or 16 bits")
+    return image.convert("RGB")
+
+
+def _high_byte(image: Image.Image) -> Image.Image:
+    values = np.asarray(image).astype(np.int64)
+    return Image.fromarray((values >> 8).astype(np.uint8)).convert("RGB")
+
+
+def _on_white(image: Image.Image) -> Image.Image:
+    shown = image.convert("RGBA")
+    page = Image.new("RGBA", shown.size, "white")
+    return Image.alpha_composite(page, shown).convert("RGB")
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, UnidentifiedImageError):  # its own words are of a Python object
+        return "it is empty, or no image of a known format"
+    if isinstance(error, (Image.DecompressionBombWarning, Image.DecompressionBombError)):
+        return f"it has more than {Image.MAX_IMAGE_PIXELS} pixels, PIL's limit against decompression bombs"
+    return str(error) or type(error).__name__
