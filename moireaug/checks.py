@@ -32,7 +32,7 @@ FAR_MEAN = 0.1
 
 
 def check_images(image: Tensor) -> Tensor:
-    """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `tone.clip`; the very tensor if it lies there.
+    """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `tone.clip`; itself where it lies there.
 
     Raises:
         TypeError, ValueError: another type or shape, NaN, infinity, and images that cannot be pictures in [0, 1], by
