@@ -1,4 +1,4 @@
-"""What lies a little outside [0, 1] is clipped, and what is no picture in [0, 1] is refused, saying what it looks like."""
+"""What lies a little outside [0, 1] is clipped; what is no picture in [0, 1] is refused, and named."""
 
 import pytest
 import torch

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 
@@ -11,7 +13,15 @@ from moireaug.transforms._convert import at_size, move_boxes, photograph
 
 def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
     """The photo of one image, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], in its shape and dtype."""
-    return photograph(planes(image), shot, noise)[0].permute(1, 2, 0).reshape(image.shape).numpy()
+    return apply_to_all([image], shot, noise)[0]
+
+
+def apply_to_all(images: Sequence[np.ndarray], shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
+    """The photos of N images by one shot of a single draw, stacked; of attacker's noise, each has its own."""
+    if not len(images):
+        return np.asarray(images)
+    photos = photograph(torch.cat([planes(image) for image in images]), shot.repeat(len(images)), noise)
+    return photos.permute(0, 2, 3, 1).reshape(len(images), *images[0].shape).numpy()
 
 
 def planes(image: np.ndarray) -> torch.Tensor:

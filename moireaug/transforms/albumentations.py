@@ -20,7 +20,7 @@ from albumentations.core.type_definitions import ALL_TARGETS
 from moireaug.attacks import MoireAttack
 from moireaug.scene import Scene, as_scene
 from moireaug.shot import Shot
-from moireaug.transforms._arrays import apply_shot, move_bboxes, move_keypoints, move_mask, planes
+from moireaug.transforms._arrays import apply_shot, apply_to_all, move_bboxes, move_keypoints, move_mask, planes
 from moireaug.transforms._convert import as_shown, check_probability, moves
 
 
@@ -82,14 +82,12 @@ class RandomMoire(DualTransform):
             return self.draw(params, data, self.random_generator)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return apply_shot(img, Shot.from_dict(shot), _noise_of("image", 0, **params))
+        return apply_shot(img, Shot.from_dict(shot), _noise_of("image", 1, **params))
 
     def apply_to_images(
         self, images: np.ndarray, shot: dict[str, Any], target: str = "images", **params: Any
     ) -> np.ndarray:
-        drawn = Shot.from_dict(shot)
-        photos = [apply_shot(image, drawn, _noise_of(target, i, **params)) for i, image in enumerate(images)]
-        return np.stack(photos) if photos else images
+        return apply_to_all(images, Shot.from_dict(shot), _noise_of(target, len(images), **params))
 
     def apply_to_volume(self, volume: np.ndarray, **params: Any) -> np.ndarray:
         return self.apply_to_images(volume, target="volume", **params)
@@ -243,12 +241,12 @@ def _pictures(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]:
 
 
 def _noise_of(
-    target: str, i: int, noise: list | None = None, first: dict[str, int] | None = None, **params: Any
+    target: str, n: int, noise: list | None = None, first: dict[str, int] | None = None, **params: Any
 ) -> torch.Tensor | None:
-    """An attacker's noise for the i-th picture of a target, (1, *Shot.raw_shape()[1:])."""
+    """An attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
     if noise is None:
         return None
-    return torch.tensor(noise[first[target] + i])[None]
+    return torch.tensor(noise[first[target] : first[target] + n])
 
 
 def seed_worker(worker_id: int) -> None:

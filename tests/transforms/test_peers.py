@@ -57,7 +57,9 @@ PEERS = {
     "albumentations.MotionBlur": of_albumentations(A.MotionBlur(p=1)),
     "albumentations.GaussNoise": of_albumentations(A.GaussNoise(p=1)),
 }
-OVERSHOOT = [name for name in PEERS if any(k in name for k in ("bicubic", "Lanczos", "v2.GaussianN", "RandomGaussianN"))]
+OVERSHOOT = [
+    name for name in PEERS if any(k in name for k in ("bicubic", "Lanczos", "v2.GaussianN", "RandomGaussianN"))
+]
 
 
 @functools.cache
