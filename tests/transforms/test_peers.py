@@ -9,13 +9,13 @@ import torch
 from torchvision.transforms import v2
 
 from moireaug import Scene, Sensor, capture, expose
-from moireaug.transforms import RandomMoire, albumentations, kornia
+from moireaug.transforms import AdversarialMoire, RandomMoire, albumentations, kornia
 from moireaug.transforms.torchvision import apply_shot
 
 import albumentations as A  # isort: skip  # after the door, which keeps it from asking for its newest version
 import cv2  # isort: skip
 
-DRAWS, SIZE = 200, (20, 24)
+DRAWS, SIZE = 200, (12, 16)
 SCENE = Scene(sensor=Sensor(gain=2.0, exposure="mean"))
 BICUBIC = v2.InterpolationMode.BICUBIC
 
@@ -68,7 +68,7 @@ def drawn(name):
     torch.manual_seed(0)
     many = []
     for i in range(DRAWS):
-        image = torch.rand(3, *SIZE)
+        image = torch.rand(3, 16, 20)
         image = (image > 0.5).float() if i % 3 == 1 else image
         if i % 3 == 2:
             image[:, :, 8:] = 1
@@ -82,8 +82,6 @@ def through_albumentations(images):
 
 
 def through_attack(images):
-    from moireaug.transforms import AdversarialMoire
-
     attack = AdversarialMoire(lambda x: x.mean((2, 3)), SCENE, steps=1)
     return attack(images, torch.zeros(len(images), dtype=torch.long))[0]
 
@@ -93,8 +91,8 @@ ENTRIES = {
     "kornia": kornia.RandomMoire(SCENE, p=1),
     "albumentations": through_albumentations,
     "AdversarialMoire": through_attack,
-    "capture": lambda images: capture(images, SCENE.sample(len(images), SIZE)),
-    "expose": lambda images: expose(images, SCENE.sample(len(images), SIZE)),
+    "capture": lambda images: capture(images, SCENE.sample(len(images), images.shape[-2:])),
+    "expose": lambda images: expose(images, SCENE.sample(len(images), images.shape[-2:])),
 }
 
 
@@ -110,14 +108,14 @@ def test_every_entry_takes_what_its_peers_hand_it(name):
 
 
 def test_single_images_pass_too():
-    shot = SCENE.sample(1, SIZE)
-    for image in drawn("albumentations.Affine Lanczos"):
+    shot = SCENE.sample(1, (16, 20))
+    for image in drawn("albumentations.Affine Lanczos")[:20]:
         photo = apply_shot(image, shot)
         array = albumentations.apply_shot(np.ascontiguousarray(image.permute(1, 2, 0).numpy()), shot)
         assert torch.equal(torch.from_numpy(array).permute(2, 0, 1), photo)
 
 
-@pytest.mark.parametrize("name", set(ENTRIES) - {"expose", "capture"})
+@pytest.mark.parametrize("name", ["torchvision", "kornia", "albumentations", "AdversarialMoire"])
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
