@@ -11,6 +11,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from moireaug.checks import check_images, check_raw
 from moireaug.effects import bayer, noise, tone
 from moireaug.effects.denoise import DENOISERS
 from moireaug.effects.flicker import flicker
@@ -25,7 +26,8 @@ def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
     """The photo of `image` on a screen: the paper's g(x, delta, kappa).
 
     Args:
-        image: (B, 3, H, W) float in [0, 1], sRGB codes.
+        image: (B, 3, H, W) float in [0, 1], sRGB codes. What rounding, overshoot or noise left a little outside is
+            clipped, with gradient 1 in [0, 1] and 0 outside; `moireaug.checks` says how much is a little.
         shot: one draw for B images of this size.
         noise: the attacker's delta, of shape `shot.raw_shape()`, in raw units; added to the raw reading.
 
@@ -34,8 +36,8 @@ def capture(image: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
         is "spectral" or "box", in every field of the shot whose effect the plan has, but for the JPEG's quality.
 
     Raises:
-        TypeError, ValueError: an image that is no float batch of three channels in [0, 1], NaN, or a shot or noise of
-            another batch or size.
+        TypeError, ValueError: an image that is no float batch of three channels, or cannot be a picture in [0, 1]:
+            normalised, 0 to 255, NaN, infinite; a shot or noise of another batch or size.
     """
     raw = expose(image, shot)
     if noise is not None:
@@ -56,7 +58,7 @@ def expose(image: Tensor, shot: Shot) -> Tensor:
 
     Arguments, gradients and errors as in `capture`. Half precision is computed in float32, float64 in float64.
     """
-    check_images(image)
+    image = check_images(image)
     if len(shot) != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(
             f"the shot was drawn for {len(shot)} images of {shot.size[0]} x {shot.size[1]}; got {len(image)} of "
@@ -110,7 +112,12 @@ def _attenuate(raw: Tensor, shot: Shot, plan: Plan) -> Tensor:
 
 
 def develop(raw: Tensor, shot: Shot) -> Tensor:
-    """Raw to photo, the paper's g2: `shot.raw_shape()` to (B, 3, H, W) in [0, 1]. Differentiable in raw."""
+    """Raw to photo, the paper's g2: `shot.raw_shape()` to (B, 3, H, W) in [0, 1]. Differentiable in raw.
+
+    Raises:
+        TypeError, ValueError: a raw reading of another batch, size or number of planes than the shot's.
+    """
+    check_raw(raw, shot)
     plan, shot = shot.scene.plan(), shot.to(raw.device)
     with torch.autocast(raw.device.type, enabled=False):
         back = _registration(shot, plan)
@@ -161,29 +168,3 @@ def _encode(photo: Tensor, shot: Shot, plan: Plan) -> Tensor:
     if "brighten" in plan:
         photo = photo + shot.develop.brighten.to(photo.dtype)[:, None, None, None]
     return tone.clip(photo)
-
-
-def check_images(image: Tensor) -> None:
-    """Refuse what is no float batch (B, 3, H, W) of finite values in [0, 1].
-
-    Raises:
-        TypeError, ValueError: with what was got, what is allowed and what to do.
-    """
-    if not isinstance(image, Tensor):
-        raise TypeError(
-            f"images must be a torch.Tensor; got {type(image).__name__}. Use moireaug.transforms for PIL and numpy."
-        )
-    if not image.is_floating_point():
-        raise TypeError(
-            f"images must be floating point in [0, 1]; got {image.dtype}. Divide uint8 images by 255, or use "
-            "moireaug.transforms.RandomMoire, which takes them as they are."
-        )
-    if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape[-2:]:
-        raise ValueError(f"images must have the shape (B, 3, H, W) with H, W >= 1; got {tuple(image.shape)}.")
-    if image.numel() and not torch.compiler.is_compiling():
-        low, high = (v.item() for v in image.detach().aminmax())
-        if not (low >= 0 and high <= 1):
-            raise ValueError(
-                f"images must be finite and lie in [0, 1]; got values from {low:.9g} to {high:.9g}. "
-                "Undo the normalisation first: put it into the model with attacks.Normalized."
-            )

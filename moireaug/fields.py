@@ -48,7 +48,7 @@ class Part:
             name, bounds = f"{type(self).__name__}.{f.name}", f.metadata
             if isinstance(f.default, bool) and not isinstance(value, bool):
                 raise TypeError(f"{name} must be True or False; got {value!r}.")
-            if not bounds or (hasattr(value, "shape") and not isinstance(value, Real)):
+            if "low" not in bounds or (hasattr(value, "shape") and not isinstance(value, Real)):
                 continue
             if isinstance(value, (tuple, list)):
                 if len(value) != 2:
@@ -66,7 +66,8 @@ class Part:
 
 def ranged_fields(part: Part) -> list[str]:
     """The names of a part's ranged fields, in the order in which they are drawn."""
-    return [f.name for f in fields(part) if f.metadata]
+    # not `if f.metadata`, here and above: torch.compile takes the empty mapping for a full one
+    return [f.name for f in fields(part) if "low" in f.metadata]
 
 
 def bounds(value: Range) -> tuple[float, float]:

@@ -60,7 +60,7 @@ def draw_bank(
     check_whole("patch", patch, 1)
     check_whole("seed", seed, 0, 2**63 - 1)
     if isinstance(images, Tensor):
-        check_images(images)
+        images = check_images(images)
     if cache is not None and Path(cache).is_dir():
         raise ValueError(f"cache must be a file; {cache} is a folder. Name a file in it, such as bank.npz.")
     settings = {"patches": patches, "patch": patch, "seed": seed, "images": _content(images)}
@@ -80,7 +80,7 @@ def _draw(images: Tensor | Iterable[Tensor], patches: int, patch: int, seed: int
     batches = images.split(32) if isinstance(images, Tensor) else images
     for batch in tqdm(batches, desc="patches", unit="batch", disable=not progress):
         batch = batch[0] if isinstance(batch, (tuple, list)) else batch
-        check_images(batch)
+        batch = check_images(batch)
         if min(batch.shape[-2:]) < patch:
             raise ValueError(
                 f"images must be at least {patch} x {patch}, the size of a patch; got "

@@ -40,7 +40,7 @@ class Defence(ABC):
         Raises:
             TypeError, ValueError: what is no float batch of three channels in [0, 1], or holds NaN.
         """
-        check_images(images)
+        images = check_images(images)
         if not len(images):
             return images.clone()
         with torch.autocast(images.device.type, enabled=False):

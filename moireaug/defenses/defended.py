@@ -53,7 +53,7 @@ class Compose(Defence):
         return tuple(d for row in inside for d in row if isinstance(d, nn.Module))
 
     def __call__(self, images: Tensor) -> Tensor:
-        check_images(images)
+        images = check_images(images)
         return self.apply(images)  # each computes half precision as it likes
 
     def apply(self, images: Tensor) -> Tensor:

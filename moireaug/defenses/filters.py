@@ -194,8 +194,8 @@ def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
     Raises:
         TypeError, ValueError: what is no float batch of three channels in [0, 1], or batches of two shapes.
     """
-    check_images(images)
-    check_images(clean)
+    images = check_images(images)
+    clean = check_images(clean)
     if images.shape != clean.shape:
         raise ValueError(
             f"clean must have the images' shape {tuple(images.shape)}; got {tuple(clean.shape)}. "

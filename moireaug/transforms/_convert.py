@@ -9,6 +9,9 @@ import torch
 from torch import Tensor
 
 from moireaug.capture import capture
+from moireaug.checks import channels_last
+from moireaug.parts import PARTS
+from moireaug.presets import PRESETS
 from moireaug.scene import Scene
 from moireaug.shot import Shot
 
@@ -33,18 +36,41 @@ def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
     return shot if shot.size == tuple(size) else dataclasses.replace(shot, size=tuple(size))
 
 
-def as_shown(images: Tensor) -> Tensor:
-    """Images of any type that a door takes as the capture's float RGB in [0, 1], (B, 3, H, W); see `photograph`."""
+def describe(scene: Scene) -> str:
+    """A scene for a `repr`: its preset's name in quotes, or the fields in which it differs from `Scene()`."""
+    for name, preset in PRESETS.items():
+        if scene == preset:
+            return repr(name)
+    changed = []
+    for part in PARTS:
+        given, default = getattr(scene, part), getattr(Scene(), part)
+        for field in dataclasses.fields(given):
+            value = getattr(given, field.name)
+            if value != getattr(default, field.name):
+                changed.append(f"{part}.{field.name}={value!r}")
+    if scene.tolerance != Scene().tolerance:
+        changed.append(f"tolerance={scene.tolerance!r}")
+    return f"Scene({', '.join(changed)})"
+
+
+def check_format(images: Tensor) -> None:
+    """Refuse images (..., C, H, W) of a dtype or a number of channels that no door takes; see `photograph`."""
     if images.dtype != torch.uint8 and not images.is_floating_point():
         raise TypeError(
             f"images must be uint8 or floating point in [0, 1]; got {images.dtype}. "
             "Convert them first, with v2.ToDtype(torch.float32, scale=True) for one."
         )
     if images.shape[-3] not in (1, 3):
+        advice = channels_last(images) or " Show the screen its RGB channels alone, and join the others again after."
         raise ValueError(
             f"images must have 3 channels (RGB) or 1 (grey); got {images.shape[-3]} in the shape "
-            f"{tuple(images.shape)}. Show the screen its RGB channels alone, and join the others again after."
+            f"{tuple(images.shape)}.{advice}"
         )
+
+
+def as_shown(images: Tensor) -> Tensor:
+    """Images of any type that a door takes as the capture's float RGB, (B, 3, H, W); see `photograph`."""
+    check_format(images)
     shown = images.float() / 255 if images.dtype == torch.uint8 else images
     return shown.expand(-1, 3, -1, -1)
 
@@ -63,7 +89,8 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
 
     Args:
         images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned as the photo's luma;
-            uint8 or floating point in [0, 1]. Not modified.
+            uint8, or floating point in [0, 1], where what lies a little outside is clipped, see `moireaug.checks`. Not
+            modified.
         shot: one draw for B images.
         noise: an attacker's, on the raw reading; see `capture`.
 
@@ -71,7 +98,7 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
         (B, C, H, W) of the same dtype. Differentiable in floating-point images.
 
     Raises:
-        TypeError, ValueError: another dtype or number of channels; a float image outside of [0, 1], or NaN.
+        TypeError, ValueError: another dtype or number of channels; a float image that cannot be a picture in [0, 1].
     """
     return as_given(capture(as_shown(images), at_size(shot, images.shape[-2:]), noise), images)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -19,7 +20,8 @@ from albumentations.core.type_definitions import ALL_TARGETS
 from moireaug.attacks import MoireAttack
 from moireaug.scene import Scene, as_scene
 from moireaug.shot import Shot
-from moireaug.transforms._convert import as_shown, at_size, check_probability, move_boxes, moves, photograph
+from moireaug.transforms._arrays import apply_shot, apply_to_all, move_bboxes, move_keypoints, move_mask, planes
+from moireaug.transforms._convert import as_shown, check_probability, moves
 
 
 class RandomMoire(DualTransform):
@@ -32,8 +34,18 @@ class RandomMoire(DualTransform):
             `Compose(seed=)`, and in a DataLoader with `seed_worker`, without which workers repeat each other.
         p: probability of a photo, in [0, 1].
 
-    Targets: image (H, W, 3), or (H, W) and (H, W, 1) for grey, which is shown as grey RGB and returned as luma; uint8,
-    or float in [0, 1], so use it before `A.Normalize`; images and volumes share one shot. Shape and dtype are kept.
+    Targets:
+        image, mask, bboxes, keypoints, volume, mask3d
+
+    Image types:
+        uint8, float32
+
+    Number of channels:
+        1, 3
+
+    Images are (H, W, 3), or (H, W) and (H, W, 1) for grey, which is shown as grey RGB and returned as luma; uint8, or
+    any float in [0, 1], so use it before `A.Normalize`; what resizing, blur or noise left a little outside is clipped,
+    see `moireaug.checks`. Images and volumes share one shot. Shape and dtype are kept.
 
     Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's frame
     (`Develop(registered=False)` with a pose or a lens): then they move with the picture: masks to the nearest pixel,
@@ -70,10 +82,22 @@ class RandomMoire(DualTransform):
             return self.draw(params, data, self.random_generator)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return apply_shot(img, Shot.from_dict(shot))
+        return apply_shot(img, Shot.from_dict(shot), _noise_of("image", 1, **params))
+
+    def apply_to_images(
+        self, images: np.ndarray, shot: dict[str, Any], target: str = "images", **params: Any
+    ) -> np.ndarray:
+        return apply_to_all(images, Shot.from_dict(shot), _noise_of(target, len(images), **params))
+
+    def apply_to_volume(self, volume: np.ndarray, **params: Any) -> np.ndarray:
+        return self.apply_to_images(volume, target="volume", **params)
+
+    def apply_to_volumes(self, volumes: np.ndarray, **params: Any) -> np.ndarray:
+        slices = np.reshape(volumes, (-1, *np.shape(volumes)[2:]))
+        return self.apply_to_images(slices, target="volumes", **params).reshape(np.shape(volumes))
 
     def apply_to_mask(self, mask: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return _move_mask(mask, Shot.from_dict(shot)) if self._moves else mask
+        return move_mask(mask, Shot.from_dict(shot)) if self._moves else mask
 
     def apply_to_masks(self, masks: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
         return super().apply_to_masks(masks, shot=shot, **params) if self._moves else masks
@@ -85,10 +109,10 @@ class RandomMoire(DualTransform):
         return np.stack([self.apply_to_masks(m, shot=shot, **params) for m in masks3d]) if self._moves else masks3d
 
     def apply_to_bboxes(self, bboxes: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return _move_bboxes(bboxes, Shot.from_dict(shot)) if self._moves and len(bboxes) else bboxes
+        return move_bboxes(bboxes, Shot.from_dict(shot)) if self._moves and len(bboxes) else bboxes
 
     def apply_to_keypoints(self, keypoints: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return _move_keypoints(keypoints, Shot.from_dict(shot)) if self._moves and len(keypoints) else keypoints
+        return move_keypoints(keypoints, Shot.from_dict(shot)) if self._moves and len(keypoints) else keypoints
 
 
 class AdversarialMoire(RandomMoire):
@@ -99,14 +123,27 @@ class AdversarialMoire(RandomMoire):
     One image at a time is slow: where a batch can be had, use `moireaug.transforms.AdversarialMoire`.
 
     Args:
-        model: (1, 3, H, W) images in [0, 1] to logits; it is asked on the device of its parameters, and left as it is.
+        model: (B, 3, H, W) images in [0, 1] to logits; it is asked on the device of its parameters, and left as it is.
         scene, p: as in RandomMoire. eps, steps, step_size, loss, random_start: as in `attacks.MoireAttack`.
-        label_key: the name under which the call passes the image's class, an integer.
+        label_key: the name under which the call passes the class of its images, an integer.
+        name: as in `A.Lambda`: what `to_dict` writes and `from_dict(..., nonserializable={name: transform})` looks up,
+            because a model cannot be written.
 
-    Targets and replay as in RandomMoire; the noise is one of the parameters, as nested lists.
+    Targets:
+        image, mask, bboxes, keypoints, volume, mask3d
+
+    Image types:
+        uint8, float32
+
+    Number of channels:
+        1, 3
+
+    As in RandomMoire; each image, and each slice of a volume, gets noise of its own. The noise is one of the
+    parameters, as nested lists, so that `ReplayCompose.replay` needs no model.
 
     Raises:
-        ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a call without the label.
+        ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a model that cannot be called; a call
+            without the label; `to_dict` without a `name`.
     """
 
     def __init__(
@@ -120,85 +157,96 @@ class AdversarialMoire(RandomMoire):
         loss: str = "ce",
         random_start: float = 1.0,
         label_key: str = "label",
+        name: str | None = None,
         p: float = 0.5,
     ) -> None:
         super().__init__(scene, p)
-        self.label_key = label_key
+        if not callable(model):
+            raise TypeError(f"model must be a module or a function of images; got {type(model).__name__}.")
+        if isinstance(eps, (list, tuple)):
+            raise ValueError(f"eps must be one number here; got {eps!r}.")
+        self.label_key, self.name = label_key, name
+        self._available_keys.add(label_key)  # or Compose(strict=True) refuses it
         self.attack = MoireAttack(
             model=model, scene=self.scene, eps=eps, steps=steps, step_size=step_size, loss=loss,
             random_start=random_start,
         )  # fmt: skip
 
+    @classmethod
+    def is_serializable(cls) -> bool:
+        return False
+
+    def to_dict_private(self) -> dict[str, Any]:
+        if self.name is None:
+            raise ValueError(
+                "AdversarialMoire holds a model, which cannot be written: give it a name, and the transform itself to "
+                "from_dict(..., nonserializable={name: transform})."
+            )
+        return {"__class_fullname__": self.get_class_fullname(), "__name__": self.name}
+
+    def get_dict_with_id(self) -> dict[str, Any]:
+        # a replay has its noise: it is a RandomMoire's
+        plain = {"__class_fullname__": RandomMoire.get_class_fullname(), "p": self.p}
+        return {**plain, **super().get_transform_init_args(), "id": id(self)}
+
     def get_transform_init_args(self) -> dict[str, Any]:
         a = self.attack
         settings = {"eps": a.eps, "steps": a.steps, "step_size": a.step_size, "loss": a.loss}
-        model = type(a.model).__name__  # a model is no plain value: only its name is recorded
+        model = type(a.model).__name__
         return {"model": model, **super().get_transform_init_args(), **settings, "random_start": a.random_start}
 
     def draw(self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
         drawn = super().draw(params, data, random)
+        label = self._label(data)
+        parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
+        device = next((p.device for p in parameters), torch.device("cpu"))
+        generator = torch.Generator().manual_seed(int(random.integers(2**63)))
+        pictures, first = _pictures(data)
+        if not pictures:
+            return drawn
+        result = self.attack(
+            torch.cat([as_shown(planes(picture)) for picture in pictures]).to(device),
+            torch.full((len(pictures),), label),
+            shot=Shot.from_dict(drawn["shot"]).repeat(len(pictures)),
+            generator=generator,
+        )
+        return drawn | {"noise": result.noise.cpu().tolist(), "first": first}
+
+    def _label(self, data: dict[str, Any]) -> int:
         if self.label_key not in data:
             raise ValueError(
                 f"AdversarialMoire needs the image's class: call the Compose with {self.label_key}=<int>, or name "
                 f"another key by label_key; got the keys {', '.join(sorted(data))}."
             )
-        parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
-        device = next((p.device for p in parameters), torch.device("cpu"))
-        generator = torch.Generator().manual_seed(int(random.integers(2**63)))
-        result = self.attack(
-            as_shown(_planes(data["image"])).to(device), torch.tensor([int(data[self.label_key])]),
-            shot=Shot.from_dict(drawn["shot"]), generator=generator,
-        )  # fmt: skip
-        return drawn | {"noise": result.noise.cpu().tolist()}
-
-    def apply(self, img: np.ndarray, shot: dict[str, Any], noise: list | None = None, **params: Any) -> np.ndarray:
-        return apply_shot(img, Shot.from_dict(shot), torch.tensor(noise))
+        try:
+            return operator.index(data[self.label_key])
+        except TypeError:
+            raise TypeError(
+                f"{self.label_key} must be the index of the image's class, an integer; got {data[self.label_key]!r}."
+            ) from None
 
 
-def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
-    """The photo of one image, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], in its shape and dtype."""
-    return photograph(_planes(image), shot, noise)[0].permute(1, 2, 0).reshape(image.shape).numpy()
+def _pictures(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]:
+    """The pictures of a call, and the place of each target's first one."""
+    pictures, first = [], {}
+    for target, levels in (("image", 0), ("images", 1), ("volume", 1), ("volumes", 2)):
+        if data.get(target) is None:
+            continue
+        first[target] = len(pictures)
+        found = [data[target]]
+        for _ in range(levels):
+            found = [inner for outer in found for inner in outer]
+        pictures.extend(found)
+    return pictures, first
 
 
-def _planes(image: np.ndarray) -> torch.Tensor:
-    """(1, C, H, W) of an image (H, W, C) or (H, W)."""
-    if image.ndim not in (2, 3):
-        raise ValueError(f"an image must have the shape (H, W, C) or (H, W); got {image.shape}.")
-    return torch.from_numpy(np.array(image, order="C")).reshape(1, *image.shape[:2], -1).permute(0, 3, 1, 2)
-
-
-def _move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
-    # torch moves few unsigned types, and moving them needs their bits alone
-    bits = mask.view(f"i{mask.itemsize}") if mask.dtype.kind == "u" else mask
-    planes = torch.from_numpy(np.array(bits, order="C")).reshape(1, *mask.shape[:2], -1).permute(0, 3, 1, 2)
-    moved = at_size(shot, mask.shape[:2]).to_photo_mask(planes)[0].permute(1, 2, 0).reshape(mask.shape)
-    return moved.numpy().view(mask.dtype)
-
-
-def _move_bboxes(bboxes: np.ndarray, shot: Shot) -> np.ndarray:
-    """Rows of x1, y1, x2, y2 as fractions of the photo, and anything after."""
-    h, w = shot.size
-    pixels = torch.from_numpy(bboxes[:, :4].astype(np.float64)) * torch.tensor([w, h, w, h])
-    moved = bboxes.copy()
-    moved[:, :4] = (move_boxes(pixels, shot) / torch.tensor([w, h, w, h])).clamp(min=0, max=1).numpy()
-    return moved
-
-
-def _move_keypoints(keypoints: np.ndarray, shot: Shot) -> np.ndarray:
-    """Rows of x, y, z, angle, scale, and anything after: angle in radians, from x towards y."""
-    step = 1e-3  # pixels, to see how the photo turns and magnifies around each point
-    at = torch.from_numpy(keypoints[:, :2].astype(np.float64)) + 0.5
-    angle = torch.from_numpy(keypoints[:, 3].astype(np.float64))
-    along = torch.stack([angle.cos(), angle.sin()], -1) * step
-    across = torch.stack([-angle.sin(), angle.cos()], -1) * step
-    there, ahead, aside = (shot.to_photo(points[None])[0] for points in (at, at + along, at + across))
-    ahead, aside = (ahead - there) / step, (aside - there) / step
-    moved = keypoints.copy()
-    moved[:, :2] = (there - 0.5).numpy()
-    moved[:, 3] = (torch.atan2(ahead[:, 1], ahead[:, 0]) % (2 * np.pi)).numpy()
-    moved[moved[:, 3] >= 2 * np.pi, 3] = 0.0  # where rounding closed the circle, which albumentations refuses
-    moved[:, 4] *= torch.linalg.det(torch.stack([ahead, aside], -1)).abs().sqrt().numpy()
-    return moved
+def _noise_of(
+    target: str, n: int, noise: list | None = None, first: dict[str, int] | None = None, **params: Any
+) -> torch.Tensor | None:
+    """An attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
+    if noise is None:
+        return None
+    return torch.tensor(noise[first[target] : first[target] + n])
 
 
 def seed_worker(worker_id: int) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, NoReturn
 
+import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
@@ -12,7 +13,7 @@ from moireaug.fields import ranged_fields
 from moireaug.parts import PARTS
 from moireaug.scene import Scene, as_scene
 from moireaug.shot import Shot
-from moireaug.transforms._convert import check_probability, moves, photograph
+from moireaug.transforms._convert import check_format, check_probability, describe, moves, photograph
 
 
 class RandomMoire(IntensityAugmentationBase2D):
@@ -26,18 +27,22 @@ class RandomMoire(IntensityAugmentationBase2D):
         p: probability of a photo, in [0, 1].
         same_on_batch: all images share one draw, sensor noise included.
         keepdim: a (C, H, W) input comes back as (C, H, W), not as (1, C, H, W).
+        images_only: take scenes that leave the photo in the camera's frame, too, as the paper's do, for images and
+            class labels alone: masks, boxes and key points are then refused.
 
     Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned as luma; floating
-    point in [0, 1], so use it before `Normalize`. Dtype and device are kept. Differentiable in the images. Only the
-    chosen images are computed; the others come back with their values.
+    point in [0, 1], so use it before `Normalize`; what resizing, blur or noise left a little outside is clipped, see
+    `moireaug.checks`. Dtype and device are kept. Differentiable in the images. Only the chosen images are computed; the
+    others come back with their values. `torch.compile(fullgraph=True)` computes all of them, and checks no values.
 
     Convention: an intensity augmentation: masks, boxes and key points stay as they are, `transform_matrix` is the
     identity, and `inverse` leaves it out. The parameters hold the whole shot, so `seq(x, params=seq._params)` replays
-    bit for bit. Draws come from torch's global generator.
+    bit for bit; those of one image replay on all rows of a batch. Draws come from torch's global generator.
 
     Raises:
-        ValueError: a scene that leaves the photo in the camera's frame: kornia moves boxes and key points by a matrix
-            alone, and no matrix holds a lens. Also a p out of range, and images as in `moireaug.capture`.
+        ValueError: a scene that leaves the photo in the camera's frame without `images_only`: kornia moves boxes and
+            key points by a matrix alone, and no matrix holds a lens. With it, masks, boxes and key points. Also a p out
+            of range, parameters of another number of images, and images as in `moireaug.capture`.
     """
 
     def __init__(
@@ -46,15 +51,23 @@ class RandomMoire(IntensityAugmentationBase2D):
         p: float = 0.5,
         same_on_batch: bool = False,
         keepdim: bool = False,
+        images_only: bool = False,
     ) -> None:
         super().__init__(p=check_probability(p), same_on_batch=same_on_batch, keepdim=keepdim)
         self.scene = as_scene(scene)
-        if moves(self.scene):
+        self.images_only = images_only
+        if moves(self.scene) and not images_only:
             raise ValueError(
                 "kornia would leave masks, boxes and key points where they were, because this scene's photo stays in "
                 "the camera's frame (Develop(registered=False)) and no matrix holds its lens. Set registered=True, or "
-                "use moireaug.transforms.RandomMoire, which moves them and takes batches on the GPU, too."
+                "use moireaug.transforms.RandomMoire, which moves them and takes batches on the GPU, too; "
+                "images_only=True takes the scene for images alone."
             )
+
+    def __repr__(self) -> str:
+        name, settings = super().__repr__().split("(", 1)
+        images_only = "images_only=True, " if self.images_only else ""
+        return f"{name}(scene={describe(self.scene)}, {images_only}{settings}"
 
     def generate_parameters(self, batch_shape: tuple[int, ...]) -> dict[str, Tensor]:
         n, size = batch_shape[0], (batch_shape[-2], batch_shape[-1])
@@ -65,14 +78,47 @@ class RandomMoire(IntensityAugmentationBase2D):
     def apply_transform(
         self, input: Tensor, params: dict[str, Tensor], flags: dict[str, Any], transform: Tensor | None = None
     ) -> Tensor:
-        chosen = (params["batch_prob"] > 0.5).nonzero().flatten()
-        if not len(chosen):
-            return input
+        check_format(input)
         shot = from_params(self.scene, (input.shape[-2], input.shape[-1]), params)
-        if len(chosen) == len(input):
+        chosen = torch.atleast_1d(params["batch_prob"] > 0.5)
+        if len(shot) == len(chosen) == 1:
+            shot, chosen = shot.repeat(len(input)), chosen.expand(len(input))
+        if not len(shot) == len(chosen) == len(input):
+            raise ValueError(
+                f"the parameters are of {len(shot)} images; got {len(input)}. Replay them on a batch of that size, or "
+                "those of one image on any."
+            )
+        if torch.compiler.is_compiling():
+            return photograph(input, shot)  # kornia puts back what was not chosen; a graph cannot leave it out
+        if not chosen.any():
+            return input
+        if chosen.all():
             return photograph(input, shot)
-        rows = chosen.to(input.device)
-        return input.index_copy(0, rows, photograph(input[rows], shot[chosen.to(shot.device)]))
+        rows = chosen.nonzero().flatten()
+        photos = photograph(input[rows.to(input.device)], shot[rows.to(shot.device)])
+        return input.index_copy(0, rows.to(input.device), photos)
+
+    def apply_transform_mask(self, input: Any, *args: Any, **kwargs: Any) -> Any:
+        return self._unmoved(input, "masks")
+
+    def apply_transform_box(self, input: Any, *args: Any, **kwargs: Any) -> Any:
+        return self._unmoved(input, "boxes")
+
+    def apply_transform_keypoint(self, input: Any, *args: Any, **kwargs: Any) -> Any:
+        return self._unmoved(input, "key points")
+
+    def _unmoved(self, input: Any, what: str) -> Any:
+        if moves(self.scene):
+            _refuse(what)
+        return input
+
+
+def _refuse(what: str) -> NoReturn:
+    raise ValueError(
+        f"images_only=True takes no {what}: this scene's photo stays in the camera's frame "
+        "(Develop(registered=False)), and they would not move with it. Set registered=True, or use "
+        "moireaug.transforms.RandomMoire, which moves them."
+    )
 
 
 def to_params(shot: Shot) -> dict[str, Tensor]:

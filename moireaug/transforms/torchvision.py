@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
 import PIL.Image
 import torch
 from torch import Tensor
@@ -15,7 +16,15 @@ from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, 
 
 from moireaug.scene import Scene, as_scene
 from moireaug.shot import Shot
-from moireaug.transforms._convert import at_size, check_probability, move_boxes, moves, photograph
+from moireaug.transforms._convert import (
+    at_size,
+    check_format,
+    check_probability,
+    describe,
+    move_boxes,
+    moves,
+    photograph,
+)
 
 SHOWN = (PIL.Image.Image, tv_tensors.Image, Video, v2._utils.is_pure_tensor)
 CARRIED = (BoundingBoxes, Mask, KeyPoints)
@@ -35,8 +44,8 @@ class RandomMoire(v2.Transform):
 
     Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H, W) and PIL images
     of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB and returned as luma; uint8 or
-    floating point in [0, 1], so use it before `v2.Normalize`. Type, shape, dtype and device are kept; inputs are never
-    modified.
+    floating point in [0, 1], so use it before `v2.Normalize`; what resizing, blur or noise left a little outside is
+    clipped, see `moireaug.checks`. Type, shape, dtype and device are kept; inputs are never modified.
 
     A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is one scene: its
     frames share the shot and differ in sensor noise alone. Images of one sample share the draw. What is not chosen is
@@ -49,9 +58,9 @@ class RandomMoire(v2.Transform):
     centres at half integers. Integer ones are rounded.
 
     Raises:
-        TypeError, ValueError: an unknown scene, a p out of range, another number of channels, dtype or PIL mode, float
-            images outside of [0, 1], images of different batch sizes in one sample; in the camera's frame also rotated
-            boxes, and boxes or key points that cannot be told apart by image.
+        TypeError, ValueError: an unknown scene, a p out of range, another number of channels, dtype or PIL mode, numpy
+            arrays, float images that cannot be pictures in [0, 1], images of different batch sizes in one sample; in
+            the camera's frame also rotated boxes, and boxes or key points that cannot be told apart by image.
     """
 
     def __init__(self, scene: Scene | str | dict = "screen_photo", p: float = 0.5) -> None:
@@ -62,7 +71,9 @@ class RandomMoire(v2.Transform):
 
     def check_inputs(self, flat_inputs: list[Any]) -> None:
         flat = [x for x, needed in zip(flat_inputs, self._needs_transform_list(flat_inputs), strict=True) if needed]
-        counts = sorted({_count(x) for x in flat if not isinstance(x, CARRIED)})
+        shown = [x for x in flat if not isinstance(x, CARRIED)]
+        _refuse_arrays(flat_inputs, shown)
+        counts = sorted({_count(x) for x in shown})
         if len(counts) > 1:
             raise ValueError(f"images of one sample must have one batch size; got {' and '.join(map(str, counts))}.")
         for leaf in (x for x in flat if isinstance(x, CARRIED)):
@@ -81,11 +92,11 @@ class RandomMoire(v2.Transform):
             return apply_shot(inpt, shot)
         rows = chosen.to(inpt.device)
         plain = inpt.as_subclass(Tensor)
-        done = apply_shot(_wrap(plain[rows], inpt), shot[chosen])
-        return _wrap(plain.index_copy(0, rows, done.as_subclass(Tensor)), inpt)
+        done = apply_shot(wrap(plain[rows], inpt), shot[chosen])
+        return wrap(plain.index_copy(0, rows, done.as_subclass(Tensor)), inpt)
 
     def extra_repr(self) -> str:
-        return f"p={self.p}, scene={self.scene}"
+        return f"p={self.p}, scene={describe(self.scene)}"
 
 
 def apply_shot(inpt: Any, shot: Shot) -> Any:
@@ -97,17 +108,17 @@ def apply_shot(inpt: Any, shot: Shot) -> Any:
         return _apply_to_pil(inpt, shot)
     plain = inpt.as_subclass(Tensor)
     if isinstance(inpt, BoundingBoxes):
-        return _wrap(_apply_to_boxes(plain, inpt, at_size(shot, inpt.canvas_size)), inpt)
+        return wrap(_apply_to_boxes(plain, inpt, at_size(shot, inpt.canvas_size)), inpt)
     if isinstance(inpt, KeyPoints):
         points = plain.double().reshape(len(shot), -1, 2)
         moved = at_size(shot, inpt.canvas_size).to_photo(points).reshape(plain.shape)
-        return _wrap(_as(moved, plain.dtype), inpt)
+        return wrap(_as(moved, plain.dtype), inpt)
     if isinstance(inpt, Mask):
         flat = plain.reshape(len(shot), -1, *plain.shape[-2:])
-        return _wrap(at_size(shot, plain.shape[-2:]).to_photo_mask(flat).reshape(plain.shape), inpt)
+        return wrap(at_size(shot, plain.shape[-2:]).to_photo_mask(flat).reshape(plain.shape), inpt)
     if isinstance(inpt, Video):
         shot = _frames(shot, plain.shape[-4])
-    return _wrap(photograph(plain.reshape(-1, *plain.shape[-3:]), shot).reshape(plain.shape), inpt)
+    return wrap(photograph(plain.reshape(-1, *plain.shape[-3:]), shot).reshape(plain.shape), inpt)
 
 
 def _frames(shot: Shot, n: int) -> Shot:
@@ -139,17 +150,32 @@ def _as(values: Tensor, dtype: torch.dtype) -> Tensor:
     return values.to(dtype) if dtype.is_floating_point else values.round().to(dtype)
 
 
-def _wrap(plain: Tensor, like: Tensor) -> Tensor:
+def wrap(plain: Tensor, like: Tensor) -> Tensor:
+    """A tensor of the type of another one, with its format and canvas size if it has these."""
     return tv_tensors.wrap(plain, like=like) if isinstance(like, tv_tensors.TVTensor) else plain
+
+
+def _refuse_arrays(flat: list[Any], shown: list[Any]) -> None:
+    """Refuse a numpy image, which v2 would hand back untouched; arrays beside an image are none of its business."""
+    if any(isinstance(x, PIL.Image.Image) or x.ndim >= 3 for x in shown):
+        return
+    for x in flat:
+        if isinstance(x, np.ndarray) and x.ndim >= 2:
+            raise TypeError(
+                f"torchvision's door takes tensors and PIL images; got a numpy array of the shape {x.shape}. Use "
+                "moireaug.transforms.albumentations.RandomMoire, or v2.ToImage() before this transform."
+            )
 
 
 def _count(image: Any) -> int:
     """How many draws an image leaf takes: one, or one for each row of a batch."""
     if isinstance(image, PIL.Image.Image):
         if image.mode not in PIL_MODES:
+            deep = image.mode.startswith(("I", "F"))  # whose values PIL would cut off at 255
+            how = "Scale it to float in [0, 1] as a tensor" if deep else "Convert with v2.RGB()"
             raise ValueError(
-                f"PIL images must be of mode {', '.join(PIL_MODES)}; got {image.mode}. Convert with v2.RGB() before "
-                "this transform, or wrap a segmentation map as tv_tensors.Mask."
+                f"PIL images must be of mode {', '.join(PIL_MODES)}; got {image.mode}. {how} before this transform, "
+                "or wrap a segmentation map as tv_tensors.Mask."
             )
         return 1
     video = isinstance(image, Video)
@@ -159,6 +185,7 @@ def _count(image: Any) -> int:
         raise ValueError(
             f"{'videos' if video else 'images'} must have the shape {shape}; got {tuple(image.shape)}.{hint}"
         )
+    check_format(image)
     return image.shape[0] if image.ndim - video == 4 else 1
 
 

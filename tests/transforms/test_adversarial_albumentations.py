@@ -1,5 +1,7 @@
 """AdversarialMoire in albumentations: one image at a time, its class passed as a target."""
 
+import json
+
 import numpy as np
 import pytest
 import torch
@@ -25,7 +27,9 @@ def test_it_raises_the_loss(dtype, shape, model, registered):
     image = np.random.default_rng(0).random(shape)
     image = (image * 255).astype(np.uint8) if dtype == np.uint8 else image.astype(np.float32)
     attacked = door.AdversarialMoire(model, registered, eps=16 / 255, steps=5, p=1)
-    out = A.ReplayCompose([attacked])(image=image, label=1)
+    steps = A.ReplayCompose([attacked])
+    steps.set_random_seed(0)
+    out = steps(image=image, label=1)
     assert out["image"].dtype == dtype and out["image"].shape == shape and out["label"] == 1
     params = out["replay"]["transforms"][0]["params"]
     plain = door.apply_shot(image, Shot.from_dict(params["shot"]))
@@ -55,3 +59,64 @@ def test_a_call_without_the_label_is_told_so(model, registered):
         A.Compose([door.AdversarialMoire(model, registered, p=1)])(image=np.zeros((8, 8, 3), np.uint8))
     with pytest.raises(ValueError, match=r"\[0, 2\], the model's classes"):
         A.Compose([door.AdversarialMoire(model, registered, p=1)])(image=np.zeros((8, 8, 3), np.uint8), label=7)
+
+
+def frames(n=3, shape=(12, 14, 3)):
+    return np.random.default_rng(1).random((n, *shape)).astype(np.float32)
+
+
+def test_strict_and_with_images_alone(model, registered):
+    steps = A.Compose([door.AdversarialMoire(model, registered, steps=2, p=1)], strict=True, seed=0)
+    images = frames()
+    out = steps(images=images, label=1)["images"]
+    assert out.shape == images.shape and not np.array_equal(out, images)
+    out = A.Compose([door.RandomMoire(registered, p=1)], strict=True, seed=0)(images=images)["images"]
+    assert out.shape == images.shape and not np.array_equal(out, images)
+
+
+def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered):
+    images = frames(4)
+    steps = A.ReplayCompose([door.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)], is_check_shapes=False)
+    given = {
+        "image": images[0],
+        "images": images[1:3],
+        "volume": images[1:],
+        "volumes": images.reshape(2, 2, 12, 14, 3),
+    }
+    out = steps(**given, label=1)
+    params = out["replay"]["transforms"][0]["params"]
+    noise = torch.tensor(params["noise"])
+    assert len(noise) == 10 and len(noise.unique(dim=0)) == 10
+    assert params["first"] == {"image": 0, "images": 1, "volume": 3, "volumes": 6}
+    for target, i in (("images", 1), ("volume", 2), ("volumes", 3)):
+        pictures, photos = (x[target].reshape(-1, 12, 14, 3) for x in (given, out))
+        row = params["first"][target] + i
+        expected = door.apply_shot(pictures[i], Shot.from_dict(params["shot"]), noise[row : row + 1])
+        assert np.array_equal(photos[i], expected)
+
+
+def test_a_replay_needs_no_model(model, registered):
+    image = frames(1)[0]
+    out = A.ReplayCompose([door.AdversarialMoire(model, registered, steps=2, p=1)])(image=image, label=1)
+    again = A.ReplayCompose.replay(json.loads(json.dumps(out["replay"])), image=image)
+    assert np.array_equal(again["image"], out["image"])
+
+
+def test_it_is_written_as_lambda_is(model, registered):
+    nameless = A.Compose([door.AdversarialMoire(model, registered)])
+    with pytest.raises(ValueError, match="give it a name"):
+        A.to_dict(nameless)
+    named = door.AdversarialMoire(model, registered, name="mine")
+    written = json.loads(json.dumps(A.to_dict(A.Compose([named]))))
+    assert A.from_dict(written, nonserializable={"mine": named})[0] is named
+    with pytest.raises(ValueError, match="mine"):
+        A.from_dict(written)
+
+
+def test_what_is_no_model_or_no_label_is_refused(model, registered):
+    with pytest.raises(TypeError, match="model must be a module or a function of images; got str"):
+        door.AdversarialMoire("resnet18", registered)
+    with pytest.raises(ValueError, match="eps must be one number"):
+        door.AdversarialMoire(model, registered, eps=[0.1, 0.2])
+    with pytest.raises(TypeError, match="label must be the index of the image's class, an integer; got 'cat'"):
+        A.Compose([door.AdversarialMoire(model, registered, p=1)])(image=frames(1)[0], label="cat")

@@ -181,3 +181,29 @@ def test_errors_are_sentences(registered):
         steps(image=values((9, 12, 4), np.uint8))
     with pytest.raises(ValueError, match="Undo the normalisation"):
         steps(image=values((9, 12, 3), np.float32) * 2 - 1)
+
+
+@pytest.mark.parametrize("columns", [2, 5])
+def test_integer_key_points_in_a_direct_call(columns, camera):
+    points = np.array([[3, 4, 0, 0, 10], [7, 2, 0, 1, 10]])[:, :columns]
+    image, moved = values((9, 12, 3), np.uint8), []
+    for given in (points, points.astype(np.float32)):
+        step = RandomMoire(camera, p=1)
+        step.set_random_seed(0)
+        moved.append(step(image=image, keypoints=given)["keypoints"])
+    assert np.array_equal(*moved) and moved[0].dtype == np.float32
+    assert np.any(moved[0][:, :2] % 1 != 0)
+
+
+def test_channels_first_are_told_how_to_come_last(registered):
+    with pytest.raises(ValueError, match=r"transpose\(1, 2, 0\)"):
+        RandomMoire(registered, p=1)(image=values((3, 9, 12), np.uint8))
+
+
+@pytest.mark.parametrize("door_class", [RandomMoire, door.AdversarialMoire])
+def test_the_docstrings_list_targets_as_albumentations_does(door_class):
+    lines = [line.strip() for line in door_class.__doc__.splitlines()]
+    targets = lines[lines.index("Targets:") + 1].split(", ")
+    assert targets == [target.value.lower() for target in door_class._targets]
+    assert lines[lines.index("Image types:") + 1] == "uint8, float32"
+    assert lines[lines.index("Number of channels:") + 1] == "1, 3"

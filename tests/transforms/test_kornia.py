@@ -6,7 +6,7 @@ import pytest
 import torch
 from kornia.augmentation import AugmentationSequential, RandomHorizontalFlip, VideoSequential
 
-from moireaug import Develop, Scene, View, capture
+from moireaug import Develop, Panel, Scene, Sensor, View, capture
 from moireaug.transforms.kornia import RandomMoire, from_params, to_params
 
 
@@ -104,6 +104,68 @@ def test_a_copy_and_an_empty_batch(registered):
 def test_the_cameras_frame_is_refused(scene):
     with pytest.raises(ValueError, match=r"registered=True, or use moireaug\.transforms\.RandomMoire"):
         RandomMoire(scene)
+
+
+@pytest.mark.parametrize("scene", ["paper", "paper_code"])
+def test_the_cameras_frame_is_taken_for_images_alone(scene):
+    image, labels = torch.rand(2, 3, 9, 12), torch.tensor([[1.0], [2.0]])
+    steps = AugmentationSequential(RandomMoire(scene, p=1, images_only=True), data_keys=["input", "class"])
+    photo, same = steps(image, labels)
+    assert not torch.equal(photo, image) and torch.equal(same, labels)
+    assert torch.equal(photo, capture(image, from_params(Scene.preset(scene), (9, 12), steps[0]._params)))
+
+
+@pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(
+    ("key", "leaf"),
+    [
+        ("mask", torch.rand(2, 1, 9, 12)),
+        ("bbox_xyxy", torch.tensor([[[1.0, 2.0, 5.0, 6.0]]]).expand(2, -1, -1)),
+        ("keypoints", torch.rand(2, 4, 2)),
+    ],
+)
+def test_images_only_refuses_what_would_have_to_move(key, leaf, p):
+    steps = AugmentationSequential(RandomMoire("paper", p=p, images_only=True), data_keys=["input", key])
+    with pytest.raises(ValueError, match="images_only=True takes no"):
+        steps(torch.rand(2, 3, 9, 12), leaf)
+
+
+@pytest.mark.parametrize("p", [0.5, 1.0])
+def test_parameters_of_one_image_replay_on_all_rows(p, registered):
+    door, batch = RandomMoire(registered, p=p), torch.rand(4, 3, 9, 12)
+    torch.manual_seed(0)
+    while not (door(batch[:1]) != batch[:1]).any():
+        pass
+    params = door._params
+    photos = door(batch, params=params)
+    for row in range(4):
+        assert torch.equal(photos[row : row + 1], door(batch[row : row + 1], params=params))
+        assert not torch.equal(photos[row], batch[row])
+    door(batch[:2])
+    with pytest.raises(ValueError, match="parameters are of 2 images; got 4"):
+        door(batch, params=door._params)
+
+
+def test_repr_shows_the_scene(registered):
+    assert repr(RandomMoire("phone_at_monitor", p=0.25)).startswith("RandomMoire(scene='phone_at_monitor', p=0.25,")
+    assert "scene=Scene(panel.scale=(0.8, 1.5), view.yaw=" in repr(RandomMoire(registered))
+    assert "scene=Scene(), " in repr(RandomMoire(Scene()))
+    assert "scene='paper', images_only=True" in repr(RandomMoire("paper", images_only=True))
+
+
+@pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
+def test_one_graph_gives_the_same_photos_as_no_graph():
+    """As of kornia's RandomBrightness; traced alone, because a compiler draws other random numbers."""
+    torch._dynamo.reset()
+    scene = Scene(panel=Panel(scale=(2.0, 3.0)), sensor=Sensor(exposure="point"))
+    door, batch = RandomMoire(scene, p=0.5), torch.rand(6, 3, 8, 8)
+    compiled = torch.compile(door, fullgraph=True, backend="eager")
+    torch.manual_seed(2)
+    photos = compiled(batch)
+    torch.manual_seed(2)
+    assert torch.allclose(photos, door(batch), atol=1e-6)
+    changed = (photos != batch).flatten(1).any(1)
+    assert changed.any() and not changed.all()
 
 
 def test_a_frontal_scene_in_the_cameras_frame_moves_nothing_and_is_taken():

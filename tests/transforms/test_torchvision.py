@@ -226,3 +226,41 @@ def test_p_must_be_a_probability(p):
 def test_an_unknown_scene_names_the_closest():
     with pytest.raises(ValueError, match="screen_photo"):
         RandomMoire("screen_foto")
+
+
+@pytest.mark.parametrize("p", [0.0, 1.0])
+@pytest.mark.parametrize(
+    "sample",
+    [
+        np.zeros((9, 12, 3), np.uint8),
+        np.zeros((9, 12), np.float32),
+        (np.zeros((9, 12, 3), np.uint8), torch.tensor(3)),
+        {"image": np.zeros((2, 9, 12, 3), np.uint8), "label": 1},
+    ],
+)
+def test_numpy_images_are_sent_to_their_door(sample, p, registered):
+    with pytest.raises(TypeError, match=r"moireaug\.transforms\.albumentations\.RandomMoire"):
+        RandomMoire(registered, p=p)(sample)
+
+
+def test_arrays_beside_an_image_pass(registered):
+    sample = {"image": tv_tensors.Image(IMAGE), "features": np.zeros((5, 7)), "label": np.array(3)}
+    out = RandomMoire(registered, p=1)(sample)
+    assert out["features"] is sample["features"] and out["label"] is sample["label"]
+    assert RandomMoire(registered, p=1)({"label": np.array(3)}) == {"label": np.array(3)}
+
+
+@pytest.mark.parametrize("p", [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("shape", "order"), [((9, 12, 3), r"permute\(2, 0, 1\)"), ((2, 9, 12, 1), r"permute\(0, 3, 1, 2\)")]
+)
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
+def test_channels_last_are_told_how_to_come_first(dtype, shape, order, p, registered):
+    with pytest.raises(ValueError, match=order):
+        RandomMoire(registered, p=p)(torch.zeros(shape, dtype=dtype))
+
+
+@pytest.mark.parametrize("mode", ["I", "F", "I;16"])
+def test_deep_pil_images_are_not_sent_where_they_turn_white(mode, registered):
+    with pytest.raises(ValueError, match=r"Scale it to float in \[0, 1\]"):
+        RandomMoire(registered, p=1)(PIL.Image.new(mode, (12, 9)))

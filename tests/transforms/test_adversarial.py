@@ -1,0 +1,121 @@
+"""AdversarialMoire: samples, labels and types as v2.MixUp takes them."""
+
+import pytest
+import torch
+from torch import nn
+from torchvision import tv_tensors
+from torchvision.transforms import v2
+
+from moireaug import Scene, Sensor
+from moireaug.transforms import AdversarialMoire
+
+SCENE = Scene(sensor=Sensor(gain=2.0))
+
+
+@pytest.fixture
+def model():
+    torch.manual_seed(0)
+    return nn.Sequential(nn.Flatten(), nn.Linear(3 * 9 * 12, 4))
+
+
+def attack(model, **settings):
+    return AdversarialMoire(model, SCENE, steps=1, **settings)
+
+
+def drawn(transform, *sample):
+    return transform(*sample, generator=torch.Generator().manual_seed(0))
+
+
+IMAGES, LABELS = torch.rand(4, 3, 9, 12), torch.tensor([0, 1, 2, 3])
+
+
+@pytest.mark.parametrize("p", [0.5, 1.0])
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
+def test_a_tv_image_stays_one(dtype, p, model):
+    images = IMAGES if dtype != torch.uint8 else IMAGES * 255
+    images = tv_tensors.Image(images.to(dtype))
+    shown, labels = drawn(attack(model, p=p), images, LABELS)
+    assert type(shown) is tv_tensors.Image and shown.dtype == dtype and labels is LABELS
+    plain, _ = drawn(attack(model, p=p), images.as_subclass(torch.Tensor), LABELS)
+    assert type(plain) is torch.Tensor and torch.equal(plain, shown) and not torch.equal(shown, images)
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        LABELS.float(),
+        LABELS.to(torch.uint8),
+        nn.functional.one_hot(LABELS, 4),
+        nn.functional.one_hot(LABELS, 4).double(),
+        nn.functional.one_hot(LABELS, 4).bool(),
+        0.6 * nn.functional.one_hot(LABELS, 4) + 0.4 * nn.functional.one_hot(LABELS.flip(0), 4),
+    ],
+    ids=["float", "uint8", "one-hot", "one-hot float", "one-hot bool", "mixed"],
+)
+def test_labels_of_any_kind_are_the_class_of_the_greatest_weight(labels, model):
+    shown, same = drawn(attack(model), IMAGES, labels)
+    assert same is labels
+    assert torch.equal(shown, drawn(attack(model), IMAGES, LABELS)[0])
+
+
+@pytest.mark.parametrize("mix", [v2.MixUp, v2.CutMix])
+def test_mixing_may_come_first(mix, model):
+    steps = v2.Compose([mix(num_classes=4), attack(model)])
+    shown, labels = steps(IMAGES, LABELS)
+    assert shown.shape == IMAGES.shape and labels.shape == (4, 4) and not torch.equal(shown, IMAGES)
+
+
+@pytest.mark.parametrize("key", ["labels", "label", "class_label"])
+@pytest.mark.parametrize("first", ["image", "label"])
+def test_dict_samples(first, key, model):
+    other = torch.rand(4, 2)
+    sample = {"image": tv_tensors.Image(IMAGES), key: LABELS, "other": other, "name": ["a", "b"]}
+    if first == "label":
+        sample = {key: LABELS, "image": IMAGES, "other": other, "name": ["a", "b"]}
+    out = drawn(attack(model), sample)
+    assert list(out) == list(sample) and out[key] is LABELS and out["other"] is other and out["name"] == ["a", "b"]
+    assert torch.equal(out["image"], drawn(attack(model), IMAGES, LABELS)[0])
+
+
+def test_labels_getter_says_where_the_labels_are(model):
+    sample = (IMAGES, {"target": [torch.zeros(4), LABELS]})
+    transform = attack(model, labels_getter=lambda s: s[1]["target"][1])
+    shown, rest = drawn(transform, sample)
+    assert torch.equal(shown, drawn(attack(model), IMAGES, LABELS)[0])
+    assert rest["target"][0] is sample[1]["target"][0] and rest["target"][1] is LABELS
+
+
+@pytest.mark.parametrize(
+    ("sample", "sentence"),
+    [
+        ((IMAGES, LABELS[:2]), r"shape \(4,\)"),
+        ((IMAGES, LABELS + 0.5), "whole numbers"),
+        ((IMAGES, torch.full((4,), torch.nan)), "whole numbers"),
+        ((IMAGES, torch.randn(4, 4)), "weights >= 0"),
+        ((IMAGES, torch.rand(3, 4)), r"shape \(4, classes\)"),
+        (({"image": IMAGES, "label": [0, 1, 2, 3]},), "labels must be a tensor.*labels_getter"),
+        ((IMAGES[0], LABELS[:1]), "after batching"),
+        ((tv_tensors.Video(IMAGES[None]), LABELS[:1]), "after batching"),
+        ((tv_tensors.Image(IMAGES), LABELS, tv_tensors.Image(IMAGES)), "one batch of images.*got 2"),
+        ((IMAGES * 255, LABELS), "Divide them by 255"),
+    ],
+)
+def test_what_is_no_batch_with_labels_gets_a_sentence(sample, sentence, model):
+    with pytest.raises((TypeError, ValueError), match=sentence):
+        attack(model)(*sample)
+
+
+def test_masks_beside_a_scene_in_the_cameras_frame_are_refused(model):
+    sample = {"image": tv_tensors.Image(IMAGES), "label": LABELS, "mask": tv_tensors.Mask(torch.ones(4, 9, 12))}
+    assert attack(model)(sample)["mask"] is sample["mask"]
+    with pytest.raises(ValueError, match="would not move with the images"):
+        AdversarialMoire(model, "paper", steps=1)(sample)
+
+
+def test_what_is_no_model_is_refused():
+    with pytest.raises(TypeError, match="model must be a module or a function of images; got str"):
+        AdversarialMoire("resnet18")
+
+
+def test_repr_names_the_preset(model):
+    assert repr(AdversarialMoire(model, "screen_photo")).startswith("AdversarialMoire(scene='screen_photo', eps=")
