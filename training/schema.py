@@ -123,11 +123,8 @@ class ReattackConfig(Config):
     demoire: str | None = None  # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
 
 
-QUIET = {
-    "run": {"dir": "${runs}/${recipe}/seed${seed}"},
-    "sweep": {"dir": "${runs}", "subdir": "${recipe}/seed${seed}"},
-    "output_subdir": None,
-}
+HOME = ("signs", Config.model)  # data and model whose runs need no folder of their own
+QUIET = {"run": {"dir": "."}, "sweep": {"dir": "${runs}", "subdir": "."}, "output_subdir": None}
 
 
 def scene_of(cfg: Any) -> Scene:
@@ -171,9 +168,8 @@ def register() -> None:
         node = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
         store.store(group="recipe", name=path.stem, package="_global_", node=node)
     silent = [{"override hydra/job_logging": "disabled"}, {"override hydra/hydra_logging": "disabled"}]
-    defaults = ["schema", {"data": "signs"}, {"recipe": "clean"}, "_self_"]
+    defaults = ["schema", {"data": HOME[0]}, {"recipe": "clean"}, "_self_"]
     store.store(name="root", node={"defaults": [*defaults, *silent], "hydra": QUIET})
     store.store(name="reattack_schema", node=ReattackConfig)
-    still = QUIET | {"run": {"dir": "."}}
-    defaults = ["reattack_schema", {"data": "signs"}, "_self_", *silent]
-    store.store(name="reattack", node={"defaults": defaults, "hydra": still})
+    defaults = ["reattack_schema", {"data": HOME[0]}, "_self_", *silent]
+    store.store(name="reattack", node={"defaults": defaults, "hydra": QUIET})

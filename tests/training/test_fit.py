@@ -7,7 +7,7 @@ import torch
 from omegaconf import OmegaConf
 
 from tests.training.small import TINY, command, configured, train
-from training import fit, reattack, runs
+from training import fit, reattack, runs, saved
 from training.classifier import Classifier
 from training.data import augment, load
 from training.schema import Config, check_keys
@@ -204,7 +204,7 @@ def test_a_damaged_checkpoint_gets_a_sentence(damage, whole, tmp_path):
     else:
         best.write_bytes(best.read_bytes()[: 5000 if damage == "cut" else 0] + b"\x00" * 64)
     with pytest.raises(ValueError, match=r"is not a run's folder|could not be read"):
-        reattack.from_run(run)
+        saved.read(run)
 
 
 def test_a_nan_loss_stops_with_a_sentence(tmp_path):
