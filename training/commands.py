@@ -6,6 +6,7 @@ import contextlib
 import sys
 import traceback
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TextIO
 
 from hydra.core.hydra_config import HydraConfig
@@ -21,25 +22,26 @@ _failed: list[str] = []  # jobs of a sweep
 
 
 class Lines:
-    """An output stream that knows whether the terminal's last line is over: a progress bar leaves its own open."""
-
-    unfinished = False  # of all streams, which share the terminal
+    """An output stream that knows whether its last line is over: a progress bar leaves its own open."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+        self._stream, self.unfinished = stream, False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
         if text:
-            Lines.unfinished = not text.endswith("\n")
+            self.unfinished = not text.endswith("\n")
         return self._stream.write(text)
 
 
 def complain(text: str) -> None:
     """Print to standard error, on a line of its own."""
-    print("\n" * Lines.unfinished + text, file=sys.stderr, flush=True)
+    for stream in (sys.stdout, sys.stderr):
+        if getattr(stream, "unfinished", False):
+            print(file=stream, flush=True)
+    print(text, file=sys.stderr, flush=True)
 
 
 def run(main: Callable[[], None], schema: type[Config]) -> None:
@@ -50,6 +52,12 @@ def run(main: Callable[[], None], schema: type[Config]) -> None:
     """
     sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)  # type: ignore[assignment]
     check_keys(sys.argv[1:], schema)
+    if {"-m", "--multirun"} & set(sys.argv[1:]):  # Hydra writes into this folder before any job
+        named = [a.removeprefix("runs=").strip("'\"") for a in sys.argv[1:] if a.startswith("runs=")]
+        try:
+            runs.make(Path(named[-1] if named else schema.runs))
+        except ValueError as error:
+            raise SystemExit(f"error: {error}") from None
     main()
     if _failed:
         complain("\n".join([f"error: {len(_failed)} of the sweep's jobs failed:", *(f"  {job}" for job in _failed)]))
