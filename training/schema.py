@@ -151,6 +151,8 @@ def check_keys(overrides: list[str], schema: type[Config]) -> None:
                     raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
                 part = one_of(f"a key in {key!r}", part, map(str, node))
                 node = None if OmegaConf.is_missing(node, part) else node[part]
+            if key == "recipe" and schema is ReattackConfig:
+                raise ValueError("recipe= says how a model is trained, and this one is only attacked: leave it out.")
             known = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}.get(key)
             for name in value.split(",") if known else ():
                 one_of(key, name, sorted(known))

@@ -10,7 +10,7 @@ from tests.training.small import TINY, command, configured, train
 from training import fit, reattack, runs, saved
 from training.classifier import Classifier
 from training.data import augment, load
-from training.schema import Config, check_keys
+from training.schema import Config, ReattackConfig, check_keys
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -175,6 +175,11 @@ def test_an_unknown_key_gets_the_nearest_one(override, sentence):
     with pytest.raises(SystemExit) as error:
         check_keys(["seed=1", "scene={preset: paper}", "recipe=clean,moire_at", override], Config)
     assert sentence in str(error.value)
+
+
+def test_a_recipe_is_not_given_to_an_attack():
+    with pytest.raises(SystemExit, match="error: recipe= says how a model is trained"):
+        check_keys(["recipe=moire_at"], ReattackConfig)
 
 
 def test_an_interrupted_baseline_is_resumed_and_then_its_recipe_begins(tmp_path, monkeypatch):

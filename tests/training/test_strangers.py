@@ -145,7 +145,7 @@ REFUSED = [
     (["model=resnet18"], r"model= does not go with run=\S+, which has its own model"),
     (["weights=FILE"], "weights= does not go with run="),
     (["runs=elsewhere"], "runs= does not go with run=.* a report into its own folder"),
-    (["recipe=moire_at"], "recipe= says how a model is trained"),
+    (["+recipe=moire_at"], "recipe= says how a model is trained"),
     (["seed=3"], "seed= says how a model is trained.* reattack.seed is the attack's"),
     (["train.lr=0.2"], "train.lr= says how a model is trained"),
     (["adversary.eps=0.2"], "adversary.eps= says how"),
@@ -169,7 +169,7 @@ def test_what_an_attack_on_a_run_cannot_obey_is_refused(given, message, tmp_path
     assert not (folder / "reattack").exists()
 
 
-@pytest.mark.parametrize("given", ["train.lr=0.2", "recipe=clean", "seed=1"])
+@pytest.mark.parametrize("given", ["train.lr=0.2", "+recipe=clean", "seed=1"])
 def test_weights_are_attacked_without_settings_of_training(given, nothing_attacked):
     given = ["model=resnet18", "weights=DEFAULT", given]
     with pytest.raises(ValueError, match="says how a model is trained"):
