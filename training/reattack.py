@@ -201,6 +201,7 @@ def _attack_run(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
     seconds = {"data": time.perf_counter() - began}
     baseline, beside = None, None
     if twin := saved.baseline_of(found):
+        twin.check_classes(splits, cfg.data)
         beside = twin.model()
         baseline = {"recipe": "clean", "seed": twin.cfg.seed, "data": twin.cfg.data.name, "model": twin.cfg.model,
                     "train": saved.trained(twin.folder)}  # fmt: skip
