@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import lightning as L
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.callbacks import ModelCheckpoint
@@ -62,3 +63,17 @@ class Keep(ModelCheckpoint):
         moved = {k: here(state_dict[k]) for k in ("best_model_path", "kth_best_model_path", "last_model_path")}
         best = {here(path): score for path, score in state_dict["best_k_models"].items()}
         super().load_state_dict(state_dict | moved | {"best_k_models": best, "dirpath": self.dirpath})
+
+
+class Names(L.Callback):
+    """Writes into each checkpoint what its classes are called, so that it is never asked about others.
+
+    Args:
+        classes: the name of each logit.
+    """
+
+    def __init__(self, classes: dict[int, str]) -> None:
+        self.classes = classes
+
+    def on_save_checkpoint(self, trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
+        checkpoint["classes"] = dict(self.classes)

@@ -5,9 +5,9 @@
     python training/fit.py recipe=moire_fast data=folder data.root=DIR train.epochs=30
 
 Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with report.html,
-metrics.json, best.ckpt, last.ckpt and config.yaml. Its baseline, recipe `clean` with the same settings, is trained
-first, or reused where it was trained before. A run that was cut short, however it was, goes on when the same command is
-given again.
+metrics.json, best.ckpt, last.ckpt and config.yaml; with other data or another model than the default the folder is
+runs/<data>-<model>/<recipe>/seed<k>/. Its baseline, recipe `clean` with the same settings, is trained first, or reused
+where it was trained before. A run that was cut short, however it was, goes on when the same command is given again.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from omegaconf import DictConfig, OmegaConf
 from moireaug.evaluation import report
 from moireaug.evaluation.store import write_text
 from moireaug.fields import one_of
-from training import ranks, runs
+from training import adversaries, commands, ranks, reattack, runs, saved
 from training.adversaries import passes
 from training.batches import Batches
-from training.checkpoints import Keep, WholeFiles
+from training.checkpoints import Keep, Names, WholeFiles
 from training.classifier import Classifier
 from training.data import Splits, load
 from training.guard import Guard
-from training.reattack import attack_again, check, describe, from_run, publish
-from training.schema import Config, check_keys, register
+from training.reattack import attack_again, describe, publish
+from training.schema import Config, register
 from training.tuning import averaging, tuning
 
 
@@ -49,6 +49,8 @@ def fit(cfg: DictConfig) -> dict[str, Any]:
     """Train, attack again, report: one run, or what is left of it. Returns its metrics."""
     check(cfg)
     out = runs.folder(cfg)
+    if rank_zero_only.rank == 0:
+        runs.make(out)
     with runs.held(out):
         if cfg.resume is not False and runs.stage(cfg) == "finished":
             print(report.summary(known := runs.read_metrics(out)))
@@ -57,11 +59,25 @@ def fit(cfg: DictConfig) -> dict[str, Any]:
         return _fit(cfg, out)
 
 
+def check(cfg: DictConfig) -> None:
+    """Refuse settings before any time is spent.
+
+    Raises:
+        TypeError, ValueError: with what was got and what is allowed.
+    """
+    reattack.check(cfg)
+    adversaries.check(cfg.adversary)
+    one_of("train.init", cfg.train.init, ("random", "clean"))
+
+
 def _fit(cfg: DictConfig, out: Path) -> dict[str, Any]:
     twin = None if cfg.recipe == "clean" else runs.plain_twin(cfg)
     if cfg.resume and rank_zero_only.rank == 0:
         runs.insist(cfg, *([twin] if twin else []))
-    baseline = trained_twin(twin) if twin else None
+    baseline, beside = None, None
+    if twin:
+        baseline = trained_twin(twin)
+        beside = saved.read(runs.folder(twin)).model() if rank_zero_only.rank == 0 else None
 
     began = time.perf_counter()
     splits = load(cfg.data)
@@ -76,17 +92,21 @@ def _fit(cfg: DictConfig, out: Path) -> dict[str, Any]:
     began = time.perf_counter()
     rows = attack_again(model, splits, cfg, title=cfg.recipe)
     seconds["re-attack"] = time.perf_counter() - began
-    metrics = publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
+    metrics = publish(out, cfg, model, splits, rows, train=train, baseline=baseline, beside=beside, seconds=seconds)
     (out / "train.json").unlink(missing_ok=True)  # metrics.json holds it
     return metrics
 
 
 def trained_twin(twin: DictConfig) -> dict[str, Any]:
     """The baseline's metrics: from `runs/` where it was trained with the same settings before, else from training.
-    Where only the re-attack's settings differ, the weights that are there are attacked again."""
+    Where only the re-attack's settings differ, the weights that are there are attacked again. Damaged ones are moved
+    aside."""
     out = runs.folder(twin)
     known = runs.read_metrics(out)
     say = rank_zero_only(print)
+    if damage := saved.damage(twin):
+        say(f"The baseline is damaged and trained again: {damage}.")
+        return fit(OmegaConf.merge(twin, {"resume": False}))
     if known and (out / "best.ckpt").is_file():
         before, now = known.get("config") or {}, runs.settings(twin)
         if before == now:
@@ -96,7 +116,7 @@ def trained_twin(twin: DictConfig) -> dict[str, Any]:
             say(f"The baseline's weights are reused from {out} and attacked again: reattack.* has changed.")
             if rank_zero_only.rank != 0:
                 return known
-            return known | describe(attack_again(from_run(out)[0], load(twin.data), twin, title="clean"))
+            return known | describe(attack_again(saved.read(out).model(), load(twin.data), twin, title="clean"))
     say("The baseline comes first: recipe clean, with the same settings.")
     return fit(twin)
 
@@ -115,14 +135,14 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
         classifier.load_state_dict(runs.read_checkpoint(best)["state_dict"])
         print(f"Training is over: the weights are those of {best}.")
         return classifier.eval(), train
-    if one_of("train.init", cfg.train.init, ("random", "clean")) == "clean":
+    if cfg.train.init == "clean":
         if start is None:
             raise ValueError("train.init=clean starts from recipe clean, which has no such start itself: use random.")
         classifier.load_state_dict(runs.read_checkpoint(start / "best.ckpt")["state_dict"])
     before = runs.read_checkpoint(last)["history"] if resume else []
     if rank_zero_only.rank == 0:
         write_text(out / "config.yaml", OmegaConf.to_yaml(cfg, resolve=True))
-    trainer, batches = trainer_of(cfg, out), Batches(cfg, splits, first=len(before))
+    trainer, batches = trainer_of(cfg, out, splits.classes), Batches(cfg, splits, first=len(before))
     began = time.perf_counter()
     say = rank_zero_only(print)
     what = f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}"
@@ -153,7 +173,7 @@ def train_model(cfg: DictConfig, splits: Splits, out: Path, *, start: Path | Non
     return classifier.eval(), train
 
 
-def trainer_of(cfg: DictConfig, out: Path) -> L.Trainer:
+def trainer_of(cfg: DictConfig, out: Path, classes: dict[int, str]) -> L.Trainer:
     """Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder."""
     settings = OmegaConf.to_container(cfg.trainer)
     if settings["accelerator"] == "auto" and not torch.cuda.is_available():
@@ -163,7 +183,7 @@ def trainer_of(cfg: DictConfig, out: Path) -> L.Trainer:
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command goes on by itself
     best = Keep(out, "best", monitor="val_score", mode="max")
     callbacks = [
-        averaging(tuning(cfg)), best, Guard(out / "best.ckpt"), Keep(out, "last"),
+        averaging(tuning(cfg)), best, Guard(out / "best.ckpt"), Keep(out, "last"), Names(classes),
         TQDMProgressBar(leave=False),
     ]  # fmt: skip
     return L.Trainer(
@@ -176,23 +196,8 @@ def trainer_of(cfg: DictConfig, out: Path) -> L.Trainer:
 @hydra.main(version_base="1.3", config_path=None, config_name="root")
 def main(cfg: DictConfig) -> None:
     quiet()
-    try:
+    with commands.sentences(kept="Every whole epoch is kept"):
         fit(cfg)
-    except KeyboardInterrupt:
-        again = runs.command([a for a in sys.argv if not a.startswith("resume=")])
-        rank_zero_only(print)(f"\nInterrupted. Every whole epoch is kept, and the same command goes on:\n  {again}")
-        raise SystemExit(130) from None
-    except ConnectionError as error:  # the first process speaks for all
-        raise SystemExit(f"error: {error}" if rank_zero_only.rank == 0 else 1) from None
-    except (ValueError, TypeError, FloatingPointError, OSError) as error:
-        raise SystemExit(f"error: {sentence(error)}") from None
-
-
-def sentence(error: Exception) -> str:
-    """What an error says, without the traceback that a DataLoader's worker puts around it."""
-    if isinstance(error, OSError) and error.errno:  # the system's own words
-        return f"{error}. Every whole epoch is kept, and the same command goes on once this is mended."
-    return str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
 
 
 def quiet() -> None:
@@ -209,5 +214,4 @@ def quiet() -> None:
 
 register()
 if __name__ == "__main__":
-    check_keys(sys.argv[1:], Config)
-    main()
+    commands.run(main, Config)

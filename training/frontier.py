@@ -126,7 +126,7 @@ def main(argv: Sequence[str]) -> None:
     out = next((Path(a.removeprefix("out=")) for a in argv if a.startswith("out=")), root / "frontier")
     try:
         frontier(root, out)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise SystemExit(f"error: {error}") from None
 
 

@@ -70,12 +70,12 @@ def read(root: Path) -> Found:
     Raises:
         ValueError: no run, none attacked, runs or re-attacks that do not compare, or a file that lacks something.
     """
-    folders = sorted(p.parent for p in root.glob("*/*/metrics.json") if re.fullmatch(r"seed-?\d+", p.parent.name))
-    trained = {folder: m for folder in folders if (m := read_metrics(folder)) and "train" in m}
+    root, others = _group(root)
+    trained = {folder: m for folder in _seeds(root) if (m := read_metrics(folder)) and "train" in m}
     if not trained:
         raise ValueError(
             f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as training/fit.py writes them. "
-            "Pass the folder that runs= named."
+            "Pass the folder that runs= named, or one of other data or models in it."
         )
     try:
         settings = _same({folder: _settings(m) for folder, m in trained.items()}, "runs")
@@ -87,13 +87,35 @@ def read(root: Path) -> Found:
                 "\n  ".join([f"no run in {root} was attacked by suite=recipes in its own scene. Run:", *commands])
             )
         points = [_point(folder, trained, again) for folder, again in attacked.items()]
-        warnings = _warnings(trained, attacked)
-    except KeyError as error:
+        warnings = _warnings(trained, attacked) + others
+    except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
             f"a metrics.json in {root} lacks {error}: another version of this project wrote it. Train and attack again."
         ) from error
     shared = {"data": _data(trained.values()), "model": settings["model"], "scene": settings["scene"]}
     return Found(points, shared | {k.removeprefix("reattack."): v for k, v in protocol.items()}, commands, warnings)
+
+
+def _seeds(root: Path) -> list[Path]:
+    """The folders <recipe>/seed<k> of a folder that hold a finished run."""
+    return sorted(p.parent for p in root.glob("*/*/metrics.json") if re.fullmatch(r"seed-?\d+", p.parent.name))
+
+
+def _group(root: Path) -> tuple[Path, list[str]]:
+    """The folder whose runs are read, and a note on those of other data or models, which do not compare with them.
+
+    Raises:
+        ValueError: nothing but groups of runs, of which one must be chosen.
+    """
+    groups = [path for path in sorted(root.glob("*")) if path.is_dir() and _seeds(path)]
+    if not groups:
+        return root, []
+    named = ", ".join(shlex.quote(str(path)) for path in groups)
+    if _seeds(root):
+        return root, [f"Runs of other data or models are left out; for a table of these pass {named}."]
+    if len(groups) == 1:
+        return groups[0], []
+    raise ValueError(f"{root} holds runs of several data sets or models, which do not compare: pass one of {named}.")
 
 
 def _data(metrics: Iterable[Metrics]) -> str:

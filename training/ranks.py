@@ -6,7 +6,6 @@ import contextlib
 import os
 import re
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +14,8 @@ import lightning as L
 from lightning.pytorch.plugins.environments import LightningEnvironment
 from lightning.pytorch.strategies.launchers import subprocess_script
 from torch.distributed import DistError
+
+from training.commands import complain
 
 LOST = (
     "another process of this run was lost: it was killed, ran out of memory, or has said above what it met. Every "
@@ -33,6 +34,7 @@ def together(trainer: L.Trainer) -> Iterator[None]:
     Raises:
         ConnectionError: another process was lost.
     """
+    _ending.clear()  # of another job of the same sweep
     # Lightning's observer kills this process without a word
     subprocess_script._launch_process_observer = _observe
     environment = getattr(trainer.strategy, "cluster_environment", None)
@@ -44,6 +46,7 @@ def together(trainer: L.Trainer) -> Iterator[None]:
         _ending.set()
         for child in _children:
             child.kill()
+        _children.clear()
         if isinstance(error, RuntimeError) and (isinstance(error, DistError) or re.search(_SAID, str(error))):
             raise ConnectionError(f"{LOST} ({str(error).splitlines()[0]})") from error
         raise
@@ -61,7 +64,7 @@ def _end_with_children() -> None:
     if not _ending.wait(GRACE):
         for child in _children:
             child.kill()
-        print(f"error: {LOST}", file=sys.stderr, flush=True)
+        complain(f"error: {LOST}")
         os._exit(1)
 
 

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import hydra
 import torch
 import torchvision
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from torch import nn
 from tqdm import tqdm
 
@@ -35,11 +35,11 @@ from moireaug.evaluation.store import write_text
 from moireaug.evaluation.suites import GROUPS, SUITES
 from moireaug.evaluation.sweep import Index, complete, sweep
 from moireaug.fields import one_of
-from training import runs
+from training import bounds, commands, overrides, runs, saved
 from training.classifier import as_model
-from training.data import Splits, load
+from training.data import AUGMENT, Splits, load
 from training.places import Places
-from training.schema import ReattackConfig, check_keys, register, scene_of
+from training.schema import ReattackConfig, register, scene_of
 from training.suites import evaluate
 
 
@@ -54,12 +54,10 @@ def check(cfg: DictConfig) -> None:
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
-    scene, r = scene_of(cfg), cfg.reattack
-    for name in ("n", "batch_size"):
-        if r[name] is not None and r[name] < 1:
-            raise ValueError(f"reattack.{name} must be at least 1; got {r[name]}.")
+    bounds.check(cfg)
     one_of("suite", cfg.get("suite", "ladder"), ("ladder", *SUITES, *GROUPS, "trust"))
-    MoireAttack(model=torch.nn.Identity(), scene=scene, eps=list(r.eps), steps=r.steps)
+    one_of("data.augment", cfg.data.augment, AUGMENT)
+    MoireAttack(model=torch.nn.Identity(), scene=scene_of(cfg), eps=list(cfg.reattack.eps), steps=cfg.reattack.steps)
 
 
 def scene_name(cfg: DictConfig) -> str:
@@ -96,14 +94,18 @@ def publish(
     *,
     train: dict[str, Any] | None,
     baseline: dict[str, Any] | None,
+    beside: nn.Module | None,
     seconds: dict[str, float],
 ) -> dict[str, Any]:
-    """Write report.html, then metrics.json, and print the summary. Returns the metrics."""
-    out.mkdir(parents=True, exist_ok=True)
+    """Write report.html, then metrics.json, and print the summary. Returns the metrics.
+
+    Args:
+        baseline: what is known of the baseline, with its rows. beside: its model, for the pictures.
+    """
     began = time.perf_counter()
-    models = {cfg.model if cfg.recipe == "pretrained" else cfg.recipe: model} | (
-        {"clean": beside(cfg, baseline, splits)} if baseline else {}
-    )
+    models = {cfg.model if cfg.recipe == "pretrained" else cfg.recipe: model}
+    if beside is not None:
+        models["clean"] = beside.to(device(cfg)).eval()
     images, labels = Places(splits, cfg, device(cfg))[0]
     shown = examples(models, images[:4], labels[:4], scene_of(cfg), middle(cfg.reattack.eps),
                      cfg.reattack.steps, splits.classes, seed=cfg.reattack.seed)  # fmt: skip
@@ -147,93 +149,76 @@ def describe(rows: list[Row]) -> dict[str, Any]:
     return {"clean_accuracy": rows[0].accuracy, "reattack": [r.to_dict() for r in rows], "correct": outcomes}
 
 
-def beside(cfg: DictConfig, baseline: dict[str, Any], splits: Splits) -> nn.Module:
-    """The baseline's model, for the pictures."""
-    return from_run(Path(cfg.runs) / baseline["recipe"] / f"seed{baseline['seed']}", splits.num_classes)[0]
-
-
-def from_run(run: Path, num_classes: int | None = None) -> tuple[nn.Module, DictConfig]:
-    """The best model of a run, and the settings it was trained with.
-
-    Raises:
-        ValueError: no run there, or a checkpoint that cannot be read.
-    """
-    if not (run / "config.yaml").is_file() or not (run / "best.ckpt").is_file():
-        raise ValueError(
-            f"run={run} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py writes them."
-        )
-    if not (run / "metrics.json").is_file():
-        print(f"note: the run in {run} was not finished; its best checkpoint so far is attacked.")
-    cfg = OmegaConf.load(run / "config.yaml")
-    state = runs.read_checkpoint(run / "best.ckpt")["state_dict"]
-    state = {k.removeprefix("model."): v for k, v in state.items()}
-    head = next(v for k, v in reversed(state.items()) if k.endswith("weight"))
-    model = as_model(cfg.model, num_classes or len(head), None)
-    try:
-        model.load_state_dict(state)
-    except RuntimeError as error:
-        raise ValueError(f"{run / 'best.ckpt'} does not fit {cfg.model} with {num_classes} classes: {error}") from error
-    return model.to(device(cfg)).eval(), cfg
-
-
 def reattack(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
     """Attack a run or a named model; returns the metrics.
 
     Args:
         cfg: the composed configuration. given: the overrides on the command line, which go before a run's own settings.
+
+    Raises:
+        TypeError, ValueError: what cannot be followed, before any time is spent.
     """
+    overrides.check(cfg, given)
+    return _attack_weights(cfg) if cfg.run is None else _attack_run(cfg, given)
+
+
+def _attack_weights(cfg: DictConfig) -> dict[str, Any]:
     check(cfg)
-    began, baseline, train = time.perf_counter(), None, None
-    if cfg.run is None:
-        if cfg.weights is None:
-            raise ValueError(
-                "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE (or torchvision's "
-                "name of weights, such as DEFAULT)."
-            )
-        splits = load(cfg.data)
-        model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True).to(device(cfg)).eval()
-        splits = splits._replace(classes=(cfg.data.class_index and published_names(cfg.model)) or splits.classes)
-        out, title = Path(cfg.runs) / "reattack" / cfg.model, cfg.model
-        if cfg.suite != "ladder":
-            return evaluate(model, splits, cfg, out / scene_name(cfg))
-    else:
-        run = Path(cfg.run)
-        model, own = from_run(run)
-        known, train = None, (runs.read_metrics(run) or {}).get("train")
-        if own.recipe != "clean":
-            twin = run.parent.parent / "clean" / f"seed{own.seed}"
-            known = runs.read_metrics(twin)
-            if known and known["fingerprint"] != runs.fingerprint(runs.settings(runs.plain_twin(own))):
-                print(f"{twin} was trained with other settings: no baseline is attacked beside this run.")
-                known = None
-        own = OmegaConf.merge({"suite": "ladder", "targets": None, "demoire": None}, own)
-        for key in (o.lstrip("+~").split("=", 1)[0] for o in given):
-            if key != "run":
-                OmegaConf.update(own, key, OmegaConf.select(cfg, key))
-        own.runs = str(run.parent.parent)
-        cfg, splits, title = own, load(own.data), own.recipe
-        out = run / "reattack" / scene_name(cfg)
-        if cfg.suite != "ladder":
-            return evaluate(model, splits, cfg, out)
-        if known:
-            plainly, _ = from_run(twin)
-            baseline = known | describe(attack_again(plainly, splits, cfg, title="clean"))
+    if cfg.weights is None:
+        raise ValueError(
+            "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE (or torchvision's "
+            "name of weights, such as DEFAULT)."
+        )
+    out = Path(cfg.runs) / "reattack" / cfg.model
+    runs.make(out)
+    began = time.perf_counter()
+    splits = load(cfg.data)
+    model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True).to(device(cfg)).eval()
+    splits = splits._replace(classes=(cfg.data.class_index and published_names(cfg.model)) or splits.classes)
+    if cfg.suite != "ladder":
+        return evaluate(model, splits, cfg, out / scene_name(cfg))
     seconds = {"data": time.perf_counter() - began}
     began = time.perf_counter()
-    rows = attack_again(model, splits, cfg, title=title)
+    rows = attack_again(model, splits, cfg, title=cfg.model)
     seconds["re-attack"] = time.perf_counter() - began
-    return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, seconds=seconds)
+    return publish(out, cfg, model, splits, rows, train=None, baseline=None, beside=None, seconds=seconds)
+
+
+def _attack_run(cfg: DictConfig, given: list[str]) -> dict[str, Any]:
+    found = saved.read(Path(cfg.run))
+    cfg = overrides.onto(found.cfg, cfg, given)
+    check(cfg)
+    out = found.folder / "reattack" / scene_name(cfg)
+    runs.make(out)
+    if not (found.folder / "metrics.json").is_file():
+        print(f"note: the run in {found.folder} was not finished; its best checkpoint so far is attacked.")
+    began = time.perf_counter()
+    splits = load(cfg.data)
+    found.check_classes(splits, cfg.data)
+    model = found.model()
+    if cfg.suite != "ladder":
+        return evaluate(model, splits, cfg, out)
+    seconds = {"data": time.perf_counter() - began}
+    baseline, beside = None, None
+    if twin := saved.baseline_of(found):
+        twin.check_classes(splits, cfg.data)
+        beside = twin.model()
+        baseline = {"recipe": "clean", "seed": twin.cfg.seed, "data": twin.cfg.data.name, "model": twin.cfg.model,
+                    "train": saved.trained(twin.folder)}  # fmt: skip
+        baseline |= describe(attack_again(beside, splits, cfg, title="clean"))
+    began = time.perf_counter()
+    rows = attack_again(model, splits, cfg, title=cfg.recipe)
+    seconds["re-attack"] = time.perf_counter() - began
+    train = saved.trained(found.folder)
+    return publish(out, cfg, model, splits, rows, train=train, baseline=baseline, beside=beside, seconds=seconds)
 
 
 @hydra.main(version_base="1.3", config_path=None, config_name="reattack")
 def main(cfg: DictConfig) -> None:
-    try:
+    with commands.sentences(kept="A suite keeps every record"):
         reattack(cfg, list(hydra.core.hydra_config.HydraConfig.get().overrides.task))
-    except (ValueError, TypeError) as error:
-        raise SystemExit(f"error: {error}") from None
 
 
 register()
 if __name__ == "__main__":
-    check_keys(sys.argv[1:], ReattackConfig)
-    main()
+    commands.run(main, ReattackConfig)

@@ -9,8 +9,10 @@ import itertools
 import json
 import os
 import platform
+import re
 import shlex
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -20,7 +22,9 @@ import torch
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
-from training.schema import RECIPES, Adversary, Config
+from training.files import read_checkpoint as read_checkpoint
+from training.files import read_json, read_metrics, read_settings
+from training.schema import HOME, RECIPES, Adversary, Config
 
 try:
     import fcntl
@@ -44,43 +48,45 @@ def fingerprint(values: Mapping[str, Any]) -> str:
 
 
 def folder(cfg: DictConfig | Config) -> Path:
-    return Path(cfg.runs) / cfg.recipe / f"seed{cfg.seed}"
+    """Where a run is kept: `runs`/<recipe>/seed<k>, and for other than the default data and model, whose runs do not
+    compare with these, `runs`/<data>-<model>/<recipe>/seed<k>, of which the default one is left out."""
+    return Path(cfg.runs) / group(cfg) / cfg.recipe / f"seed{cfg.seed}"
+
+
+def group(cfg: DictConfig | Config) -> str:
+    """The runs that compare with this one: "" for the default data and model, else what differs."""
+    data, model = cfg.data.name, cfg.model
+    if data == "folder" and cfg.data.root:
+        own = re.sub(r"[^\w.-]+", "_", Path(cfg.data.root).resolve().name)
+        data = f"folder-{own}"
+    return "-".join(name for name, home in zip((data, model), HOME, strict=True) if name != home)
+
+
+def make(path: Path) -> None:
+    """Make a folder, and see that files can be written there, before anything is spent on what goes into it.
+
+    Raises:
+        ValueError: a file in its place, or a disk that is full or may not be written.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path) as file:
+            file.write(bytes(4096))
+            file.flush()
+    except (FileExistsError, NotADirectoryError):
+        raise ValueError(
+            f"{path} cannot be a folder: there is a file of that name, or of one above it. Move it, or pass runs=DIR."
+        ) from None
+    except OSError as error:
+        raise ValueError(
+            f"{path} cannot be written ({error.strerror}): mend that, or pass runs=DIR on another disk."
+        ) from error
 
 
 def plain_twin(cfg: DictConfig) -> DictConfig:
     """Recipe `clean` with all else as in this run."""
     plain = OmegaConf.load(RECIPES / "clean.yaml")
     return OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean", "resume": None})
-
-
-def read_checkpoint(path: Path) -> dict[str, Any]:
-    """A Lightning checkpoint, on the CPU.
-
-    Raises:
-        ValueError: a file that is missing or damaged.
-    """
-    try:
-        found = torch.load(path, map_location="cpu", weights_only=True)
-        found["state_dict"], found["epoch"]
-        return found
-    except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, RuntimeError, KeyError ...
-        raise ValueError(
-            f"The checkpoint {path} could not be read ({type(error).__name__}). It may be missing or damaged: train "
-            "again with resume=false, which moves what is there aside, or name another run."
-        ) from error
-
-
-def read_metrics(path: Path) -> dict[str, Any] | None:
-    """The metrics of a whole run, or None where there is none; `metrics.json` is written last."""
-    return read_json(path / "metrics.json")
-
-
-def read_json(path: Path) -> dict[str, Any] | None:
-    """What a file holds, or None where it is missing or damaged."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
 
 
 def stage(cfg: DictConfig) -> str:
@@ -103,7 +109,7 @@ def stage(cfg: DictConfig) -> str:
 def _mark(path: Path) -> str | None:
     """The fingerprint of the run that a folder holds."""
     try:
-        return fingerprint(settings(OmegaConf.load(path / "config.yaml")))  # type: ignore[arg-type]
+        return fingerprint(settings(OmegaConf.create(read_settings(path / "config.yaml"))))
     except FileNotFoundError:
         return None
     except Exception:  # not YAML, or not a run's

@@ -123,11 +123,8 @@ class ReattackConfig(Config):
     demoire: str | None = None  # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
 
 
-QUIET = {
-    "run": {"dir": "${runs}/${recipe}/seed${seed}"},
-    "sweep": {"dir": "${runs}", "subdir": "${recipe}/seed${seed}"},
-    "output_subdir": None,
-}
+HOME = ("signs", Config.model)  # data and model whose runs need no folder of their own
+QUIET = {"run": {"dir": "."}, "sweep": {"dir": "${runs}", "subdir": "."}, "output_subdir": None}
 
 
 def scene_of(cfg: Any) -> Scene:
@@ -154,6 +151,8 @@ def check_keys(overrides: list[str], schema: type[Config]) -> None:
                     raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
                 part = one_of(f"a key in {key!r}", part, map(str, node))
                 node = None if OmegaConf.is_missing(node, part) else node[part]
+            if key == "recipe" and schema is ReattackConfig:
+                raise ValueError("recipe= says how a model is trained, and this one is only attacked: leave it out.")
             known = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}.get(key)
             for name in value.split(",") if known else ():
                 one_of(key, name, sorted(known))
@@ -171,9 +170,8 @@ def register() -> None:
         node = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
         store.store(group="recipe", name=path.stem, package="_global_", node=node)
     silent = [{"override hydra/job_logging": "disabled"}, {"override hydra/hydra_logging": "disabled"}]
-    defaults = ["schema", {"data": "signs"}, {"recipe": "clean"}, "_self_"]
+    defaults = ["schema", {"data": HOME[0]}, {"recipe": "clean"}, "_self_"]
     store.store(name="root", node={"defaults": [*defaults, *silent], "hydra": QUIET})
     store.store(name="reattack_schema", node=ReattackConfig)
-    still = QUIET | {"run": {"dir": "."}}
-    defaults = ["reattack_schema", {"data": "signs"}, "_self_", *silent]
-    store.store(name="reattack", node={"defaults": defaults, "hydra": still})
+    defaults = ["reattack_schema", {"data": HOME[0]}, "_self_", *silent]
+    store.store(name="reattack", node={"defaults": defaults, "hydra": QUIET})

@@ -32,10 +32,11 @@ from moireaug.evaluation.store import Store, write_text
 from moireaug.evaluation.suites import tables_of
 from moireaug.evaluation.sweep import MODEL, Index, Job, complete, digest, sweep
 from moireaug.evaluation.table import Table
-from training import runs
+from training import runs, saved
 from training.classifier import as_model
 from training.data import Splits
 from training.models import names
+from training.overrides import USES
 from training.places import Places
 from training.schema import scene_of
 
@@ -109,16 +110,16 @@ def _targets(cfg: DictConfig, splits: Splits, device: torch.device) -> dict[str,
     Raises:
         ValueError: a target that is neither a model's name with weights nor a run.
     """
-    if cfg.suite not in ("transfer", "paper", "trust"):
+    if cfg.suite not in USES["targets"]:
         return {}
     if cfg.targets is not None and not OmegaConf.is_dict(cfg.targets):
         raise ValueError(f"targets={cfg.targets!r} must be names with weights, as in targets='{{resnet18: FILE}}'.")
     found: dict[str, nn.Module | None] = {}
     for name, weights in (cfg.targets or {}).items():
-        if weights is not None and (Path(weights) / "best.ckpt").is_file():
-            from training.reattack import from_run
-
-            found[name] = from_run(Path(weights), splits.num_classes)[0].to(device)
+        if isinstance(weights, str) and (Path(weights) / "best.ckpt").is_file():
+            run = saved.read(Path(weights))
+            run.check_classes(splits, cfg.data)
+            found[name] = run.model().to(device)
         elif name in names():
             found[name] = weights and as_model(name, splits.num_classes, weights, whole=True).to(device).eval()
         else:
@@ -163,6 +164,7 @@ def _with_defences(
     given: Given, cfg: DictConfig, splits: Splits, batches: Places, folder: Path, fabric: L.Fabric
 ) -> Given:
     """The paper's defences, image quilting from training images, and a network against moiré where one is named."""
+    network = _callable(cfg.demoire, fabric.device) if cfg.demoire else None  # before a patch bank is made
     defences: dict[str, Defence] = {name: make() for name, make in DEFENSES.items()}
     without: dict[str, str] = {}
     if cfg.suite in ("defences", "paper"):
@@ -174,8 +176,8 @@ def _with_defences(
             defences["quilting"] = _quilting(images, folder)
         else:
             without["Quilting"] = "there are no images to make its patch bank from beside those attacked"
-    if cfg.demoire:
-        defences["demoire"] = Compose((_callable(cfg.demoire, fabric.device),))
+    if network is not None:
+        defences["demoire"] = Compose((network,))
     return dataclasses.replace(given, defences=defences, without=without)
 
 

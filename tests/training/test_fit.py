@@ -7,10 +7,10 @@ import torch
 from omegaconf import OmegaConf
 
 from tests.training.small import TINY, command, configured, train
-from training import fit, reattack, runs
+from training import fit, reattack, runs, saved
 from training.classifier import Classifier
 from training.data import augment, load
-from training.schema import Config, check_keys
+from training.schema import Config, ReattackConfig, check_keys
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -177,6 +177,11 @@ def test_an_unknown_key_gets_the_nearest_one(override, sentence):
     assert sentence in str(error.value)
 
 
+def test_a_recipe_is_not_given_to_an_attack():
+    with pytest.raises(SystemExit, match="error: recipe= says how a model is trained"):
+        check_keys(["recipe=moire_at"], ReattackConfig)
+
+
 def test_an_interrupted_baseline_is_resumed_and_then_its_recipe_begins(tmp_path, monkeypatch):
     cfg = configured("recipe=moire_aug", *TINY, "train.epochs=1", f"runs={tmp_path}")
     twin = runs.plain_twin(cfg)
@@ -204,7 +209,7 @@ def test_a_damaged_checkpoint_gets_a_sentence(damage, whole, tmp_path):
     else:
         best.write_bytes(best.read_bytes()[: 5000 if damage == "cut" else 0] + b"\x00" * 64)
     with pytest.raises(ValueError, match=r"is not a run's folder|could not be read"):
-        reattack.from_run(run)
+        saved.read(run)
 
 
 def test_a_nan_loss_stops_with_a_sentence(tmp_path):

@@ -70,5 +70,5 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
 def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
     for name, value in {"NTASKS": "1", "PROCID": "0", "LOCALID": "0", "NODEID": "0", "JOB_ID": "1"}.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
-    environment = fit.trainer_of(configured(*TINY), tmp_path)._accelerator_connector.cluster_environment
+    environment = fit.trainer_of(configured(*TINY), tmp_path, {})._accelerator_connector.cluster_environment
     assert isinstance(environment, SLURMEnvironment) and not environment.auto_requeue

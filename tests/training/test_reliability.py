@@ -14,7 +14,7 @@ from torchvision.io import write_png
 
 from tests.conftest import THREADS
 from tests.training.small import LONG, TINY, command, configured, epoch, same, start, train, wait, weights
-from training import checkpoints, fit, runs
+from training import checkpoints, commands, fit, runs
 from training.classifier import Classifier
 from training.data import load
 
@@ -68,10 +68,10 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
 
 
 def test_the_systems_own_errors_say_how_to_go_on():
-    full = fit.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
+    full = commands.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
     assert "No space left" in full and "runs/report.html" in full and "the same command goes on" in full
-    assert fit.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n")) == "this."
-    assert fit.sentence(ValueError("this.")) == "this."
+    assert commands.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n")) == "this."
+    assert commands.sentence(ValueError("this.")) == "this."
 
 
 def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight):

@@ -1,0 +1,85 @@
+"""Numbers that no training or attack can use are refused before anything is spent."""
+
+import contextlib
+import dataclasses
+
+import pytest
+from omegaconf import OmegaConf
+
+from tests.training.small import configured
+from training import bounds, fit
+from training.schema import Config
+
+NUMBERS = ("int", "float")
+
+
+def numeric_fields():
+    found = []
+    for outer in dataclasses.fields(Config):
+        if dataclasses.is_dataclass(outer.default_factory):
+            inner = dataclasses.fields(outer.default_factory)
+            found += [f"{outer.name}.{f.name}" for f in inner if f.type.split(" | ")[0] in NUMBERS]
+        elif outer.type.split(" | ")[0] in NUMBERS:
+            found.append(outer.name)
+    return found
+
+
+def test_every_number_of_the_schema_has_bounds():
+    assert sorted(numeric_fields()) == sorted(bounds.BOUNDS)
+
+
+def test_every_default_and_recipe_is_within_them():
+    for recipe in ("clean", "moire_at", "moire_free", "moire_worst", "pgd_fast"):
+        for data in ("signs", "cifar10", "folder"):
+            fit.check(configured(f"recipe={recipe}", f"data={data}"))
+
+
+@pytest.fixture(scope="module")
+def untyped():
+    return OmegaConf.to_container(configured())
+
+
+@pytest.mark.parametrize("key", bounds.BOUNDS)
+def test_a_number_beyond_its_bounds_is_refused(key, untyped):
+    low, high = bounds.BOUNDS[key]
+    tried = [low - 1, float("nan"), float("inf")] + ([] if high is None else [high * 1.01 + 1])
+    for value in tried:
+        loose = OmegaConf.create(untyped)
+        OmegaConf.update(loose, key, value)
+        with pytest.raises(ValueError, match=rf"{key} must be (at least {low}|in \[{low}, {high}\]); got"):
+            bounds.check(loose)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("train.batch_size=0", "train.batch_size must be at least 1; got 0"),
+        ("train.epochs=0", "train.epochs must be at least 1"),
+        ("train.lr=1e9", r"train.lr must be in \[1e-08, 10\]; got 1000000000.0"),
+        ("train.lr=nan", "train.lr must be in"),
+        ("data.train=0", "data.train must be at least 1"),
+        ("seed=-1", r"seed must be in \[0, 4294967295\]"),
+        ("trainer.devices=99999", "trainer.devices must be 1 to .* or auto; got 99999"),
+        ("trainer.devices=0", "trainer.devices must be 1 to"),
+        ("trainer.devices=1.5", "trainer.devices must be 1 to"),
+        ("reattack.steps=-1", "reattack.steps must be in"),
+        ("reattack.eps=[nan]", "eps must be a number"),
+        ("reattack.eps=[-0.1]", "eps must be a number"),
+        ("adversary.share=2", "adversary.share must be in"),
+        ("adversary.replays=2", "replays an attack's noise"),
+        ("train.init=cleen", "Did you mean 'clean'"),
+        ("data.augment=flip", "data.augment must be one of"),
+    ],
+)
+def test_nothing_is_begun(override, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        fit.fit(configured("recipe=moire_aug" if "replays" in override else "recipe=moire_at", override,
+                           "trainer.accelerator=cpu", f"runs={tmp_path / 'runs'}"))  # fmt: skip
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(("devices", "fine"), [(1, 1), (2, 1), ("2", 1), ("auto", 1), (-1, 1), ("99999", 0), (None, 0)])
+def test_devices_that_are_there_are_taken(devices, fine, untyped):
+    cfg = OmegaConf.create(untyped | {"trainer": {"accelerator": "cpu", "devices": devices, "num_nodes": 1}})
+    with contextlib.nullcontext() if fine else pytest.raises(ValueError, match=r"trainer\.devices must be 1 to"):
+        bounds.check(cfg)

@@ -1,0 +1,109 @@
+"""Errors of the commands stand on lines of their own, disks are tried first, and sweeps outlive a failed job."""
+
+import errno
+import io
+import os
+import sys
+import tempfile
+
+import pytest
+from tqdm import tqdm
+
+from tests.training.small import TINY, command, configured
+from tests.training.strangers import put
+from training import commands, fit, reattack, runs, suites
+
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
+SWEEP = """
+import sys
+sys.path.insert(0, {root!r})
+from training import fit
+def job(cfg):
+    if cfg.seed == 1:
+        raise ValueError("seed 1 is odd.")
+    if cfg.seed == 2:
+        raise ZeroDivisionError("nobody expects it")
+    print("done", cfg.recipe, cfg.seed)
+fit.fit = job
+fit.commands.run(fit.main, fit.Config)
+"""
+
+
+def swept(tmp_path, *overrides):
+    import subprocess
+
+    from tests.training.small import ROOT
+
+    script = tmp_path / "sweep.py"
+    script.write_text(SWEEP.format(root=str(ROOT)))
+    return subprocess.run([sys.executable, str(script), *overrides], cwd=tmp_path, capture_output=True, text=True)
+
+
+def test_a_sweep_goes_on_after_a_failed_job_and_lists_what_failed(tmp_path):
+    done = swept(tmp_path, "-m", "recipe=clean,moire_at", "seed=0,1,2,3")
+    said = [line for line in done.stdout.splitlines() if line.startswith("done")]
+    assert said == ["done clean 0", "done clean 3", "done moire_at 0", "done moire_at 3"]
+    assert done.returncode == 1
+    *_, tail = done.stderr.rpartition("error: 4 of the sweep's jobs failed:\n")
+    assert tail.splitlines() == [
+        "  recipe=clean seed=1: seed 1 is odd.",
+        "  recipe=clean seed=2: nobody expects it",
+        "  recipe=moire_at seed=1: seed 1 is odd.",
+        "  recipe=moire_at seed=2: nobody expects it",
+    ]
+    assert "ZeroDivisionError" in done.stderr, "what nobody expected keeps its traceback"
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_an_error_begins_a_line_below_a_progress_bar(stream, monkeypatch):
+    out, err = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(sys, "stdout", commands.Lines(out))
+    monkeypatch.setattr(sys, "stderr", commands.Lines(err))
+    commands.complain("error: first")
+    assert err.getvalue() == "error: first\n" and not out.getvalue()
+    bar = tqdm(total=3, file=getattr(sys, stream), leave=False, mininterval=0)
+    bar.update()
+    commands.complain("error: second")
+    assert (out if stream == "stdout" else err).getvalue().count("\n") == (1 if stream == "stdout" else 3)
+    assert "error: second" in err.getvalue().split("\n")
+    bar.close()
+    commands.complain("error: third")
+    assert "error: third" in err.getvalue().split("\n")
+
+
+@pytest.mark.parametrize(("script", "more"), [("fit.py", ["-m"]), ("reattack.py", [])])
+def test_a_file_where_a_folder_should_be_gets_a_sentence(script, more, tmp_path):
+    (tmp_path / "there").touch()
+    given = ["recipe=clean"] if script == "fit.py" else ["model=small_resnet", "weights=FILE"]
+    failed = command(script, *more, *given, "runs=there", cwd=tmp_path)
+    assert failed.returncode == 1 and "Traceback" not in failed.stderr
+    assert any(line.startswith("error: there") for line in failed.stderr.split("\n"))
+    assert "cannot be a folder: there is a file of that name" in failed.stderr
+
+
+@pytest.mark.parametrize("number", [errno.EROFS, errno.ENOSPC, errno.EACCES])
+@pytest.mark.parametrize("job", ["fit", "reattack"])
+def test_a_disk_that_takes_nothing_is_found_before_the_work(number, job, tmp_path, monkeypatch):
+    def refuse(dir):
+        raise OSError(number, os.strerror(number))
+
+    folder = put(tmp_path)
+    for module in (fit, reattack, suites):
+        monkeypatch.setattr(module, "load", lambda *args: pytest.fail("time was spent"), raising=False)
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
+    with pytest.raises(ValueError, match=rf"cannot be written \({os.strerror(number)}\): mend that, or pass runs="):
+        if job == "fit":
+            fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'new'}"))
+        else:
+            reattack.reattack(configured(f"run={folder}", name="reattack"), [f"run={folder}"])
+
+
+def test_a_disk_that_fills_while_an_attack_is_written_gets_a_sentence():
+    full = commands.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
+    assert "runs/report.html" in full and "the same command goes on" in full
+
+
+def test_a_probe_leaves_nothing_behind(tmp_path):
+    runs.make(tmp_path / "a/b")
+    assert not list((tmp_path / "a/b").iterdir())

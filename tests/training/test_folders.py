@@ -1,0 +1,78 @@
+"""Each model and data set has folders of its own; a baseline that is damaged is trained again."""
+
+import pytest
+
+from tests.training.small import TINY, configured
+from tests.training.strangers import put
+from tests.training.test_frontier import put as put_point
+from training import fit, overrides, runs, saved
+from training.points import read
+
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
+
+@pytest.mark.parametrize(
+    ("given", "path"),
+    [
+        ([], "runs/clean/seed0"),
+        (["recipe=moire_at", "seed=3", "runs=there"], "there/moire_at/seed3"),
+        (["model=resnet18"], "runs/resnet18/clean/seed0"),
+        (["data=cifar10"], "runs/cifar10/clean/seed0"),
+        (["data=cifar10", "model=resnet18"], "runs/cifar10-resnet18/clean/seed0"),
+        (["data=folder", "data.root=some/where"], "runs/folder-where/clean/seed0"),
+        (["data=folder", "data.root='some/one s/..odd $name'"], "runs/folder-..odd_name/clean/seed0"),
+        (["data.size=32", "train.lr=0.05"], "runs/clean/seed0"),
+    ],
+)
+def test_models_and_data_do_not_share_a_folder(given, path):
+    cfg = configured(*given)
+    assert str(runs.folder(cfg)) == path
+    assert runs.folder(runs.plain_twin(cfg)).parent.parent == runs.folder(cfg).parent.parent
+
+
+def test_a_frontier_is_of_one_group_of_runs(tmp_path):
+    put_point(tmp_path / "resnet18", "clean", 0)
+    assert len(read(tmp_path).points) == 1, "the only group is meant"
+    put_point(tmp_path / "cifar10", "clean", 0)
+    with pytest.raises(ValueError, match=r"which do not compare: pass one of \S+/cifar10, \S+/resnet18"):
+        read(tmp_path)
+    put_point(tmp_path, "clean", 0)
+    put_point(tmp_path, "good", 0)
+    found = read(tmp_path)
+    assert len(found.points) == 2
+    assert found.warnings[0].startswith("Runs of other data or models are left out; for a table of these pass ")
+    assert len(read(tmp_path / "resnet18").points) == 1
+
+
+@pytest.mark.parametrize("torn", ["best.ckpt", "config.yaml", "nothing"])
+def test_a_damaged_baseline_is_trained_again(torn, tmp_path, monkeypatch, capsys):
+    twin = configured("recipe=clean", *TINY, f"runs={tmp_path}")
+    folder = put(tmp_path)
+    (folder / "metrics.json").write_text('{"config": {}}')
+    (folder / "last.ckpt").write_bytes((folder / "best.ckpt").read_bytes())
+    assert saved.damage(twin) is None
+    if torn != "nothing":
+        path = folder / torn
+        path.write_bytes(path.read_bytes()[:40])
+    trained = []
+    monkeypatch.setattr(fit, "fit", lambda cfg: trained.append(cfg) or {})
+    fit.trained_twin(twin)
+    assert len(trained) == 1
+    if torn == "nothing":
+        assert trained[0].resume is None
+        return
+    assert "The baseline is damaged and trained again: " in capsys.readouterr().out
+    assert trained[0].resume is False and trained[0].recipe == "clean"
+    runs.prepare(trained[0])
+    assert not any(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 1, "nothing is lost"
+
+
+def test_a_command_line_gives_the_settings_back():
+    for given in (
+        ["recipe=clean"],
+        ["recipe=moire_at", "data=folder", "data.root='a b/c'", "train.lr=1e-5", "reattack.eps=[0.01, 0.02]"],
+        ["recipe=moire_free", "scene={preset: paper, view: {roll: [-3, 3]}}", "model=resnet18", "data.train=null"],
+        ["recipe=pgd_at", "trainer.precision=bf16-mixed", "train.batch_statistics=true", "seed=3"],
+    ):
+        cfg = configured(*given)
+        assert configured(*overrides.command_line(cfg)) == cfg

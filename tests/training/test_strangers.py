@@ -1,0 +1,219 @@
+"""A run's folder from a stranger is data; and what an attack on it cannot obey is refused before it begins."""
+
+import json
+import os
+import sys
+
+import pytest
+import torch
+import yaml
+
+from tests.training.small import TINY, command, configured
+from tests.training.strangers import images, put
+from training import overrides, reattack, runs, saved, signs, suites
+
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
+MODULE = "import pathlib\npathlib.Path(__file__).with_name('it_ran').touch()\ndef clean(images):\n    return images\n"
+
+
+def attack(folder, *given):
+    given = [f"run={folder}", "trainer.accelerator=cpu", *given]
+    return reattack.reattack(configured(*given, name="reattack"), given)
+
+
+@pytest.fixture
+def nothing_attacked(monkeypatch):
+    """No time may be spent."""
+    for module, name in ((reattack, "climb"), (suites, "sweep"), (reattack, "load")):
+        monkeypatch.setattr(module, name, lambda *args, **settings: pytest.fail("time was spent"))
+
+
+def added(line):
+    return lambda text: f"{text}{line}\n"
+
+
+HOSTILE = [
+    (added("demoire: stranger:clean"), "Key 'demoire' not in 'Config'"),
+    (added("suite: defences"), "Key 'suite' not in 'Config'"),
+    (added("targets: {other: /etc}"), "Key 'targets' not in 'Config'"),
+    (added("_target_: os.system"), "Key '_target_' not in 'Config'"),
+    (lambda t: t.replace("recipe: clean", "recipe: ${oc.env:SECRET}"), r"an interpolation \(\$\{\.\.\.\}\)"),
+    (lambda t: t.replace("recipe: clean", 'recipe: "\\x24{oc.env:SECRET}"'), "an interpolation"),
+    (lambda t: t.replace("scene: screen_photo", "scene: {${oc.env:SECRET}: 1}"), "an interpolation|could not be read"),
+    (lambda t: t.replace("scene: screen_photo", "scene: {a: &a [x, x], b: *a}"), "a YAML alias"),
+    (lambda t: t.replace("recipe: clean", "recipe: !!python/object/apply:os.system [id]"), "could not be read as YAML"),
+    (lambda t: t.replace("recipe: clean", "recipe: ../../elsewhere"), "recipe must be a name"),
+    (lambda t: t.replace("recipe: clean", "recipe: ???"), "recipe is missing"),
+    (lambda t: t.replace("model: small_resnet", "model: os"), "model must be one of"),
+    (lambda t: t.replace("scene: screen_photo", "scene: ../elsewhere"), "a preset must be one of"),
+    (lambda t: t.replace("name: signs", "name: nothing"), "data.name must be one of"),
+    (lambda t: t.replace("seed: 0", "seed: /etc"), "could not be converted to Integer"),
+    (lambda t: "[" * 5000, "could not be read as YAML"),
+    (lambda t: "# " + "x" * 2_000_000, "far too long"),
+    (lambda t: "- a", "holds no settings"),
+    (lambda t: t[:100].replace("recipe: clean\n", ""), "is not a run's settings|could not be read"),
+]
+
+
+@pytest.mark.parametrize(("edit", "message"), HOSTILE)
+def test_settings_that_are_more_than_data_are_refused(edit, message, tmp_path, monkeypatch, nothing_attacked):
+    monkeypatch.setenv("SECRET", "swordfish")
+    folder = put(tmp_path, edit=edit)
+    with pytest.raises(ValueError, match=message) as error:
+        attack(folder)
+    assert "swordfish" not in str(error.value) and "config.yaml" in str(error.value)
+    assert not (folder / "reattack").exists()
+
+
+def test_no_module_of_a_strangers_folder_runs(tmp_path):
+    """Through the real command, started beside it."""
+    folder = put(tmp_path / "runs", edit=added("suite: defences\ndemoire: stranger:clean"))
+    for place in (tmp_path, folder):
+        (place / "stranger.py").write_text(MODULE)
+    done = command("reattack.py", "run=runs/clean/seed0", "reattack.n=2", cwd=tmp_path)
+    assert done.returncode == 1 and "error: " in done.stderr and "Traceback" not in done.stderr
+    assert not list(tmp_path.rglob("it_ran"))
+
+
+def test_options_that_act_come_from_the_command_line_alone(tmp_path):
+    folder = put(tmp_path, "trainer.devices=64", "trainer.strategy=ddp", "data.download=true", "data.workers=9")
+    given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
+    cfg = overrides.onto(saved.read(folder).cfg, configured(*given, name="reattack"), given)
+    assert (cfg.demoire, cfg.suite, cfg.targets, cfg.reattack.n) == ("torch:relu", "defences", None, 3)
+    assert (cfg.trainer.devices, cfg.trainer.strategy, cfg.data.download, cfg.data.workers) == (1, "auto", False, 0)
+    assert cfg.data.size == 24 and cfg.reattack.steps == 2, "these are the run's own"
+
+
+class Bomb:
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("kind", ["bomb", "list", "no tensors", "numbers"])
+@pytest.mark.parametrize("where", ["run", "target", "baseline"])
+def test_a_checkpoint_is_tensors_alone(kind, where, tmp_path, capsys):
+    run = put(tmp_path, "recipe=moire_aug")
+    bad = {"run": run, "target": tmp_path / "clean/seed1", "baseline": tmp_path / "clean/seed0"}[where]
+    if where != "run":
+        put(tmp_path, f"seed={bad.name[-1]}")
+        (bad / "metrics.json").write_text("{}")
+    content = {"bomb": Bomb(tmp_path / "burst"), "list": [1], "no tensors": {"state_dict": {}, "epoch": 0},
+               "numbers": {"state_dict": {"head.weight": 3}, "epoch": 0}}[kind]  # fmt: skip
+    torch.save(content, bad / "best.ckpt")
+    if where == "baseline":
+        assert saved.baseline_of(saved.read(run)) is None
+        said = capsys.readouterr().out
+        assert f"python training/fit.py recipe=clean 'runs='\"'\"'{tmp_path}'\"'\"''" in said and "resume=false" in said
+    else:
+        given = [f"targets={{other: {bad}}}", "suite=transfer"] if where == "target" else []
+        with pytest.raises(ValueError, match=r"best.ckpt (could not be read|holds no classifier's weights)"):
+            attack(run, *given)
+    assert not (tmp_path / "burst").exists()
+
+
+@pytest.mark.parametrize(
+    "train",
+    ["<script>", {"history": "<b>"}, {"seconds": "<b>", "history": [], "init": "clean"}, {"history": [{"loss": "x"}]}],
+)
+def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
+    folder = put(tmp_path)
+    for text in (json.dumps({"train": train}), "[1]", '"a"', "{", "[" * 10**5):
+        (folder / "metrics.json").write_text(text)
+        assert saved.trained(folder) is None
+    good = {"seconds": 1.0, "init": "random", "history": [{"epoch": 0, "loss": float("nan")}], "collapsed_at": None}
+    (folder / "metrics.json").write_text(json.dumps({"train": good}))
+    assert saved.trained(folder)["seconds"] == 1.0
+
+
+def test_a_run_that_is_data_is_attacked_and_its_settings_are_read_back(tmp_path):
+    folder = put(tmp_path, "scene={preset: screen_photo, view: {roll: [-3, 3]}}", "train.lr=1e-5", "data.val=null")
+    assert saved.read(folder).cfg == configured(
+        "recipe=clean", *TINY, f"runs={tmp_path}", "scene={preset: screen_photo, view: {roll: [-3, 3]}}",
+        "train.lr=1e-5", "data.val=null",
+    )  # fmt: skip
+    (folder / "metrics.json").write_text(json.dumps({"train": {"seconds": "<script>"}}))
+    found = attack(folder, "reattack.n=2", "reattack.eps=[0.01]", "reattack.steps=1", "data.val=16", "scene=paper_code")
+    assert found["reattack"][0]["n"] == 2 and found["train"] is None and found["scene_name"] == "paper_code"
+    assert "oc.env" not in (folder / "reattack/paper_code/metrics.json").read_text()
+
+
+REFUSED = [
+    (["model=resnet18"], r"model= does not go with run=\S+, which has its own model"),
+    (["weights=FILE"], "weights= does not go with run="),
+    (["runs=elsewhere"], "runs= does not go with run=.* a report into its own folder"),
+    (["+recipe=moire_at"], "recipe= says how a model is trained"),
+    (["seed=3"], "seed= says how a model is trained.* reattack.seed is the attack's"),
+    (["train.lr=0.2"], "train.lr= says how a model is trained"),
+    (["adversary.eps=0.2"], "adversary.eps= says how"),
+    (["resume=true"], "resume= says how"),
+    (["data.augment=shift"], "data.augment= says how"),
+    (["targets={resnet18: FILE}"], "targets= is for suite=transfer or paper or trust; suite=ladder has no use"),
+    (["demoire=torch:relu", "suite=jpeg"], "demoire= is for suite=defences or paper; suite=jpeg"),
+    (["trainer.devices=2"], "trainer.devices= has no effect here"),
+    (["trainer.precision=bf16-mixed", "suite=jpeg"], "trainer.precision= has no effect here"),
+    (["reattack.n=0"], "reattack.n must be at least 1; got 0"),
+    (["reattack.steps=-1"], r"reattack.steps must be in \[0, 100000\]; got -1"),
+    (["suite=defenses"], "suite must be one of"),
+]
+
+
+@pytest.mark.parametrize(("given", "message"), REFUSED, ids=[" ".join(r[0]) for r in REFUSED])
+def test_what_an_attack_on_a_run_cannot_obey_is_refused(given, message, tmp_path, nothing_attacked):
+    folder = put(tmp_path)
+    with pytest.raises(ValueError, match=message):
+        attack(folder, *given)
+    assert not (folder / "reattack").exists()
+
+
+@pytest.mark.parametrize("given", ["train.lr=0.2", "+recipe=clean", "seed=1"])
+def test_weights_are_attacked_without_settings_of_training(given, nothing_attacked):
+    given = ["model=resnet18", "weights=DEFAULT", given]
+    with pytest.raises(ValueError, match="says how a model is trained"):
+        reattack.reattack(configured(*given, name="reattack"), given)
+
+
+@pytest.mark.parametrize(
+    ("trained_on", "classes", "message"),
+    [
+        ("ab", "abc", "tells 2 classes apart, and the data folder has 3"),
+        ("abc", "abd", "class 2 of .* is 'c', and 'd' in the data folder"),
+        ("abc", "abc", None),
+    ],
+)
+def test_data_of_other_classes_is_refused(trained_on, classes, message, tmp_path, monkeypatch):
+    folder = put(tmp_path / "runs", "data=folder", "data.size=24", "data.root=gone", classes=tuple(trained_on))
+    root = images(tmp_path / "images", *classes)
+    seen = []
+    monkeypatch.setattr(suites, "_fabric", lambda cfg: seen.append(cfg) or pytest.skip("reached"))
+    given = ["data=folder", f"data.root={root}", "suite=jpeg", "data.val=1"]
+    if message:
+        with pytest.raises(ValueError, match=message):
+            attack(folder, *given)
+        assert not seen
+        given[2] = f"suite=transfer\ttargets={{other: {folder}}}"
+    else:
+        with pytest.raises(pytest.skip.Exception):
+            attack(folder, *given)
+        assert seen[0].data.size == 24, "the size that the model was trained on"
+
+
+def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):
+    from tests.training.small import train
+
+    out, _ = train(tmp_path, "runs", "train.epochs=1")
+    assert saved.read(out).classes == dict(enumerate(signs.CLASSES))
+    assert saved.damage(configured("recipe=moire_fast", *TINY, "train.epochs=1", "train.init=random",
+                                   f"runs={tmp_path / 'runs'}")) is None  # fmt: skip
+
+
+def test_settings_in_the_folder_of_a_run_of_our_own_are_not_resolved_either(tmp_path, monkeypatch):
+    monkeypatch.setenv("SECRET", "swordfish")
+    folder = put(tmp_path, edit=lambda t: t.replace("weights: null", "weights: ${oc.env:SECRET}"))
+    cfg = configured("recipe=clean", *TINY, f"runs={tmp_path}", "weights=swordfish")
+    assert runs.stage(cfg) == "other", "else the variable was read"
+    assert yaml.safe_load((folder / "config.yaml").read_text())["weights"] == "${oc.env:SECRET}"
+    assert "stranger" not in sys.modules

@@ -1,0 +1,89 @@
+"""What every number of the schema may be, checked before anything is spent."""
+
+from __future__ import annotations
+
+import math
+import os
+from numbers import Real
+from typing import Any
+
+import torch
+from omegaconf import OmegaConf
+
+SEEDS = 2**32 - 1
+
+# key: the least and the most that it may be, both allowed; None is no bound. Where null is allowed, it is not checked.
+BOUNDS: dict[str, tuple[float, float | None]] = {
+    "seed": (0, SEEDS),
+    "data.size": (16, 8192),
+    "data.train": (1, None),
+    "data.val": (1, None),
+    "data.test": (1, None),
+    "data.workers": (0, 1024),
+    "adversary.share": (0, 1),
+    "adversary.eps": (0, 1),
+    "adversary.steps": (0, 10_000),
+    "adversary.step_size": (1e-6, 100),
+    "adversary.warmup": (0, 1),
+    "adversary.random_start": (0, 100),
+    "adversary.replays": (1, 1000),
+    "adversary.window": (1, None),
+    "adversary.worst_of": (1, 1000),
+    "adversary.consistency": (0, 1e6),
+    "adversary.curriculum": (0, 1),
+    "train.epochs": (1, None),
+    "train.batch_size": (1, None),
+    "train.lr": (1e-8, 10),
+    "train.momentum": (0, 0.9999),
+    "train.weight_decay": (0, 1),
+    "train.label_smoothing": (0, 0.99),
+    "train.ema": (0, 0.999999),
+    "trainer.num_nodes": (1, 100_000),
+    "reattack.n": (1, None),
+    "reattack.batch_size": (1, None),
+    "reattack.steps": (0, 100_000),
+    "reattack.seed": (0, SEEDS),
+}
+
+
+def check(cfg: Any) -> None:
+    """Refuse a number out of its bounds, and devices that are not there.
+
+    Args:
+        cfg: a `schema.Config`.
+
+    Raises:
+        ValueError: with what was got and what is allowed.
+    """
+    for key, (low, high) in BOUNDS.items():
+        _number(key, OmegaConf.select(cfg, key), low, high)
+    _devices(cfg.trainer)
+
+
+def _number(key: str, value: Any, low: float, high: float | None) -> None:
+    if value is None:
+        return
+    allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"
+    most = math.inf if high is None else high
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value) or not low <= value <= most:
+        raise ValueError(f"{key} must be {allowed}; got {value}.")
+
+
+def _devices(trainer: Any) -> None:
+    """A number of devices; -1, "auto" and lists of GPUs are Lightning's to read."""
+    kind, asked = trainer.accelerator, trainer.devices
+    gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if kind in ("gpu", "cuda") and not gpus:
+        raise ValueError(f"trainer.accelerator={kind} needs a GPU that CUDA can use, and there is none: pass cpu.")
+    on_cpu = kind == "cpu" or (kind == "auto" and not gpus)
+    if not on_cpu and kind not in ("auto", "gpu", "cuda"):
+        return
+    # two processes can be tried on any machine
+    there = max(2, os.cpu_count() or 1) if on_cpu else gpus
+    what = "processes (CPU cores)" if on_cpu else "GPUs"
+    if isinstance(asked, str) and asked.isdigit():
+        asked = int(asked)
+    if asked == -1 or isinstance(asked, str) or OmegaConf.is_list(asked):
+        return
+    if type(asked) is not int or not 1 <= asked <= there:
+        raise ValueError(f"trainer.devices must be 1 to {there} {what}, or auto; got {asked}.")

@@ -1,0 +1,104 @@
+"""What every command does with an error: one sentence on a line of its own. A sweep goes on, and lists what failed."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TextIO
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from lightning.fabric.utilities.exceptions import MisconfigurationException
+from lightning.pytorch.utilities import rank_zero_only
+
+from training import runs
+from training.schema import Config, check_keys
+
+EXPECTED = (ValueError, TypeError, FloatingPointError, OSError, MisconfigurationException)
+_failed: list[str] = []  # jobs of a sweep
+
+
+class Lines:
+    """An output stream that knows whether its last line is over: a progress bar leaves its own open."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self.unfinished = stream, False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        if text:
+            self.unfinished = not text.endswith("\n")
+        return self._stream.write(text)
+
+
+def complain(text: str) -> None:
+    """Print to standard error, on a line of its own."""
+    for stream in (sys.stdout, sys.stderr):
+        if getattr(stream, "unfinished", False):
+            print(file=stream, flush=True)
+    print(text, file=sys.stderr, flush=True)
+
+
+def run(main: Callable[[], None], schema: type[Config]) -> None:
+    """Run a Hydra command, or its sweep.
+
+    Raises:
+        SystemExit: a wrong command line, or jobs of a sweep that failed, with a list of them.
+    """
+    sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)  # type: ignore[assignment]
+    check_keys(sys.argv[1:], schema)
+    if {"-m", "--multirun"} & set(sys.argv[1:]):  # Hydra writes into this folder before any job
+        named = [a.removeprefix("runs=").strip("'\"") for a in sys.argv[1:] if a.startswith("runs=")]
+        try:
+            runs.make(Path(named[-1] if named else schema.runs))
+        except ValueError as error:
+            raise SystemExit(f"error: {error}") from None
+    main()
+    if _failed:
+        complain("\n".join([f"error: {len(_failed)} of the sweep's jobs failed:", *(f"  {job}" for job in _failed)]))
+        raise SystemExit(1)
+
+
+@contextlib.contextmanager
+def sentences(kept: str) -> Iterator[None]:
+    """Turn what goes wrong in a job into a sentence, and end the command; a sweep goes on with its other jobs.
+
+    Args:
+        kept: what an interruption leaves.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        again = runs.command([a for a in sys.argv if not a.startswith("resume=")])
+        rank_zero_only(print)(f"\nInterrupted. {kept}, and the same command goes on:\n  {again}")
+        raise SystemExit(130) from None
+    except Exception as error:
+        job = _job_of_a_sweep()
+        if not isinstance(error, EXPECTED):
+            if job is None:
+                raise
+            complain(traceback.format_exc())
+        if not isinstance(error, ConnectionError) or rank_zero_only.rank == 0:  # the first process speaks for all
+            complain(f"error: {sentence(error)}")
+        if job is None:
+            raise SystemExit(1) from None
+        _failed.append(f"{job}: {sentence(error).splitlines()[0]}")
+
+
+def _job_of_a_sweep() -> str | None:
+    """The overrides of this job; None outside of a sweep."""
+    hydra = HydraConfig.get()
+    return " ".join(hydra.overrides.task) if hydra.mode == RunMode.MULTIRUN else None
+
+
+def sentence(error: Exception) -> str:
+    """What an error says, without the traceback that a DataLoader's worker puts around it."""
+    if isinstance(error, OSError) and error.errno:  # the system's own words
+        return f"{error}. Every whole epoch and record is kept, and the same command goes on once this is mended."
+    said = str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
+    return said or type(error).__name__

@@ -1,0 +1,71 @@
+"""The files of a run's folder, read as data: no code in them runs, and what is torn is said to be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+LONGEST = 1_000_000  # bytes of a config.yaml; one of ours has two thousand
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """A Lightning checkpoint, on the CPU.
+
+    Raises:
+        ValueError: a file that is missing or damaged.
+    """
+    try:
+        found = torch.load(path, map_location="cpu", weights_only=True)
+        found["epoch"]
+        if not all(torch.is_tensor(value) for value in found["state_dict"].values()):
+            raise TypeError
+        return found
+    except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, RuntimeError, KeyError ...
+        raise ValueError(
+            f"The checkpoint {path} could not be read ({type(error).__name__}). It may be missing or damaged: train "
+            "again with resume=false, which moves what is there aside, or name another run."
+        ) from error
+
+
+def read_metrics(path: Path) -> dict[str, Any] | None:
+    """The metrics of a whole run, or None where there is none; `metrics.json` is written last."""
+    return read_json(path / "metrics.json")
+
+
+def read_json(path: Path) -> dict[str, Any] | None:
+    """What a file holds, or None where it is missing or damaged."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """The settings in a config.yaml as they stand there: plain values, of which none is looked up elsewhere.
+
+    Raises:
+        ValueError: no YAML mapping, or one with interpolations or aliases, which fit.py never writes.
+        OSError: a file that cannot be read.
+    """
+    if path.stat().st_size > LONGEST:
+        raise ValueError(f"{path} is far too long for the settings of a run.")
+    text = path.read_text(encoding="utf-8")
+    try:
+        aliases = any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader))
+        values = None if aliases else yaml.safe_load(text)
+        plain = json.dumps(values, default=str)
+    except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"{path} could not be read as YAML ({type(error).__name__}).") from error
+    if aliases or "${" in plain:
+        raise ValueError(
+            f"{path} holds a YAML alias or an interpolation (${{...}}). A run's settings are plain values, as fit.py "
+            "writes them: write out what is meant."
+        )
+    if not isinstance(values, dict):
+        raise ValueError(f"{path} holds no settings: it must be a YAML mapping, as fit.py writes it.")
+    return values

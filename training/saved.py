@@ -1,0 +1,185 @@
+"""A trained run, read as data: its folder may come from anyone.
+
+Nothing that it holds is run, imported or looked up, and it names no file but those of its data set.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shlex
+from collections.abc import Mapping
+from numbers import Real
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from torch import Tensor, nn
+
+from moireaug.fields import one_of
+from training import runs
+from training.classifier import as_model
+from training.data import Splits
+from training.models import names
+from training.overrides import command_line
+from training.schema import DATA, Config, Data, scene_of
+
+
+class Saved(NamedTuple):
+    """A run as its folder has it.
+
+    Args:
+        folder: where it is. cfg: the settings that it was trained with. state: its best weights.
+        classes: of each logit its name; None where the checkpoint does not tell.
+    """
+
+    folder: Path
+    cfg: DictConfig
+    state: dict[str, Tensor]
+    classes: dict[int, str] | None
+
+    @property
+    def num_classes(self) -> int:
+        """The number of logits; 0 where these are no classifier's weights."""
+        heads = [value for name, value in self.state.items() if name.endswith("weight") and value.dim()]
+        return len(heads[-1]) if heads else 0
+
+    def model(self) -> nn.Module:
+        """The run's best model, in evaluation mode.
+
+        Raises:
+            ValueError: weights of another model.
+        """
+        model = as_model(self.cfg.model, self.num_classes, None)
+        try:
+            model.load_state_dict(self.state)
+        except RuntimeError as error:
+            path = self.folder / "best.ckpt"
+            raise ValueError(
+                f"{path} does not fit {self.cfg.model} with {self.num_classes} classes: {error}"
+            ) from error
+        return model.eval()
+
+    def check_classes(self, splits: Splits, data: Data) -> None:
+        """Refuse data whose classes are not the run's: each of its answers would count as wrong.
+
+        Raises:
+            ValueError: with the first class that differs.
+        """
+        hint = "Pass data whose class folders are those that the run was trained on, or another run."
+        if splits.num_classes != self.num_classes:
+            raise ValueError(
+                f"{self.folder} tells {self.num_classes} classes apart, and the data {data.name} has "
+                f"{splits.num_classes}. {hint}"
+            )
+        among_published = self.cfg.data.class_index and data.class_index  # then any of the 1000 will do
+        if self.classes is None or among_published or self.classes == splits.classes:
+            return
+        odd = min(set(self.classes.items()) ^ set(splits.classes.items()))[0]
+        ours, theirs = self.classes.get(odd), splits.classes.get(odd)
+        raise ValueError(f"class {odd} of {self.folder} is {ours!r}, and {theirs!r} in the data {data.name}. {hint}")
+
+
+def read(folder: Path) -> Saved:
+    """Read a run's settings and best weights.
+
+    Raises:
+        ValueError: no run there, settings that no run has, or a checkpoint that cannot be read.
+    """
+    config, best = folder / "config.yaml", folder / "best.ckpt"
+    if not config.is_file() or not best.is_file():
+        raise ValueError(
+            f"{folder} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py writes them."
+        )
+    cfg = read_config(config)
+    checkpoint = runs.read_checkpoint(best)
+    state = {name.removeprefix("model."): value for name, value in checkpoint["state_dict"].items()}
+    saved = Saved(folder, cfg, state, _names(checkpoint.get("classes")))
+    if saved.num_classes < 1:
+        raise ValueError(f"{best} holds no classifier's weights. Name another run.")
+    return saved
+
+
+def damage(cfg: DictConfig) -> str | None:
+    """What is wrong with the files of a run that would be reused or gone on with; None where they are whole, or there
+    are none."""
+    folder, at = runs.folder(cfg), runs.stage(cfg)
+    if at == "new" or (at == "other" and not (folder / "best.ckpt").is_file()):
+        return None
+    try:
+        read(folder)
+        if at == "begun":
+            runs.read_checkpoint(folder / "last.ckpt")
+    except ValueError as error:
+        return str(error).split(". ")[0]
+    return None
+
+
+def read_config(path: Path) -> DictConfig:
+    """A run's settings: known keys of the schema with values of their types, and nothing that is looked up elsewhere.
+
+    Raises:
+        ValueError: with what is wrong, and what a run's settings may be.
+    """
+    values = runs.read_settings(path)
+    try:
+        cfg = OmegaConf.merge(OmegaConf.structured(Config), values)
+        for key in sorted(OmegaConf.missing_keys(cfg)):
+            raise ValueError(f"{key} is missing")
+        if not re.fullmatch(r"[\w.-]+", cfg.recipe):
+            raise ValueError(f"recipe must be a name; got {cfg.recipe!r}.")
+        one_of("data.name", cfg.data.name, DATA)
+        one_of("model", cfg.model, names())
+        scene_of(cfg)
+    except (OmegaConfBaseException, ValueError, TypeError) as error:
+        said = str(error).splitlines()[0]
+        raise ValueError(
+            f"{path} is not a run's settings: {said} A run holds keys of training/schema.py alone, as fit.py of this "
+            "version writes them."
+        ) from None
+    return cfg  # type: ignore[return-value]
+
+
+def baseline_of(run: Saved) -> Saved | None:
+    """The run of recipe `clean` that was trained with the same settings, in the folder where fit.py puts it; None
+    where there is none, and a note says why."""
+    if run.cfg.recipe == "clean":
+        return None
+    folder = Path(os.path.abspath(run.folder)).parent.parent / "clean" / f"seed{run.cfg.seed}"
+    if not (folder / "metrics.json").is_file():
+        return None
+    plain = runs.plain_twin(run.cfg)
+    try:
+        twin = read(folder)
+    except ValueError as error:
+        plain.runs = str(folder.parent.parent)
+        again = shlex.join(["python", "training/fit.py", *command_line(plain), "resume=false"])
+        print(f"note: no baseline is attacked beside this run. {error}\nThis trains it again:\n  {again}")
+        return None
+    wanted, there = (runs.settings(cfg) | {"reattack": None} for cfg in (plain, twin.cfg))
+    if wanted != there:
+        print(f"{folder} was trained with other settings: no baseline is attacked beside this run.")
+        return None
+    return twin
+
+
+def trained(folder: Path) -> dict[str, Any] | None:
+    """What a run's metrics say of its training; None where they are missing, damaged or no such thing."""
+    train = (runs.read_metrics(folder) or {}).get("train")
+    if not isinstance(train, dict) or not isinstance(train.get("history"), list):
+        return None
+    rows = [train | {"history": 0, "init": 0}, *train["history"]]
+    plain = all(isinstance(row, Mapping) and all(map(_is_number, row.values())) for row in rows)
+    return train if plain and train.get("init") in ("random", "clean") else None
+
+
+def _names(found: Any) -> dict[int, str] | None:
+    if not isinstance(found, dict):
+        return None
+    return {int(number): str(name) for number, name in found.items()}
+
+
+def _is_number(value: Any) -> bool:
+    return value is None or (isinstance(value, Real) and not isinstance(value, bool) and not math.isinf(value))
