@@ -20,6 +20,11 @@ SCENE = Scene(sensor=Sensor(gain=2.0, exposure="mean"))
 BICUBIC = v2.InterpolationMode.BICUBIC
 
 
+@pytest.fixture(autouse=True)
+def one_thread(_threads_and_seed):
+    torch.set_num_threads(1)  # pictures this small do not share their work
+
+
 def of_torchvision(step):
     return lambda image: step(image)
 
