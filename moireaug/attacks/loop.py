@@ -102,7 +102,7 @@ class Attack(ABC):
             TypeError, ValueError: images, labels or logits of the wrong type, shape or range; targets that are labels;
                 a model without a gradient, or whose logits are not finite for any of the images.
         """
-        check_images(images)
+        images = check_images(images)
         with evaluating(self.model):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)

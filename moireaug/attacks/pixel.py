@@ -102,7 +102,7 @@ class CW:
         generator: torch.Generator | None = None,
     ) -> Result:
         """Attack a batch; arguments, Result and errors as of `Attack`. Nothing is drawn from the generator."""
-        check_images(images)
+        images = check_images(images)
         _refuse_shot(shot)
         with evaluating(self.model):
             images = images.detach().clone()

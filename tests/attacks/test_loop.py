@@ -66,6 +66,17 @@ def test_batches_of_none_and_one(name, n, model):
 
 
 @pytest.mark.parametrize("name", METHODS)
+def test_what_lies_a_little_outside_of_0_and_1_is_clipped_before_the_attack(name, model, batch):
+    images, labels = batch
+    outside = (images * 1.2 - 0.1).clamp(-0.05, 1.05)
+    attack = METHODS[name](model, eps=EPS, steps=2)
+    results = []
+    for given in (outside, clip(outside)):
+        results.append(attack(given, labels, generator=torch.Generator().manual_seed(0)))
+    assert torch.equal(results[0].images, results[1].images) and torch.equal(results[0].noise, results[1].noise)
+
+
+@pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 def test_saturated_logits_on_flat_images(name, level, model):
     images, labels = torch.full((2, 3, 8, 8), level), torch.tensor([0, 1])
