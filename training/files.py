@@ -10,6 +10,7 @@ import torch
 import yaml
 
 LONGEST = 1_000_000  # bytes of a config.yaml; one of ours has two thousand
+DEEPEST = 32  # levels of its lists and mappings; one of ours has four, and many cost the square of their number
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -56,7 +57,7 @@ def read_settings(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path} is far too long for the settings of a run.")
     text = path.read_text(encoding="utf-8")
     try:
-        aliases = any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader))
+        aliases = _has_aliases(text)
         values = None if aliases else yaml.safe_load(text)
         plain = json.dumps(values, default=str)
     except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
@@ -69,3 +70,22 @@ def read_settings(path: Path) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise ValueError(f"{path} holds no settings: it must be a YAML mapping, as fit.py writes it.")
     return values
+
+
+def _has_aliases(text: str) -> bool:
+    """Return whether a YAML text refers to itself. Reads no further than an alias or the deepest level allowed.
+
+    Raises:
+        ValueError, yaml.YAMLError: too many levels, or no YAML.
+    """
+    depth = 0
+    for event in yaml.parse(text, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            return True
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        if isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > DEEPEST:
+            raise ValueError(f"more than {DEEPEST} levels")
+    return False

@@ -49,7 +49,7 @@ HOSTILE = [
     (lambda t: t.replace("scene: screen_photo", "scene: ../elsewhere"), "a preset must be one of"),
     (lambda t: t.replace("name: signs", "name: nothing"), "data.name must be one of"),
     (lambda t: t.replace("seed: 0", "seed: /etc"), "could not be converted to Integer"),
-    (lambda t: "[" * 5000, "could not be read as YAML"),
+    (lambda t: "[" * 500_000, "could not be read as YAML"),
     (lambda t: "# " + "x" * 2_000_000, "far too long"),
     (lambda t: "- a", "holds no settings"),
     (lambda t: t[:100].replace("recipe: clean\n", ""), "is not a run's settings|could not be read"),
