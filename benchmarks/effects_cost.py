@@ -22,8 +22,8 @@ import torch
 from benchmarks import measure
 from benchmarks.problems import images
 from moireaug import Scene, Sensor, capture
-from moireaug.parts import PARTS
-from moireaug.presets import PRESETS
+from moireaug.scene.parts import PARTS
+from moireaug.scene.presets import PRESETS
 
 FULL = {"side": 128, "batch": 8, "repeats": 15, "budget": 1.0}
 QUICK = {"side": 8, "batch": 1, "repeats": 1, "budget": 0.0}
@@ -52,7 +52,7 @@ def build_up(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
     calls = {str(i): lambda shot=shot: capture(shown, shot) for i, shot in enumerate(shots)}
     times = measure.timed_together(calls, settings["repeats"], budget=settings["budget"])
     return [
-        {"added": added, "effects": [step.effect for step in stage.plan()], "exposure": stage.plan().exposure,
+        {"added": added, "effects": [step.name for step in stage.plan()], "exposure": stage.plan().exposure,
          "seconds": (times[str(i)] / len(shown))._asdict()}
         for i, (added, stage) in enumerate(stages)
     ]  # fmt: skip

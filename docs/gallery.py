@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View
-from moireaug.effects.panel import LAYOUTS
-from moireaug.presets import PRESETS
+from moireaug.scene.layout import LAYOUTS
+from moireaug.scene.presets import PRESETS
 from training import signs
 
 SIZE, COLUMNS = 160, 5

@@ -4,11 +4,10 @@ import importlib
 from typing import Any
 
 from moireaug.capture import capture, develop, expose
-from moireaug.effects.panel import Layout
-from moireaug.parts import Develop, Lens, Panel, Sensor, View
-from moireaug.plan import Plan
-from moireaug.scene import Scene
-from moireaug.shot import Shot
+from moireaug.pipeline import Plan
+from moireaug.scene.layout import Layout
+from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
+from moireaug.scene.scene import Scene, Shot
 
 __all__ = [
     "Develop",

@@ -22,17 +22,17 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from moireaug.effects import tone
+from moireaug.numeric import clip
 
 if TYPE_CHECKING:
-    from moireaug.shot import Shot
+    from moireaug.scene.shot import ShotRecord
 
 MOST_CLIPPED = 0.18
 FAR_MEAN = 0.1
 
 
 def check_images(image: Tensor) -> Tensor:
-    """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `tone.clip`; itself where it lies there.
+    """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `clip`; the very tensor if it lies there.
 
     Raises:
         TypeError, ValueError: another type or shape, NaN, infinity, and images that cannot be pictures in [0, 1], by
@@ -52,14 +52,14 @@ def check_images(image: Tensor) -> Tensor:
             f"images must have the shape (B, 3, H, W) with H, W >= 1; got {tuple(image.shape)}.{channels_last(image)}"
         )
     if torch.compiler.is_compiling():
-        return tone.clip(image)  # a graph cannot ask for values
+        return clip(image)  # a graph cannot ask for values
     if not image.numel():
         return image
     low, high = (v.item() for v in image.detach().aminmax())
     if low >= 0 and high <= 1:
         return image
     _check_pictures(image.detach())
-    return tone.clip(image)
+    return clip(image)
 
 
 def channels_last(image: Tensor) -> str:
@@ -101,7 +101,20 @@ def _looks_like(image: Tensor, row: int) -> str:
     )
 
 
-def check_raw(raw: Tensor, shot: Shot) -> None:
+def check_shot(image: Tensor, shot: ShotRecord) -> None:
+    """Refuse a batch of another number or size of images than a shot was drawn for.
+
+    Raises:
+        ValueError: with what was got and what to do.
+    """
+    if len(shot) != len(image) or shot.size != tuple(image.shape[-2:]):
+        raise ValueError(
+            f"the shot was drawn for {len(shot)} images of {shot.size[0]} x {shot.size[1]}; got {len(image)} of "
+            f"{image.shape[-2]} x {image.shape[-1]}. Draw one with scene.sample(len(images), images.shape[-2:])."
+        )
+
+
+def check_raw(raw: Tensor, shot: ShotRecord) -> None:
     """Refuse a raw reading that is not of this shot: `shot.raw_shape()`, floating point.
 
     Raises:

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
-from moireaug.presets import PRESETS
+from moireaug.geometry.sensor import SampledPixels
+from moireaug.scene.presets import PRESETS
 
 GOLDEN = np.load(Path(__file__).parent / "data" / "official_ma_golden.npz")
 
@@ -40,7 +41,7 @@ def test_the_golden_test_can_fail():
 
 def test_only_the_sensor_pixels_that_a_photo_reads_are_exposed():
     shot = Scene.preset("paper_code").sample(1, (48, 48))
-    rows, cols = shot.readouts()
+    rows, cols = shot.sampled_pixels()
     assert len(rows.index) == len(cols.index) == 3 * 48 + 2  # a lead that keeps the Bayer parity, and an even number
     full = dataclasses.replace(shot.scene, develop=dataclasses.replace(shot.scene.develop, resize="antialias"))
     assert full.sample(1, (48, 48)).raw_shape()[2] * 2 == 9 * 48
@@ -55,9 +56,7 @@ def test_reading_windows_is_reading_everything(scale, size, demosaic):
     base = Scene(panel=Panel(scale=2), view=View(roll=7), sensor=Sensor(scale=scale), develop=how)
     images = torch.rand(2, 3, *size, dtype=torch.float64)
     shot = base.sample(2, size)
-    from moireaug.effects import bayer
-
-    everything = [bayer.Readout(tuple(range(n + n % 2)), 0, 0, s, scale) for s in size for n in [round(s * scale)]]
+    everything = [SampledPixels(tuple(range(n + n % 2)), 0, 0, s, scale) for s in size for n in [round(s * scale)]]
     whole = _with_readouts(images, shot, everything)
     inner = (slice(None), slice(None), slice(1, -1), slice(1, -1))
     assert torch.allclose(capture(images, shot)[inner], whole[inner], atol=1e-9)
@@ -65,7 +64,7 @@ def test_reading_windows_is_reading_everything(scale, size, demosaic):
 
 def _with_readouts(images, shot, readouts):
     class Whole(type(shot)):
-        def readouts(self):
+        def sampled_pixels(self):
             return tuple(readouts)
 
     values = {f.name: getattr(shot, f.name) for f in dataclasses.fields(shot)}

@@ -8,8 +8,8 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
 from moireaug.effects.flicker import flicker
-from moireaug.effects.panel import Layout
-from moireaug.presets import PRESETS
+from moireaug.scene.layout import Layout
+from moireaug.scene.presets import PRESETS
 
 EVEN, COLOUR = Panel(layout="even"), Sensor(cfa="none")
 BARE = Scene(panel=EVEN, sensor=COLOUR)  # the photo is the image
@@ -22,15 +22,15 @@ def colour(**fields):
 
 CALLED = [
     ("decode", {"develop": Develop(linear_light=True)}),
-    ("soften", {"lens": Lens(blur=0.6)}),
-    ("soften", {"panel": Panel(layout="even", scale=0.8)}),
+    ("prefilter", {"panel": Panel(layout="even", scale=0.8)}),
+    ("prefilter", {"panel": Panel(layout="even", scale=0.8), "sensor": colour(exposure="point")}),
     ("prefilter", {"lens": Lens(blur=3.0)}),
-    ("prefilter", {"view": View(zoom=0.2)}),
+    ("prefilter", {"view": View(zoom=0.1)}),
     ("prefilter", {"view": View(yaw=80.0)}),
-    ("panel", {"panel": Panel(), "sensor": colour(exposure="point")}),
-    ("panel", {"sensor": colour(scale=4)}),
     ("layout", {"panel": Panel()}),
     ("layout", {"panel": Panel(layout="even", lit=0.5)}),
+    ("layout", {"panel": Panel(layout="even", lit_x=0.5)}),
+    ("layout", {"panel": Panel(layout="even", lit_y=(0.5, 1.0))}),
     ("pose", {"view": View(yaw=(0, 1))}),
     ("pose", {"view": View(zoom=0.9)}),
     ("pose", {"view": View(shift_x=0.1)}),
@@ -39,11 +39,12 @@ CALLED = [
     ("exposure", {"sensor": Sensor()}),
     ("exposure", {"panel": Panel()}),
     ("exposure", {"lens": Lens(olpf=0.5)}),
+    ("exposure", {"lens": Lens(blur=0.6)}),
     ("vignetting", {"lens": Lens(vignetting=(0, 0.1))}),
     ("flicker", {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001, readout=0.01)}),
     ("gain", {"sensor": colour(gain=0.5)}),
-    ("read_noise", {"sensor": colour(read_noise=(0, 0.1))}),
-    ("shot_noise", {"sensor": colour(shot_noise=0.01)}),
+    ("noise", {"sensor": colour(read_noise=(0, 0.1))}),
+    ("noise", {"sensor": colour(shot_noise=0.01)}),
     ("saturate", {"sensor": colour(gain=(0.5, 1.5))}),
     ("saturate", {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001)}),
     ("bits", {"sensor": colour(bits=6)}),
@@ -69,7 +70,7 @@ def test_an_effect_is_there_when_and_only_when_called_for(effect, change):
 
 
 def test_every_effect_has_a_scene_that_calls_for_it():
-    assert {effect for effect, _ in CALLED} == {step.effect for step in BARE.plan().steps}
+    assert {effect for effect, _ in CALLED} == {step.name for step in BARE.plan().steps}
 
 
 NOT_CALLED = [
@@ -78,9 +79,8 @@ NOT_CALLED = [
     ("register", {"view": View(roll=5), "develop": Develop(registered=False)}),
     ("saturate", {"sensor": colour(gain=0.5)}),
     ("layout", {"panel": Panel(), "lens": Lens(blur=3.0)}),
-    ("soften", {"lens": Lens(blur=3.0)}),  # the prefilter does it
-    ("prefilter", {"view": View(zoom=0.2), "sensor": colour(exposure="supersample:2")}),
-    ("panel", {"sensor": colour(scale=4, exposure="mean")}),
+    ("prefilter", {"lens": Lens(blur=0.6)}),  # the exposure counts the panel pixels that it spreads over
+    ("prefilter", {"view": View(zoom=0.1), "sensor": colour(exposure="supersample:2")}),
 ]
 
 
@@ -102,13 +102,15 @@ def test_a_scene_without_effects_returns_its_input(dtype, images):
 BRIGHT = {"panel": Panel(layout="even", pwm=1000.0, duty=0.5), "sensor": colour(shutter=0.3, readout=0.03)}
 BANDS = {"panel": Panel(layout="even", pwm=1000.0, duty=0.5), "sensor": colour(shutter=0.0012, readout=0.03)}
 DROPPED = [  # effect, too small to matter, and not so
-    ("soften", {"lens": Lens(blur=0.03)}, {"lens": Lens(blur=0.5)}),
+    ("exposure", {"lens": Lens(blur=0.0012)}, {"lens": Lens(blur=0.5)}),
+    ("exposure", {"lens": Lens(olpf=0.0024)}, {"lens": Lens(olpf=0.5)}),
+    ("prefilter", {"panel": Panel(layout="even", scale=0.9975)}, {"panel": Panel(layout="even", scale=0.8)}),
     ("vignetting", {"lens": Lens(vignetting=0.0019)}, {"lens": Lens(vignetting=0.3)}),
     ("flicker", BRIGHT, BANDS),
     ("gain", {"sensor": colour(gain=0.9981)}, {"sensor": colour(gain=0.7)}),
     ("gain", {"sensor": colour(gain=1.0019)}, {"sensor": colour(gain=1.7)}),
-    ("read_noise", {"sensor": colour(read_noise=0.0003)}, {"sensor": colour(read_noise=0.1)}),
-    ("shot_noise", {"sensor": colour(shot_noise=0.0003)}, {"sensor": colour(shot_noise=0.1)}),
+    ("noise", {"sensor": colour(read_noise=0.0003)}, {"sensor": colour(read_noise=0.1)}),
+    ("noise", {"sensor": colour(shot_noise=0.0003)}, {"sensor": colour(shot_noise=0.1)}),
     ("bits", {"sensor": colour(bits=9)}, {"sensor": colour(bits=2)}),
     ("balance", {"develop": Develop(red=1.0019)}, {"develop": Develop(red=1.5)}),
     ("balance", {"develop": Develop(blue=0.9981)}, {"develop": Develop(blue=0.5)}),
@@ -146,6 +148,15 @@ def test_flicker_is_left_out_only_where_every_row_has_the_panels_mean(duty, shut
     assert (bands - 1).abs().max() <= scene.tolerance or "flicker" in scene.plan()
 
 
+def test_light_meets_the_effects_in_one_order():
+    """Noise before the well is full, codes before the resize: the order is the physics."""
+    names = [step.name for step in BARE.plan().steps]
+    assert names == [
+        "decode", "prefilter", "layout", "pose", "lens", "exposure", "vignetting", "flicker", "gain", "noise",
+        "saturate", "bits", "demosaic", "balance", "encode", "brighten", "denoise", "resize", "register", "jpeg",
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("scene", [*map(Scene.preset, PRESETS), BARE, OWN], ids=[*PRESETS, "bare", "own layout"])
 def test_a_plan_is_plain_data(scene):
     values = scene.plan().to_dict()
@@ -159,7 +170,7 @@ def test_a_plan_prints_every_effect_once_with_its_reason(name):
     lines = str(plan).splitlines()
     for step in plan.steps:
         assert step.reason
-        assert sum(line[4:].strip().startswith(step.effect + " ") for line in lines) == 1
+        assert sum(line[4:].strip().startswith(step.name + " ") for line in lines) == 1
 
 
 def test_harmonics_below_the_tolerance_change_nothing_above_it(images):

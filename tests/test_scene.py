@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
-from moireaug.fields import bounds, ranged_fields
-from moireaug.parts import PARTS
-from moireaug.presets import PRESETS
-from moireaug.scene import as_scene
+from moireaug.scene.fields import bounds, ranged_fields
+from moireaug.scene.parts import PARTS
+from moireaug.scene.presets import PRESETS
+from moireaug.scene.scene import as_scene
 
 BAD = [
     (lambda: Panel(scale=0), "Panel.scale must lie in [0.001, 1000]"),

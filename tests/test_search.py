@@ -3,16 +3,26 @@
 import dataclasses
 import json
 
+import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from moireaug import Scene, Shot, capture, expose
-from moireaug.effects.panel import LAYOUTS, Layout
-from moireaug.parts import PARTS
+from moireaug.scene.layout import LAYOUTS, Layout
+from moireaug.scene.parts import PARTS
 
+SLANTED = Layout(
+    ((0, 0.5, 0.5, 0.3, 0.2, -0.1, 0.6), (1, 1.5, 0.5, 0.5, 0.5, -0.5, 0.5), (2, 1, 0, 1, 0, 0, 0.2)), (2, 1)
+)
 CHOICES = {
-    ("panel", "layout"): [*LAYOUTS, Layout(((0, 0, 0, 0.3, 1), (1, 0.5, 0.2, 1.4, 0.7), (2, 1.5, 0, 2, 1)), (2, 1))],
+    ("panel", "layout"): [
+        *LAYOUTS,
+        Layout(((0, 0, 0, 0.3, 1), (1, 0.5, 0.2, 1.4, 0.7), (2, 1.5, 0, 2, 1)), (2, 1)),
+        Layout(
+            ((0, 0.5, 0.5, 0.3, 0.2, -0.1, 0.6), (1, 1.5, 0.5, 0.5, 0.5, -0.5, 0.5), (2, 1, 0, 1, 0, 0, 0.2)), (2, 1)
+        ),
+    ],
     ("view", "pose"): ["camera", "released"],
     ("view", "fit"): [True, False],
     ("sensor", "scale"): [0.25, 0.5, 1.0, 1.5, 2.0, 2.7, 3.0, 5.0],
@@ -63,6 +73,10 @@ def test_any_scene_on_any_image(scene, n, height, width, dtype, kind, seed):
     image = IMAGES[kind]((n, 3, height, width)).to(dtype)
     kept = image.clone()
     assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
+    if scene.panel.layout == SLANTED and scene.sensor.exposure == "point":
+        with pytest.raises(ValueError, match="samples a raster of rectangles"):
+            scene.plan()
+        return
     assert json.dumps(scene.plan().to_dict()) and str(scene.plan())
     shot = scene.sample(n, (height, width), generator)
     photo = capture(image, shot)

@@ -15,10 +15,9 @@ from moireaug.attacks import PGD, Attack, MoireAttack
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.pose import moved_fields
 from moireaug.capture import capture
-from moireaug.fields import bounds, one_of, ranged_fields
-from moireaug.parts import PARTS
-from moireaug.scene import Scene
-from moireaug.shot import Shot
+from moireaug.scene.fields import bounds, one_of, ranged_fields
+from moireaug.scene.parts import PARTS
+from moireaug.scene.scene import Scene, Shot
 from training.schema import Adversary
 
 KINDS = ("none", "moire", "moire_attack", "pgd")

@@ -14,7 +14,7 @@ from torch.utils.data import Dataset, Subset, TensorDataset
 from torchvision.datasets import ImageFolder
 from torchvision.transforms import v2
 
-from moireaug.fields import one_of
+from moireaug.scene.fields import one_of
 from training import signs
 from training.images import read
 from training.schema import DATA, Data

@@ -32,7 +32,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from moireaug.evaluation import report
 from moireaug.evaluation.store import write_text
-from moireaug.fields import one_of
+from moireaug.scene.fields import one_of
 from training import adversaries, commands, ranks, reattack, runs, saved
 from training.adversaries import passes
 from training.batches import Batches

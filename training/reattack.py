@@ -34,7 +34,7 @@ from moireaug.evaluation.pictures import examples
 from moireaug.evaluation.store import write_text
 from moireaug.evaluation.suites import GROUPS, SUITES
 from moireaug.evaluation.sweep import Index, complete, sweep
-from moireaug.fields import one_of
+from moireaug.scene.fields import one_of
 from training import bounds, commands, overrides, runs, saved
 from training.classifier import as_model
 from training.data import AUGMENT, Splits, load

@@ -18,7 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
-from moireaug.fields import one_of
+from moireaug.scene.fields import one_of
 from training import runs
 from training.classifier import as_model
 from training.data import Splits

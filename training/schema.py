@@ -12,8 +12,8 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, OmegaConf
 
-from moireaug.fields import one_of
-from moireaug.scene import Scene, as_scene
+from moireaug.scene.fields import one_of
+from moireaug.scene.scene import Scene, as_scene
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 

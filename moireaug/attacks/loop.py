@@ -16,9 +16,9 @@ from moireaug.attacks.losses import LOSSES, margin, reported
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem, Result
 from moireaug.attacks.rules import RULES, Ball, Rule, choose
-from moireaug.capture import check_images
-from moireaug.fields import one_of
-from moireaug.shot import Shot
+from moireaug.checks import check_images
+from moireaug.scene.fields import one_of
+from moireaug.scene.scene import Shot
 
 
 @dataclass(frozen=True, kw_only=True)

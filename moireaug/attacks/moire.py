@@ -12,10 +12,9 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.pose import aim, moved_fields, pose_of
 from moireaug.attacks.problem import Problem
 from moireaug.capture import develop, expose
-from moireaug.effects.tone import clip
-from moireaug.fields import one_of
-from moireaug.scene import Scene, as_scene
-from moireaug.shot import Shot
+from moireaug.numeric import clip
+from moireaug.scene.fields import one_of
+from moireaug.scene.scene import Scene, Shot, as_scene
 
 Stage = Callable[[Tensor, Shot], Tensor]
 

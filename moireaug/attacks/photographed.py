@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.capture import capture, develop, expose
-from moireaug.fields import one_of
-from moireaug.shot import Shot
+from moireaug.scene.fields import one_of
+from moireaug.scene.scene import Shot
 
 # what an attack perturbs, to what the camera makes of it
 CAMERAS: dict[str, Callable[[Tensor, Shot], Tensor]] = {"raw": develop, "image": capture}

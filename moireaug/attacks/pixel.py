@@ -15,9 +15,9 @@ from moireaug.attacks.losses import margin, reported
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Problem, Result
 from moireaug.attacks.rules import choose
-from moireaug.capture import check_images
-from moireaug.effects.tone import clip
-from moireaug.shot import Shot
+from moireaug.checks import check_images
+from moireaug.numeric import clip
+from moireaug.scene.scene import Shot
 
 INSIDE = 1 - 1e-6  # black and white lie at infinity in tanh space: so far they are moved in
 

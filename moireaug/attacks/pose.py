@@ -7,12 +7,9 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from moireaug.fields import bounds, one_of, ranged_fields
-from moireaug.parts import PARTS
-from moireaug.scene import Scene
-from moireaug.shot import Shot
-
-DIFFERENTIABLE = ("spectral", "box")  # exposures with a gradient in the shot, see `capture`
+from moireaug.scene.fields import bounds, one_of, ranged_fields
+from moireaug.scene.parts import PARTS
+from moireaug.scene.scene import Scene, Shot
 
 Field = tuple[str, str]  # a part and one of its ranged fields
 
@@ -42,7 +39,7 @@ def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
                 "set pose='camera'."
             )
         found += varied
-    if found and scene.plan().exposure not in DIFFERENTIABLE:
+    if found and not scene.plan().method.differentiable_in_shot:
         raise ValueError(
             f"optimise needs an exposure that is differentiable in the shot, 'spectral' or 'box'; got "
             f"{scene.plan().exposure!r} in the scene's plan. Set Sensor(exposure='spectral'), or 'box' for a lens "

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from moireaug.shot import Shot
+from moireaug.scene.scene import Shot
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from moireaug.capture import check_images
+from moireaug.checks import check_images
 from moireaug.defenses.base import Defence, check_whole
-from moireaug.effects import tone
+from moireaug.numeric import clip
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Compose(Defence):
                         f"a defence must keep the images' shape {tuple(images.shape)}; {type(defence).__name__} gave "
                         f"{tuple(out.shape)}."
                     )
-                out = tone.clip(out).to(images.dtype)
+                out = clip(out).to(images.dtype)
             images = out
         return images
 

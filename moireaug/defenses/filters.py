@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.capture import check_images
+from moireaug.checks import check_images
 from moireaug.defenses.base import Defence, check_real, check_whole, mirrored, straight_through
-from moireaug.effects import jpeg, tone
+from moireaug.effects.jpeg import jpeg
+from moireaug.numeric import clip
 
 DARKEST = 1 / 255  # the mean below which `Gain` does not go on amplifying, so that black stays black
 
@@ -34,7 +35,7 @@ class JPEG(Defence):
         return f"JPEG {self.quality}"
 
     def apply(self, images: Tensor) -> Tensor:
-        return jpeg.jpeg(images, torch.full((len(images),), float(self.quality), device=images.device))
+        return jpeg(images, torch.full((len(images),), float(self.quality), device=images.device))
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,7 @@ class Gain(Defence):
 
     def apply(self, images: Tensor) -> Tensor:
         mean = images.mean((1, 2, 3), keepdim=True).clamp(min=DARKEST)
-        return tone.clip(images * (self.mean / mean))
+        return clip(images * (self.mean / mean))
 
 
 def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
@@ -203,4 +204,4 @@ def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
         )
     x = images if images.dtype == torch.float64 else images.float()
     shift = x.mean((1, 2, 3), keepdim=True) - clean.to(x).mean((1, 2, 3), keepdim=True)
-    return tone.clip(x - shift).to(images.dtype)
+    return clip(x - shift).to(images.dtype)

@@ -1,1 +1,1 @@
-"""The physical steps between a screen and a photo, one small pure function each. Effects know tensors only."""
+"""The physical steps between a screen and a photo, one module each: a verdict on a scene, and a function of light."""

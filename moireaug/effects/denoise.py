@@ -8,11 +8,27 @@ import torch
 from kornia.filters import bilateral_blur
 from torch import Tensor
 
-from moireaug.effects.jpeg import from_codes, to_codes
+from moireaug.effects.base import Effect, Verdict, called, left_out
+from moireaug.effects.codes import from_codes, to_codes
+from moireaug.scene.record import SceneRecord
 
 WINDOW = 5  # pixels: beyond the 3 x 3 that a demosaic has smeared already
 SIGMA_COLOUR = 0.1  # differences of R, G and B summed: 8 codes each, above sensor noise and below most edges
 SIGMA_SPACE = 1.5  # pixels: even the window's corners count, by a sixth
+
+
+class Denoise(Effect):
+    """A denoiser on the codes of every sensor pixel."""
+
+    name = "denoise"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        if scene.develop.denoise is None:
+            return left_out("not asked for")
+        return called(f"{scene.develop.denoise}, on every sensor pixel")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        return DENOISERS[shot.scene.develop.denoise](photo)
 
 
 def nlm(photo: Tensor) -> Tensor:

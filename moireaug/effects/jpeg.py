@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
 
 import numpy as np
 import torch
@@ -11,9 +10,29 @@ from kornia.enhance import jpeg_codec_differentiable
 from PIL import Image
 from torch import Tensor
 
+from moireaug.effects.base import Effect, Verdict, called, left_out, show
+from moireaug.effects.codes import from_codes, to_codes
+from moireaug.scene.fields import bounds
+from moireaug.scene.record import SceneRecord
+
 # Kornia's rounding has no slope where a coefficient is a whole multiple of its step, as all are in flat black or white:
 # an attack that starts from no noise would never leave it. So much of the gradient passes straight through.
 THROUGH = 0.02
+
+
+class Jpeg(Effect):
+    """A JPEG file that the photo goes through."""
+
+    name = "jpeg"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        quality = scene.develop.jpeg
+        if bounds(quality)[1] == 0:
+            return left_out("no quality given")
+        return called(f"quality {show(quality)}")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        return jpeg(photo, shot.develop.jpeg)
 
 
 def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
@@ -34,26 +53,6 @@ def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
         ValueError: a photo or a quality that is NaN, or another number of qualities than of photos.
     """
     return _jpeg(photo, quality.detach().round().clamp(1, 100))
-
-
-def to_codes(photo: Tensor) -> np.ndarray:
-    """(B, 3, H, W) float in [0, 1] to the nearest 8-bit codes, (B, H, W, 3) uint8 on the CPU.
-
-    Raises:
-        ValueError: NaN, for which no code stands.
-    """
-    if photo.isnan().any():
-        raise ValueError("the photo holds NaN, which has no 8-bit code. Look for it in the image or the noise.")
-    codes = (photo * 255).round().clamp(0, 255).to(torch.uint8)
-    return codes.permute(0, 2, 3, 1).contiguous().cpu().numpy()
-
-
-def from_codes(codes: Iterable[np.ndarray], like: Tensor) -> Tensor:
-    """The inverse: (H, W, 3) uint8 for each image to a new photo of the shape, dtype and device of `like`."""
-    photo = torch.empty(like.shape, dtype=torch.uint8)
-    for row, image in zip(photo, codes, strict=True):
-        row.copy_(torch.from_numpy(image).permute(2, 0, 1))
-    return photo.to(like.device).to(like.dtype) / 255
 
 
 # operators of their own, since torch.compile cannot look into them

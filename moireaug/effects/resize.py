@@ -1,38 +1,48 @@
-"""Registration: the photo brought back to the frame of the image that was shown."""
+"""Sensor pixels to photo pixels, on codes, as apps and data pipelines do it."""
 
 from __future__ import annotations
 
-import torch
+import torch.nn.functional as F
 from torch import Tensor
 
-from moireaug.effects.exposure import shown
-from moireaug.effects.view import enlarge, look, nodes, undistortion
+from moireaug.effects.base import Effect, Verdict, called, left_out
+from moireaug.geometry.sensor import SampledPixels
+from moireaug.scene.record import SceneRecord
 
 
-def unbent(matrix: Tensor, lens: tuple[Tensor, Tensor] | None, size: tuple[int, int], *, affine: bool) -> Tensor | None:
-    """The factor that undoes the lens, on `nodes` of the image: (B, 1, n, n), or None without a lens."""
-    if lens is None:
-        return None
-    h, w = size
-    rows, cols = (nodes(torch.arange(n, dtype=torch.float64, device=matrix.device) + 0.5) for n in size)
-    ideal = torch.stack(look(matrix, rows, cols, size, affine=affine, lens=None), -1)
-    ideal = ideal - ideal.new_tensor([w / 2, h / 2])
-    return undistortion(ideal.flatten(1, 2), *lens, size).reshape(ideal.shape[:-1])[:, None]
+class Resize(Effect):
+    """The photo at the size of the image."""
+
+    name = "resize"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        scale = scene.sensor.scale
+        if scale == 1:
+            return left_out("one sensor pixel a photo pixel")
+        return called(f"{scene.develop.resize}, {scale:g} sensor pixels a photo pixel")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        return resize(photo, *shot.sampled_pixels(), shot.scene.develop.resize)
 
 
-def register(photo: Tensor, matrix: Tensor, factor: Tensor | None, *, affine: bool) -> Tensor:
-    """Resample a photo (B, 3, H, W) to the image's frame, bilinear; black where the photo does not show the image.
+def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) -> Tensor:
+    """Return the pixels that were read (B, 3, h, w) as photo pixels (B, 3, H, W)."""
+    step = rows.step
+    if step == 1:
+        return photo
+    if step and how == "point":
+        return window_centres(photo, step)
+    if step:
+        return F.avg_pool2d(photo, step)
+    size = rows.size, cols.size
+    if how == "area":
+        return F.interpolate(photo, size=size, mode="area")
+    return F.interpolate(photo, size=size, mode="bilinear", align_corners=False, antialias=how == "antialias")
 
-    Args:
-        matrix: (B, 3, 3) from image to ideal photo coordinates. factor: as from `unbent`.
-        affine: the last row of `matrix` is (0, 0, 1).
-    """
-    h, w = size = photo.shape[-2:]
-    rows, cols = (torch.arange(n, dtype=photo.dtype, device=photo.device) + 0.5 for n in size)
-    to_edges = matrix.new_tensor([2 / w, 2 / h, 1])[:, None]  # the photo goes from -1 to 1
-    x, y = (t - 1 for t in look(to_edges * matrix, rows, cols, size, affine=affine, lens=None))
-    if factor is not None:
-        factor = enlarge(factor.to(photo.dtype), size)[:, 0]
-        x, y = x * factor, y * factor
-    inside = torch.maximum(x.detach().abs(), y.detach().abs()) <= 1
-    return shown(photo, x, y, dark=False) * inside.to(photo.dtype)[:, None]
+
+def window_centres(photo: Tensor, step: int) -> Tensor:
+    """Return the mean of the 1 x 1 (odd step) or 2 x 2 (even step) pixels in the centre of each window."""
+    across = 1 if step % 2 else 2
+    first = (step - across) // 2
+    windows = photo.unfold(2, step, step).unfold(3, step, step)
+    return windows[..., first : first + across, first : first + across].mean((-1, -2))

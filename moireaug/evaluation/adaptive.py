@@ -13,7 +13,7 @@ from moireaug.attacks.pose import moved_fields
 from moireaug.capture import capture
 from moireaug.defenses import Defended
 from moireaug.evaluation.rungs import Bout, Rung, label, moire_attack, unless_broken
-from moireaug.scene import Scene
+from moireaug.scene.scene import Scene
 
 DRAWS = 4  # of an expectation, of shots or of a randomised defence
 Defence = Callable[[Tensor], Tensor]

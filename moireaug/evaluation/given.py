@@ -9,7 +9,7 @@ from moireaug.defenses import DEFENSES
 from moireaug.evaluation.adaptive import Defence
 from moireaug.evaluation.rungs import CLEAN, MOIRE, Model, Rung, random_noise
 from moireaug.evaluation.sweep import Judge, behind
-from moireaug.scene import Scene
+from moireaug.scene.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)

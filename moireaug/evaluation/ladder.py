@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from moireaug.evaluation import rungs
 from moireaug.evaluation.rungs import Model, Rung
 from moireaug.evaluation.sweep import MODEL, Batch, Index, Job, Row, complete, gather, sweep
-from moireaug.scene import Scene, as_scene
+from moireaug.scene.scene import Scene, as_scene
 
 
 def middle(eps: Sequence[float]) -> float:

@@ -11,10 +11,10 @@ from torch import Tensor
 
 from moireaug.attacks import MoireAttack, evaluating, predicted
 from moireaug.capture import capture
-from moireaug.effects.tone import clip
 from moireaug.evaluation.rungs import Model, unless_broken
 from moireaug.evaluation.words import answer
-from moireaug.scene import Scene
+from moireaug.numeric import clip
+from moireaug.scene.scene import Scene
 
 AMPLIFY = 4  # how much an attack's change of the photo is enlarged to be seen
 

@@ -8,8 +8,8 @@ from moireaug.evaluation.given import Given, controls
 from moireaug.evaluation.rungs import MOIRE, NO_MOIRE, Rung, in_scene, moire_attack
 from moireaug.evaluation.sweep import MODEL
 from moireaug.evaluation.table import Cell, Table, crossed, table, worst_of
-from moireaug.presets import PRESETS
-from moireaug.scene import Scene
+from moireaug.scene.presets import PRESETS
+from moireaug.scene.scene import Scene
 
 BOUNDS = (4 / 255, 8 / 255)
 OWN = "own scene"

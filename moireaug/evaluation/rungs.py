@@ -16,11 +16,10 @@ from torch import Tensor, nn
 
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
 from moireaug.capture import capture, develop, expose
-from moireaug.effects.tone import clip
 from moireaug.evaluation.statistics import ratio_of_means
 from moireaug.evaluation.visibility import visibility
-from moireaug.scene import Scene
-from moireaug.shot import Shot
+from moireaug.numeric import clip
+from moireaug.scene.scene import Scene, Shot
 
 Model = nn.Module | Callable[[Tensor], Tensor]
 

@@ -16,8 +16,8 @@ from moireaug.evaluation.given import Given, controls
 from moireaug.evaluation.rungs import MOIRE, NO_MOIRE, Rung, in_scene, moire_attack, random_noise
 from moireaug.evaluation.sweep import MODEL, Judge, other
 from moireaug.evaluation.table import Cell, Table, crossed, table, worst_of
-from moireaug.fields import bounds, one_of
-from moireaug.scene import Scene
+from moireaug.scene.fields import bounds, one_of
+from moireaug.scene.scene import Scene
 
 
 def _rivals(g: Given) -> dict[str, Rung]:

@@ -16,7 +16,7 @@ from moireaug.attacks import UNDECIDED, evaluating, predicted
 from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.evaluation.rungs import CLEAN, Bout, Model, Rung
 from moireaug.evaluation.statistics import mix, wilson
-from moireaug.scene import Scene
+from moireaug.scene.scene import Scene
 
 Record = dict[str, Any]
 Batch = tuple[Tensor, Tensor]

@@ -15,8 +15,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from moireaug.parts import Develop, Lens, Panel, Sensor, View
-from moireaug.scene import Scene
+from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
+from moireaug.scene.scene import Scene
 
 
 class Display(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from moireaug.shot import Shot
+from moireaug.scene.scene import Shot
 from moireaug.transforms._convert import at_size, move_boxes, photograph
 
 

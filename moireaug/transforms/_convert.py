@@ -10,10 +10,9 @@ from torch import Tensor
 
 from moireaug.capture import capture
 from moireaug.checks import channels_last
-from moireaug.parts import PARTS
-from moireaug.presets import PRESETS
-from moireaug.scene import Scene
-from moireaug.shot import Shot
+from moireaug.scene.parts import PARTS
+from moireaug.scene.presets import PRESETS
+from moireaug.scene.scene import Scene, Shot
 
 LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
 EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to a 256th of its rise

@@ -15,7 +15,7 @@ from torchvision.tv_tensors import Video
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import check_labels
-from moireaug.scene import Scene
+from moireaug.scene.scene import Scene
 from moireaug.transforms._convert import as_given, as_shown, check_probability, describe, moves
 from moireaug.transforms.torchvision import CARRIED, SHOWN, wrap
 

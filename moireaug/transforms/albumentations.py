@@ -18,8 +18,7 @@ from albumentations.core.transforms_interface import BasicTransform, DualTransfo
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
-from moireaug.scene import Scene, as_scene
-from moireaug.shot import Shot
+from moireaug.scene.scene import Scene, Shot, as_scene
 from moireaug.transforms._arrays import apply_shot, apply_to_all, move_bboxes, move_keypoints, move_mask, planes
 from moireaug.transforms._convert import as_shown, check_probability, moves
 

@@ -9,10 +9,9 @@ import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
-from moireaug.fields import ranged_fields
-from moireaug.parts import PARTS
-from moireaug.scene import Scene, as_scene
-from moireaug.shot import Shot
+from moireaug.scene.fields import ranged_fields
+from moireaug.scene.parts import PARTS
+from moireaug.scene.scene import Scene, Shot, as_scene
 from moireaug.transforms._convert import check_format, check_probability, describe, moves, photograph
 
 

@@ -14,8 +14,7 @@ from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
-from moireaug.scene import Scene, as_scene
-from moireaug.shot import Shot
+from moireaug.scene.scene import Scene, Shot, as_scene
 from moireaug.transforms._convert import (
     at_size,
     check_format,

@@ -8,7 +8,7 @@ from torch import nn
 
 from moireaug import Lens, Scene, Sensor, attacks, capture, expose
 from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, Normalized, SquareMoire
-from moireaug.effects.tone import clip
+from moireaug.numeric import clip
 from moireaug.transforms import AdversarialMoire
 from tests.attacks.common import EPS, SCENE, predicted
 

@@ -8,8 +8,8 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.pose import aim, moved_fields, pose_of
-from moireaug.fields import bounds, ranged_fields
-from moireaug.parts import PARTS
+from moireaug.scene.fields import bounds, ranged_fields
+from moireaug.scene.parts import PARTS
 
 SCENE = Scene(
     panel=Panel(scale=(0.9, 1.2)),

@@ -11,7 +11,7 @@ import torch
 from benchmarks import accuracy_vs_time, effects_cost, measure, released
 from benchmarks.colour import ciede2000, visible_difference
 from moireaug import Lens, Panel, Scene, Sensor, View, capture, expose
-from moireaug.presets import PRESETS
+from moireaug.scene.presets import PRESETS
 
 ROOT = Path(__file__).resolve().parents[2]
 FACTS = {"date", "device", "cpu", "cores", "threads", "load_average_at_start", "python", *measure.LIBRARIES}

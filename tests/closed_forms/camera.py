@@ -10,7 +10,10 @@ import torch
 import torch.nn.functional as F
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
-from moireaug.effects import bayer, view
+from moireaug.effects.demosaic import DEMOSAICS, demosaic_bilinear, demosaic_malvar
+from moireaug.geometry import grids
+from moireaug.geometry.homography import POSES
+from moireaug.geometry.sensor import pack, unpack
 from tests.closed_forms.common import CLOSE, COLOUR, EVEN, read, sinc
 
 # -- geometry
@@ -20,18 +23,17 @@ BENDS = ((0.0, 0.0), (0.2, 0.0), (-0.15, 0.0), (0.05, 0.1), (0.3, -0.15), (-0.2,
 
 
 def check_round_trip(dtype):
-    """Where a photo point looks is shown at that photo point."""
+    """Where a photo point looks is shown at that photo point. Coordinates are float64 whatever the image's dtype."""
     size, n = (30, 40), 8
-    lines = [torch.linspace(0, s, 9, dtype=dtype) for s in size]
-    corners = view.lattice(*lines).flatten(1, 2).double()
-    for pose in view.POSES:
+    points = grids.grid(*(torch.linspace(0, s, 9, dtype=torch.float64) for s in size))
+    corners = points.flatten(1, 2)
+    for pose in POSES:
         for k1, k2 in BENDS:
             scene = Scene(view=dataclasses.replace(PLACES, pose=pose), lens=Lens(k1=k1, k2=k2))
             shot = scene.sample(n, size, torch.Generator().manual_seed(1))
-            inverse = torch.linalg.inv(shot.matrix())
-            seen = torch.stack(view.look(inverse, *lines, size, affine=False, lens=shot.bends), -1).flatten(1, 2)
-            back = view.image_to_photo(seen.double(), shot.matrix(), size, shot.bends)
-            assert (back - corners).norm(dim=-1).max() < {torch.float64: 1e-9, torch.float32: 1e-3}[dtype]
+            seen = grids.photo_to_image(points, torch.linalg.inv(shot.matrix()), size, shot.distortion).flatten(1, 2)
+            back = grids.image_to_photo(seen, shot.matrix(), size, shot.distortion)
+            assert (back - corners).norm(dim=-1).max() < 1e-9
             assert (seen - corners).norm(dim=-1).max() > 1
 
 
@@ -63,7 +65,7 @@ def check_vignetting(dtype):
     for scale in (1, 3):  # without colour filters and with
         sensor = Sensor(scale=scale, cfa="none" if scale == 1 else "rggb")
         raw = read(Scene(panel=EVEN, lens=Lens(vignetting=loss), sensor=sensor), (h, w), dtype)
-        dark = (raw if scale == 1 else bayer.unpack(raw[None]))[0, : h * scale, : w * scale].numpy()
+        dark = (raw if scale == 1 else unpack(raw[None]))[0, : h * scale, : w * scale].numpy()
         v, u = ((np.arange(n * scale) + 0.5) / scale - n / 2 for n in (h, w))
         r = np.hypot(v[:, None], u) / math.hypot(h / 2, w / 2)
         corner = math.acos((1 - loss) ** 0.25)  # the angle of its ray, whose cosine to the fourth is left
@@ -74,10 +76,18 @@ def check_vignetting(dtype):
 # -- from raw to photo
 
 
+def to_light(codes):
+    return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+
+
+def to_codes(light):
+    return np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+
+
 def photo_of(mosaic, dtype, size, **parts):
     """The photo of (h, w) raw numbers."""
     shot = Scene(panel=EVEN, **parts).sample(1, size)
-    raw = bayer.pack(mosaic[None].to(dtype))
+    raw = pack(mosaic[None].to(dtype))
     assert raw.shape == shot.raw_shape()
     return develop(raw, shot)[0].double()
 
@@ -92,7 +102,7 @@ SIZE = (7, 10)
 
 def check_demosaic_of_a_constant(dtype):
     """Up to the border, past which the mosaic is mirrored."""
-    for demosaic in bayer.DEMOSAICS:
+    for demosaic in DEMOSAICS:
         for scale in (1, 2, 3, 4):
             flat = torch.full(sensor_of(SIZE, scale), 0.6, dtype=torch.float64)
             parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
@@ -101,7 +111,7 @@ def check_demosaic_of_a_constant(dtype):
 
 def check_demosaic_of_a_ramp(dtype):
     """Away from the border by as much as the filters reach."""
-    for demosaic in bayer.DEMOSAICS:
+    for demosaic in DEMOSAICS:
         for scale in (1, 2, 3, 4):
             v, u = ((torch.arange(n, dtype=torch.float64) + 0.5) / scale for n in sensor_of(SIZE, scale))
             parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
@@ -111,17 +121,34 @@ def check_demosaic_of_a_ramp(dtype):
             assert (photo - ramp)[:, 2:-2, 2:-2].abs().max() < CLOSE[dtype]
 
 
-def check_folded_kernels(dtype):
-    """One convolution of the packed planes does what demosaic and area resize do one after another."""
-    plain = {"bilinear": bayer.demosaic_bilinear, "malvar": bayer.demosaic_malvar}
+def check_mosaic_to_photo(dtype):
+    """Demosaic at every sensor pixel, whose outermost cells go on past the border, and then the mean of each window."""
+    plain = {"bilinear": demosaic_bilinear, "malvar": demosaic_malvar}
     for demosaic, scale in ((d, s) for d in plain for s in (1, 2, 3, 4)):
         h, w = sensor_of(SIZE, scale)
         mosaic = torch.rand(h, w, dtype=torch.float64, generator=torch.Generator().manual_seed(scale))
         parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
         photo = photo_of(mosaic, dtype, SIZE, **parts)
-        wide = bayer.unpack(F.pad(bayer.pack(mosaic[None]), (2, 2, 2, 2), mode="replicate"))
+        wide = unpack(F.pad(pack(mosaic[None]), (2, 2, 2, 2), mode="replicate"))
         colour = plain[demosaic](wide)[..., 4 : 4 + SIZE[0] * scale, 4 : 4 + SIZE[1] * scale]
-        assert (photo - F.avg_pool2d(colour, scale)[0].clamp(0, 1)).abs().max() < CLOSE[dtype]
+        assert (photo - F.avg_pool2d(colour.clamp(0, 1), scale)[0]).abs().max() < CLOSE[dtype]
+
+
+# weights of four sensor pixels in a row for the first of two photo pixels
+WEIGHTS = {"area": (1 / 2, 1 / 2, 0, 0), "point": (1 / 2, 1 / 2, 0, 0), "antialias": (3 / 7, 3 / 7, 1 / 7, 0)}
+
+
+def check_resize_of_codes(dtype):
+    """Light becomes codes on the sensor's pixels, and these become photo pixels: a mean of codes, not of light."""
+    light = torch.tensor([[0.02, 0.9, 0.3, 0.0], [0.6, 0.001, 0.08, 1.0]], dtype=torch.float64)
+    codes = to_codes(light.numpy())
+    for resize, weights in WEIGHTS.items():
+        how = Develop(linear_light=True, resize=resize)
+        shot = Scene(panel=EVEN, sensor=Sensor(scale=2.0, cfa="none"), develop=how).sample(1, (1, 2))
+        photo = develop(light.to(dtype).expand(1, 3, 2, 4), shot)[0, :, 0].double().numpy()
+        expected = [codes.mean(0) @ weights, codes.mean(0)[::-1] @ weights]
+        assert np.abs(photo - expected).max() < max(1e-5, CLOSE[dtype])
+        assert abs(to_codes(light.numpy().mean(0) @ weights) - expected[0]) > 0.05
 
 
 def shade(dtype):
@@ -152,13 +179,6 @@ def check_bits(dtype):
 
 def check_balance(dtype):
     """White balance multiplies light, and brighten adds to codes."""
-
-    def to_light(codes):
-        return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
-
-    def to_codes(light):
-        return np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
-
     gains = np.array([1.3, 1.0, 0.6])[None, :, None, None]
     for linear in (True, False):
         how, codes = Develop(red=1.3, blue=0.6, brighten=0.05, linear_light=linear), shade(torch.float64).numpy()

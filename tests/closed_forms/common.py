@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from moireaug import Panel, Sensor, expose
-from moireaug.effects.panel import Layout
+from moireaug.scene.layout import Layout
 
 EVEN, COLOUR = Panel(layout="even"), Sensor(cfa="none")  # with these a photo is its image
 CELL = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose
-from moireaug.effects import bayer, view
-from moireaug.effects.panel import LAYOUTS, as_layout
+from moireaug.geometry import grids
+from moireaug.geometry.sensor import CFA
+from moireaug.scene.layout import LAYOUTS, as_layout
 from tests.closed_forms.common import CELL, CLOSE, EVEN, read, sinc
 
+SITES = CFA["rggb"]
 STEEP = math.degrees(math.atan(3 / 4))  # of cosine 4/5 and sine 3/5
 
 
@@ -77,7 +80,7 @@ def check_mean_light(dtype):
     methods = {"mean": 1e-5, "spectral": 1e-5, "box": 1e-5, "supersample:4": 0.02}
     for layout in (*LAYOUTS, CELL):
         cell = as_layout(layout)
-        area = [sum(s.width[0] * s.width[1] for s in cell.of(c)) / math.prod(cell.period) for c in bayer.CHANNELS]
+        area = [sum(s.area for s in cell.of(site.channels[0])) / math.prod(cell.period) for site in SITES]
         for lit in (1.0, 0.6):
             for method, bound in methods.items():
                 panel, sensor = Panel(layout=layout, lit=lit, scale=92 / 63), Sensor(scale=2.0, exposure=method)
@@ -101,10 +104,11 @@ def check_box(dtype):
             raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), size, dtype)
             centres = [(np.arange(n * scale) + 0.5) * alpha / scale for n in size]  # of sensor pixels, on the panel
             reach, cell = fill / 2 * alpha / scale, as_layout(layout)
-            for plane, (r, c), channel in zip(raw, bayer.CELL, bayer.CHANNELS, strict=True):
+            for plane, (r, c, (channel,)) in zip(raw, SITES, strict=True):
                 light = 0
                 for s in cell.of(channel):
-                    sides = [(o - w * lit**0.5 / 2, w * lit**0.5) for o, w in zip(s.centre, s.width, strict=True)]
+                    widths = s.across[0] * lit**0.5, s.down[1] * lit**0.5
+                    sides = [(o - w / 2, w) for o, w in zip(s.centre, widths, strict=True)]
                     down = overlap(centres[0], reach, *sides[1], cell.period[1])[r::2]
                     across = overlap(centres[1], reach, *sides[0], cell.period[0])[c::2]
                     light = light + down[:, None] * across / (2 * reach) ** 2
@@ -120,10 +124,10 @@ def check_point(dtype):
             raw, cell = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype), as_layout(layout)
             at = ((np.arange(n * scale) + 0.5) * alpha / scale) * cell.raster - 0.5  # of sensor pixels, on the raster
             left, height, width = np.floor(at).astype(int), *(cell.raster * p for p in cell.period[::-1])
-            for plane, (r, c), channel in zip(raw, bayer.CELL, bayer.CHANNELS, strict=True):
+            for plane, (r, c, (channel,)) in zip(raw, SITES, strict=True):
                 raster = np.zeros((height, width))
                 for s in cell.of(channel):
-                    x0, y0, x1, y1 = (round(v * cell.raster) for v in (s.x0, s.y0, s.x1, s.y1))
+                    (x0, y0), _, (x1, y1), _ = ([round(v * cell.raster) for v in corner] for corner in s.corners())
                     raster[y0:y1, x0:x1] = 1
                 light = 0
                 for y, x in np.ndindex(2, 2):
@@ -156,7 +160,7 @@ def check_supersampling(dtype):
     """Spectral is exact in any view; box, for magnified screens, to the Gaussian that stands for what is not a box."""
     for method, scene, bound, gain in (("spectral", MINIFIED, 0.02, 10), ("box", MAGNIFIED, 0.015, 2)):
         ours = from_everywhere(scene, method, dtype)
-        coarse, fine = ((ours - brute_force(scene, n)).square().mean().sqrt() / ours.max() for n in (4, 32))
+        coarse, fine = ((ours - brute_force(scene, n)).square().mean().sqrt() / ours.max() for n in (4, 24))
         assert fine < bound and fine < coarse / gain
 
 
@@ -165,14 +169,15 @@ def check_supersampling(dtype):
 
 def check_held_picture(dtype):
     """Six sensor pixels a panel pixel, two a stripe: every other reading of a colour lies wholly inside a subpixel."""
-    own = (0, 0, 3), (1, 1, 4), (2, 1, 4), (3, 2, 5)  # plane, and where the left and the right panel pixel are read
+    places = (0, 0, 3), (1, 1, 4), (2, 1, 4), (3, 2, 5)  # plane, and where the left and the right panel pixel are read
     for exposure in ("spectral", "box", "supersample:3"):
         scene = Scene(sensor=Sensor(scale=6.0, exposure=exposure))
         pictures = torch.tensor([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=dtype)[:, None, None].expand(-1, 3, 4, -1)
         left, right, both = expose(pictures, scene.sample(3, (4, 2)))
-        for plane, a, b in own:
-            assert torch.equal(left[plane, :, a], both[plane, :, a]) and (left[plane, :, b] == 0).all()
-            assert torch.equal(right[plane, :, b], both[plane, :, b]) and (right[plane, :, a] == 0).all()
+        for plane, a, b in places:
+            for own, other, here in ((left, right, a), (right, left, b)):
+                assert (own - both)[plane, :, here].abs().max() < CLOSE[dtype]
+                assert other[plane, :, here].abs().max() < CLOSE[dtype]
             assert (both[plane, :, [a, b]] - 1).abs().max() < 0.02  # the series is cut at the tolerance
 
 
@@ -184,18 +189,18 @@ FAR = (  # one reading spans more than 8 image pixels everywhere, or at the far 
 
 
 def check_checkerboard_from_afar(dtype):
-    """Squares of one pixel, eight and more to a reading, are grey: no alias."""
-    n = 127  # odd, so that no halving of the picture has each window on as many black as white squares
-    board = (torch.arange(n)[:, None] + torch.arange(n)) % 2
-    for exposure in ("spectral", "box", "mean"):
-        for turn in FAR:
-            sensor = Sensor(cfa="none", exposure=exposure)
-            scene = Scene(panel=EVEN, view=turn, sensor=sensor, develop=Develop(registered=False))
-            shot = scene.sample(1, (n, n))
-            raw = expose(board.to(dtype).expand(1, 3, n, n), shot)[0]
-            inverse, lines = torch.linalg.inv(shot.matrix()), shot.readouts()[0].positions()
-            x, y = view.look(inverse, lines, lines, (n, n), affine=False, lens=None)
-            span = view.jacobian(inverse, view.lattice(lines, lines), (n, n), lens=None).norm(dim=-1).amax(-1)
-            far = ((x.sub(n / 2).abs() < 48) & (y.sub(n / 2).abs() < 48) & (span > 8))[0]
-            assert far.sum() > 50
-            assert (raw[:, far] - 0.5).abs().max() < 0.02
+    """Squares of one or two pixels, eight pixels and more to a reading, are grey: no alias."""
+    n = 127  # odd, so that the last row and column count twice where the picture is halved
+    lines = torch.arange(n)
+    for exposure, turn, side in itertools.product(("spectral", "box", "mean"), FAR, (1, 2)):
+        board = (lines[:, None] // side + lines // side) % 2
+        sensor = Sensor(cfa="none", exposure=exposure)
+        scene = Scene(panel=EVEN, view=turn, sensor=sensor, develop=Develop(registered=False))
+        shot = scene.sample(1, (n, n))
+        raw = expose(board.to(dtype).expand(1, 3, n, n), shot)[0]
+        inverse, points = torch.linalg.inv(shot.matrix()), grids.pixel_centres((n, n), raw.device)
+        x, y = grids.photo_to_image(points, inverse, (n, n), None).unbind(-1)
+        span = grids.jacobian(points, inverse, (n, n), None).norm(dim=-1).amax(-1)
+        far = ((x.sub(n / 2).abs() < 48) & (y.sub(n / 2).abs() < 48) & (span > 8))[0]
+        assert far.sum() > 50
+        assert (raw[:, far] - 0.5).abs().max() < 0.005

@@ -13,7 +13,7 @@ import torch
 
 pytest.register_assert_rewrite("tests.closed_forms.screen", "tests.closed_forms.camera")
 
-from moireaug.effects import bayer
+from moireaug.geometry.sensor import pack
 from tests.closed_forms import camera, screen
 
 CHECKS = [f for module in (screen, camera) for name, f in vars(module).items() if name.startswith("check_")]
@@ -62,55 +62,72 @@ def times(factor):
 
 def nearest(mosaic):
     """A demosaic that takes each cell for one pixel."""
-    return bayer.pack(mosaic)[:, [0, 1, 3]].repeat_interleave(2, 2).repeat_interleave(2, 3)
+    return pack(mosaic)[:, [0, 1, 3]].repeat_interleave(2, 2).repeat_interleave(2, 3)
 
 
-TRANSFER, EDGES = "moireaug.effects.exposure.Optics.transfer", "moireaug.effects.exposure.edges"
-DEMOSAICS, FLICKER = "moireaug.effects.bayer.DEMOSAICS", "moireaug.capture.flicker"
+def every(change):
+    """A table whose every function is spoilt."""
+    return lambda table: {name: change(f) for name, f in table.items()}
+
+
+def resized_first(effects):
+    """The development with the resize of light, and not of codes."""
+    resize = [e for e in effects if e.name == "resize"]
+    others = [e for e in effects if e.name != "resize"]
+    before = [e.name for e in others].index("encode")
+    return (*others[:before], *resize, *others[before:])
+
+
+TRANSFER, FOOTPRINT = "moireaug.exposure.optics.Optics.transfer", "moireaug.exposure.content.footprint"
+SHARES, PREFILTER = "moireaug.exposure.content.shares", "moireaug.effects.prefilter.mipmap"
+DEMOSAICS, FLICKER = "moireaug.effects.demosaic.DEMOSAICS", "moireaug.effects.flicker.flicker"
+FALLOFF, NOISE = "moireaug.effects.vignetting.falloff", "moireaug.effects.sensor.add_noise"
 BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_alias, TRANSFER, argument("self", optics("blur", 0))),
     (screen.check_alias, TRANSFER, argument("self", optics("olpf", 0.99))),
     (screen.check_alias, TRANSFER, argument("self", optics("fill", 0.999))),
-    (screen.check_alias, "moireaug.effects.exposure.coefficient", argument("lit", torch.square)),
-    (screen.check_alias, "moireaug.effects.view._rotation_columns", argument("roll", torch.neg)),
+    (screen.check_alias, "moireaug.exposure.smooth.coefficient", argument("width", torch.square)),
+    (screen.check_alias, "moireaug.geometry.homography._rotation_columns", argument("roll", torch.neg)),
     (screen.check_whole_pitches, TRANSFER, argument("self", optics("fill", 0.99))),
-    (screen.check_whole_pitches, EDGES, argument("optics", optics("fill", 0.99))),
+    (screen.check_whole_pitches, FOOTPRINT, argument("optics", optics("fill", 0.99))),
     (screen.check_low_pass_filter, TRANSFER, argument("self", optics("olpf", 0.9))),
-    (screen.check_mean_light, "moireaug.integrate.coefficient", argument("lit", torch.sqrt)),
-    (screen.check_mean_light, "moireaug.effects.exposure.covered", argument("width", times(0.999))),
-    (screen.check_mean_light, "moireaug.effects.exposure.emits", argument("lit", torch.square)),
-    (screen.check_box, EDGES, argument("optics", optics("fill", 0.999))),
-    (screen.check_box, "moireaug.effects.exposure.covered", argument("q", times(0.999))),
-    (screen.check_point, "moireaug.integrate.SAMPLED",
-     lambda own: own | {"point": argument("x", times(1.01))(own["point"])}),
+    (screen.check_mean_light, "moireaug.exposure.smooth.mean_light", argument("width", torch.sqrt)),
+    (screen.check_mean_light, "moireaug.exposure.smooth.coefficient", argument("width", torch.sqrt)),
+    (screen.check_mean_light, SHARES, argument("width", times(0.999))),
+    (screen.check_mean_light, "moireaug.exposure.sampled.emits", argument("width", torch.square)),
+    (screen.check_box, FOOTPRINT, argument("optics", optics("fill", 0.999))),
+    (screen.check_box, SHARES, argument("offset", times(0.999))),
+    (screen.check_point, "moireaug.exposure.sampled._raster", argument("at", times(1.01))),
     (screen.check_supersampling, TRANSFER, argument("self", optics("blur", 0.5))),
-    (screen.check_supersampling, EDGES, argument("optics", optics("fill", 0.8))),
-    (screen.check_held_picture, "moireaug.effects.exposure.held", instead(lambda q, *_: q)),
-    (screen.check_checkerboard_from_afar, "moireaug.integrate.prefilter", instead(lambda image, *_: image)),
-    (screen.check_checkerboard_from_afar, "moireaug.integrate.prefilter", argument("variance", times(0.01))),
-    (camera.check_round_trip, "moireaug.effects.view.NEWTON_STEPS", instead(1)),
-    (camera.check_round_trip, "moireaug.effects.view.undistortion", argument("k2", times(1.01))),
+    (screen.check_supersampling, FOOTPRINT, argument("optics", optics("fill", 0.8))),
+    (screen.check_held_picture, SHARES, argument("seen", lambda seen: seen._replace(box=4 * seen.box))),
+    (screen.check_checkerboard_from_afar, PREFILTER, instead(lambda image, *_: image)),
+    (screen.check_checkerboard_from_afar, PREFILTER, argument("variance", times(0.01))),
+    (camera.check_round_trip, "moireaug.geometry.distortion.NEWTON_STEPS", instead(1)),
+    (camera.check_round_trip, "moireaug.geometry.grids.inverse_radial_factor", argument("k2", times(1.01))),
     (camera.check_bands, FLICKER, argument("readout", times(2))),
     (camera.check_bands, FLICKER, argument("shutter", times(1.01))),
     (camera.check_bands, FLICKER, argument("duty", times(0.99))),
     (camera.check_bands, FLICKER, argument("rows", lambda rows: rows[::2].repeat_interleave(2))),
-    (camera.check_vignetting, "moireaug.effects.tone.falloff", result(torch.sqrt)),
-    (camera.check_vignetting, "moireaug.effects.tone.falloff", argument("rows", times(1.01))),
-    (camera.check_demosaic_of_a_constant, "moireaug.effects.bayer.folded_kernel", result(times(0.999))),
-    (camera.check_demosaic_of_a_ramp, DEMOSAICS, instead(dict.fromkeys(bayer.DEMOSAICS, nearest))),
-    (camera.check_folded_kernels, DEMOSAICS, instead(dict.fromkeys(bayer.DEMOSAICS, nearest))),
-    (camera.check_folded_kernels, "moireaug.effects.bayer.reduce_window",
-     instead(lambda colour, step, *_: colour[..., ::step, ::step])),
-    (camera.check_gain, "moireaug.effects.tone.clip", instead(lambda raw: raw)),
-    (camera.check_gain, "moireaug.capture._attenuate", instead(lambda raw, *_: raw)),
-    (camera.check_bits, "moireaug.effects.noise.quantise", argument("bits", lambda n: n + 1)),
-    (camera.check_bits, "moireaug.effects.noise.quantise",
+    (camera.check_vignetting, FALLOFF, result(torch.sqrt)),
+    (camera.check_vignetting, FALLOFF, argument("rows", times(1.01))),
+    (camera.check_demosaic_of_a_constant, DEMOSAICS, every(result(times(0.999)))),
+    (camera.check_demosaic_of_a_ramp, DEMOSAICS, every(instead(nearest))),
+    (camera.check_mosaic_to_photo, DEMOSAICS, every(instead(nearest))),
+    (camera.check_mosaic_to_photo, "moireaug.effects.resize.resize",
+     instead(lambda photo, rows, cols, how: photo[..., :: rows.step, :: cols.step])),
+    (camera.check_resize_of_codes, "moireaug.pipeline.DEVELOP", resized_first),
+    (camera.check_resize_of_codes, "moireaug.effects.resize.resize", argument("how", lambda how: "area")),
+    (camera.check_gain, "moireaug.effects.sensor.clip", instead(lambda raw: raw)),
+    (camera.check_gain, "moireaug.effects.sensor.Gain.__call__", instead(lambda self, raw, shot: raw)),
+    (camera.check_bits, "moireaug.effects.sensor.quantise", argument("bits", lambda n: n + 1)),
+    (camera.check_bits, "moireaug.effects.sensor.quantise",
      instead(lambda raw, bits: torch.round(raw * (2**bits - 1)) / (2**bits - 1))),
     (camera.check_balance, "moireaug.effects.tone.balance", argument("red", times(1.01))),
-    (camera.check_balance, "moireaug.effects.tone.decode", instead(lambda x: x**2.2)),
-    (camera.check_noise_variance, "moireaug.effects.noise.sensor_noise", argument("raw", times(1.01))),
-    (camera.check_noise_variance, "moireaug.effects.noise.sensor_noise", argument("shot", times(1.05))),
-    (camera.check_noise_variance, "moireaug.effects.noise.read_noise", argument("read", times(1.05))),
+    (camera.check_balance, "moireaug.effects.srgb.rgb_to_linear_rgb", instead(lambda x: x**2.2)),
+    (camera.check_noise_variance, NOISE, argument("raw", times(1.01))),
+    (camera.check_noise_variance, NOISE, argument("shot", times(1.05))),
+    (camera.check_noise_variance, NOISE, argument("read", times(1.05))),
 ]  # fmt: skip
 
 

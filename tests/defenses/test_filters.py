@@ -9,7 +9,7 @@ from PIL import Image
 from scipy.ndimage import median_filter
 
 from moireaug.defenses import JPEG, BitDepth, Gain, Median, restore_mean
-from moireaug.effects import jpeg
+from moireaug.effects.jpeg import jpeg
 
 DTYPES = [torch.float32, torch.float64]
 
@@ -27,7 +27,7 @@ def test_jpeg_is_pils(photos, quality):
 def test_jpegs_gradient_is_that_of_the_cameras(photos):
     images = photos().requires_grad_()
     weight = torch.randn(images.shape)
-    wanted = torch.autograd.grad((jpeg.jpeg(images, torch.full((2,), 40.0)) * weight).sum(), images)[0]
+    wanted = torch.autograd.grad((jpeg(images, torch.full((2,), 40.0)) * weight).sum(), images)[0]
     assert torch.equal(torch.autograd.grad((JPEG(40)(images) * weight).sum(), images)[0], wanted)
 
 

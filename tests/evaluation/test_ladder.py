@@ -9,7 +9,7 @@ from torch import nn
 from moireaug import Scene, capture
 from moireaug.evaluation import climb, ladder, no_moire, paired_gain, report, wilson
 from moireaug.evaluation.pictures import examples
-from moireaug.presets import PRESETS
+from moireaug.scene.presets import PRESETS
 
 from .conftest import classifier
 

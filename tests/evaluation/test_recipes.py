@@ -11,7 +11,7 @@ from moireaug.evaluation import GROUPS, SUITES, Given, Index, climb, complete, g
 from moireaug.evaluation.grids import natural, tidy, verdict
 from moireaug.evaluation.recipes import CAMERA, OWN, others
 from moireaug.evaluation.sweep import MODEL
-from moireaug.presets import PRESETS
+from moireaug.scene.presets import PRESETS
 
 SCENE = Scene.preset("screen_photo")
 GIVEN = Given(scene=SCENE, steps=2)

@@ -9,8 +9,8 @@ from torch import nn
 
 from moireaug.attacks import MoireAttack
 from moireaug.capture import capture
-from moireaug.parts import Panel
-from moireaug.scene import Scene
+from moireaug.scene.parts import Panel
+from moireaug.scene.scene import Scene
 from tests.training.small import TINY, configured
 from training.adversaries import Adversaries, Moment, Shown, check, narrowed, passes
 from training.batches import Batch

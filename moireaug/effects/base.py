@@ -1,0 +1,73 @@
+"""What an effect is: a name, a verdict on a scene, and a function of light and shot."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+from torch import Tensor
+
+from moireaug.scene.fields import Range, bounds
+from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import ShotRecord
+
+
+class Verdict(NamedTuple):
+    """Whether a scene calls for an effect, and why or why not: what `print(scene.plan())` shows."""
+
+    called: bool
+    reason: str
+
+
+def called(reason: str) -> Verdict:
+    return Verdict(True, reason)
+
+
+def left_out(reason: str) -> Verdict:
+    return Verdict(False, reason)
+
+
+class Effect(ABC):
+    """One physical step. What moves light is left out at its identity; what changes light is left out where it changes
+    no value by more than the scene's tolerance."""
+
+    name: str
+    shown = True  # in the plan; a bound that no photo reaches by itself is not
+
+    @abstractmethod
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        """Judge by the scene's ranges alone."""
+
+    @abstractmethod
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
+        """Return the light after this step. Never modifies its input."""
+
+
+class WithinExposure(Effect):
+    """A step that the exposure integrates, so that light passes here as it is."""
+
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
+        return light
+
+
+def show(value: Range) -> str:
+    """Return a range as text, "0.2 to 0.4"."""
+    low, high = bounds(value)
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
+def off(value: Range, identity: float) -> float:
+    """Return how far a range goes from an effect's identity."""
+    return max(abs(v - identity) for v in bounds(value))
+
+
+def varies(value: Range, identity: float = 0.0) -> bool:
+    """Whether a range leaves an effect's identity at all."""
+    return off(value, identity) > 0
+
+
+def judged(change: float, scene: SceneRecord, why: str, why_not: str) -> Verdict:
+    """Call for an effect that changes some value by more than the tolerance."""
+    if change > scene.tolerance:
+        return called(why)
+    return left_out(f"changes nothing by more than {scene.tolerance:.2g}" if change else why_not)

@@ -1,0 +1,124 @@
+"""The exposure, and what it integrates: subpixels, pose and lens."""
+
+from __future__ import annotations
+
+import math
+
+from torch import Tensor
+
+from moireaug.effects.base import Effect, Verdict, WithinExposure, called, left_out, show, varies
+from moireaug.exposure import extremes
+from moireaug.exposure.choose import exposure_of
+from moireaug.exposure.smooth import Mean, Spectral
+from moireaug.scene.fields import bounds
+from moireaug.scene.layout import as_layout
+from moireaug.scene.record import SceneRecord
+
+
+class Subpixels(WithinExposure):
+    """The panel's unit cell: its contrast at the sensor is the moiré."""
+
+    name = "layout"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        panel, method = scene.panel, exposure_of(scene)
+        name = panel.layout
+        if not isinstance(name, str):
+            name = f"a cell of {len(panel.layout.subpixels)} subpixels"
+        if is_solid(scene):
+            return left_out(f"{name}: every panel pixel emits all over")
+        if isinstance(method, Mean):
+            return left_out(f"{name} gives its mean light alone: nothing else is asked for")
+        if not isinstance(method, Spectral):
+            low, high = bounds(panel.scale)
+            pitch = show((scene.sensor.scale / high, scene.sensor.scale / low))
+            return called(f"{name}, {pitch} sensor pixels a panel pixel when frontal")
+        if not method.harmonics:
+            return left_out(f"{name} gives its mean light alone: no contrast above {scene.tolerance:.2g} is left at "
+                            "the sensor")  # fmt: skip
+        near = extremes.views(scene, bounds(scene.view.zoom)[1], usual=False)
+        (pair, top), n = extremes.harmonics(scene, near)[0], len(method.harmonics)
+        counted = "1 harmonic" if n == 1 else f"{n} harmonics"
+        return called(f"{name}: {counted} above {scene.tolerance:.2g}, the strongest {pair} up to {top:.2g}")
+
+
+class Pose(WithinExposure):
+    """Yaw, pitch, roll, zoom and shift of the screen: a homography."""
+
+    name = "pose"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        if not is_posed(scene):
+            return left_out("frontal and edge to edge")
+        view, angles = scene.view, []
+        for angle in ("yaw", "pitch", "roll"):
+            if varies(getattr(view, angle)):
+                angles.append(f"{angle} {show(getattr(view, angle))}")
+        reason = ", ".join(angles) + " degrees" if angles else "zoom or shift"
+        if view.pose == "released":
+            reason = f"the released code's homography, {reason}"
+        return called(reason)
+
+
+class Distortion(WithinExposure):
+    """The lens bends the photo radially."""
+
+    name = "lens"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        lens = scene.lens
+        if not is_bent(scene):
+            return left_out("no distortion, k1 = k2 = 0")
+        return called(f"k1 {show(lens.k1)}, k2 {show(lens.k2)}")
+
+
+class Exposed(Effect):
+    """Panel light integrated over the aperture and the spread of each sensor pixel that the photo reads."""
+
+    name = "exposure"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        if not is_exposed(scene):
+            return left_out("each sensor pixel reads its own image pixel")
+        method, lens = exposure_of(scene), scene.lens
+        reason = f"{method.name}: {method.reason}"
+        if method.name == "point":
+            return called(reason)
+        reason += f"; aperture {show(scene.sensor.fill)}, spread {show(lens.blur)}"
+        if varies(lens.olpf):
+            reason += f", low-pass {show(lens.olpf)}"
+        return called(f"{reason} sensor pixels")
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        return shot.plan.method(light, shot)
+
+
+def is_solid(scene: SceneRecord) -> bool:
+    """Whether panel pixels emit all colours over all their area."""
+    panel = scene.panel
+    dark = any(varies(share, 1.0) for share in (panel.lit, panel.lit_x, panel.lit_y))
+    return as_layout(panel.layout).is_solid and not dark
+
+
+def is_posed(scene: SceneRecord) -> bool:
+    """Whether the screen is ever anything but frontal and edge to edge."""
+    view = scene.view
+    moved = any(varies(a) for a in (view.yaw, view.pitch, view.roll, view.shift_x, view.shift_y))
+    return moved or varies(view.zoom, 1.0) or view.pose == "released"
+
+
+def is_bent(scene: SceneRecord) -> bool:
+    """Whether the lens ever distorts."""
+    return varies(scene.lens.k1) or varies(scene.lens.k2)
+
+
+def is_exposed(scene: SceneRecord) -> bool:
+    """Whether a sensor pixel ever reads anything but its own image pixel."""
+    lens, sensor = scene.lens, scene.sensor
+    if is_posed(scene) or is_bent(scene) or not is_solid(scene):
+        return True
+    if sensor.cfa != "none" or sensor.scale != 1 or varies(scene.panel.scale, 1.0):
+        return True
+    sigma = (bounds(lens.blur)[1] ** 2 + bounds(lens.olpf)[1] ** 2 / 4) ** 0.5
+    leak = sigma / math.sqrt(2 * math.pi)  # of the light next to each of a pixel's four edges
+    return 4 * leak * bounds(sensor.gain)[1] > scene.tolerance

@@ -1,0 +1,127 @@
+"""The picture low-passed before it is looked up: where a panel has fewer pixels than the picture, or a sensor pixel sees
+more panel pixels than are counted one by one."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from moireaug.effects.base import Effect, Verdict, called, left_out
+from moireaug.exposure import content, extremes
+from moireaug.exposure.choose import exposure_of
+from moireaug.exposure.optics import optics_of
+from moireaug.exposure.sampled import Point, Supersample
+from moireaug.exposure.smooth import WHOLE_PIXEL, Mean, extent
+from moireaug.geometry import grids
+from moireaug.scene.fields import bounds
+from moireaug.scene.layout import as_layout
+from moireaug.scene.record import SceneRecord
+
+MOST_LEVELS = 10  # halvings of a picture that is seen from afar or at a grazing angle
+SMALL = 0.5  # squared image pixels that one pass over the neighbours can blur by
+
+
+class Prefilter(Effect):
+    """A blur of the picture whose variance differs from place to place."""
+
+    name = "prefilter"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        variance = most_variance(scene)
+        if 2 * bounds(scene.sensor.gain)[1] * variance <= scene.tolerance:
+            return left_out("the panel has the picture's pixels, and a sensor pixel sees few of them")
+        return called(f"the picture blurred by up to {variance**0.5:.2g} image pixels before it is looked up")
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        most = shot.plan.prefilter
+        if most <= SMALL:
+            return spread(light, variance_at(grids.grid(*_middle(shot)), shot).flatten())
+        variance = variance_at(grids.pixel_centres(shot.size, light.device), shot)
+        return mipmap(light, variance[:, None].to(light.dtype), levels(most))
+
+
+def _middle(shot) -> tuple[Tensor, Tensor]:
+    h, w = shot.size
+    return shot.panel.scale.new_tensor([h / 2]), shot.panel.scale.new_tensor([w / 2])
+
+
+def coarseness(alpha: Tensor) -> Tensor:
+    """Return the variance, in squared image pixels, of showing a picture on a panel of `alpha` pixels an image pixel."""
+    return (1 / alpha.square() - 1).clamp(min=0) / 6
+
+
+def variance_at(points: Tensor, shot) -> Tensor:
+    """Return the blur that the picture needs at image points (1, h, w, 2), in squared image pixels: (B, h, w)."""
+    alpha, method = shot.panel.scale[:, None, None], shot.plan.method
+    coarse = coarseness(alpha).expand(-1, *points.shape[1:3])
+    if isinstance(method, (Point, Supersample)):
+        return coarse
+    points = points.expand(len(alpha), -1, -1, -1)
+    seen = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(points.shape)
+    step = grids.jacobian(seen, torch.linalg.inv(shot.matrix()), shot.size, None)
+    step = step * (alpha[..., None, None] / shot.sampled_pixels()[0].scale)
+    layout, one, lost = as_layout(shot.scene.panel.layout), torch.ones_like(alpha[:, 0, 0]), [torch.zeros_like(coarse)]
+    period = (1, 1) if isinstance(method, Mean) else layout.period
+    for subpixel in [WHOLE_PIXEL] if isinstance(method, Mean) else dict.fromkeys(layout.all()):
+        for axis in (0, 1):
+            width = extent(subpixel, period, axis, one, one)[0][:, None, None]
+            along = content.footprint(step[..., axis, :] / period[axis], optics_of(shot))
+            lost.append(content.fitted(along, width, method.taps)[1] * (period[axis] / alpha) ** 2)
+    return coarse + torch.stack(lost).amax(0)
+
+
+def most_variance(scene: SceneRecord) -> float:
+    """Return the most that a scene's ranges ask for, in squared image pixels."""
+    method, alphas = exposure_of(scene), extremes.inside(scene.panel.scale, points=3)
+    coarse = max(float(coarseness(torch.tensor(alpha))) for alpha in alphas)
+    if isinstance(method, (Point, Supersample)):
+        return coarse
+    seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
+    most = 0.0
+    for alpha in alphas:
+        for along, width in extremes.footprints(scene, seen, alpha, whole_pixel=isinstance(method, Mean)):
+            lost = content.fitted(along, width, method.taps)[1]
+            most = max(most, float(lost.max()) / alpha**2)
+    return coarse + most * max(as_layout(scene.panel.layout).period) ** 2
+
+
+def levels(variance: float) -> int:
+    """Return the halvings of a pyramid that holds this variance."""
+    return min(MOST_LEVELS, max(1, math.ceil(math.log(4 * variance, 4))))
+
+
+def spread(image: Tensor, variance: Tensor) -> Tensor:
+    """Blur (B, 3, H, W) by variance (B,) along both axes, in squared image pixels and in [0, 1/2].
+
+    Half the variance goes to each neighbour: exact for a picture's curvature, which is what a small aperture sees.
+    """
+    share = variance.clamp(max=SMALL).to(image.dtype)[:, None, None, None]
+    wide = F.pad(image, (1, 1, 1, 1), mode="replicate")
+    wide = wide[..., 1:-1] * (1 - share) + (wide[..., :-2] + wide[..., 2:]) * (share / 2)
+    return wide[..., 1:-1, :] * (1 - share) + (wide[..., :-2, :] + wide[..., 2:, :]) * (share / 2)
+
+
+def mipmap(image: Tensor, variance: Tensor, levels: int) -> Tensor:
+    """Blur (B, 3, H, W) by variance (B, 1, H, W) in squared image pixels that differs from place to place.
+
+    A pyramid of `levels` halvings; between two of them the mix whose variance is right. What lies beyond the last has
+    its variance.
+    """
+    x, y = grids.pixel_centres(image.shape[-2:], image.device).expand(len(image), -1, -1, -1).unbind(-1)
+    small, out, below = image, image, 0.0
+    for j in range(1, levels + 1):
+        small = halved(small)
+        coarse = grids.look_up(small, x / 2**j, y / 2**j)
+        above = 4**j / 4  # of a box of 2^j pixels and the bilinear interpolation between them
+        share = ((variance - below) / (above - below)).clamp(0, 1)
+        out, below = out + share * (coarse - out), above
+    return out
+
+
+def halved(image: Tensor) -> Tensor:
+    """Return the means of 2 x 2 pixels; an odd last row or column counts twice, so that every window is as large."""
+    h, w = image.shape[-2:]
+    return F.avg_pool2d(F.pad(image, (0, w % 2, 0, h % 2), mode="replicate"), 2)

@@ -1,0 +1,79 @@
+"""Random numbers for sensor noise: a function of (seed, pixel), the same to the bit on every device.
+
+A hash of the pixel's index, keyed by the image's seed, gives 32 bits. Their upper 11 choose one of 2048 intervals of
+equal probability of the normal distribution, the lower 21 a place in it. Tables and integers alone, so that PyTorch on
+any device and the engine's kernels agree bit for bit.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+
+import torch
+from torch import Tensor
+
+INTERVALS = 2048
+PLACES = 2**21  # in each interval
+MIX = (0x7FEB352D, 0x846CA68B)  # the multipliers of Wellons's lowbias32
+WEYL = 0x9E3779B9
+
+
+@functools.lru_cache(maxsize=1)
+def quantiles() -> tuple[Tensor, Tensor]:
+    """Return each interval's lower end and the step from one place in it to the next: (2048,) float32 each.
+
+    The outermost intervals end where the variance of the numbers is exactly 1.
+    """
+    ends = [NormalDist().inv_cdf(j / INTERVALS) for j in range(1, INTERVALS)]
+    # a uniform number between a and b has the second moment (a^2 + a b + b^2) / 3
+    inner = sum(a * a + a * b + b * b for a, b in itertools.pairwise(ends)) / 3
+    last = ends[-1]
+    outer = (INTERVALS - inner) * 3 / 2
+    end = (math.sqrt(4 * outer - 3 * last * last) - last) / 2
+    edges = torch.tensor([-end, *ends, end], dtype=torch.float64)
+    return edges[:-1].float(), (edges.diff() / PLACES).float()
+
+
+def keys(seeds: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the two 32-bit keys of each seed (B,) int64: (B,) int32 each."""
+    first = mix(seeds.to(torch.int32))
+    return first, mix((seeds >> 32).to(torch.int32) ^ first ^ _signed(WEYL))
+
+
+def normal(shape: Sequence[int], seeds: Tensor) -> Tensor:
+    """Return standard normal numbers (len(seeds), *shape), float32, on the device of `seeds`.
+
+    Args:
+        shape: of one image's numbers. Number i of an image, in row-major order, depends on its seed and on i alone.
+        seeds: (B,) int64.
+
+    Not differentiable.
+    """
+    first, second = keys(seeds)
+    index = torch.arange(math.prod(shape), dtype=torch.int32, device=seeds.device)
+    bits = mix(mix(index + first[:, None]) ^ second[:, None]).flatten()
+    low, step = (table.to(seeds.device) for table in quantiles())
+    interval = (bits >> 21).bitwise_and_(INTERVALS - 1)
+    place = bits.bitwise_and_(PLACES - 1).float()
+    # two roundings: the sum and the product must not be fused
+    numbers = step.index_select(0, interval).mul_(place).add_(low.index_select(0, interval))
+    return numbers.reshape(len(seeds), *shape)
+
+
+def mix(x: Tensor) -> Tensor:
+    """Scramble int32 bits, in place: products wrap around, and shifts must not carry the sign."""
+    x ^= (x >> 16).bitwise_and_(0xFFFF)
+    x *= _signed(MIX[0])
+    x ^= (x >> 15).bitwise_and_(0x1FFFF)
+    x *= _signed(MIX[1])
+    x ^= (x >> 16).bitwise_and_(0xFFFF)
+    return x
+
+
+def _signed(x: int) -> int:
+    """Return the int32 of the same bits."""
+    return x - 2**32 if x >= 2**31 else x

@@ -1,0 +1,43 @@
+"""Registration: the photo brought back to the frame of the image that was shown."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from moireaug.effects.base import Effect, Verdict, called, left_out
+from moireaug.effects.exposing import is_bent, is_posed
+from moireaug.geometry import grids
+from moireaug.numeric import clip
+from moireaug.scene.record import SceneRecord
+
+
+class Registration(Effect):
+    """Labels, boxes and masks of the image stay valid."""
+
+    name = "register"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        if not scene.develop.registered:
+            return left_out("the photo stays in the camera's frame")
+        if is_posed(scene) or is_bent(scene):
+            return called("back to the image's frame")
+        return left_out("the photo is in the image's frame already")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        return register(photo, shot.matrix(), shot.distortion)
+
+
+def register(photo: Tensor, matrix: Tensor, lens: grids.Lens | None) -> Tensor:
+    """Return a photo (B, 3, H, W) in the image's frame, bilinear; black where it does not show the image.
+
+    Args:
+        matrix: (B, 3, 3) from image to ideal photo coordinates.
+        lens: radial distortion, or None.
+    """
+    size = photo.shape[-2:]
+    points = grids.pixel_centres(size, photo.device).expand(len(photo), -1, -1, -1)
+    seen = grids.image_to_photo(points.flatten(1, 2), matrix, size, lens).reshape(points.shape)
+    x, y = seen.unbind(-1)
+    inside = (x >= 0) & (x <= size[1]) & (y >= 0) & (y <= size[0])
+    moved = grids.look_up(photo, x, y) * inside.to(photo.dtype)[:, None]
+    return clip(moved)  # interpolation rounds, and may end a digit above 1

@@ -1,0 +1,119 @@
+"""What a sensor makes of light: gain, noise, a full well, whole numbers."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
+from moireaug.effects.flicker import depth
+from moireaug.effects.random_numbers import normal
+from moireaug.numeric import clip, per_image, saturate
+from moireaug.scene.fields import bounds
+from moireaug.scene.record import SceneRecord
+
+DARK = 1e-4  # the level, of full scale, below which photon noise falls no further: dark current
+SIGMAS = 6  # how far noise reaches, in standard deviations
+
+
+class Gain(Effect):
+    """Readings are amplified."""
+
+    name = "gain"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        gain = scene.sensor.gain
+        return judged(off(gain, 1), scene, f"raw times {show(gain)}", "gain is 1")
+
+    def __call__(self, raw: Tensor, shot) -> Tensor:
+        return raw * per_image(shot.sensor.gain, raw)
+
+
+class Noise(Effect):
+    """Photon noise, which goes with the root of the reading, and read noise."""
+
+    name = "noise"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        sensor = scene.sensor
+        read, shot = bounds(sensor.read_noise)[1], bounds(sensor.shot_noise)[1]
+        why = f"standard deviation {show(sensor.read_noise)}"
+        if shot:
+            why += f", and {show(sensor.shot_noise)} times the root of the reading"
+        return judged(SIGMAS * (read**2 + shot**2) ** 0.5, scene, why, "read_noise and shot_noise are 0")
+
+    def __call__(self, raw: Tensor, shot) -> Tensor:
+        return add_noise(raw, shot.sensor.read_noise, shot.sensor.shot_noise, shot.seed)
+
+
+class FullWell(Effect):
+    """A reading ends at 0 and 1, so that an attacker's noise starts where it is felt."""
+
+    name = "full_well"
+    shown = False
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        if Saturation().verdict(scene).called or Noise().verdict(scene).called:
+            return called("a reading can leave [0, 1], and ends there")
+        return left_out("no reading leaves [0, 1]")
+
+    def __call__(self, raw: Tensor, shot) -> Tensor:
+        return clip(raw)
+
+
+class Saturation(Effect):
+    """A full well reads 1, with an attacker's noise, too."""
+
+    name = "saturate"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        gain = bounds(scene.sensor.gain)[1]
+        if gain > 1 or gain * depth(scene) > scene.tolerance:
+            return called("the reading can exceed a full well")
+        return left_out("no reading exceeds a full well")
+
+    def __call__(self, raw: Tensor, shot) -> Tensor:
+        return saturate(raw)
+
+
+class Quantisation(Effect):
+    """The converter's whole numbers."""
+
+    name = "bits"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        bits = scene.sensor.bits
+        if bits is None:
+            return left_out("the reading is not rounded")
+        return judged(0.5 / (2**bits - 1), scene, f"{bits} bits", "")
+
+    def __call__(self, raw: Tensor, shot) -> Tensor:
+        return quantise(raw, shot.scene.sensor.bits)
+
+
+def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
+    """Add Gaussian noise of variance `read^2 + shot^2 * raw` to `raw` (B, C, h, w), one stream per seed (B,) int64.
+
+    Photon noise is Poisson's in its Gaussian limit, in the reading's own light; a full well of N electrons has
+    `shot = N^-1/2`. Differentiable in raw, read and shot. Replays bit for bit on any device.
+    """
+    noise = torch.ops.moireaug.normal(raw.shape[1:], seeds).to(raw.dtype)
+    variance = per_image(read, raw).square() + per_image(shot, raw).square() * raw.clamp(min=DARK)
+    some = variance > 0  # the root has no slope at 0
+    return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
+
+
+# an operator of its own, since torch.compile cannot look into its tables; defined by hand, because `custom_op` imports
+# the compiler on its first call, a second and more in every worker
+LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
+LIBRARY.define("normal(SymInt[] shape, Tensor seeds) -> Tensor")
+LIBRARY.impl("normal", normal, "CompositeExplicitAutograd")
+torch.library.register_fake(
+    "moireaug::normal", lambda shape, seeds: seeds.new_empty((len(seeds), *shape), dtype=torch.float32), lib=LIBRARY
+)
+
+
+def quantise(raw: Tensor, bits: int) -> Tensor:
+    """Round to the `2^bits` levels of a converter whose ends are 0 and 1; the gradient passes straight through."""
+    levels = 2**bits - 1
+    return raw + (torch.round(raw.detach().clamp(0, 1) * levels) / levels - raw.detach())

@@ -1,0 +1,51 @@
+"""sRGB codes to light, and light to codes."""
+
+from __future__ import annotations
+
+from kornia.color import linear_rgb_to_rgb, rgb_to_linear_rgb
+from torch import Tensor
+
+from moireaug.effects.base import Effect, Verdict, called, left_out
+from moireaug.numeric import clip
+from moireaug.scene.record import SceneRecord
+
+
+class Decode(Effect):
+    """The panel turns codes into light."""
+
+    name = "decode"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        if scene.develop.linear_light:
+            return called("sRGB codes to light")
+        return left_out("linear_light is off")
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        return rgb_to_linear_rgb(light)
+
+
+class Encode(Effect):
+    """The camera turns light into codes; the straight part of the curve goes on below zero."""
+
+    name = "encode"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        if scene.develop.linear_light:
+            return called("light to sRGB codes")
+        return left_out("linear_light is off")
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        return linear_rgb_to_rgb(light)
+
+
+class Clip(Effect):
+    """Codes end at 0 and 1, whatever noise an attacker adds."""
+
+    name = "clip"
+    shown = False
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        return called("codes end at 0 and 1")
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        return clip(light)

@@ -1,0 +1,246 @@
+"""Raw to photo, one image a call, a cell row at a time: saturation, demosaicing, encoding and resizing; and the
+gradient's way back, which computes the same colours again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.compiling import fill, kernel, loop
+from moireaug.engine.record import LANES
+from moireaug.engine.tables import encode, encode_slope
+from moireaug.engine.vectors import add_taps, peek, poke
+
+ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
+SITES = 4
+
+
+@loop
+def _prepare(out, raw, saturates, levels):
+    """Copy a plane's row (w,) to out (w + 2,), its ends twice: saturated, and rounded where levels > 0."""
+    w = len(raw)
+    for i in range(w):
+        value = raw[i]
+        if saturates:
+            value = min(value, ONE)
+        out[i + 1] = value
+    if levels > 0:
+        for i in range(w):
+            out[i + 1] = np.rint(min(max(out[i + 1], ZERO), ONE) * levels) / levels
+    out[0], out[w + 1] = out[1], out[w]
+
+
+@loop
+def _code(out, gain, coded, brighten):
+    """Turn a row of light into codes, in place."""
+    if coded:
+        for i in range(len(out)):
+            out[i] = min(max(encode(out[i] * gain) + brighten, ZERO), ONE)
+    else:
+        for i in range(len(out)):
+            out[i] = min(max(out[i] * gain + brighten, ZERO), ONE)
+
+
+@loop
+def _code_slope(out, light, gain, coded, brighten):
+    """Multiply a gradient by the slope of `_code` at `light`: 1 on the clip's bounds, 0 beyond."""
+    for i in range(len(out)):
+        x = light[i] * gain
+        code = (encode(x) if coded else x) + brighten
+        slope = gain * encode_slope(x) if coded else gain
+        out[i] *= slope if ZERO <= code <= ONE else ZERO
+
+
+@loop
+def _gather(out, row, index, weight):
+    """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
+    for t in range(len(index)):
+        _add_gathered(out, row, index[t], weight[t], t == 0)
+
+
+@loop
+def _add_gathered(out, row, index, weight, first):
+    if first:
+        for i in range(len(out)):
+            poke(out, i, peek(weight, i) * peek(row, peek(index, i)))
+    else:
+        for i in range(len(out)):
+            poke(out, i, out[i] + peek(weight, i) * peek(row, peek(index, i)))
+
+
+@loop
+def _mean(out, even, odd):
+    for i in range(len(out)):
+        poke(out, i, HALF * (peek(even, i) + peek(odd, i)))
+
+
+@loop
+def _halves(even, odd, row):
+    for i in range(len(row)):
+        half = HALF * row[i]
+        even[i] = half
+        odd[i] = half
+
+
+@loop
+def _add(out, row, weight):
+    for i in range(len(out)):
+        out[i] += weight * row[i]
+
+
+@loop
+def _counts(rows, row):
+    """Return whether any photo pixel is made from this sensor row."""
+    return rows.first[row] <= rows.last[row]
+
+
+@loop
+def _colours(colours, ring, y, h, lanes, stencil, rows):
+    """Fill colours (4 sites * 3 * lanes,) with the colours of cell row y, from the prepared rows in `ring`."""
+    fill(colours, ZERO)
+    for site in range(SITES):
+        if not _counts(rows, 2 * y + site // 2):
+            continue
+        for channel in range(3):
+            for dy in range(-1, 2):
+                row = min(max(y + dy, 0), h - 1) % 3
+                first, count = stencil.first[site, channel, dy + 1], stencil.count[site, channel, dy + 1]
+                if not count:
+                    continue
+                start = (site * 3 + channel) * lanes
+                for a in range(0, lanes, LANES):
+                    add_taps(colours, start + a, stencil.weight, first, count, ring[row], stencil.offset, a)
+
+
+@loop
+def _fill(ring, held, raw, y, saturates, levels, wide):
+    """Prepare cell row y of the packed planes in the ring, unless it is there."""
+    if held[y % 3] == y:
+        return
+    w = raw.shape[2]
+    for plane in range(SITES):
+        start = plane * wide
+        _prepare(ring[y % 3, start : start + w + 2], raw[plane, y], saturates, levels)
+    held[y % 3] = y
+
+
+@loop
+def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows):
+    """Fill colours with those of row y of raw: of four sites, or of one where the sensor has no colour filters."""
+    _, h, w = raw.shape
+    lanes, wide = len(colours) // (SITES * 3), ring.shape[1] // SITES
+    if mosaic:
+        for dy in range(-1, 2):
+            _fill(ring, held, raw, min(max(y + dy, 0), h - 1), saturates, levels, wide)
+        _colours(colours, ring, y, h, lanes, stencil, rows)
+        return
+    for channel in range(3):
+        _prepare(ring[0], raw[channel, y], saturates, levels)
+        for i in range(w):
+            colours[channel * lanes + i] = ring[0, i + 1]
+
+
+@kernel
+def develop(photo, raw, mosaic, stencil, saturates, levels, gains, coded, brighten, rows, cols):
+    """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
+
+    Args:
+        mosaic: raw is packed planes; else colours.
+        stencil: see `record.Stencil`.
+        saturates: a reading above 1 is 1. levels: the converter's 2^bits - 1, or 0.
+        gains: (3,) float32, white balance. coded: light becomes sRGB codes. brighten: float32, added to them.
+        rows, cols: see `record.Resize`.
+    """
+    _, h, w = raw.shape
+    step = 2 if mosaic else 1
+    lanes = (w + LANES - 1) // LANES * LANES
+    wide = lanes + LANES
+    colours = np.zeros(SITES * 3 * lanes, np.float32)
+    ring, held = np.zeros((3, SITES * wide), np.float32), np.empty(3, np.int64)
+    fill(held, -1)
+    line = np.empty(photo.shape[2], np.float32)
+    fill(photo.reshape(-1), ZERO)
+    for y in range(h):
+        _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
+        for r in range(step):
+            row = y * step + r
+            if not _counts(rows, row):
+                continue
+            for channel in range(3):
+                # the row's even and odd columns lie 3 rows of lanes apart
+                seen = colours[(r * 2 * 3 + channel) * lanes :]
+                for c in range(step):
+                    _code(seen[c * 3 * lanes : c * 3 * lanes + w], gains[channel], coded, brighten)
+                if cols.cells:
+                    _mean(line, seen, seen[3 * lanes :])
+                else:
+                    _gather(line, seen, cols.index, cols.weight)
+                for i in range(rows.first[row], rows.last[row] + 1):
+                    _add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
+
+
+@loop
+def _fold_back(raw_grad, total, raw, y, wide, saturates):
+    """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is left at 0."""
+    w = raw.shape[2]
+    for plane in range(SITES):
+        line, out, reading = total[plane * wide : plane * wide + w + 2], raw_grad[plane, y], raw[plane, y]
+        line[1] += line[0]
+        line[w] += line[w + 1]
+        for i in range(w):
+            out[i] = line[i + 1] if not saturates or reading[i] <= ONE else ZERO
+        fill(line, ZERO)
+
+
+@kernel
+def develop_back(raw_grad, photo_grad, raw, mosaic, stencil, saturates, levels, gains, coded, brighten, rows, cols):
+    """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments as in `develop`."""
+    _, h, w = raw.shape
+    step = 2 if mosaic else 1
+    lanes = (w + LANES - 1) // LANES * LANES
+    wide = lanes + LANES
+    colours, grads = np.zeros(SITES * 3 * lanes, np.float32), np.zeros(SITES * 3 * lanes, np.float32)
+    ring, held = np.zeros((3, SITES * wide), np.float32), np.empty(3, np.int64)
+    fill(held, -1)
+    line = np.empty(photo_grad.shape[2], np.float32)
+    total = np.zeros((3, SITES * wide), np.float32)
+    for y in range(h):
+        _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
+        fill(grads, ZERO)
+        for r in range(step):
+            row = y * step + r
+            if not _counts(rows, row):
+                continue
+            for channel in range(3):
+                fill(line, ZERO)
+                for i in range(rows.first[row], rows.last[row] + 1):
+                    _add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
+                start = (r * 2 * 3 + channel) * lanes
+                if cols.cells:
+                    _halves(grads[start:], grads[start + 3 * lanes :], line)
+                for c in range(step):
+                    a = start + c * 3 * lanes
+                    if not cols.cells:
+                        _gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
+                    _code_slope(grads[a : a + w], colours[a : a + w], gains[channel], coded, brighten)
+        if not mosaic:
+            for channel in range(3):
+                for i in range(w):
+                    passes = not saturates or raw[channel, y, i] <= ONE
+                    raw_grad[channel, y, i] = grads[channel * lanes + i] if passes else ZERO
+            continue
+        for site in range(SITES):
+            if not _counts(rows, 2 * y + site // 2):
+                continue
+            for channel in range(3):
+                start = (site * 3 + channel) * lanes
+                for dy in range(-1, 2):
+                    target = total[min(max(y + dy, 0), h - 1) % 3]
+                    first = stencil.first[site, channel, dy + 1]
+                    for tap in range(first, first + stencil.count[site, channel, dy + 1]):
+                        offset = stencil.offset[tap]
+                        _add(target[offset : offset + w], grads[start : start + w], stencil.weight[tap])
+        # nothing below adds to the row above any more
+        if y > 0:
+            _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, wide, saturates)
+    if mosaic:
+        _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, wide, saturates)

@@ -1,0 +1,117 @@
+"""Which execution a capture gets: the engine where it can run, the reference elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib.util
+import logging
+import os
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+from moireaug.effects.prefilter import Prefilter
+from moireaug.effects.srgb import Decode
+from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import ShotRecord
+
+SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
+EXPOSURES = ("spectral", "mean")
+LOG = logging.getLogger("moireaug")
+_forced_off = False
+
+
+@contextlib.contextmanager
+def reference() -> Iterator[None]:
+    """Force the reference within a `with` block, in all threads. `MOIREAUG_ENGINE=off` forces it everywhere."""
+    global _forced_off
+    before, _forced_off = _forced_off, True
+    try:
+        yield
+    finally:
+        _forced_off = before
+
+
+def explain(scene: SceneRecord) -> str:
+    """Return which execution a scene gets on the CPU without a gradient in image or shot, and why: a line each for
+    exposing and developing."""
+    lines = []
+    for stage, reason in (("expose", _no_exposing(scene)), ("develop", _no_developing(scene))):
+        reason = _unavailable() or reason
+        lines.append(f"{stage:8} {'reference: ' + reason if reason else 'engine, on the CPU in float32'}")
+    return "\n".join(lines)
+
+
+def exposes(light: Tensor, shot: ShotRecord) -> bool:
+    """Whether the engine takes the exposure of these images (B, 3, H, W)."""
+    asks = torch.is_grad_enabled() and (light.requires_grad or shot.requires_grad)
+    return not asks and _runs(light) and not _no_exposing(shot.scene)
+
+
+def develops(raw: Tensor, shot: ShotRecord) -> bool:
+    """Whether the engine takes the development of these readings."""
+    asks = torch.is_grad_enabled() and shot.requires_grad
+    return not asks and _runs(raw) and not _no_developing(shot.scene)
+
+
+@torch.no_grad()
+def expose(light: Tensor, shot: ShotRecord) -> Tensor:
+    """Return the readings of images (B, 3, H, W) float32, as `moireaug.pipeline.expose` does."""
+    from moireaug.engine import from_shot, run
+
+    coded = "decode" in shot.plan
+    if "prefilter" in shot.plan:  # blurs light, before the kernels
+        if coded:
+            light = Decode()(light, shot)
+        light, coded = Prefilter()(light, shot), False
+    return run.expose(light, from_shot.exposure_of(shot, coded=coded))
+
+
+def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
+    """Return the photos of readings, as `moireaug.pipeline.develop` does; once differentiable in the readings."""
+    from moireaug.engine import from_shot, run
+
+    photo = run.develop(raw, from_shot.development_of(shot))
+    if "jpeg" in shot.plan:
+        photo = shot.plan.developing[-1](photo, shot)
+    return photo
+
+
+def _runs(tensor: Tensor) -> bool:
+    if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or not tensor.numel():
+        return False
+    traced = torch.compiler.is_compiling() or type(tensor) is not Tensor
+    return not traced and not torch._C._functorch.peek_interpreter_stack() and not _unavailable()
+
+
+def _unavailable() -> str:
+    """Why no scene gets the engine, or an empty string."""
+    if _forced_off or os.environ.get(SWITCH) == "off":
+        return "the engine is turned off"
+    return _without_numba()
+
+
+@functools.cache
+def _without_numba() -> str:
+    if importlib.util.find_spec("numba") is None:
+        return "numba is not installed"
+    return ""
+
+
+def _no_exposing(scene: SceneRecord) -> str:
+    method = scene.plan().method
+    if "exposure" not in scene.plan():
+        return "nothing is exposed"
+    if method.name not in EXPOSURES:
+        return f"exposure {method.name!r} is the reference's alone"
+    return ""
+
+
+def _no_developing(scene: SceneRecord) -> str:
+    if "denoise" in scene.plan():
+        return f"denoising by {scene.develop.denoise!r} is the reference's alone"
+    if not any(step in scene.plan() for step in ("demosaic", "resize", "register", "encode")):
+        return "a few sums are as fast"
+    return ""

@@ -1,0 +1,104 @@
+"""Screen to raw by the panel's light at each sensor pixel's centre, as in the paper's code: one image a call."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.compiling import fill, kernel, loop
+from moireaug.engine.sensor import attenuate, read
+from moireaug.engine.tables import decode
+from moireaug.engine.vectors import peek, poke
+from moireaug.engine.view import look
+
+LEAST = 1e-12
+ZERO = np.float32(0)
+ONE32 = np.int32(1)
+
+
+@loop
+def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
+    """Along one axis, find the light at panel coordinates `at` that comes from a rectangle, `low` to `high` in panel
+    pixels, by way of the two nearest of n raster subpixels a panel pixel; and where on the picture it comes from.
+    """
+    whole = low == 0 and high == period
+    low, high, around, end = low * n, high * n, n * period, alpha * size
+    for i in range(len(light)):
+        place = peek(at, i) * n - 0.5
+        left = np.floor(place)
+        second = place - left
+        first_light = 1 - second
+        if not whole:
+            column = left - np.floor(left / around) * around
+            first_light *= max(min(column + 1, high) - max(column, low), 0.0)
+            column = column + 1 if column + 1 < around else 0.0
+            second *= max(min(column + 1, high) - max(column, low), 0.0)
+        here, there = np.floor((left + 0.5) / n) + 0.5, np.floor((left + 1.5) / n) + 0.5
+        if dark:
+            first_light *= 1.0 if (here >= 0) & (here < end) else 0.0
+            second *= 1.0 if (there >= 0) & (there < end) else 0.0
+        total = first_light + second
+        x = (here + (there - here) * second / max(total, LEAST)) / alpha - 0.5
+        x = min(max(x, 0.0), size - 1.0)
+        pixel = np.int32(x)
+        poke(light, i, total)
+        poke(first, i, pixel)
+        poke(share, i, x - pixel)
+
+
+@loop
+def _add_content(out, picture, left, fx, across, top, fy, down, width, lit):
+    for i in range(len(out)):
+        k = np.int32(np.int32(peek(top, i) * width) + peek(left, i))
+        f = peek(fx, i)
+        a, b = peek(picture, k), peek(picture, np.int32(k + ONE32))
+        k = np.int32(k + width)
+        c, d = peek(picture, k), peek(picture, np.int32(k + ONE32))
+        above, below = a + f * (b - a), c + f * (d - c)
+        content = above + peek(fy, i) * (below - above)
+        poke(out, i, out[i] + content * peek(across, i) * peek(down, i) * lit)
+
+
+@kernel
+def expose_point(raw, picture, camera, cell, rectangles, raster, lit, sites, flicker, noise, key, clips, coded, dark):
+    """Fill raw (planes, h, w) float32 with the reading of picture (3, H, W) float32.
+
+    Args:
+        rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's corner.
+        raster: raster subpixels along each side of a panel pixel. lit: share of each subpixel that emits.
+        coded, dark: see `record.Exposure`. The rest as in `expose.expose`.
+    """
+    planes, h, w = raw.shape
+    height, width = picture.shape[1], picture.shape[2]
+    # a bilinear look-up's right or lower pixel may lie beyond the last, where its share is 0
+    shown = np.zeros((3, height * width + width + 1), np.float32)
+    for c in range(3):
+        source, target = picture[c].reshape(-1), shown[c]
+        for i in range(len(source)):
+            target[i] = decode(source[i]) if coded else source[i]
+    x, y, u = np.empty(w), np.empty(w), np.empty(w)
+    left, top = np.empty(w, np.int32), np.empty(w, np.int32)
+    fx, fy = np.empty(w, np.float32), np.empty(w, np.float32)
+    across, down = np.empty(w, np.float32), np.empty(w, np.float32)
+    light, numbers = np.empty(w, np.float32), np.empty(w, np.float32)
+    step, px, py = sites.step, float(cell.period[0]), float(cell.period[1])
+    for r in range(h * step):
+        v = sites.rows[r]
+        gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
+        for plane in range(planes):
+            if sites.row[plane] != r % step:
+                continue
+            for i in range(w):
+                u[i] = sites.cols[sites.col[plane] + i * step]
+            look(x, y, u, v, camera)
+            fill(light, ZERO)
+            channel, n, alpha = sites.channel[plane], float(raster), camera.alpha
+            for i in range(len(rectangles)):
+                if cell.channel[i] != channel:
+                    continue
+                x0, y0, x1, y1 = rectangles[i, 0], rectangles[i, 1], rectangles[i, 2], rectangles[i, 3]
+                _raster(across, left, fx, x, x0, x1, n, px, alpha, float(width), dark)
+                _raster(down, top, fy, y, y0, y1, n, py, alpha, float(height), dark)
+                _add_content(light, shown[channel], left, fx, across, top, fy, down, np.int32(width), np.float32(lit))
+            attenuate(light, gain, u, v, camera)
+            row = r // step
+            read(raw[plane, row], light, camera, (plane * h + row) * w, noise, key, numbers, clips)

@@ -1,0 +1,34 @@
+"""The numbers of `moireaug.effects.random_numbers`, a row at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, quantiles
+from moireaug.engine.compiling import loop
+
+# constants of the compiled code, which then knows that no row it writes overlaps them, and works on 16 at once
+LOW, STEP = (table.numpy() for table in quantiles())
+ONE, TWO = np.uint32(MIX[0]), np.uint32(MIX[1])
+SHIFT = np.uint32(PLACES.bit_length() - 1)
+LOWER = np.uint32(PLACES - 1)
+UPPER = np.uint32(INTERVALS - 1)
+
+
+@loop
+def mix(x):
+    """Scramble a uint32. The casts keep numba from widening to 64 bits."""
+    x = np.uint32(x ^ (x >> np.uint32(16)))
+    x = np.uint32(x * ONE)
+    x = np.uint32(x ^ (x >> np.uint32(15)))
+    x = np.uint32(x * TWO)
+    return np.uint32(x ^ (x >> np.uint32(16)))
+
+
+@loop
+def normal_row(out, start, first, second):
+    """Fill out (n,) float32 with the numbers `start`, `start` + 1, ... of an image whose keys are two uint32."""
+    for i in range(len(out)):
+        bits = mix(np.uint32(mix(np.uint32(np.uint32(start + i) + first)) ^ second))
+        interval = (bits >> SHIFT) & UPPER
+        out[i] = LOW[interval] + STEP[interval] * np.float32(np.int32(bits & LOWER))

@@ -1,0 +1,200 @@
+"""What the kernels are told: plain numbers and arrays, one `Camera` an image and one `Cell` and `Sites` a batch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+LANES = 16  # pixels that kernels work on at once; rows are padded to whole numbers of them
+
+
+class Camera(NamedTuple):
+    """One image's drawn numbers, floats.
+
+    h00 ... h22 is the homography from ideal photo coordinates about the photo's centre to image coordinates; `bend` is
+    4 / (H^2 + W^2), by which the lens's k1 and k2 count.
+    """
+
+    h00: float
+    h01: float
+    h02: float
+    h10: float
+    h11: float
+    h12: float
+    h20: float
+    h21: float
+    h22: float
+    k1: float
+    k2: float
+    bend: float
+    alpha: float
+    scale_u: float  # sensor pixels per photo pixel, along u and v
+    scale_v: float
+    fill: float
+    blur: float
+    olpf: float
+    gain: float
+    read: float  # standard deviation of the noise in the dark
+    shot: float  # and of photon noise at full scale
+    falloff: float  # squared tangent of the corner's ray; 0 is no vignetting
+
+
+class Cell(NamedTuple):
+    """The panel's unit cell: n subpixels of several kinds; a kind is a shape and a size.
+
+    Args:
+        period: (2,) int64, panel pixels along x and y.
+        channel, kind: (n,) int64.
+        centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it shows.
+        taps: r; content is taken from 2 r + 1 cells along each axis.
+    """
+
+    period: np.ndarray
+    channel: np.ndarray
+    kind: np.ndarray
+    centre: np.ndarray
+    pixel: np.ndarray
+    taps: int
+
+
+class Sites(NamedTuple):
+    """Where the sensor's planes lie: float64 photo coordinates about the photo's centre of its rows and columns, `step`
+    of them to the next pixel of a plane; (planes,) int64 row, column and channel of each plane's first pixel."""
+
+    rows: np.ndarray
+    cols: np.ndarray
+    step: int
+    row: np.ndarray
+    col: np.ndarray
+    channel: np.ndarray
+
+
+class Point(NamedTuple):
+    """What a point exposure knows of the panel: see `point.expose_point`; lit is (B,) float64."""
+
+    rectangles: np.ndarray
+    raster: int
+    lit: np.ndarray
+
+
+class Exposure(NamedTuple):
+    """A batch's exposure, as `run.expose` takes it.
+
+    Args:
+        size: height and width of the pictures.
+        cameras: one an image.
+        coefficients: (B, kinds, K + 1, 2 L + 1) float64. widths, skew: (B, kinds, 2) float64. See `expose.expose`.
+        flicker: (B, rows) float64, or (B, 0).
+        keys: (B, 2) uint32. noise: whether they are used.
+        coded: the pictures hold sRGB codes and the panel turns them into light.
+        dark: what lies off the picture is black, and not the outermost pixel.
+        clips: the reading ends at 0 and 1.
+        point: for a point exposure, which reads no coefficients, widths and skew; else None.
+    """
+
+    size: tuple[int, int]
+    cameras: list[Camera]
+    cell: Cell
+    coefficients: np.ndarray
+    widths: np.ndarray
+    skew: np.ndarray
+    sites: Sites
+    flicker: np.ndarray
+    keys: np.ndarray
+    noise: bool
+    coded: bool
+    dark: bool
+    clips: bool
+    point: Point | None = None
+
+
+class Nodes(NamedTuple):
+    """What `nodes.prepare` finds for one image.
+
+    Args:
+        cubics: (rows, POWERS * groups * kinds * n_k * n_l) float32, each harmonic's amplitude along each row of nodes, as
+            powers of the place in a group of pixels; see `harmonics`.
+        order: (kinds, 2, n_k, 2) int64, how many of them count. powers: 2 or 4.
+        n_k, n_l: K + 1 and 2 L + 1.
+        middle: (groups,) float64, the groups' middles on the photo. half: half of their width.
+        step_v: from one row of nodes to the next.
+        tables: (kinds, rows, ...) float32, the weights of cells; phases: in each table.
+        step_uw, step_vw: from one of the tables' nodes to the next.
+    """
+
+    cubics: np.ndarray
+    order: np.ndarray
+    powers: int
+    n_k: int
+    n_l: int
+    middle: np.ndarray
+    half: float
+    step_v: float
+    tables: np.ndarray
+    phases: int
+    step_uw: float
+    step_vw: float
+
+
+class Stencil(NamedTuple):
+    """A linear demosaic: each site's colours as sums over the packed planes of the cell rows above, at and below it.
+
+    Args:
+        weight: (taps,) float32. offset: (taps,) int64, where in a prepared cell row the tap's pixel is.
+        first, count: (4 sites, 3 channels, 3 rows) int64, which taps belong to each.
+    """
+
+    weight: np.ndarray
+    offset: np.ndarray
+    first: np.ndarray
+    count: np.ndarray
+
+
+class Resize(NamedTuple):
+    """A linear resize along one axis, from n sensor pixels to m photo pixels.
+
+    Args:
+        start: (m,) int64, the first sensor pixel of each photo pixel.
+        taps: (m, T) float32, the weights from there on.
+        first, last: (n,) int64, the photo pixels that each sensor pixel counts in; none where last < first.
+        index, weight: (T, m) int32 and float32, the same in the order in which `develop` holds a row's colours.
+        back_index, back_weight: (1 or 2, T', n / 1 or 2), its transpose, for even and odd columns.
+        cells: each photo pixel is the mean of its own cell's two columns.
+    """
+
+    start: np.ndarray
+    taps: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    index: np.ndarray
+    weight: np.ndarray
+    back_index: np.ndarray
+    back_weight: np.ndarray
+    cells: bool
+
+
+class Development(NamedTuple):
+    """A batch's development, as `run.develop` takes it.
+
+    Args:
+        size: height and width of the photos.
+        mosaic: the readings are packed planes.
+        saturates, levels, coded: see `develop.develop`.
+        gains: (B, 3) float32. brighten: (B,) float32.
+        views: (B, 3, 3) float64, see `register.register`, or None where the photos stay in the camera's frame.
+        lens: (B, 2) float64, k1 and k2.
+    """
+
+    size: tuple[int, int]
+    mosaic: bool
+    stencil: Stencil
+    rows: Resize
+    cols: Resize
+    saturates: bool
+    levels: float
+    gains: np.ndarray
+    coded: bool
+    brighten: np.ndarray
+    views: np.ndarray | None
+    lens: np.ndarray

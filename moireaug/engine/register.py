@@ -1,0 +1,118 @@
+"""The photo brought back to the image's frame, and the gradient's way back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine.compiling import copy, kernel, loop
+from moireaug.engine.vectors import peek, poke
+
+NEAR_HORIZON = 1e-3
+STEPS = 1024
+NEWTON_STEPS = 8
+ONE = np.float32(1)
+ONE32 = np.int32(1)
+
+
+@loop
+def undistortion(k1, k2):
+    """Return the factor that takes ideal points to photo points, at STEPS + 2 squares of the ideal radius from 0 to
+    that of the photo's corners; and how many steps a square of 1 has."""
+    edge = (1 + k1 + k2) ** 2
+    out = np.empty(STEPS + 2)
+    for i in range(STEPS + 2):
+        ideal = math.sqrt(i * edge / STEPS)
+        r = min(ideal, 1.0)
+        for _ in range(NEWTON_STEPS):
+            r2 = r * r
+            error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
+            r = min(max(r - error / max(1 + r2 * (3 * k1 + 5 * k2 * r2), 0.05), 0.0), 1.2)
+        out[i] = r / ideal if ideal > 1e-12 else 1.0
+    return out, STEPS / edge
+
+
+@loop
+def _place(at, fx, fy, weight, v, view, factor, per_square, h, w):
+    """Fill the index of the upper left pixel, the way to the lower right one, and 1 inside of the photo, 0 outside."""
+    half_w, half_h = w / 2, h / 2
+    bend, last = 4.0 / (h * h + w * w), STEPS + 0.5
+    ax, bx, ay, by, az, bz = (
+        view[0, 0],
+        view[0, 1] * v + view[0, 2],
+        view[1, 0],
+        view[1, 1] * v + view[1, 2],
+        view[2, 0],
+        view[2, 1] * v + view[2, 2],
+    )
+    for i in range(len(at)):
+        u = i + 0.5 - half_w
+        far = 1 / max(az * u + bz, NEAR_HORIZON)
+        x, y = (ax * u + bx) * far, (ay * u + by) * far
+        step = min((x * x + y * y) * bend * per_square, last)
+        k = np.int32(step)
+        low = peek(factor, k)
+        bent = low + (step - k) * (peek(factor, np.int32(k + ONE32)) - low)
+        x, y = x * bent, y * bent
+        inside = (abs(x) <= half_w) & (abs(y) <= half_h)
+        x, y = min(max(x + half_w - 0.5, 0.0), w - 1.0), min(max(y + half_h - 0.5, 0.0), h - 1.0)
+        left, top = np.int32(x), np.int32(y)
+        poke(at, i, np.int32(np.int32(top * np.int32(w)) + left))
+        poke(fx, i, x - left)
+        poke(fy, i, y - top)
+        poke(weight, i, 1.0 if inside else 0.0)
+
+
+@loop
+def _look(out, photo, at, fx, fy, weight, right, down):
+    for i in range(len(out)):
+        k, f = peek(at, i), peek(fx, i)
+        a, b = peek(photo, k), peek(photo, np.int32(k + right))
+        k = np.int32(k + down)
+        c, d = peek(photo, k), peek(photo, np.int32(k + right))
+        above, below = a + f * (b - a), c + f * (d - c)
+        poke(out, i, peek(weight, i) * (above + peek(fy, i) * (below - above)))
+
+
+@loop
+def _scatter(photo, grad, at, fx, fy, weight, right, down):
+    for i in range(len(grad)):
+        k, f, g = at[i], fx[i], grad[i] * weight[i]
+        below = g * fy[i]
+        above = g - below
+        photo[k] += above * (ONE - f)
+        photo[k + right] += above * f
+        photo[k + down] += below * (ONE - f)
+        photo[k + down + right] += below * f
+
+
+@kernel
+def register(out, photo, view, k1, k2, back):
+    """Resample photo to out, both (3, H, W) float32: bilinear, black where the photo does not show the image.
+
+    Args:
+        view: (3, 3) float64, homography from image coordinates about the centre to ideal photo coordinates about it.
+        k1, k2: of the lens.
+        back: instead, add the gradient `out` of the registered photo to the gradient `photo` of the photo.
+    """
+    _, h, w = photo.shape
+    factor, per_square = undistortion(k1, k2)
+    at, fx, fy = np.empty(w, np.int32), np.empty(w, np.float32), np.empty(w, np.float32)
+    weight = np.empty(w, np.float32)
+    # a bilinear look-up's right or lower pixel may lie beyond the last, where its share is 0
+    flat = np.zeros((3, h * w + w + 1), np.float32)
+    if not back:
+        for c in range(3):
+            copy(flat[c], photo[c].reshape(-1))
+    right, down = np.int32(1), np.int32(w)
+    for r in range(h):
+        _place(at, fx, fy, weight, r + 0.5 - h / 2, view, factor, per_square, h, w)
+        for c in range(3):
+            if back:
+                _scatter(flat[c], out[c, r], at, fx, fy, weight, right, down)
+            else:
+                _look(out[c, r], flat[c], at, fx, fy, weight, right, down)
+    if back:
+        for c in range(3):
+            copy(photo[c].reshape(-1), flat[c])

@@ -1,0 +1,53 @@
+"""What the sensor makes of the light on a row of its pixels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine.compiling import loop
+from moireaug.engine.random_numbers import normal_row
+
+DARK = np.float32(1e-4)  # as in the reference: dark current, below which photon noise falls no further
+ZERO, ONE = np.float32(0), np.float32(1)
+
+
+@loop
+def attenuate(line, gain, cols, v, camera):
+    """Multiply a row by gain and vignetting; cols and v are photo coordinates about the centre."""
+    if camera.falloff == 0:
+        for i in range(len(line)):
+            line[i] *= gain
+        return
+    for i in range(len(line)):
+        dimmed = 1 + camera.falloff * camera.bend * (cols[i] * cols[i] + v * v)
+        line[i] *= np.float32(gain / (dimmed * dimmed))
+
+
+@loop
+def _add_noise(line, numbers, read, shot):
+    if shot == 0:
+        for i in range(len(numbers)):
+            line[i] += numbers[i] * read
+        return
+    for i in range(len(numbers)):
+        variance = read * read + shot * shot * max(line[i], DARK)
+        line[i] += numbers[i] * np.float32(math.sqrt(variance))
+
+
+@loop
+def read(out, light, camera, start, noise, key, numbers, clips):
+    """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the image's raw.
+
+    key: (2,) uint32. numbers: (w,) to work in. The rest as in `expose.expose`.
+    """
+    if noise:
+        normal_row(numbers, start, key[0], key[1])
+        _add_noise(light, numbers, np.float32(camera.read), np.float32(camera.shot))
+    if clips:
+        for i in range(len(out)):
+            out[i] = min(max(light[i], ZERO), ONE)
+    else:
+        for i in range(len(out)):
+            out[i] = light[i]

@@ -1,0 +1,1 @@
+"""Panel light integrated over the aperture and point spread of each sensor pixel: one class a method."""

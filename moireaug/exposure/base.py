@@ -1,0 +1,25 @@
+"""What every exposure method is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from torch import Tensor
+
+
+class Exposure(ABC):
+    """Integrates panel light over the aperture and the point spread of each sensor pixel that a photo reads.
+
+    `name` is what `Sensor.exposure` calls it, `reason` what the plan says of it. `harmonics` are the (k, l) pairs that
+    it sums and `taps` the panel pixels along each axis that one sensor pixel sees, where it counts them.
+    """
+
+    name: str
+    reason: str
+    harmonics: tuple[tuple[int, int], ...] = ()
+    taps: int = 1
+    differentiable_in_shot = False
+
+    @abstractmethod
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        """Return the readings (B, 4 or 3, h, w) of the panel light (B, 3, H, W)."""

@@ -1,0 +1,64 @@
+"""Which exposure method a scene gets, and what it sums."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+from moireaug.exposure import extremes
+from moireaug.exposure.base import Exposure
+from moireaug.exposure.sampled import Point, Supersample
+from moireaug.exposure.smooth import Box, Mean, Spectral
+from moireaug.scene.fields import bounds
+from moireaug.scene.layout import as_layout
+from moireaug.scene.record import SceneRecord
+
+MOST_HARMONICS = 1024  # that are summed: a screen that is magnified further is integrated by overlaps
+MOST_TAPS = 7  # panel pixels along an axis that one sensor pixel sees; from farther away the picture is blurred first
+
+
+@functools.lru_cache(maxsize=512)
+def exposure_of(scene: SceneRecord) -> Exposure:
+    """Return the method that a scene's `Sensor.exposure` names; for "auto" the cheapest that meets its tolerance.
+
+    "auto" is `spectral` where harmonics of up to order 32 a panel pixel, and no more than 1024 of them, carry all
+    contrast above the tolerance; else `box`.
+
+    Raises:
+        ValueError: "point" for a panel whose subpixels are not rectangles.
+    """
+    method, _, n = scene.sensor.exposure.partition(":")
+    if method == "point":
+        for subpixel in as_layout(scene.panel.layout).all():
+            if not subpixel.is_rectangle:
+                raise ValueError(
+                    "Sensor.exposure = 'point' samples a raster of rectangles; this Panel.layout has slanted "
+                    f"subpixels, the first {subpixel!r}. Use 'auto' or 'supersample:8'."
+                )
+        return Point()
+    if method == "supersample":
+        return Supersample(int(n))
+    if method == "mean":
+        return Mean(taps_of(scene, whole_pixel=True))
+    taps = taps_of(scene, whole_pixel=False)
+    if method == "box":
+        return Box(taps)
+    # a harmonic must not be missed in any image
+    found = extremes.harmonics(scene, extremes.views(scene, bounds(scene.view.zoom)[1], usual=False))
+    if method == "auto" and (len(found) > MOST_HARMONICS or _is_cut(scene, found)):
+        return Box(taps)
+    return Spectral(taps, tuple(pair for pair, _ in found))
+
+
+def _is_cut(scene: SceneRecord, found: list[tuple[tuple[int, int], float]]) -> bool:
+    """Whether the series would go on: every third order of a stripe is empty, so one of the last three decides."""
+    px, py = as_layout(scene.panel.layout).period
+    return any(max(abs(k) / px, abs(l) / py) > extremes.HIGHEST - 3 for (k, l), _ in found)
+
+
+def taps_of(scene: SceneRecord, *, whole_pixel: bool) -> int:
+    """Return how many panel pixels along an axis a sensor pixel must see: 1, 3, 5 or 7."""
+    # a blur may be a little short at the far end of a strip
+    seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
+    to_each_side = math.floor(extremes.reach(scene, seen, whole_pixel=whole_pixel) + 0.5)
+    return min(2 * to_each_side + 1, MOST_TAPS)

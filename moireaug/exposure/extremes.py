@@ -1,0 +1,111 @@
+"""What a scene's ranges allow at most: the extremes by which its exposure is chosen."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import torch
+from torch import Tensor
+
+from moireaug.exposure import content
+from moireaug.exposure.optics import Optics
+from moireaug.exposure.smooth import WHOLE_PIXEL, extent
+from moireaug.geometry.grids import image_to_photo, jacobian
+from moireaug.geometry.homography import homography
+from moireaug.panel.fourier import coefficient
+from moireaug.scene.fields import Range, bounds, ranged_fields
+from moireaug.scene.layout import as_layout
+from moireaug.scene.record import SceneRecord
+
+SHAPES = ((256, 256), (192, 256), (256, 192))  # height and width: what is decided for these holds for most images
+STRIPS = ((16, 256), (256, 16))  # a view of a long strip converges most
+HIGHEST = 32  # harmonics per panel pixel beyond which none is ever summed
+
+
+def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
+    """Return a range's ends, evenly spread points between them, and those of `marks` that it holds."""
+    low, high = bounds(value)
+    spread = [low + (high - low) * i / (points - 1) for i in range(points)]
+    return sorted({*spread, *(m for m in marks if low < m < high)})
+
+
+def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
+    """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the picture for the
+    turns and the lenses that a scene allows: (N, 2, 2) float64."""
+    v, lens = scene.view, scene.lens
+    turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
+    rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
+    poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
+    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), dtype=torch.float64).T
+    fields = {k: torch.zeros_like(yaw) for k in ranged_fields(v)}
+    fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
+    fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
+    found = []
+    for size in SHAPES if usual else SHAPES + STRIPS:
+        h, w = size
+        m = homography(fields, k1, k2, size, scene.sensor.scale, pose=v.pose, fit=v.fit)
+        picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], dtype=torch.float64)
+        points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
+        seen = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
+        found.append(seen.flatten(0, 2))
+    return torch.cat(found).unique(dim=0)
+
+
+def harmonics(scene: SceneRecord, near: Tensor) -> list[tuple[tuple[int, int], float]]:
+    """Return the harmonics whose contrast in the raw reading can exceed the tolerance, strongest first.
+
+    The sinc of the aperture is bounded by its envelope, because its zeros move with the view; so is the cosine of a
+    low-pass filter.
+    """
+    panel, sensor = scene.panel, scene.sensor
+    layout = as_layout(panel.layout)
+    px, py = layout.period
+    gain, fill, blur = bounds(sensor.gain)[1], bounds(sensor.fill)[0], bounds(scene.lens.blur)[0]
+    k = torch.arange(HIGHEST * px + 1, dtype=torch.float64)[:, None].expand(-1, 2 * HIGHEST * py + 1)
+    l = torch.arange(-HIGHEST * py, HIGHEST * py + 1, dtype=torch.float64).expand(len(k), -1)
+    counted = (k > 0) | (l > 0)  # the others are conjugates, or the mean
+    k, l = k[counted], l[counted]
+
+    lit, lit_x, lit_y = (inside(r, points=n) for r, n in ((panel.lit, 9), (panel.lit_x, 5), (panel.lit_y, 5)))
+    emitting = torch.tensor(list(itertools.product(lit, lit_x, lit_y)), dtype=torch.float64)
+    width, height = (emitting[:, 0].sqrt() * emitting[:, i, None].mT for i in (1, 2))
+    strongest = torch.zeros(3, len(k), dtype=torch.float64)
+    for subpixel in layout.all():
+        c = coefficient(subpixel, layout.period, k[:, None], l[:, None], width, height).abs()
+        strongest[subpixel.channel] += c.amax(1)
+    top = 2 * gain * strongest.amax(0)
+    k, l, top = (t[top > scene.tolerance] for t in (k, l, top))
+
+    step = near * (bounds(panel.scale)[0] / sensor.scale)
+    frequency = (k / px)[:, None, None] * step[:, 0] + (l / py)[:, None, None] * step[:, 1]  # (K, N, 2)
+    envelope = (1 / (math.pi * fill * frequency.abs()).clamp(min=1.0)).prod(-1)
+    passed = envelope * torch.exp(-2 * math.pi**2 * blur**2 * frequency.square().sum(-1))
+    contrast = top * passed.amax(1) if len(k) else top
+    found = zip(k.int().tolist(), l.int().tolist(), contrast.tolist(), strict=True)
+    called = [((k, l), c) for k, l, c in found if c > scene.tolerance]
+    return sorted(called, key=lambda item: -item[1])
+
+
+def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool) -> list[tuple]:
+    """Return `(footprint, width)` along each axis of each kind of subpixel, at the widest that optics allow."""
+    sensor, lens = scene.sensor, scene.lens
+    optics = Optics(*(torch.tensor([bounds(r)[1]]).double() for r in (sensor.fill, lens.blur, lens.olpf)))
+    layout, one = as_layout(scene.panel.layout), torch.ones(1, dtype=torch.float64)
+    kinds = [(WHOLE_PIXEL, (1, 1))] if whole_pixel else [(s, layout.period) for s in layout.all()]
+    found = []
+    for subpixel, period in dict.fromkeys(kinds):
+        for axis in (0, 1):
+            width, slant = extent(subpixel, period, axis, one, one)
+            across = seen[None, :, axis, :] * (alpha / sensor.scale / period[axis])
+            print_ = content.footprint(across, optics)
+            found.append((content.Footprint(print_.box, print_.variance + slant), float(width)))
+    return found
+
+
+def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
+    """Return how many cells to each side a sensor pixel sees at most."""
+    most = 0.0
+    for seen_along, width in footprints(scene, seen, bounds(scene.panel.scale)[1], whole_pixel=whole_pixel):
+        most = max(most, float(seen_along.reach().max()) + width / 2)
+    return most

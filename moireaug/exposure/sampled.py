@@ -1,0 +1,124 @@
+"""Panel light read at points: at the pixel's centre, as the paper does, or averaged over its aperture, the brute force."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from moireaug.exposure.base import Exposure
+from moireaug.exposure.optics import optics_of
+from moireaug.geometry import grids
+from moireaug.geometry.sensor import CFA, cell
+from moireaug.panel.fourier import emitting_share
+from moireaug.panel.mask import cell_of, emits
+from moireaug.scene.layout import as_layout
+
+
+class Point(Exposure):
+    """The panel's raster of subpixels at each sensor pixel's centre, bilinear: the paper's steps 2 and 3.
+
+    Where two raster rows or columns show different panel pixels, the picture is looked up between these: as exact as
+    the paper's own interpolation where image pixels are a whole odd number of panel pixels wide, as they are there.
+    """
+
+    name = "point"
+    reason = "the panel read at each sensor pixel's centre"
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        layout, alpha = as_layout(shot.scene.panel.layout), shot.panel.scale[:, None, None]
+        width, height = emitting_share(shot.panel)
+        dark = not shot.scene.develop.registered
+        rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
+        inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
+        planes = []
+        for site in CFA[shot.scene.sensor.cfa]:
+            points = grids.grid(rows[site.row :: step], cols[site.column :: step])
+            x, y = (grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha[..., None]).unbind(-1)
+            for channel in site.channels:
+                plane = torch.zeros_like(x, dtype=light.dtype)
+                for s in layout.of(channel):
+                    (left, top), (right, bottom) = s.corners()[0], s.corners()[2]
+                    ends = (alpha * shot.size[1], alpha * shot.size[0]) if dark else (None, None)
+                    across, px = _raster(x, left, right, layout.raster, layout.period[0], ends[0])
+                    down, py = _raster(y, top, bottom, layout.raster, layout.period[1], ends[1])
+                    content = grids.look_up(light[:, channel, None], px / alpha, py / alpha)[:, 0]
+                    plane = plane + content * (across * down).to(light.dtype)
+                planes.append(plane * (width * height).to(light.dtype)[:, None, None])
+        return torch.stack(planes, 1)
+
+
+def _raster(at: Tensor, low: float, high: float, n: int, period: int, end: Tensor | None) -> tuple[Tensor, Tensor]:
+    """Return, along one axis, the light at a position that comes from a rectangle from `low` to `high`, by way of the two
+    nearest of n raster subpixels a panel pixel, and where it comes from; positions in panel pixels. With an `end` it is
+    dark outside of 0 to there."""
+    at = at * n - 0.5
+    left = at.floor().detach()
+    second = at - left
+    first = 1 - second
+    if (low, high) != (0, period):
+        place = left % (n * period)
+        first = first * _lies_in(place, low * n, high * n)
+        second = second * _lies_in((place + 1) % (n * period), low * n, high * n)
+    here, there = ((left + k + 0.5).div(n).floor() + 0.5 for k in (0, 1))
+    if end is not None:
+        first, second = (t * ((p >= 0) & (p < end)) for t, p in ((first, here), (second, there)))
+    light = first + second
+    # both in one panel pixel, or the second in the next
+    return light, here + (there - here) * second / light.clamp(min=1e-12)
+
+
+def _lies_in(column: Tensor, low: float, high: float) -> Tensor:
+    """Return the share of each raster column, given by its left edge, that lies between `low` and `high`."""
+    return ((column + 1).clamp(max=high) - column.clamp(min=low)).clamp(min=0)
+
+
+class Supersample(Exposure):
+    """The mean over n * n points of the aperture and the lens's spread. Converges to the integral: the reference."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self.name = f"supersample:{n}"
+        self.reason = f"the mean over {n * n} points of the aperture and the lens spread"
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        layout, alpha = as_layout(shot.scene.panel.layout), shot.panel.scale[:, None, None]
+        width, height = (t[:, None, None] for t in emitting_share(shot.panel))
+        pixels = shot.sampled_pixels()
+        rows, cols = (axis.positions(light.device) for axis in pixels)
+        offsets = optics_of(shot).quantiles(self.n**2)
+        down, across = (offsets / axis.scale for axis in pixels)
+        inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
+        planes = []
+        for site in CFA[shot.scene.sensor.cfa]:
+            read = len(light), len(rows[site.row :: step]), len(cols[site.column :: step])
+            totals = [light.new_zeros(read)] * len(site.channels)
+            for i, k in golden_points(self.n):
+                v = rows[site.row :: step] + down[:, i, None]
+                u = cols[site.column :: step] + across[:, k, None]
+                points = grids.grid(v, u)
+                x, y = (grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha[..., None]).unbind(-1)
+                for j, channel in enumerate(site.channels):
+                    for s in layout.of(channel):
+                        totals[j] = totals[j] + self._emitted(light[:, channel], s, x, y, width, height, shot)
+            planes += [total / self.n**2 for total in totals]
+        return torch.stack(planes, 1)
+
+    def _emitted(self, plane: Tensor, s, x: Tensor, y: Tensor, width: Tensor, height: Tensor, shot) -> Tensor:
+        """What one kind of subpixel emits at panel points."""
+        period, alpha = as_layout(shot.scene.panel.layout).period, shot.panel.scale[:, None, None]
+        column, row = cell_of(s, period, x, y)
+        px, py = ((n * p + c) / alpha for n, p, c in zip((column, row), period, s.pixel, strict=True))
+        light = grids.look_up(plane[:, None], px, py)[:, 0] * emits(s, period, x, y, width, height).to(plane.dtype)
+        if shot.scene.develop.registered:
+            return light
+        return light * ((px >= 0) & (px < shot.size[1]) & (py >= 0) & (py < shot.size[0]))
+
+
+def golden_points(n: int) -> list[tuple[int, int]]:
+    """Return n * n points of the unit square as ranks (i, k) along both axes: no two share a row or a column.
+
+    The golden ratio keeps them even whatever direction an edge cuts them in: two to four times as accurate as a square
+    grid.
+    """
+    order = sorted(range(n * n), key=lambda i: i * 0.6180339887498949 % 1)
+    return list(enumerate(order))

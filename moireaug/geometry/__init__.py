@@ -1,0 +1,1 @@
+"""Where a sensor pixel looks: homography, lens distortion, sampling grids and their Jacobians. Tensors only."""

@@ -1,0 +1,40 @@
+"""Radial lens distortion, from photo to ideal coordinates and back."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+NEWTON_STEPS = 8
+
+
+def radial_factor(points: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
+    """Return the factor 1 + k1 r^2 + k2 r^4 at photo points (B, N, 2) measured from the centre, r = 1 in the corners."""
+    r2 = points.square().sum(-1) * (4 / (size[0] ** 2 + size[1] ** 2))
+    return 1 + r2 * (k1[:, None] + k2[:, None] * r2)
+
+
+def inverse_radial_factor(points: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
+    """Return the factor (B, N) that takes ideal points (B, N, 2), measured from the photo's centre, to photo points: the
+    inverse of the lens, by Newton steps.
+
+    Beyond the photo's corners (r > 1), where the polynomial may fold, its tangent at r = 1 is followed instead.
+    """
+    half_diagonal = (size[0] ** 2 + size[1] ** 2) ** 0.5 / 2
+    k1, k2 = k1[:, None], k2[:, None]
+    ideal = points.norm(dim=-1) / half_diagonal
+    slope = 1 + 3 * k1 + 5 * k2
+    beyond = 1 + (ideal - 1 - k1 - k2) / slope
+
+    def newton(r: Tensor) -> Tensor:
+        r2 = r * r
+        error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
+        return (r - error / (1 + r2 * (3 * k1 + 5 * k2 * r2)).clamp(min=0.05)).clamp(min=0, max=1)
+
+    with torch.no_grad():
+        r = ideal.clamp(min=0, max=1)
+        for _ in range(NEWTON_STEPS):
+            r = newton(r)
+    r = torch.where(beyond > 1, beyond, newton(r))
+    tiny = ideal < 1e-12
+    return torch.where(tiny, 1.0, r / torch.where(tiny, 1.0, ideal))

@@ -1,0 +1,98 @@
+"""Sampling grids: where on the screen do points of a photo look, how large is what they see, and the way back."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from moireaug.geometry.distortion import inverse_radial_factor, radial_factor
+from moireaug.geometry.homography import apply_homography
+
+NEAR_HORIZON = 1e-3  # rays that see the screen more than a thousand times as far as its centre look past it
+Lens = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
+
+
+def grid(rows: Tensor, cols: Tensor) -> Tensor:
+    """Return the points of `rows` x `cols`, x then y: (h,) and (w,), or (B, h) and (B, w), to (B or 1, h, w, 2)."""
+    across, down = torch.broadcast_tensors(cols[..., None, :], rows[..., :, None])
+    points = torch.stack((across, down), -1)
+    return points if points.ndim == 4 else points[None]
+
+
+def pixel_centres(size: tuple[int, int], device: torch.device) -> Tensor:
+    """Return the centres of all pixels of an image, (1, H, W, 2) float64."""
+    rows, cols = (torch.arange(n, dtype=torch.float64, device=device) + 0.5 for n in size)
+    return grid(rows, cols)
+
+
+def look_up(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Return a picture (B, C, H, W) at coordinates x, y (B, h, w): (B, C, h, w). Bilinear between pixel centres, and the
+    outermost pixel past the edges."""
+    h, w = picture.shape[-2:]
+    at = torch.stack((x * (2 / w) - 1, y * (2 / h) - 1), -1).to(picture.dtype)
+    return F.grid_sample(picture, at, padding_mode="border", align_corners=False)
+
+
+def photo_to_image(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
+    """Return where photo points (B or 1, h, w, 2) look on the screen, in image coordinates: (B, h, w, 2).
+
+    Rays at and past the horizon land far outside of the picture. Differentiable.
+
+    Args:
+        inverse: (B, 3, 3), from ideal photo to image coordinates, of depth 1 in the photo's centre.
+        size: height and width of photo and image.
+        lens: radial distortion, or None.
+    """
+    ideal = _through_lens(points - _centre(points, size), size, lens)
+    lifted = _lift(ideal, inverse, size)
+    return lifted[..., :2] / lifted[..., 2:].clamp(min=NEAR_HORIZON)
+
+
+def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
+    """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), last over u and v."""
+    p = points - _centre(points, size)
+    through_lens = torch.eye(2, dtype=p.dtype, device=p.device)
+    if lens is not None:
+        k1, k2 = (k[:, None, None, None, None] for k in lens)
+        c = 4 / (size[0] ** 2 + size[1] ** 2)
+        r2 = c * p.square().sum(-1)[..., None, None]
+        outer = p[..., :, None] * p[..., None, :]
+        through_lens = (1 + r2 * (k1 + k2 * r2)) * through_lens + 2 * c * (k1 + 2 * k2 * r2) * outer
+    lifted = _lift(_through_lens(p, size, lens), inverse, size)
+    depth = lifted[..., 2:].clamp(min=NEAR_HORIZON)  # as in `photo_to_image`
+    m = (inverse @ _from_centre(inverse, size))[:, None, None]
+    through_pose = (m[..., :2, :2] - (lifted[..., :2] / depth)[..., None] * m[..., 2:, :2]) / depth[..., None]
+    return through_pose @ through_lens
+
+
+def image_to_photo(points: Tensor, matrix: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
+    """Return where image points (B, N, 2) lie in the photo, through homography (B, 3, 3) and lens. Differentiable."""
+    seen = apply_homography(matrix, points)
+    if lens is None:
+        return seen
+    centre = _centre(seen, size)
+    return (seen - centre) * inverse_radial_factor(seen - centre, *lens, size)[..., None] + centre
+
+
+def _centre(like: Tensor, size: tuple[int, int]) -> Tensor:
+    return like.new_tensor([size[1] / 2, size[0] / 2])
+
+
+def _from_centre(like: Tensor, size: tuple[int, int]) -> Tensor:
+    return like.new_tensor([[1, 0, size[1] / 2], [0, 1, size[0] / 2], [0, 0, 1]])
+
+
+def _through_lens(p: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
+    """Photo points, measured from the centre, to ideal ones."""
+    if lens is None:
+        return p
+    k1, k2 = lens
+    p = p.expand(len(k1), -1, -1, -1)
+    return p * radial_factor(p.flatten(1, 2), k1, k2, size).reshape(p.shape[:3])[..., None]
+
+
+def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> Tensor:
+    """Ideal points, measured from the centre, to homogeneous image coordinates (B, h, w, 3)."""
+    m = (inverse @ _from_centre(inverse, size))[:, None]
+    return ideal @ m[..., :2].mT + m[..., None, :, 2]

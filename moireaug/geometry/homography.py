@@ -1,0 +1,129 @@
+"""The pose of the screen before the camera, as a homography from image to ideal photo coordinates.
+
+Convention: continuous coordinates, pixel centres at half integers, x right, y down. *Image* coordinates span
+[0, W] x [0, H] on the picture that is shown, *photo* coordinates [0, W] x [0, H] on the photo. The homography maps
+image to ideal (pinhole) photo coordinates. Everything is float64, differentiable in every field, and fields are (B,).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from moireaug.geometry.distortion import radial_factor
+
+FAR_AWAY = 1e9  # where points behind the camera are put
+
+
+def _matrix(rows: list[list[Tensor | float]], like: Tensor) -> Tensor:
+    return torch.stack([torch.stack([like.new_zeros(like.shape) + v for v in row], -1) for row in rows], -2)
+
+
+def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor, ...]:
+    """Return what a point (x, y) of the screen's plane becomes: x, y and depth as pairs of coefficients of x and y."""
+    (sy, cy), (sp, cp), (sr, cr) = ((torch.sin(a), torch.cos(a)) for a in map(torch.deg2rad, (yaw, pitch, roll)))
+    across = (cy * cr, cy * sr)
+    down = (sp * sy * cr - cp * sr, sp * sy * sr + cp * cr)
+    depth = (cp * sy * cr + sp * sr, cp * sy * sr - sp * cr)
+    return *across, *down, *depth
+
+
+def camera_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
+    """Return a pinhole camera before zoom, fit and shift: homography (B, 3, 3) about the centres of image and photo."""
+    xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
+    diagonal = (size[0] ** 2 + size[1] ** 2) ** 0.5
+    f = diagonal / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
+    return _matrix([[xx, xy, 0.0], [yx, yy, 0.0], [zx / f, zy / f, 1.0]], f)
+
+
+def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
+    """Return the homography of the paper's released code, M = A2 T RX RY RZ A1 in index coordinates of the sensor's raster.
+
+    The focal length is d / (2 sin gamma), and d where sin gamma = 0, d being the raster's diagonal; a negative one is
+    used as it is. There gamma turns clockwise and theta moves the lower edge away: gamma = -roll,
+    theta = -pitch and phi = yaw.
+    """
+    theta, phi, gamma = (torch.deg2rad(a) for a in (-view["pitch"], view["yaw"], -view["roll"]))
+    h, w = size[0] * scale, size[1] * scale
+    one, zero = torch.ones_like(gamma), torch.zeros_like(gamma)
+    sin_gamma = torch.sin(gamma)
+    frontal = sin_gamma == 0
+    f = torch.where(frontal, one, 0.5 / torch.where(frontal, one, sin_gamma)) * (h * h + w * w) ** 0.5
+
+    def turn(angle: Tensor, a: int, b: int) -> Tensor:
+        entries = [[one if i == j else zero for j in range(4)] for i in range(4)]
+        entries[a][a] = entries[b][b] = torch.cos(angle)
+        entries[a][b], entries[b][a] = -torch.sin(angle), torch.sin(angle)
+        return _matrix(entries, gamma)
+
+    a1 = _matrix([[1.0, 0.0, -w / 2], [0.0, 1.0, -h / 2], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]], gamma)
+    t = _matrix([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, f], [0, 0, 0, 1.0]], gamma)
+    a2 = _matrix([[f, 0, w / 2, 0], [0, f, h / 2, 0], [0, 0, 1.0, 0]], gamma)
+    m = a2 @ t @ turn(theta, 1, 2) @ turn(phi, 0, 2) @ turn(gamma, 0, 1) @ a1
+    # index coordinates of the raster are scale * (x - centre) + scale * centre - 1/2 in centred image coordinates
+    to_index = _matrix([[scale, 0, w / 2 - 0.5], [0, scale, h / 2 - 0.5], [0, 0, 1.0]], gamma)
+    to_index_inverse = _matrix(
+        [[1 / scale, 0, (0.5 - w / 2) / scale], [0, 1 / scale, (0.5 - h / 2) / scale], [0, 0, 1.0]], gamma
+    )
+    m = to_index_inverse @ m @ to_index
+    return m / m[:, 2:, 2:]  # depth positive in the centre, whatever the sign of the focal length
+
+
+POSES: dict[str, Callable[[dict[str, Tensor], tuple[int, int], float], Tensor]] = {
+    "camera": camera_pose,
+    "released": released_pose,
+}
+
+
+def homography(
+    view: dict[str, Tensor],
+    k1: Tensor,
+    k2: Tensor,
+    size: tuple[int, int],
+    scale: float,
+    *,
+    pose: str = "camera",
+    fit: bool = True,
+) -> Tensor:
+    """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
+
+    Args:
+        view: the (B,) fields of `View` by name, angles in degrees.
+        k1, k2: (B,) lens coefficients: a fitted picture stays in view after the distortion, too.
+        size: height and width of image and photo.
+        scale: sensor pixels per photo pixel; only the "released" pose reads it.
+        pose: a key of `POSES`.
+        fit: see `View`.
+    """
+    m = POSES[pose](view, size, scale)
+    h, w = size
+    if pose == "camera":
+        zoom = view["zoom"] * (_fitting_zoom(m, k1, k2, size) if fit else 1.0)
+        place = _matrix([[zoom, 0, view["shift_x"] * w], [0, zoom, view["shift_y"] * h], [0, 0, 1.0]], zoom)
+        m = place @ m
+    centre = m.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
+    return centre @ m @ torch.linalg.inv(centre)
+
+
+def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
+    """Return the greatest magnification at which the picture's border still lies inside the photo, (B,)."""
+    half = m.new_tensor([size[1] / 2, size[0] / 2])
+    border = m.new_tensor(
+        [[x, y] for x in (-1, -0.5, 0, 0.5, 1) for y in (-1, -0.5, 0, 0.5, 1) if max(x * x, y * y) == 1]
+    )
+    seen = apply_homography(m, (border * half).expand(m.shape[0], -1, -1))
+    to_edge = 1 / (seen / half).abs().amax(-1)  # along the ray through each point, (B, 16)
+    edge = seen * to_edge[..., None]
+    return (to_edge * radial_factor(edge, k1, k2, size)).amin(-1)
+
+
+def apply_homography(m: Tensor, points: Tensor) -> Tensor:
+    """Return points (B, N, 2) through (B, 3, 3). Points behind the camera land far away, never on the photo.
+
+    kornia's `transform_points` mirrors these to its front.
+    """
+    lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
+    ahead = lifted[..., 2:] > 1e-9
+    return torch.where(ahead, lifted[..., :2] / torch.where(ahead, lifted[..., 2:], 1.0), FAR_AWAY)

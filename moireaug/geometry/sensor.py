@@ -1,0 +1,98 @@
+"""The sensor's lattice: which of its pixels a photo reads, and which colour each has.
+
+Raw readings of a Bayer sensor are kept packed, `(B, 4, h / 2, w / 2)`, in the order R, G, G, B of the RGGB cell; those
+of a sensor without colour filters are `(B, 3, h, w)`.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+
+class Site(NamedTuple):
+    """One pixel of the filter cell: its row and column there, and the channels that it reads."""
+
+    row: int
+    column: int
+    channels: tuple[int, ...]
+
+
+CFA: dict[str, tuple[Site, ...]] = {
+    "rggb": (Site(0, 0, (0,)), Site(0, 1, (1,)), Site(1, 0, (1,)), Site(1, 1, (2,))),
+    "none": (Site(0, 0, (0, 1, 2)),),
+}
+
+
+def cell(cfa: str) -> int:
+    """Return the sensor pixels along each side of the filter cell."""
+    return 2 if cfa == "rggb" else 1
+
+
+def pack(mosaic: Tensor) -> Tensor:
+    """Return (B, h, w) with even h and w as packed planes (B, 4, h / 2, w / 2)."""
+    return torch.stack([mosaic[:, site.row :: 2, site.column :: 2] for site in CFA["rggb"]], 1)
+
+
+def unpack(raw: Tensor) -> Tensor:
+    """Return packed planes (B, 4, h / 2, w / 2) as the mosaic (B, h, w)."""
+    b, _, h, w = raw.shape
+    # not pixel_shuffle, whose gradient fails on an empty batch
+    return raw.reshape(b, 2, 2, h, w).permute(0, 3, 1, 4, 2).reshape(b, 2 * h, 2 * w)
+
+
+@dataclass(frozen=True)
+class SampledPixels:
+    """The sensor rows (or columns) that a photo reads, and how they map to its pixels.
+
+    Args:
+        index: the sensor pixels that are read, each of the parity of its place.
+        step: pixels read per photo pixel, 0 where no whole number of them belongs to a photo pixel.
+        lead: pixels read ahead of the first photo pixel's own.
+        size: photo pixels.
+        scale: sensor pixels per photo pixel.
+    """
+
+    index: tuple[int, ...]
+    step: int
+    lead: int
+    size: int
+    scale: float
+
+    @property
+    def kept(self) -> slice:
+        """Of the pixels that are read, those that photo pixels are made of; the others fill up filter cells."""
+        count = self.size * self.step if self.step else max(1, round(self.size * self.scale))
+        return slice(self.lead, self.lead + count)
+
+    def positions(self, device: torch.device | None = None) -> Tensor:
+        """Return the photo coordinates of the pixels' centres, (len(index),) float64."""
+        return (torch.tensor(self.index, dtype=torch.float64, device=device) + 0.5) / self.scale
+
+
+@functools.lru_cache(maxsize=512)
+def sampled_pixels(size: int, scale: float, resize: str, reach: int) -> SampledPixels:
+    """Return what must be read of one axis so that `size` photo pixels can be developed.
+
+    A point resize looks at 1 (odd scale) or 2 (even scale) pixels of each axis in a photo pixel's centre, and
+    demosaicing `reach` pixels around them; a reach of 0 is a sensor without a cell. No other pixel is ever exposed.
+    """
+    whole, side = float(scale).is_integer(), 2 if reach else 1
+    step = (1 if scale % 2 else 2) + 2 * reach
+    if whole and resize == "point" and scale > step:
+        s = int(scale)
+        first = (s - step) // 2
+        lead = first % side
+        index = [s * i + first + k for i in range(size) for k in range(step)]
+        index = [index[0] - 1] * lead + index
+    else:
+        n = max(1, round(size * scale))
+        step = int(scale) if whole and (resize == "area" or scale == 1) else 0
+        lead, index, scale = 0, list(range(n)), n / size
+    if len(index) % side:
+        index.append(index[-1] + 1)
+    return SampledPixels(tuple(index), step, lead, size, scale)

@@ -1,0 +1,26 @@
+"""Arithmetic whose gradient is right at the bounds."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def clip(x: Tensor) -> Tensor:
+    """Clip to [0, 1] with gradient 1 on both bounds and 0 outside.
+
+    `torch.clamp` passes no gradient at its bounds since torch 2.14: black and white pixels would hide from an attack.
+    """
+    if not x.requires_grad:
+        return x.clamp(0, 1)
+    return torch.where((x < 0) | (x > 1), x.detach().clamp(min=0, max=1), x)
+
+
+def saturate(x: Tensor) -> Tensor:
+    """Clip to at most 1; gradient as in `clip`."""
+    return torch.where(x > 1, torch.ones_like(x), x) if x.requires_grad else x.clamp(max=1)
+
+
+def per_image(field: Tensor, like: Tensor) -> Tensor:
+    """Return a drawn field (B,) as (B, 1, 1, 1), of the dtype of a batch of images."""
+    return field.to(like.dtype)[:, None, None, None]

@@ -1,0 +1,150 @@
+"""The way of the light: every effect, in the one order in which light meets it, and the plan of those that a scene calls
+for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from moireaug.effects.base import Effect
+from moireaug.effects.demosaic import Demosaic
+from moireaug.effects.denoise import Denoise
+from moireaug.effects.exposing import Distortion, Exposed, Pose, Subpixels
+from moireaug.effects.flicker import Flicker
+from moireaug.effects.jpeg import Jpeg
+from moireaug.effects.prefilter import Prefilter, most_variance
+from moireaug.effects.registration import Registration
+from moireaug.effects.resize import Resize
+from moireaug.effects.sensor import FullWell, Gain, Noise, Quantisation, Saturation
+from moireaug.effects.srgb import Clip, Decode, Encode
+from moireaug.effects.tone import Brighten, WhiteBalance
+from moireaug.effects.vignetting import Vignetting
+from moireaug.exposure.base import Exposure
+from moireaug.exposure.choose import exposure_of
+from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import ShotRecord
+
+EXPOSE: tuple[Effect, ...] = (
+    Decode(),  # codes to light
+    Prefilter(),  # what is too fine for the panel, or too far away
+    Subpixels(),  # the next three are integrated by the exposure
+    Pose(),
+    Distortion(),
+    Exposed(),  # panel light to readings
+    Vignetting(),
+    Flicker(),
+    Gain(),
+    Noise(),
+    FullWell(),
+)
+DEVELOP: tuple[Effect, ...] = (
+    Saturation(),  # of the reading and an attacker's noise
+    Quantisation(),
+    Demosaic(),  # readings to colours
+    WhiteBalance(),
+    Encode(),  # light to codes
+    Brighten(),
+    Clip(),
+    Denoise(),
+    Resize(),  # sensor pixels to photo pixels
+    Registration(),  # back to the image's frame
+    Jpeg(),
+)
+
+
+def expose(light: Tensor, shot: ShotRecord) -> Tensor:
+    """Return the raw reading of images (B, 3, H, W): the effects before the attacker's noise, one after another."""
+    for effect in shot.plan.exposing:
+        light = effect(light, shot)
+    return light
+
+
+def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
+    """Return the photos (B, 3, H, W) of a raw reading: the effects after the attacker's noise, one after another."""
+    for effect in shot.plan.developing:
+        raw = effect(raw, shot)
+    return raw
+
+
+class Step(NamedTuple):
+    """One effect of a plan by its name, whether the scene calls for it, and why or why not."""
+
+    name: str
+    called: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The effects of a scene, in the order in which light meets them. `"pose" in plan` asks whether one is called for.
+
+    Args:
+        steps: every effect, called for or not.
+        exposing, developing: the effects that are computed.
+        method: the exposure, never "auto".
+        prefilter: the most variance by which the picture is blurred before it is looked up, in squared image pixels.
+    """
+
+    steps: tuple[Step, ...]
+    exposing: tuple[Effect, ...]
+    developing: tuple[Effect, ...]
+    method: Exposure
+    prefilter: float
+
+    @property
+    def exposure(self) -> str:
+        """The exposure's name: "spectral", "box", "mean", "point" or "supersample:n"."""
+        return self.method.name
+
+    @property
+    def harmonics(self) -> tuple[tuple[int, int], ...]:
+        """The (k, l) pairs that the spectral exposure sums."""
+        return self.method.harmonics
+
+    def __contains__(self, effect: object) -> bool:
+        return any(step.called for step in self.steps if step.name == effect)
+
+    def __iter__(self) -> Iterator[Step]:
+        return (step for step in self.steps if step.called)
+
+    def __str__(self) -> str:
+        called = [step for step in self.steps if step.called]
+        absent = [step for step in self.steps if not step.called]
+        width = max(len(step.name) for step in self.steps) + 2
+        lines = [f"{len(called)} effects are computed, in this order" if called else "The photo is the image"]
+        for i, step in enumerate(called, 1):
+            lines.append(f"  {i:2d}  {step.name:{width}}{step.reason}")
+        if absent:
+            lines.append(f"{len(absent)} effects are left out")
+        for step in absent:
+            lines.append(f"   -  {step.name:{width}}{step.reason}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values: effects called for, those left out (both effect to reason), exposure and harmonics."""
+        return {
+            "effects": {step.name: step.reason for step in self.steps if step.called},
+            "left_out": {step.name: step.reason for step in self.steps if not step.called},
+            "exposure": self.exposure,
+            "harmonics": [list(pair) for pair in self.harmonics],
+        }
+
+
+@torch.no_grad()
+def make_plan(scene: SceneRecord) -> Plan:
+    """Judge every effect by a scene's ranges; see `Scene.plan`."""
+    steps, chosen = [], {}
+    for stage, effects in (("exposing", EXPOSE), ("developing", DEVELOP)):
+        chosen[stage] = []
+        for effect in effects:
+            verdict = effect.verdict(scene)
+            if verdict.called:
+                chosen[stage].append(effect)
+            if effect.shown:
+                steps.append(Step(effect.name, *verdict))
+    exposing, developing = (tuple(effects) for effects in chosen.values())
+    return Plan(tuple(steps), exposing, developing, exposure_of(scene), most_variance(scene))

@@ -1,0 +1,166 @@
+"""What stands in front of the camera, and how it may vary: what users hold."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from moireaug.capture import capture
+from moireaug.pipeline import Plan, make_plan
+from moireaug.scene.fields import bounds, one_of, ranged_fields
+from moireaug.scene.parts import PARTS, part_from_dict
+from moireaug.scene.presets import PRESETS
+from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import ShotRecord
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(SceneRecord):
+    """A camera in front of a screen: `Panel + View + Lens + Sensor + Develop`. Immutable, hashable, no tensors.
+
+    Every numeric field that is documented as a *range* takes a number or a `(low, high)` pair; pairs are drawn
+    uniformly, once per image, by `sample`. The same five records, filled with `(B,)` tensors, make up a `Shot`: a Shot
+    is a Scene whose ranges have been drawn.
+
+    Args:
+        panel, view, lens, sensor, develop: the five parts; each has its own defaults, which do nothing but show an RGB
+            stripe to a Bayer sensor.
+        tolerance: contrast, in raw units, below which the plan leaves a contribution out. Each effect and each harmonic
+            that is left out stays below it; of a sharp lens many harmonics are left out, whose sum may reach a few
+            times as much.
+
+    Raises:
+        ValueError, TypeError: a value out of its range, with what was got and what is allowed.
+    """
+
+    @staticmethod
+    def preset(name: str) -> Scene:
+        """Return the scene of that name in `moireaug.scene.presets.PRESETS`.
+
+        Raises:
+            ValueError: an unknown name; the message lists the known ones and the closest.
+        """
+        return _PRESETS[one_of("a preset", name, PRESETS)]
+
+    def plan(self) -> Plan:
+        """Return the ordered effects that this scene calls for, each with its reason. Computed once per scene."""
+        found = getattr(self, "_plan", None)  # kept here so that torch.compile finds it ready
+        if found is None:
+            found = make_plan(self)
+            object.__setattr__(self, "_plan", found)
+        return found
+
+    def sample(self, n: int, size: tuple[int, int], generator: torch.Generator | None = None) -> Shot:
+        """Draw the ranges for `n` images of `size` (height, width), from `generator` or torch's global one."""
+        self.plan()  # a range that cannot be photographed is refused here, and not in the middle of a batch
+        return draw(self, n, size, generator)
+
+    def capture(self, images: torch.Tensor, generator: torch.Generator | None = None) -> torch.Tensor:
+        """Draw a shot for `images` (B, 3, H, W) and return their photos, of the same shape."""
+        return capture(images, self.sample(images.shape[0], tuple(images.shape[-2:]), generator))
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> Scene:
+        """Rebuild a scene; a part that is absent keeps its defaults, `preset` may name the scene to start from.
+
+        Raises:
+            ValueError, TypeError: an unknown key (the message names the closest) or a value out of its range.
+        """
+        values = dict(values)
+        base = Scene.preset(values.pop("preset")) if "preset" in values else Scene()
+        for key in values:
+            one_of("a key of a scene", key, (*PARTS, "tolerance", "preset"))
+        merged, parts = base.to_dict(), {}
+        for name in PARTS:
+            parts[name] = part_from_dict(name, merged[name] | dict(values.get(name) or {}))
+        return Scene(**parts, tolerance=values.get("tolerance", base.tolerance))
+
+
+def _scene(record: SceneRecord) -> Scene:
+    return Scene(**{name: getattr(record, name) for name in (*PARTS, "tolerance")})
+
+
+_PRESETS = {name: _scene(record) for name, record in PRESETS.items()}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shot(ShotRecord):
+    """A Scene whose ranges have been drawn: the same five parts, each ranged field a `(B,)` float64 tensor.
+
+    Args:
+        scene: where it was drawn from; it decides which effects are computed.
+        size: height and width of the images.
+        panel, view, lens, sensor, develop: the drawn parts.
+        seed: (B,) int64, the seeds of the sensor noise.
+
+    Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`. The scene's plan
+    decides which effects are computed: a field whose effect the scene does not call for is not read.
+    """
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> Shot:
+        """Rebuild a shot from `to_dict`.
+
+        Raises:
+            ValueError: a missing part or field, or fields of different lengths.
+        """
+        missing = [k for k in ("scene", "size", "seed", *PARTS) if k not in values]
+        if missing:
+            raise ValueError(
+                f"a shot's dict must have the keys scene, size, seed, {', '.join(PARTS)}; missing {missing}."
+            )
+        scene, n, parts = Scene.from_dict(values["scene"]), len(values["seed"]), {}
+        for name in PARTS:
+            part = getattr(scene, name)
+            for k in ranged_fields(part):
+                if len(values[name].get(k, ())) != n:
+                    raise ValueError(f"a shot's {name}.{k} must hold {n} numbers, one per image of its seed list.")
+            drawn = {k: torch.tensor(values[name][k], dtype=torch.float64) for k in ranged_fields(part)}
+            parts[name] = dataclasses.replace(part, **drawn)
+        h, w = values["size"]
+        return Shot(scene=scene, size=(h, w), seed=torch.tensor(values["seed"], dtype=torch.int64), **parts)
+
+
+def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator | None = None) -> Shot:
+    """Draw `n` shots for images of `size` (height, width).
+
+    Each image's numbers are drawn together, so the first rows of a larger draw are those of a smaller one. Only what
+    varies draws: a field that is one number leaves the others' draws as they are.
+
+    Raises:
+        ValueError: a negative n, or a size that is not two positive integers.
+    """
+    h, w = (int(s) for s in size) if len(size) == 2 else (0, 0)
+    if n < 0 or h < 1 or w < 1:
+        raise ValueError(f"a shot needs n >= 0 images of at least 1 x 1 pixels; got n = {n}, size = {tuple(size)}.")
+    ranges = {
+        (part, k): bounds(getattr(getattr(scene, part), k))
+        for part in PARTS
+        for k in ranged_fields(getattr(scene, part))
+    }
+    varied = [name for name, (low, high) in ranges.items() if low < high]
+    u = torch.rand(n, len(varied) + 1, dtype=torch.float64, generator=generator)
+    drawn: dict[str, dict[str, torch.Tensor]] = {part: {} for part in PARTS}
+    for (part, k), (low, high) in ranges.items():
+        value = torch.full((n,), low, dtype=torch.float64)
+        if (part, k) in varied:
+            value = low + (high - low) * u[:, varied.index((part, k))]
+            if scene.view.pose == "released" and part == "view":
+                value = value.floor()  # the released code turns by whole degrees
+        drawn[part][k] = value
+    parts = {part: dataclasses.replace(getattr(scene, part), **drawn[part]) for part in PARTS}
+    return Shot(scene=scene, size=(h, w), seed=(u[:, -1] * 2**53).to(torch.int64), **parts)
+
+
+def as_scene(scene: Scene | str | dict[str, Any]) -> Scene:
+    """Return a Scene from a Scene, a preset's name or a plain dict; what every public `scene=` argument accepts."""
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, str):
+        return Scene.preset(scene)
+    if isinstance(scene, dict):
+        return Scene.from_dict(scene)
+    raise TypeError(f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}.")

@@ -1,0 +1,142 @@
+"""One draw from a scene for a batch of images, as data."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from moireaug.geometry import grids
+from moireaug.geometry.homography import homography
+from moireaug.geometry.sensor import SampledPixels, sampled_pixels
+from moireaug.scene.fields import ranged_fields
+from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
+
+if TYPE_CHECKING:
+    from moireaug.pipeline import Plan
+    from moireaug.scene.scene import Scene
+
+REACH = {"bilinear": 1, "malvar": 2}  # sensor pixels to each side that a demosaiced colour is made from
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ShotRecord:
+    """The five parts with each ranged field a `(B,)` float64 tensor, their scene and image size; users hold a `Shot`."""
+
+    scene: Scene
+    size: tuple[int, int]
+    panel: Panel
+    view: View
+    lens: Lens
+    sensor: Sensor
+    develop: Develop
+    seed: Tensor
+
+    def __len__(self) -> int:
+        return len(self.seed)
+
+    @property
+    def device(self) -> torch.device:
+        return self.seed.device
+
+    def _map(self, f: Any) -> ShotRecord:
+        parts = {}
+        for name in PARTS:
+            part = getattr(self, name)
+            parts[name] = dataclasses.replace(part, **{k: f(getattr(part, k)) for k in ranged_fields(part)})
+        return dataclasses.replace(self, **parts, seed=f(self.seed))
+
+    def to(self, device: torch.device | str) -> ShotRecord:
+        """Return the same shot on another device."""
+        return self if torch.device(device) == self.device else self._map(lambda t: t.to(device))
+
+    def __getitem__(self, rows: Any) -> ShotRecord:
+        """Return the shots of some rows: a slice, a mask, an index tensor or list, or one integer (a batch of one)."""
+        rows = [rows] if isinstance(rows, int) else rows
+        return self._map(lambda t: t[rows])
+
+    def repeat(self, n: int) -> ShotRecord:
+        """Return the whole batch n times, one after another."""
+        return self._map(lambda t: t.repeat(n))
+
+    @property
+    def requires_grad(self) -> bool:
+        """Whether any drawn number asks for a gradient."""
+        for name in PARTS:
+            part = getattr(self, name)
+            if any(getattr(part, field).requires_grad for field in ranged_fields(part)):
+                return True
+        return False
+
+    @property
+    def plan(self) -> Plan:
+        """The effects that its scene calls for."""
+        return self.scene.plan()
+
+    @property
+    def distortion(self) -> tuple[Tensor, Tensor] | None:
+        """(k1, k2) where the plan has a lens that distorts, else None."""
+        return (self.lens.k1, self.lens.k2) if "lens" in self.plan else None
+
+    def matrix(self) -> Tensor:
+        """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64. Differentiable in every View
+        field that the scene's pose reads."""
+        view = {k: getattr(self.view, k) for k in ranged_fields(self.view)}
+        pose, fit, scale = self.scene.view.pose, self.scene.view.fit, self.scene.sensor.scale
+        return homography(view, self.lens.k1, self.lens.k2, self.size, scale, pose=pose, fit=fit)
+
+    def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
+        """Return which sensor rows and columns this photo reads."""
+        sensor, develop = self.scene.sensor, self.scene.develop
+        reach = REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
+        # a denoiser looks at every pixel of the sensor
+        resize = "all" if develop.denoise else develop.resize
+        rows, cols = (sampled_pixels(n, sensor.scale, resize, reach) for n in self.size)
+        return rows, cols
+
+    def raw_shape(self) -> tuple[int, int, int, int]:
+        """Return the shape of the packed raw reading, and so of the attacker's noise: four Bayer planes, or three
+        colours."""
+        rows, cols = self.sampled_pixels()
+        planes, step = (4, 2) if self.scene.sensor.cfa == "rggb" else (3, 1)
+        return len(self), planes, len(rows.index) // step, len(cols.index) // step
+
+    @property
+    def moves(self) -> bool:
+        """Whether things lie elsewhere in the photo than in the image: a camera-frame photo with a pose or a lens."""
+        return not self.scene.develop.registered and ("pose" in self.plan or "lens" in self.plan)
+
+    def to_photo(self, points: Tensor) -> Tensor:
+        """Return where points (B, N, 2) of the image, x then y in pixels, lie in the photo's own frame.
+
+        For a registered scene that frame is the image's, and points come back as they are.
+        """
+        if not self.moves:
+            return points
+        shot = self.to(points.device)
+        return grids.image_to_photo(points.double(), shot.matrix(), self.size, shot.distortion).to(points.dtype)
+
+    def to_photo_mask(self, mask: Tensor) -> Tensor:
+        """Return a mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest pixel, 0 off the
+        image."""
+        if not self.moves:
+            return mask
+        h, w = self.size
+        shot = self.to(mask.device)
+        centres = grids.pixel_centres(self.size, mask.device)
+        x, y = grids.photo_to_image(centres, torch.linalg.inv(shot.matrix()), self.size, shot.distortion).unbind(-1)
+        on = (x >= 0) & (x < w) & (y >= 0) & (y < h)
+        flat = torch.where(on, y.floor() * w + x.floor(), 0).long()[:, None].flatten(2)
+        taken = mask.flatten(2).gather(2, flat.expand(-1, mask.shape[1], -1)).reshape(mask.shape)
+        return torch.where(on[:, None], taken, torch.zeros_like(taken))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers and lists, exact; `Shot.from_dict` is the inverse."""
+        drawn = {
+            name: {k: getattr(getattr(self, name), k).tolist() for k in ranged_fields(getattr(self, name))}
+            for name in PARTS
+        }
+        return {"scene": self.scene.to_dict(), "size": list(self.size), "seed": self.seed.tolist(), **drawn}

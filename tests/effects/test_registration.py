@@ -1,0 +1,55 @@
+"""Registration: the photo back in the image's frame."""
+
+import dataclasses
+
+import pytest
+import torch
+import torch.nn.functional as F
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View
+from moireaug.effects.registration import register
+from moireaug.geometry import grids
+
+EYE = torch.eye(3, dtype=torch.float64)
+
+
+def shifted(dx, dy):
+    matrix = EYE.clone()
+    matrix[:2, 2] = torch.tensor([dx, dy])
+    return matrix[None]
+
+
+def test_nothing_moved_stays_as_it_is():
+    photo = torch.rand(1, 3, 5, 6, dtype=torch.float64)
+    assert torch.allclose(register(photo, EYE[None], None), photo, atol=1e-12)
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(2, 0), (-1, 1), (0, -3)])
+def test_whole_pixels_are_moved_whole_and_what_is_not_seen_is_black(dx, dy):
+    photo = torch.rand(1, 3, 5, 6, dtype=torch.float64) + 0.0
+    out = register(photo, shifted(dx, dy), None)
+    for y in range(5):
+        for x in range(6):
+            seen = 0 <= x + dx < 6 and 0 <= y + dy < 5
+            wanted = photo[0, :, y + dy, x + dx] if seen else torch.zeros(3).double()
+            assert torch.allclose(out[0, :, y, x], wanted, atol=1e-12)
+
+
+def test_a_registered_photo_lies_on_its_image():
+    blobs = F.interpolate(torch.rand(1, 3, 4, 5, dtype=torch.float64), size=(32, 40), mode="bicubic").clamp(0, 1)
+    sensor, view = Sensor(cfa="none", scale=2.0), View(yaw=15, roll=-10, zoom=0.9)
+    scene = Scene(panel=Panel(layout="even"), view=view, lens=Lens(k1=0.05), sensor=sensor)
+    off = (scene.capture(blobs) - blobs).abs()[..., 3:-3, 3:-3]
+    assert off.mean() < 0.01
+    astray = dataclasses.replace(scene, develop=Develop(registered=False))
+    assert (astray.capture(blobs) - blobs).abs()[..., 3:-3, 3:-3].mean() > 0.05
+
+
+def test_registration_is_differentiable_in_photo_and_pose():
+    photo = torch.rand(1, 3, 4, 5, dtype=torch.float64) * 0.8 + 0.1
+    matrix = shifted(0.3, 0.2).requires_grad_()
+    assert torch.autograd.gradcheck(
+        lambda p, m: register(p, m, None), (photo.requires_grad_(), matrix), eps=1e-7, atol=1e-4
+    )
+    centre = grids.pixel_centres((4, 5), photo.device)
+    assert centre.shape == (1, 4, 5, 2)

@@ -1,0 +1,79 @@
+"""The engine in workers, threads and on a machine's first call."""
+
+import threading
+
+import pytest
+import torch
+from torch.utils.data import DataLoader, Dataset
+
+from moireaug import Scene
+from moireaug.engine import compiling, run
+
+from . import adapter
+
+SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
+IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
+
+
+def photos(rows=slice(None)):
+    shot = SHOT[rows]
+    raw = run.expose(IMAGES[rows], adapter.exposure_of(shot))
+    return run.develop(raw, adapter.development_of(shot))
+
+
+class Photos(Dataset):
+    def __len__(self):
+        return len(IMAGES)
+
+    def __getitem__(self, i):
+        torch.set_num_threads(2)
+        return photos([i, i])[0]
+
+
+@pytest.mark.parametrize("start", ["fork", "spawn"])
+def test_workers_see_the_same_photos(start):
+    torch.set_num_threads(2)
+    expected = photos()  # threads have run in this process before it forks
+    loader = DataLoader(Photos(), batch_size=2, num_workers=1, multiprocessing_context=start)
+    assert torch.equal(torch.cat(list(loader)), expected)
+
+
+def test_threads_of_the_caller_see_the_same_photos():
+    expected, found = photos(), {}
+
+    def work(i):
+        found[i] = photos()
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for i in range(4):
+        assert torch.equal(found[i], expected)
+
+
+def test_an_error_in_one_image_reaches_the_caller():
+    torch.set_num_threads(2)
+
+    def work(i):
+        if i == 3:
+            raise ValueError("the fourth")
+
+    with pytest.raises(ValueError, match="the fourth"):
+        run.each(work, 8)
+
+
+def test_the_first_call_on_a_machine_is_announced_once(tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr(run, "announce", said.append)
+    monkeypatch.setattr(compiling, "_folder", lambda: str(tmp_path))
+    run.prepare.cache_clear()
+    run.prepare()
+    run.prepare()
+    assert len(said) == 1
+    assert "compiles" in said[0]
+    (tmp_path / "kernel.nbi").touch()
+    run.prepare.cache_clear()
+    run.prepare()
+    assert len(said) == 1

@@ -1,0 +1,55 @@
+"""The choice of method, harmonics and taps by a scene's ranges."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from benchmarks import problems
+from moireaug import Lens, Panel, Scene, View, expose
+
+TAPS = [  # scene, panel pixels along an axis that a sensor pixel sees
+    (Scene(panel=Panel(scale=0.1, layout="led")), 1),
+    (Scene(panel=Panel(scale=0.1)), 3),
+    (Scene(), 3),
+    (Scene(panel=Panel(scale=3.0)), 5),
+    (Scene(lens=Lens(blur=0.8)), 5),
+    (Scene(panel=Panel(scale=0.1), lens=Lens(blur=(0.0, 8.0))), 3),
+    (Scene(view=View(zoom=(0.02, 1.0))), 7),
+    (Scene(panel=Panel(scale=3.0, layout="pentile")), 5),
+]
+
+
+@pytest.mark.parametrize(("scene", "taps"), TAPS, ids=range(len(TAPS)))
+def test_taps_are_as_many_as_are_seen(scene, taps):
+    assert scene.plan().method.taps == taps
+
+
+def error(problem, fewer, more):
+    """Of what "auto" chooses, relative to brute force: root mean square of the raw reading, in per cent.
+
+    Brute force is off by itself, with each number of points another way: the product of the distances from two of them
+    holds none of that.
+    """
+    side = problem.side(32)
+    image = problems.images(problem.picture, 1, side).double()
+    shot = problem.scene.sample(1, (side, side), torch.Generator().manual_seed(0))
+    ours, distances = expose(image, shot), []
+    for n in (fewer, more):
+        sensor = dataclasses.replace(problem.scene.sensor, exposure=f"supersample:{n}")
+        brute = expose(image, dataclasses.replace(shot, scene=dataclasses.replace(problem.scene, sensor=sensor)))
+        distances.append((ours - brute) / brute.square().mean().sqrt())
+    return 100 * float((distances[0] * distances[1]).mean().clamp(min=0).sqrt())
+
+
+@pytest.mark.parametrize("given", problems.SET, ids=lambda g: f"{g['picture']}-{g['layout']}-{g['pitch']}-{g['view']}")
+def test_auto_is_within_a_per_cent_of_brute_force(given):
+    small = given["layout"] == "led" or given["pitch"] < 1  # subpixels are hit by few points
+    points = (17, 32) if small else (13, 21)
+    assert error(problems.problem(**given), *points) < 1.0
+
+
+def test_another_exposure_is_not():
+    given = problems.problem(**problems.SET[6])
+    mean = dataclasses.replace(given.scene, sensor=dataclasses.replace(given.scene.sensor, exposure="mean"))
+    assert error(dataclasses.replace(given, scene=mean), 13, 21) > 5

@@ -1,0 +1,115 @@
+"""Layouts as data, what is refused, and what is derived from them."""
+
+import json
+import math
+import pickle
+
+import pytest
+
+from moireaug import Panel, Scene, Shot
+from moireaug.scene.layout import LAYOUTS, Layout, Subpixel, as_layout
+
+OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))
+RED_ONLY = Layout(((0, 0.0, 0.0, 0.5, 1.0),))
+SLANTED = Layout(((0, 0.5, 0.5, 0.4, 0.2, -0.1, 0.6), (1, 0.9, 0.1, 0.3, 0.0, 0.2, 0.5)))
+ALL = {**LAYOUTS, "own": OWN}
+
+BAD = [
+    (lambda: Layout(()), "at least one"),
+    (lambda: Layout(((0, 0, 0, 1, 1),), (1,)), "two whole numbers of panel pixels in [1, 16]; got (1,)"),
+    (lambda: Layout(((0, 0, 0, 1, 1),), (1, 0)), "in [1, 16]; got (1, 0)"),
+    (lambda: Layout(((0, 0, 0, 1, 1),), (1.0, 1)), "in [1, 16]; got (1.0, 1)"),
+    (
+        lambda: Layout(((0, 0, 0, 1),)),
+        "(channel, cx, cy, ax, ay, dx, dy) parallelograms, all numbers; got (0, 0, 0, 1)",
+    ),
+    (lambda: Layout((("red", 0, 0, 1, 1),)), "numbers; got ('red', 0, 0, 1, 1)"),
+    (lambda: Layout(((True, 0, 0, 1, 1),)), "numbers; got (True, 0, 0, 1, 1)"),
+    (lambda: Layout(((3, 0, 0, 1, 1),)), "0 (red), 1 (green) or 2 (blue); got 3"),
+    (lambda: Layout(((0, 0, 0, 1.5, 1),)), "inside its cell of 1 x 1 panel pixels"),
+    (lambda: Layout(((0, 0.5, 0, 0.5, 1),)), "x0 < x1 and y0 < y1"),
+    (lambda: Layout(((0, 0, math.nan, 1, 1),)), "x0 < x1 and y0 < y1"),
+    (lambda: Layout(((1, 0, 0, 0.6, 1), (1, 0.5, 0.5, 1, 1))), "must not overlap; got (1, 0, 0, 0.6, 1) and"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, 0, "a"),)), "all numbers; got (0, 0.5, 0.5, 0.4, 0, 0, 'a')"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0.2, 0.2, 0.1),)), "must have an area: its edges must not be parallel"),
+    (lambda: Layout(((0, 1.1, 0.5, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger than it"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.8, 0, 0.3, 0.4),)), "1.1 panel pixels wide in a cell of 1 x 1"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.1, 0.6, 0, 0.6),)), "1.2 panel pixels high in a cell of 1 x 1"),
+    (lambda: Layout(((0, 0.5, math.nan, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger than it"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, math.nan, 0.4),)), "centre in its cell and be no larger than it"),
+    (
+        lambda: Layout(((2, 0.1, 0.5, 0.4, 0, 0.2, 0.4), (2, 0.8, 0.5, 0.4, 0, 0, 0.4))),
+        "must not overlap",
+    ),  # of next cell
+    (lambda: Panel(layout="pentil"), "Did you mean 'pentile'?"),
+    (lambda: Panel(layout=3), "must be one of 'rgb_stripe'"),
+    (lambda: Layout(5), "Layout.subpixels must be a tuple; got 5"),
+    (lambda: Layout(((0, 0, 0, 1, 1),), (True, 1)), "in [1, 16]; got (True, 1)"),
+    (lambda: Panel(layout={"subpixel": ()}), "Did you mean 'subpixels'?"),
+]
+
+
+@pytest.mark.parametrize(("make", "sentence"), BAD, ids=[b[1][:30] for b in BAD])
+def test_wrong_layouts_get_a_sentence(make, sentence):
+    with pytest.raises((ValueError, TypeError)) as error:
+        make()
+    assert sentence in str(error.value)
+
+
+def test_channels_read_from_an_array_are_as_good():
+    floats = Layout(((0.0, 0.0, 0.0, 0.5, 1.0),))
+    assert Scene(panel=Panel(layout=floats)).plan() == Scene(panel=Panel(layout=RED_ONLY)).plan()
+
+
+def test_rectangles_of_different_colours_may_overlap():
+    assert len(Layout(((0, 0, 0, 0.6, 1), (1, 0.5, 0, 1, 1))).subpixels) == 2
+
+
+def test_subpixels_know_their_place():
+    (red,), (green,), (blue,) = (OWN.of(c) for c in range(3))
+    assert red == Subpixel(0, (0.25, 0.5), (0.5, 0.0), (0.0, 1.0))
+    assert green == Subpixel(1, (0.75, 0.2), (0.5, 0.0), (0.0, 0.4))
+    assert blue.corners() == [(1.25, 0.5), (1.75, 0.5), (1.75, 1.0), (1.25, 1.0)]
+    assert (blue.area, blue.centre, blue.pixel, blue.is_rectangle) == (0.25, (1.5, 0.75), (1.5, 0.5), True)
+    assert [s.pixel for s in LAYOUTS["pentile"].of(1)] == [(0.5, 0.5), (1.5, 0.5)]
+    assert RED_ONLY.of(1) == ()
+
+
+def test_parallelograms_know_their_place():
+    ((red,), (green,)) = SLANTED.of(0), SLANTED.of(1)
+    assert not red.is_rectangle and red.area == pytest.approx(0.4 * 0.6 + 0.1 * 0.2)
+    assert sum(green.corners(), ()) == pytest.approx((0.65, -0.15, 0.95, -0.15, 1.15, 0.35, 0.85, 0.35))
+    assert green.pixel == (0.5, 0.5)  # of its centre, though it reaches into the next
+
+
+def test_diamonds_touch_and_do_not_overlap():
+    """As in a PenTile of diamonds: the bounding boxes overlap, the subpixels do not."""
+    diamonds = tuple((1, x, y, 0.5, 0.5, -0.5, 0.5) for x, y in ((0.5, 0.5), (1.0, 1.0), (1.5, 0.5), (0.0, 1.0)))
+    assert len(Layout(diamonds[:2], (2, 2)).subpixels) == 2
+    with pytest.raises(ValueError, match="must not overlap"):
+        Layout((diamonds[0], (1, 0.9, 0.9, 0.5, 0.5, -0.5, 0.5)), (2, 2))
+
+
+RASTERS = {"rgb_stripe": 3, "bgr_stripe": 3, "rgb_column": 3, "pentile": 3, "led": 12, "even": 1, "own": 20}
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_raster_is_as_coarse_as_fits_the_rectangles(name):
+    assert ALL[name].raster == RASTERS[name]
+    edges = [v for s in ALL[name].subpixels for v in s[1:]]
+    fits = [n for n in range(1, RASTERS[name] + 1) if max(abs(v * n - round(v * n)) for v in edges) < 1e-6]
+    assert fits == [RASTERS[name]]
+    assert Layout(((0, 0.0137, 0.2, 0.777, 0.9001),)).raster == 24
+
+
+@pytest.mark.parametrize("layout", [OWN, RED_ONLY, SLANTED], ids=["own", "red only", "slanted"])
+def test_a_scene_with_a_layout_of_its_own_is_plain_data(layout):
+    scene = Scene(panel=Panel(layout=layout, lit=(0.5, 0.9)))
+    values = json.loads(json.dumps(scene.to_dict()))
+    again = Scene.from_dict(values)
+    assert again == scene and hash(again) == hash(scene) and again.panel.layout == layout
+    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert Panel(layout={"subpixels": layout.subpixels, "period": layout.period}).layout == layout
+    assert as_layout(values["panel"]["layout"]) == layout == as_layout(layout)
+    shot = scene.sample(1, (4, 4))
+    assert Shot.from_dict(json.loads(json.dumps(shot.to_dict()))).to_dict() == shot.to_dict()
