@@ -6,8 +6,9 @@ import numpy as np
 
 from moireaug.engine import harmonics, lookup, optics
 from moireaug.engine.compiling import fill, kernel, loop
-from moireaug.engine.nodes import bracket, grouping
+from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
+from moireaug.engine.record import LANES
 from moireaug.engine.sensor import attenuate, read
 from moireaug.engine.view import look
 
@@ -47,7 +48,7 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
     kinds, count, n_k, n_l, phases = len(nodes.tables), nodes.tables.shape[1], nodes.n_k, nodes.n_l, nodes.phases
     taps, px, py = cell.taps, cell.period[0], cell.period[1]
     rows, cols, step = sites.rows, sites.cols, sites.step
-    per, every = grouping(w)
+    per, every = nodes.per, (nodes.per + LANES - 1) // LANES * LANES
     groups, volume = len(nodes.middle), kinds * n_k * n_l
     lanes, width = groups * every, n_l // 2 + 1
     # places along a row

@@ -11,23 +11,50 @@ from moireaug.engine.compiling import kernel, loop
 from moireaug.engine.record import LANES, Nodes
 from moireaug.engine.view import jacobian
 
-FLAT = 1.0005  # the view's scale changes by less: four nodes and two say it all
-FEW, MORE, MOST = 9, 17, 33
-STEP = 0.06  # the logarithm of the scale between two nodes of the weights
+FLAT = 5e-4  # the logarithm of the view's scale changes by less: four nodes and two say it all
+MOST = 65
+SAMPLES = 5
+# between two nodes of the amplitudes and of the weights, the logarithm of the view's scale changes by at most
+STEP, STEP_OF_WEIGHTS = 0.12, 0.06
+CYCLES = 0.1  # and the highest frequency by so many cycles a sensor pixel
+PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes less than 1e-5
+REACH = 3  # a group's cubic goes through four nodes
 
 
 @loop
-def _change(rows, cols, camera):
-    """Return by which factor the view's scale changes over the photo."""
-    low, high = math.inf, 0.0
-    for i in range(3):
-        for k in range(3):
-            v = rows[(len(rows) - 1) * i // 2]
-            u = cols[(len(cols) - 1) * k // 2]
-            xu, xv, yu, yv = jacobian(u, v, camera)
-            scale = xu * xu + xv * xv + yu * yu + yv * yv
-            low, high = min(low, scale), max(high, scale)
-    return math.sqrt(high / low)
+def _counts(rows, cols, camera, period, n, m):
+    """Return how many nodes a side the amplitudes and the weights need, more than MOST where too many."""
+    # along both axes of the panel, how many cells a sensor pixel spans
+    cells = np.empty((SAMPLES * SAMPLES, 2), np.float64)
+    for i in range(len(cells)):
+        v = rows[(len(rows) - 1) * (i // SAMPLES) // (SAMPLES - 1)]
+        u = cols[(len(cols) - 1) * (i % SAMPLES) // (SAMPLES - 1)]
+        xu, xv, yu, yv = jacobian(u, v, camera)
+        cells[i, 0], cells[i, 1] = math.hypot(xu, xv) / period[0], math.hypot(yu, yv) / period[1]
+    # how fast that changes where it does so fastest, as if over the whole photo
+    change, cycles, passed = 0.0, 0.0, PASSED / max(camera.blur, 1e-6)
+    for i in range(len(cells)):
+        for k in range(2):
+            other = i + (1 if k == 0 else SAMPLES)
+            if other >= len(cells) or (k == 0 and other % SAMPLES == 0):
+                continue
+            for axis in range(2):
+                low, high = min(cells[i, axis], cells[other, axis]), max(cells[i, axis], cells[other, axis])
+                top = min(high * (n - 1 if axis == 0 else m // 2), passed)
+                change = max(change, math.log(high / low) * (SAMPLES - 1))
+                cycles = max(cycles, top * (1 - low / high) * (SAMPLES - 1))
+    if change < FLAT:
+        return 4, 2
+    needed, of_weights = max(cycles / CYCLES, change / STEP), change / STEP_OF_WEIGHTS
+    return int(min(max(needed + 2, 5), MOST + 1)), int(min(max(of_weights + 2, 5), MOST + 1))
+
+
+@kernel
+def fits(camera, cell, coefficients, sites):
+    """Return whether the kernels can follow a view: not one that comes near the horizon."""
+    _, n, m = coefficients.shape
+    count, coarse = _counts(sites.rows, sites.cols, camera, cell.period, n, m)
+    return max(count, coarse) <= MOST
 
 
 @loop
@@ -52,45 +79,34 @@ def bracket(at, first, step, count, most):
     return base, t - base
 
 
-@loop
-def grouping(w):
-    """Return how many of a plane's w columns are a group, and how many lanes it takes.
-
-    Small sensors do not fill the lanes: a group's cubics must not reach too far.
-    """
-    per = LANES * max(1, w // 192) if w >= 3 * LANES else (w + 3) // 4
-    return per, (per + LANES - 1) // LANES * LANES
-
-
 @kernel
 def prepare(camera, cell, coefficients, widths, skew, sites):
     """Return the Nodes of an image; arguments as in `expose.expose`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
-    change = _change(rows, cols, camera)
-    flat = change < FLAT and camera.k1 == 0 and camera.k2 == 0
-    count = 4 if flat else FEW if change < 2.5 else MORE if change < 6 else MOST
+    kinds, n_k, n_l = coefficients.shape
+    count, coarse = _counts(rows, cols, camera, cell.period, n_k, n_l)
     us, step_u = _line(cols, count)
     vs, step_v = _line(rows, count)
     w = len(cols) // step
-    per, _ = grouping(w)
+    # pixels to a group, whose lanes they do not fill where its cubic would reach too far
+    per = max(1, min(LANES * max(1, w // 192), REACH * w // (count - 1)))
+    per = per if per < LANES else per // LANES * LANES
     groups = (w + per - 1) // per
     middle, start = np.empty(groups, np.float64), np.empty(groups, np.int64)
     to_power = np.empty((groups, 4 * harmonics.POWERS), np.float64)
     half = max((cols[len(cols) - 1] - cols[0]) / max(len(cols) - 1, 1) * step * per / 2, 1e-9)
     for g in range(groups):
-        middle[g] = cols[g * per * step] + half
+        middle[g] = cols[0] + (2 * g + 1) * half
         start[g], t = bracket(middle[g], us[0], step_u, count, 3)
         harmonics.monomials(to_power[g], t, half / step_u)
     amplitude, n_k, n_l = harmonics.trim(*optics.amplitudes(us, vs, camera, cell.period, coefficients))
-    kinds = len(coefficients)
     volume = kinds * n_k * n_l
     harmonics.fold(amplitude, n_l)
     cubics = np.empty((count, harmonics.POWERS * groups * volume), np.float32)
     for r in range(count):
         harmonics.cubics(cubics[r], amplitude[r], to_power, start, volume)
     order, powers = harmonics.orders(cubics, groups, kinds, n_k, n_l)
-    coarse = 2 if flat else min(max(int(math.log(change) / STEP) + 2, 5), MOST)
     us, step_uw = _line(cols, coarse)
     vs, step_vw = _line(rows, coarse)
     tables, phases = optics.weights(us, vs, camera, cell.period, cell.taps, widths, skew)
-    return Nodes(cubics, order, powers, n_k, n_l, middle, half, step_v, tables, phases, step_uw, step_vw)
+    return Nodes(per, cubics, order, powers, n_k, n_l, middle, half, step_v, tables, phases, step_uw, step_vw)

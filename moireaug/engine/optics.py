@@ -21,7 +21,7 @@ GUARD = 1e-9
 PACKED = 65535.0
 FEWEST_PHASES, MOST_PHASES = 64, 512
 SMOOTH = 2e-3  # how well straight lines between phases follow a weight
-STEPS = 512
+STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 
 
 @loop
@@ -116,11 +116,11 @@ def pack(packed, low, high, f, n):
 
 
 @loop
-def _transfer_table(camera, most):
-    """Return the modulation transfer along one axis at STEPS + 2 frequencies from 0 to `most` cycles a sensor pixel."""
-    out = np.empty(STEPS + 2, np.float64)
-    for i in range(STEPS + 2):
-        f = i * most / STEPS
+def _transfer_table(camera, most, steps):
+    """Return the modulation transfer along one axis at steps + 2 frequencies from 0 to `most` cycles a sensor pixel."""
+    out = np.empty(steps + 2, np.float64)
+    for i in range(steps + 2):
+        f = i * most / steps
         t = math.pi * camera.fill * f
         aperture = math.sin(t) / t if t > 1e-9 else 1.0
         out[i] = (
@@ -158,8 +158,9 @@ def amplitudes(us, vs, camera, period, coefficients):
             view = views[r, c]
             view[0], view[1], view[2], view[3] = xu / period[0], yu / period[1], xv / period[0], yv / period[1]
             most = max(most, (n - 1) * abs(view[0]) + half * abs(view[1]), (n - 1) * abs(view[2]) + half * abs(view[3]))
-    table = _transfer_table(camera, most)
-    scale = STEPS / most
+    steps = min(max(STEPS, int(PER_CYCLE * most)), MOST_STEPS)
+    table = _transfer_table(camera, most, steps)
+    scale = steps / most
     for r in range(len(vs)):
         for c in range(len(us)):
             view = views[r, c]

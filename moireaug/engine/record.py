@@ -113,6 +113,7 @@ class Nodes(NamedTuple):
     """What `nodes.prepare` finds for one image.
 
     Args:
+        per: pixels of a plane's row to a group.
         cubics: (rows, POWERS * groups * kinds * n_k * n_l) float32, each harmonic's amplitude along each row of nodes, as
             powers of the place in a group of pixels; see `harmonics`.
         order: (kinds, 2, n_k, 2) int64, how many of them count. powers: 2 or 4.
@@ -123,6 +124,7 @@ class Nodes(NamedTuple):
         step_uw, step_vw: from one of the tables' nodes to the next.
     """
 
+    per: int
     cubics: np.ndarray
     order: np.ndarray
     powers: int

@@ -42,6 +42,17 @@ def each(work: Callable[[int], None], n: int) -> None:
             pass
 
 
+def fits(exposure: Exposure) -> list[bool]:
+    """Return for each image whether `expose` follows its view; those near the horizon are the reference's."""
+    from moireaug.engine.nodes import fits as kernel
+
+    prepare()
+    e = exposure
+    if e.point:
+        return [True] * len(e.cameras)
+    return [kernel(camera, e.cell, e.coefficients[i], e.sites) for i, camera in enumerate(e.cameras)]
+
+
 def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
     from moireaug.engine import panel as panels
