@@ -3,6 +3,7 @@ more panel pixels than are counted one by one."""
 
 from __future__ import annotations
 
+import functools
 import math
 
 import torch
@@ -73,6 +74,7 @@ def variance_at(points: Tensor, shot) -> Tensor:
     return coarse + torch.stack(lost).amax(0)
 
 
+@functools.lru_cache(maxsize=64)
 def most_variance(scene: SceneRecord) -> float:
     """Return the most that a scene's ranges ask for, in squared image pixels."""
     method, alphas = exposure_of(scene), extremes.inside(scene.panel.scale, points=3)

@@ -14,10 +14,12 @@ from torch import Tensor
 
 from moireaug.effects.prefilter import Prefilter
 from moireaug.effects.srgb import Decode
+from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
+MOST_BENT = 0.25  # |k1| + |k2| beyond which optics change faster over the photo than the engine's nodes follow
 EXPOSURES = ("spectral", "mean")
 LOG = logging.getLogger("moireaug")
 _forced_off = False
@@ -106,6 +108,9 @@ def _no_exposing(scene: SceneRecord) -> str:
         return "nothing is exposed"
     if method.name not in EXPOSURES:
         return f"exposure {method.name!r} is the reference's alone"
+    bent = max(map(abs, bounds(scene.lens.k1))) + max(map(abs, bounds(scene.lens.k2)))
+    if bent > MOST_BENT:
+        return f"so strong a distortion, |k1| + |k2| = {bent:g}, is the reference's alone"
     return ""
 
 

@@ -23,7 +23,7 @@ def lagrange(out, t):
 
 @loop
 def monomials(out, centre, half):
-    """Fill out (16,), row by row of 4 x 4: the cubic through values at 0, 1, 2, 3, as powers of s, t = centre + half s."""
+    """Fill out (16,), rows of 4 x 4: the cubic through values at t = 0, 1, 2, 3, as powers of s, t = centre + half s."""
     at = np.empty((4, 4), np.float64)
     for i in range(4):
         lagrange(at[i], centre + half * (i - 1))
@@ -36,8 +36,8 @@ def monomials(out, centre, half):
 
 @loop
 def trim(amplitude, n, m):
-    """Return amplitudes (rows, cols * kinds * n * m) of n = K + 1 and m = 2 L + 1 without the highest k and l, where none
-    exceeds FAINT; and the new n and m."""
+    """Return amplitudes (rows, cols * kinds * n * m) of n = K + 1 and m = 2 L + 1 without the highest k and l, where
+    none exceeds FAINT; and the new n and m."""
     rows, half, k_top, l_top = len(amplitude), m // 2, 0, 0
     for r in range(rows):
         row = amplitude[r]
@@ -56,8 +56,8 @@ def trim(amplitude, n, m):
 
 @loop
 def fold(amplitude, m):
-    """Turn amplitudes (rows, ... * m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L and of sin(l y)
-    behind, so that sum_l A_l cos(x + l y) = cos x sum_l B_l cos(l y) + sin x sum_l C_l sin(l y)."""
+    """Turn amplitudes (rows, ... * m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L and of
+    sin(l y) behind, so that sum_l A_l cos(x + l y) = cos x sum_l B_l cos(l y) + sin x sum_l C_l sin(l y)."""
     half = m // 2
     line = np.empty(m, np.float32)
     for r in range(len(amplitude)):

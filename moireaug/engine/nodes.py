@@ -15,8 +15,8 @@ FLAT = 5e-4  # the logarithm of the view's scale changes by less: four nodes and
 MOST = 65
 SAMPLES = 5
 # between two nodes of the amplitudes and of the weights, the logarithm of the view's scale changes by at most
-STEP, STEP_OF_WEIGHTS = 0.12, 0.06
-CYCLES = 0.1  # and the highest frequency by so many cycles a sensor pixel
+STEP, STEP_OF_WEIGHTS = 0.15, 0.06
+CYCLES = 0.12  # and the highest frequency by so many cycles a sensor pixel
 PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes less than 1e-5
 REACH = 3  # a group's cubic goes through four nodes
 
@@ -45,8 +45,9 @@ def _counts(rows, cols, camera, period, n, m):
                 cycles = max(cycles, top * (1 - low / high) * (SAMPLES - 1))
     if change < FLAT:
         return 4, 2
+    fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
     needed, of_weights = max(cycles / CYCLES, change / STEP), change / STEP_OF_WEIGHTS
-    return int(min(max(needed + 2, 5), MOST + 1)), int(min(max(of_weights + 2, 5), MOST + 1))
+    return int(min(max(needed + 2, fewest), MOST + 1)), int(min(max(of_weights + 2, 5), MOST + 1))
 
 
 @kernel

@@ -114,8 +114,8 @@ class Nodes(NamedTuple):
 
     Args:
         per: pixels of a plane's row to a group.
-        cubics: (rows, POWERS * groups * kinds * n_k * n_l) float32, each harmonic's amplitude along each row of nodes, as
-            powers of the place in a group of pixels; see `harmonics`.
+        cubics: (rows, POWERS * groups * kinds * n_k * n_l) float32, each harmonic's amplitude along each row of nodes,
+            as powers of the place in a group of pixels; see `harmonics`.
         order: (kinds, 2, n_k, 2) int64, how many of them count. powers: 2 or 4.
         n_k, n_l: K + 1 and 2 L + 1.
         middle: (groups,) float64, the groups' middles on the photo. half: half of their width.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 
@@ -30,6 +31,7 @@ def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
     return sorted({*spread, *(m for m in marks if low < m < high)})
 
 
+@functools.lru_cache(maxsize=64)
 def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the picture for the
     turns and the lenses that a scene allows: (N, 2, 2) float64."""

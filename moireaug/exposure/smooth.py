@@ -37,7 +37,9 @@ class AlongAxis(NamedTuple):
 
     cells: Tensor  # (B, h, w) float64, position in cells from a subpixel's centre
     nearest: Tensor  # (B, h, w) float64, the nearest whole cell
-    share: Tensor  # (B, h, w, taps) of the view that falls on each of the subpixels around
+    seen: Footprint  # (B, h, w) float64 each, narrowed to the taps
+    width: Tensor  # (B, 1, 1) float64, of the subpixel in cells
+    share: Tensor  # (B, h, w, taps) of what the view gets from each of the subpixels around, which sum to 1
     lit: Tensor | None  # (B, h, w, taps) of each one's light that is there; None where all of it is
 
 
@@ -70,13 +72,7 @@ class SmoothExposure(Exposure):
         """Return what sensor pixels read of one kind of subpixel."""
         x, y = (along_axis(axis, subpixel, period, sight, self.taps, shot, plane.dtype) for axis in (0, 1))
         through = self.transmission(x, y, subpixel, period, sight, shot)
-        return self.content(plane, x, y, subpixel, period, shot) * through
-
-    def content(self, plane: Tensor, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, shot) -> Tensor:
-        """Return the panel pixels around, weighted by the share of light from each."""
-        x = x._replace(share=content.normalised(x.share))
-        y = y._replace(share=content.normalised(y.share))
-        return panel_pixels(plane, x, y, subpixel, period, shot)
+        return panel_pixels(plane, x, y, subpixel, period, shot) * through
 
     def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
         """Return the share of the view that the subpixels fill, (B, h, w)."""
@@ -118,11 +114,8 @@ class Box(SmoothExposure):
     name = "box"
     reason = "the overlap of subpixel and aperture"
 
-    def content(self, plane: Tensor, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, shot) -> Tensor:
-        return panel_pixels(plane, x, y, subpixel, period, shot)
-
     def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
-        return torch.ones((), dtype=x.share.dtype, device=x.share.device)  # the shares hold it already
+        return covered(x).to(x.share.dtype) * covered(y).to(y.share.dtype)
 
 
 class Mean(SmoothExposure):
@@ -135,7 +128,7 @@ class Mean(SmoothExposure):
         layout = as_layout(shot.scene.panel.layout)
         share = mean_light(layout, channel, *emitting_share(shot.panel)).to(plane.dtype)[:, None, None]
         x, y = (along_axis(axis, WHOLE_PIXEL, (1, 1), sight, self.taps, shot, plane.dtype) for axis in (0, 1))
-        return self.content(plane, x, y, WHOLE_PIXEL, (1, 1), shot) * share
+        return panel_pixels(plane, x, y, WHOLE_PIXEL, (1, 1), shot) * share
 
 
 def look_at_panel(rows: Tensor, cols: Tensor, shot) -> Sight:
@@ -166,11 +159,13 @@ def along_axis(
     width, slant = extent(subpixel, period, axis, *shown)
     seen = content.footprint(sight.step[..., axis, :] / period[axis], optics_of(shot))
     seen = Footprint(seen.box, seen.variance + slant[:, None, None])
-    kept, lost = content.fitted(seen, width[:, None, None], taps)
+    width = width[:, None, None]
+    kept, lost = content.fitted(seen, width, taps)
     # in float64: of a magnified panel, or through a pinhole, shares are small differences of large numbers
-    share = content.shares(cells - nearest, kept, width[:, None, None], taps).to(dtype)
+    share = content.normalised(content.shares(cells - nearest, kept, width, taps)).to(dtype)
+    found = AlongAxis(cells, nearest, kept, width, share, None)
     if shot.scene.develop.registered:
-        return AlongAxis(cells, nearest, share, None)
+        return found
     ends = shot.panel.scale[:, None, None, None] * shot.size[1 - axis]
     around = torch.arange(taps, dtype=torch.float64, device=share.device) - taps // 2
     at = (nearest[..., None] + around) * period[axis] + subpixel.pixel[axis]
@@ -178,7 +173,13 @@ def along_axis(
     # a view that was narrowed sees as much of the picture as the whole of it does
     past = (sight.position[..., axis] - ends[..., 0] / 2) / period[axis]
     whole = content.shares(past, seen, ends[..., 0] / period[axis], 1).clamp(min=0)
-    return AlongAxis(cells, nearest, share, torch.where(lost[..., None] > 0, whole.to(dtype), lit))
+    return found._replace(lit=torch.where(lost[..., None] > 0, whole.to(dtype), lit))
+
+
+def covered(along: AlongAxis) -> Tensor:
+    """Return the share of a view that subpixels fill along one axis, (B, h, w) float64; the tails past the taps, too."""
+    every = 4 * along.share.shape[-1] + 1
+    return content.shares(along.cells - along.nearest, along.seen, along.width, every).sum(-1)
 
 
 def panel_pixels(plane: Tensor, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, shot) -> Tensor:

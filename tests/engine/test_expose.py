@@ -160,3 +160,26 @@ def test_another_shot_is_not_equal(change):
     got, expected = expose(image, change(shot)).double(), pipeline.expose(image.double(), shot)
     with pytest.raises(AssertionError):
         assert_equal(got, expected)
+
+
+STEEP = {
+    "strip": (Scene(view=View(yaw=22.0, pitch=26.0, zoom=1.5), lens=BENT, sensor=TWICE), (1, 38)),
+    "oblique": (Scene(panel=Panel(scale=1.1), view=View(yaw=35.0, fov=40.0), lens=SOFT, sensor=TWICE), (40, 40)),
+    "barrel": (Scene(lens=Lens(k1=0.1, k2=0.02, blur=0.3), sensor=TWICE), (40, 40)),
+    "pincushion": (Scene(lens=Lens(k1=-0.08, blur=0.3), sensor=TWICE), (31, 50)),
+}
+
+
+@pytest.mark.parametrize("name", STEEP)
+def test_steep_views_that_fit_are_equal(name):
+    scene, size = STEEP[name]
+    shot = scene.sample(1, size, torch.Generator().manual_seed(3))
+    assert run.fits(adapter.exposure_of(shot)) == [True]
+    assert_equal(*readings(scene, size, n=1))
+
+
+def test_a_view_of_the_horizon_does_not_fit():
+    scene = Scene(view=View(yaw=(0.0, 85.0), fov=60.0), lens=SOFT, sensor=TWICE)
+    shot = scene.sample(2, (40, 40))
+    view = dataclasses.replace(shot.view, yaw=torch.tensor([5.0, 85.0], dtype=torch.float64))
+    assert run.fits(adapter.exposure_of(dataclasses.replace(shot, view=view))) == [True, False]

@@ -141,3 +141,13 @@ def test_a_panel_of_more_pixels_than_are_looked_at_is_not_built(images, monkeypa
     expose(picture, Scene(panel=Panel(scale=1000.0)).sample(4, (24, 32)))
     with pytest.raises(AssertionError):
         expose(picture, shot)
+
+
+@pytest.mark.parametrize("exposure", ["spectral", "box", "mean"])
+@pytest.mark.parametrize("blur", [0.0, 0.6, 3.0])
+def test_light_past_the_taps_is_not_lost(exposure, blur):
+    """On a white screen without stripes every reading is 1, however far its view reaches."""
+    sensor = Sensor(cfa="none", exposure=exposure)
+    scene = Scene(panel=Panel(layout="even"), view=View(roll=20), lens=Lens(blur=blur), sensor=sensor)
+    raw = expose(torch.ones(1, 3, 8, 8, dtype=torch.float64), scene.sample(1, (8, 8)))
+    assert (raw - 1).abs().max() < 1e-5
