@@ -39,7 +39,7 @@ class Prefilter(Effect):
     def __call__(self, light: Tensor, shot) -> Tensor:
         most = shot.plan.prefilter
         if most <= SMALL:
-            return spread(light, variance_at(grids.grid(*_middle(shot)), shot).flatten())
+            return spread(light, share_at_centre(shot))
         variance = variance_at(grids.pixel_centres(shot.size, light.device), shot)
         return mipmap(light, variance[:, None].to(light.dtype), levels(most))
 
@@ -95,12 +95,18 @@ def levels(variance: float) -> int:
     return min(MOST_LEVELS, max(1, math.ceil(math.log(4 * variance, 4))))
 
 
-def spread(image: Tensor, variance: Tensor) -> Tensor:
-    """Blur (B, 3, H, W) by variance (B,) along both axes, in squared image pixels and in [0, 1/2].
+def share_at_centre(shot) -> Tensor:
+    """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the variance that the
+    middle of the picture needs, in squared image pixels, up to 1/2."""
+    return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=SMALL)
 
-    Half the variance goes to each neighbour: exact for a picture's curvature, which is what a small aperture sees.
+
+def spread(image: Tensor, share: Tensor) -> Tensor:
+    """Blur (B, 3, H, W) along both axes by taking a share (B,) of each pixel from its two neighbours.
+
+    Its variance is the share: exact for a picture's curvature, which is what a small aperture sees.
     """
-    share = variance.clamp(max=SMALL).to(image.dtype)[:, None, None, None]
+    share = share.to(image.dtype)[:, None, None, None]
     wide = F.pad(image, (1, 1, 1, 1), mode="replicate")
     wide = wide[..., 1:-1] * (1 - share) + (wide[..., :-2] + wide[..., 2:]) * (share / 2)
     return wide[..., 1:-1, :] * (1 - share) + (wide[..., :-2, :] + wide[..., 2:, :]) * (share / 2)

@@ -12,15 +12,14 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from moireaug.effects.prefilter import Prefilter
+from moireaug import pipeline
+from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
-from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
-MOST_BENT = 0.25  # |k1| + |k2| beyond which optics change faster over the photo than the engine's nodes follow
-EXPOSURES = ("spectral", "mean")
+EXPOSURES = ("spectral", "mean", "point")
 LOG = logging.getLogger("moireaug")
 _forced_off = False
 
@@ -63,12 +62,15 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings of images (B, 3, H, W) float32, as `moireaug.pipeline.expose` does."""
     from moireaug.engine import from_shot, run
 
-    coded = "decode" in shot.plan
-    if "prefilter" in shot.plan:  # blurs light, before the kernels
-        if coded:
+    varies = shot.plan.prefilter > SMALL  # from place to place: that blur is the reference's
+    exposure = from_shot.exposure_of(shot, decoded=varies)
+    if not all(run.fits(exposure)):  # so near the horizon that the view changes too fast
+        return pipeline.expose(light, shot)
+    if varies:
+        if "decode" in shot.plan:
             light = Decode()(light, shot)
-        light, coded = Prefilter()(light, shot), False
-    return run.expose(light, from_shot.exposure_of(shot, coded=coded))
+        light = Prefilter()(light, shot)
+    return run.expose(light, exposure)
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
@@ -108,9 +110,6 @@ def _no_exposing(scene: SceneRecord) -> str:
         return "nothing is exposed"
     if method.name not in EXPOSURES:
         return f"exposure {method.name!r} is the reference's alone"
-    bent = max(map(abs, bounds(scene.lens.k1))) + max(map(abs, bounds(scene.lens.k2)))
-    if bent > MOST_BENT:
-        return f"so strong a distortion, |k1| + |k2| = {bent:g}, is the reference's alone"
     return ""
 
 

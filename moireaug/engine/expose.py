@@ -46,7 +46,7 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
     """
     planes, h, w = raw.shape
     kinds, count, n_k, n_l, phases = len(nodes.tables), nodes.tables.shape[1], nodes.n_k, nodes.n_l, nodes.phases
-    taps, px, py = cell.taps, cell.period[0], cell.period[1]
+    taps, reach, px, py = nodes.taps, cell.taps, cell.period[0], cell.period[1]
     rows, cols, step = sites.rows, sites.cols, sites.step
     per, every = nodes.per, (nodes.per + LANES - 1) // LANES * LANES
     groups, volume = len(nodes.middle), kinds * n_k * n_l
@@ -81,8 +81,8 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
     stride = panel.shape[2]
     pixels = panel.reshape(3, panel.shape[1] * stride)
     step_x, step_y = np.int32(px), np.int32(py * stride)
-    low, high_x = -taps - 1.0, float((size[1] + px - 1) // px + taps)
-    high_y = float((size[0] + py - 1) // py + taps)
+    low, high_x = -reach - 1.0, float((size[1] + px - 1) // px + reach)
+    high_y = float((size[0] + py - 1) // py + reach)
     for r in range(h * step):
         v, row = rows[r], r // step
         node, t = bracket(v, rows[0], nodes.step_v, len(nodes.cubics), 3)
@@ -109,7 +109,7 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
                 kind = cell.kind[i]
                 lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
                 lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
-                origin = (margin(py, taps) + cell.pixel[i, 1]) * stride + margin(px, taps) + cell.pixel[i, 0]
+                origin = (margin(py, reach) + cell.pixel[i, 1]) * stride + margin(px, reach) + cell.pixel[i, 0]
                 lookup.base_of(base, nx, ny, step_x, step_y, np.int32(origin))
                 for j in range(2 * taps):
                     weights, d = (wx, dx) if j < taps else (wy, dy)
@@ -126,7 +126,9 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
                         to_next,
                     )
                 if taps == 1:
-                    lookup.nine(content, pixels[channel], base, wx[0], wx[1], wy[0], wy[1], step_x, step_y)
+                    lookup.nine(content, pixels[channel], base, wx, wy, step_x, step_y)
+                elif taps == 2:
+                    lookup.twenty_five(content, pixels[channel], base, wx, wy, step_x, step_y)
                 else:
                     lookup.many(content, pixels[channel], base, wx, wy, step_x, step_y, line)
                 lookup.waves(cx, sx, dx, n_k, n_l > 1)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from moireaug.effects import prefilter
 from moireaug.effects.demosaic import DEMOSAICS
 from moireaug.effects.flicker import flicker
 from moireaug.engine import lowering
-from moireaug.engine.record import LANES, Development, Exposure
+from moireaug.engine.record import LANES, Development, Exposure, Point
 from moireaug.engine.resampling import lower_resize, lower_stencil
 from moireaug.geometry.sensor import CFA, SampledPixels
 from moireaug.panel.fourier import emitting_share, mean_light
@@ -16,8 +17,8 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.shot import REACH, ShotRecord
 
 
-def exposure_of(shot: ShotRecord, *, coded: bool) -> Exposure:
-    """Return the exposure of a shot; `coded` pictures hold sRGB codes that the panel turns into light."""
+def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
+    """Return the exposure of a shot; `decoded` pictures hold the light that its decoding and prefilter make of them."""
     rows, cols = (pixels.positions() for pixels in shot.sampled_pixels())
     cell, coefficients, widths, skew = _cell_of(shot)
     plan = shot.plan
@@ -36,10 +37,26 @@ def exposure_of(shot: ShotRecord, *, coded: bool) -> Exposure:
         flicker=bands.contiguous().numpy(),
         keys=lowering.lower_keys(shot.seed),
         noise="noise" in plan,
-        coded=coded,
+        coded="decode" in plan and not decoded,
+        share=np.zeros(len(shot), np.float32) if decoded else _shares_of(shot),
         dark=not shot.scene.develop.registered,
         clips=any(effect.name == "full_well" for effect in plan.exposing),
+        point=_point_of(shot) if plan.exposure == "point" else None,
     )
+
+
+def _shares_of(shot: ShotRecord) -> np.ndarray:
+    """The share of a picture pixel's light that comes from its neighbours."""
+    if "prefilter" not in shot.plan:
+        return np.zeros(len(shot), np.float32)
+    return prefilter.share_at_centre(shot).float().numpy()
+
+
+def _point_of(shot: ShotRecord) -> Point:
+    layout, (width, height) = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
+    corners = [subpixel.corners() for subpixel in layout.all()]
+    rectangles = [(*c[0], *c[2]) for c in corners]
+    return Point(np.array(rectangles, np.float64), layout.raster, (width * height).numpy())
 
 
 def development_of(shot: ShotRecord) -> Development:

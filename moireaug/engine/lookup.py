@@ -71,20 +71,49 @@ def weigh(before, after, table, d, column, f, phases, offset, to_next):
 
 
 @loop
-def nine(out, panel, base, xb, xa, yb, ya, step_x, step_y):
-    """Fill out (n,) with the content of 3 x 3 cells around `base` on the flattened panel."""
+def _three(panel, j, step, before, here, after):
+    """Return a weighted sum of cell j on the flattened panel and its neighbours `step` away."""
+    middle = here * peek(panel, j)
+    return middle + before * peek(panel, np.int32(j - step)) + after * peek(panel, np.int32(j + step))
+
+
+@loop
+def nine(out, panel, base, wx, wy, step_x, step_y):
+    """Fill out (n,) with the content of 3 x 3 cells around `base` on the flattened panel; wx, wy (2, n) are the weights of
+    the cells before and after."""
+    x0, x1, y0, y1 = wx[0], wx[1], wy[0], wy[1]
     for i in range(len(out)):
-        left, right, up, down = peek(xb, i), peek(xa, i), peek(yb, i), peek(ya, i)
+        left, right, up, down, j = peek(x0, i), peek(x1, i), peek(y0, i), peek(y1, i), peek(base, i)
         here = ONE - left - right
-        j = peek(base, i)
-        b, a = np.int32(j - step_x), np.int32(j + step_x)
-        middle = left * peek(panel, b) + here * peek(panel, j) + right * peek(panel, a)
-        j, b, a = np.int32(j - step_y), np.int32(b - step_y), np.int32(a - step_y)
-        above = left * peek(panel, b) + here * peek(panel, j) + right * peek(panel, a)
-        two = np.int32(step_y + step_y)
-        j, b, a = np.int32(j + two), np.int32(b + two), np.int32(a + two)
-        below = left * peek(panel, b) + here * peek(panel, j) + right * peek(panel, a)
+        above = _three(panel, np.int32(j - step_y), step_x, left, here, right)
+        middle = _three(panel, j, step_x, left, here, right)
+        below = _three(panel, np.int32(j + step_y), step_x, left, here, right)
         poke(out, i, up * above + (ONE - up - down) * middle + down * below)
+
+
+@loop
+def _five(panel, j, step, far_before, before, here, after, far_after):
+    """As `_three`, of two neighbours to each side."""
+    two = np.int32(step + step)
+    far = far_before * peek(panel, np.int32(j - two)) + far_after * peek(panel, np.int32(j + two))
+    return far + _three(panel, j, step, before, here, after)
+
+
+@loop
+def twenty_five(out, panel, base, wx, wy, step_x, step_y):
+    """As `nine`, of 5 x 5 cells; wx and wy (4, n)."""
+    x0, x1, x2, x3, y0, y1, y2, y3 = wx[0], wx[1], wx[2], wx[3], wy[0], wy[1], wy[2], wy[3]
+    two = np.int32(step_y + step_y)
+    for i in range(len(out)):
+        b, a, bb, aa, j = peek(x0, i), peek(x1, i), peek(x2, i), peek(x3, i), peek(base, i)
+        h = ONE - a - b - aa - bb
+        up, down, far_up, far_down = peek(y0, i), peek(y1, i), peek(y2, i), peek(y3, i)
+        total = (ONE - up - down - far_up - far_down) * _five(panel, j, step_x, bb, b, h, a, aa)
+        total += up * _five(panel, np.int32(j - step_y), step_x, bb, b, h, a, aa)
+        total += down * _five(panel, np.int32(j + step_y), step_x, bb, b, h, a, aa)
+        total += far_up * _five(panel, np.int32(j - two), step_x, bb, b, h, a, aa)
+        total += far_down * _five(panel, np.int32(j + two), step_x, bb, b, h, a, aa)
+        poke(out, i, total)
 
 
 @loop
@@ -111,7 +140,7 @@ def _cell_of(j):
 
 @loop
 def many(out, panel, base, wx, wy, step_x, step_y, line):
-    """As `nine`, of (2 r + 1)^2 cells; wx and wy (2 r, n) as the tables order them, `line` (n,) to work in."""
+    """As `nine`, of (2 r + 1)^2 cells, a tap at a time; wx and wy (2 r, n), `line` (n,) to work in."""
     n = len(out)
     rest_x, rest_y = np.empty(n, np.float32), np.empty(n, np.float32)
     _rest(rest_x, wx)

@@ -109,5 +109,5 @@ def prepare(camera, cell, coefficients, widths, skew, sites):
     order, powers = harmonics.orders(cubics, groups, kinds, n_k, n_l)
     us, step_uw = _line(cols, coarse)
     vs, step_vw = _line(rows, coarse)
-    tables, phases = optics.weights(us, vs, camera, cell.period, cell.taps, widths, skew)
-    return Nodes(per, cubics, order, powers, n_k, n_l, middle, half, step_v, tables, phases, step_uw, step_vw)
+    tables, phases, taps = optics.weights(us, vs, camera, cell.period, cell.taps, widths, skew)
+    return Nodes(per, cubics, order, powers, n_k, n_l, middle, half, step_v, tables, phases, taps, step_uw, step_vw)

@@ -21,6 +21,7 @@ GUARD = 1e-9
 PACKED = 65535.0
 FEWEST_PHASES, MOST_PHASES = 64, 512
 SMOOTH = 2e-3  # how well straight lines between phases follow a weight
+FAINT = 1e-5  # of a pixel's light: what cells must give to be looked at
 STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 
 
@@ -57,14 +58,34 @@ def _phases(spread):
 
 
 @loop
+def _fewest(spread, widths, taps):
+    """Return how many cells to each side matter, at most `taps`, over spreads (kinds * n, axis, 2)."""
+    n = len(spread) // len(widths)
+    while taps > 0:
+        nearest = taps - 0.5  # that the farthest cell's centre comes
+        for i in range(len(spread)):
+            for axis in range(2):
+                box, sigma, width = spread[i, axis, 0], spread[i, axis, 1], widths[i // n, axis]
+                if _light(nearest, box, sigma, width) > FAINT * box * width:
+                    return taps
+        taps -= 1
+    return taps
+
+
+@loop
+def _light(x, box, sigma, width):
+    """Return the light from a subpixel at distance x, of all light that a box of 1 would see."""
+    far, near = (box + width) / 2, (box - width) / 2
+    seen = integral(x + far, sigma) - integral(x + near, sigma)
+    return max(seen - integral(x - near, sigma) + integral(x - far, sigma), 0.0)
+
+
+@loop
 def _shares(out, start, box, sigma, width, taps, phases, light):
     """Fill out from `start` on with the weights of the cells -1, 1, -2, 2, ..., phases + 1 of each, at distances from
     -1/2 to 1/2 from a cell's centre. `light`, of (2 r + 1) phases / 2 + 1 numbers, to work in."""
-    far, near = (box + width) / 2, (box - width) / 2
     for i in range(len(light)):
-        x = i / phases
-        seen = integral(x + far, sigma) - integral(x + near, sigma)
-        light[i] = max(seen - integral(x - near, sigma) + integral(x - far, sigma), 0.0)
+        light[i] = _light(i / phases, box, sigma, width)
     n = phases + 1
     for p in range(n):
         at = p - phases // 2
@@ -79,7 +100,7 @@ def _shares(out, start, box, sigma, width, taps, phases, light):
 @loop
 def weights(us, vs, camera, period, taps, widths, skew):
     """Return tables (kinds, rows, cols * axis * 2 r * (phases + 1)) float32 of the weights of cells, on nodes of the
-    photo, and the number of phases.
+    photo, the number of phases, and r, at most `taps`.
 
     widths, skew: (kinds, 2), see `expose`.
     """
@@ -88,7 +109,7 @@ def weights(us, vs, camera, period, taps, widths, skew):
     for i in range(len(spread)):
         kind = i // (rows * cols)
         spreads(spread[i], us[i % cols], vs[i // cols % rows], camera, period, widths[kind], skew[kind], taps)
-    phases = _phases(spread)
+    phases, taps = _phases(spread), _fewest(spread, widths, taps)
     size = 2 * taps * (phases + 1)
     out = np.empty((kinds, rows, cols * 2 * size), np.float32)
     light = np.empty((2 * taps + 1) * phases // 2 + 1, np.float64)
@@ -97,7 +118,7 @@ def weights(us, vs, camera, period, taps, widths, skew):
         for axis in range(2):
             box, sigma = spread[i, axis, 0], spread[i, axis, 1]
             _shares(out[kind, r], (2 * c + axis) * size, box, sigma, widths[kind, axis], taps, phases, light)
-    return out, phases
+    return out, phases, taps
 
 
 @loop

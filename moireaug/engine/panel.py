@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, kernel, loop
-from moireaug.engine.tables import DECODE_BYTES, decode
+from moireaug.engine.compiling import kernel, loop
 from moireaug.engine.vectors import peek, poke
 
 
@@ -35,28 +34,12 @@ def _axis(n, size, alpha, lead, first, share, seen):
 
 
 @loop
-def _row(out, picture, byte, coded):
-    """Bring a row of the picture to light; its last pixel twice."""
-    w = len(picture)
-    if byte and coded:
-        for i in range(w):
-            out[i] = DECODE_BYTES[np.uint32(picture[i])]
-    elif byte:
-        for i in range(w):
-            out[i] = np.float32(picture[i]) * np.float32(1 / 255)
-    elif coded:
-        for i in range(w):
-            out[i] = decode(np.float32(picture[i]))
-    else:
-        for i in range(w):
-            out[i] = picture[i]
-    out[w] = out[w - 1]
-
-
-@loop
 def _between(out, first, second, f):
-    for i in range(len(out)):
+    """Fill out (w + 1,) with a row between two, (w,), its last pixel twice."""
+    w = len(first)
+    for i in range(w):
         out[i] = first[i] + f * (second[i] - first[i])
+    out[w] = out[w - 1]
 
 
 @loop
@@ -68,32 +51,21 @@ def _across(out, row, first, share):
 
 
 @kernel
-def show(panel, picture, alpha, period, taps, coded, dark):
-    """Fill panel (3, h, w) float32, of `panel_shape`, from picture (3, H, W) float32 or uint8.
+def show(panel, light, alpha, period, taps, dark):
+    """Fill panel (3, h, w) float32, of `panel_shape`, from the picture's light (3, H, W) float32.
 
     Bilinear between pixel centres; beyond the border the outermost pixel or, if `dark`, black.
-
-    Args:
-        coded: the picture holds sRGB codes, the panel shows light.
     """
-    (h, w), (_, n, m) = picture.shape[1:], panel.shape
-    byte = picture.itemsize == 1
+    (h, w), (_, n, m) = light.shape[1:], panel.shape
     x, fx, seen_x = np.empty(m, np.int32), np.empty(m, np.float32), np.empty(m, np.bool_)
     y, fy, seen_y = np.empty(n, np.int32), np.empty(n, np.float32), np.empty(n, np.bool_)
     _axis(m, w, alpha, margin(period[0], taps), x, fx, seen_x)
     _axis(n, h, alpha, margin(period[1], taps), y, fy, seen_y)
-    rows, row, held = np.empty((2, w + 1), np.float32), np.empty(w + 1, np.float32), np.empty(2, np.int64)
+    row = np.empty(w + 1, np.float32)
     for c in range(3):
-        fill(held, -1)
         for i in range(n):
             low = np.int64(y[i])
-            high = min(low + 1, h - 1)
-            for k in range(2):
-                at = high if k else low
-                if held[at % 2] != at:
-                    _row(rows[at % 2], picture[c, at], byte, coded)
-                    held[at % 2] = at
-            _between(row, rows[low % 2], rows[high % 2], fy[i])
+            _between(row, light[c, low], light[c, min(low + 1, h - 1)], fy[i])
             _across(panel[c, i], row, x, fx)
             if dark:
                 for j in range(m):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, kernel, loop
+from moireaug.engine.compiling import copy, fill, kernel, loop
 from moireaug.engine.sensor import attenuate, read
-from moireaug.engine.tables import decode
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import look
 
@@ -59,27 +58,25 @@ def _add_content(out, picture, left, fx, across, top, fy, down, width, lit):
 
 
 @kernel
-def expose_point(raw, picture, camera, cell, rectangles, raster, lit, sites, flicker, noise, key, clips, coded, dark):
-    """Fill raw (planes, h, w) float32 with the reading of picture (3, H, W) float32.
+def expose_point(raw, light, camera, cell, rectangles, raster, lit, sites, flicker, noise, key, clips, dark):
+    """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is float32.
 
     Args:
         rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's corner.
         raster: raster subpixels along each side of a panel pixel. lit: share of each subpixel that emits.
-        coded, dark: see `record.Exposure`. The rest as in `expose.expose`.
+        dark: see `record.Exposure`. The rest as in `expose.expose`.
     """
     planes, h, w = raw.shape
-    height, width = picture.shape[1], picture.shape[2]
+    height, width = light.shape[1], light.shape[2]
     # a bilinear look-up's right or lower pixel may lie beyond the last, where its share is 0
     shown = np.zeros((3, height * width + width + 1), np.float32)
     for c in range(3):
-        source, target = picture[c].reshape(-1), shown[c]
-        for i in range(len(source)):
-            target[i] = decode(source[i]) if coded else source[i]
+        copy(shown[c], light[c].reshape(-1))
     x, y, u = np.empty(w), np.empty(w), np.empty(w)
     left, top = np.empty(w, np.int32), np.empty(w, np.int32)
     fx, fy = np.empty(w, np.float32), np.empty(w, np.float32)
     across, down = np.empty(w, np.float32), np.empty(w, np.float32)
-    light, numbers = np.empty(w, np.float32), np.empty(w, np.float32)
+    line, numbers = np.empty(w, np.float32), np.empty(w, np.float32)
     step, px, py = sites.step, float(cell.period[0]), float(cell.period[1])
     for r in range(h * step):
         v = sites.rows[r]
@@ -90,7 +87,7 @@ def expose_point(raw, picture, camera, cell, rectangles, raster, lit, sites, fli
             for i in range(w):
                 u[i] = sites.cols[sites.col[plane] + i * step]
             look(x, y, u, v, camera)
-            fill(light, ZERO)
+            fill(line, ZERO)
             channel, n, alpha = sites.channel[plane], float(raster), camera.alpha
             for i in range(len(rectangles)):
                 if cell.channel[i] != channel:
@@ -98,7 +95,7 @@ def expose_point(raw, picture, camera, cell, rectangles, raster, lit, sites, fli
                 x0, y0, x1, y1 = rectangles[i, 0], rectangles[i, 1], rectangles[i, 2], rectangles[i, 3]
                 _raster(across, left, fx, x, x0, x1, n, px, alpha, float(width), dark)
                 _raster(down, top, fy, y, y0, y1, n, py, alpha, float(height), dark)
-                _add_content(light, shown[channel], left, fx, across, top, fy, down, np.int32(width), np.float32(lit))
-            attenuate(light, gain, u, v, camera)
+                _add_content(line, shown[channel], left, fx, across, top, fy, down, np.int32(width), np.float32(lit))
+            attenuate(line, gain, u, v, camera)
             row = r // step
-            read(raw[plane, row], light, camera, (plane * h + row) * w, noise, key, numbers, clips)
+            read(raw[plane, row], line, camera, (plane * h + row) * w, noise, key, numbers, clips)

@@ -88,6 +88,7 @@ class Exposure(NamedTuple):
         flicker: (B, rows) float64, or (B, 0).
         keys: (B, 2) uint32. noise: whether they are used.
         coded: the pictures hold sRGB codes and the panel turns them into light.
+        share: (B,) float32, of a picture pixel's light that comes from its neighbours; see `picture.show`.
         dark: what lies off the picture is black, and not the outermost pixel.
         clips: the reading ends at 0 and 1.
         point: for a point exposure, which reads no coefficients, widths and skew; else None.
@@ -104,6 +105,7 @@ class Exposure(NamedTuple):
     keys: np.ndarray
     noise: bool
     coded: bool
+    share: np.ndarray
     dark: bool
     clips: bool
     point: Point | None = None
@@ -120,7 +122,8 @@ class Nodes(NamedTuple):
         n_k, n_l: K + 1 and 2 L + 1.
         middle: (groups,) float64, the groups' middles on the photo. half: half of their width.
         step_v: from one row of nodes to the next.
-        tables: (kinds, rows, ...) float32, the weights of cells; phases: in each table.
+        tables: (kinds, rows, ...) float32, the weights of cells; phases: in each table. taps: as in `Cell`, where
+            the image needs no more.
         step_uw, step_vw: from one of the tables' nodes to the next.
     """
 
@@ -135,6 +138,7 @@ class Nodes(NamedTuple):
     step_v: float
     tables: np.ndarray
     phases: int
+    taps: int
     step_uw: float
     step_vw: float
 

@@ -58,6 +58,7 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     from moireaug.engine import panel as panels
     from moireaug.engine.expose import expose as kernel
     from moireaug.engine.nodes import prepare as prepare_nodes
+    from moireaug.engine.picture import show as show_picture
     from moireaug.engine.point import expose_point
 
     prepare()
@@ -67,20 +68,23 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     raw = torch.empty(len(picture), planes, len(e.sites.rows) // step, len(e.sites.cols) // step)
     pictures, readings = picture.detach().contiguous().numpy(), raw.numpy()
 
+    def light_of(i: int) -> np.ndarray:
+        if pictures.dtype == np.float32 and not e.coded and not e.share[i]:
+            return pictures[i]
+        light = np.empty((3, h, w), np.float32)
+        show_picture(light, pictures[i], e.coded, e.share[i])
+        return light
+
     def work_on_points(i: int) -> None:
-        picture = np.ascontiguousarray(pictures[i], np.float32)
-        if pictures.dtype == np.uint8:
-            picture = picture / np.float32(255)
         expose_point(
-            readings[i], picture, e.cameras[i], e.cell, e.point.rectangles, e.point.raster, e.point.lit[i], e.sites,
-            e.flicker[i], e.noise, e.keys[i], e.clips, e.coded, e.dark,
+            readings[i], light_of(i), e.cameras[i], e.cell, e.point.rectangles, e.point.raster, e.point.lit[i], e.sites,
+            e.flicker[i], e.noise, e.keys[i], e.clips, e.dark,
         )  # fmt: skip
 
     def work(i: int) -> None:
         camera = e.cameras[i]
-        shape = panels.panel_shape(e.size, camera.alpha, tuple(period), taps)
-        panel = np.empty((3, *shape), np.float32)
-        panels.show(panel, pictures[i], camera.alpha, period, taps, e.coded, e.dark)
+        panel = np.empty((3, *panels.panel_shape(e.size, camera.alpha, tuple(period), taps)), np.float32)
+        panels.show(panel, light_of(i), camera.alpha, period, taps, e.dark)
         size = (math.ceil(camera.alpha * h), math.ceil(camera.alpha * w))
         nodes = prepare_nodes(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites)
         kernel(readings[i], panel, size, camera, e.cell, nodes, e.sites, e.flicker[i], e.noise, e.keys[i], e.clips)

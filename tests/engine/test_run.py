@@ -6,19 +6,15 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, Dataset
 
-from moireaug import Scene
+from moireaug import Scene, capture
 from moireaug.engine import compiling, run
-
-from . import adapter
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
 
 
 def photos(rows=slice(None)):
-    shot = SHOT[rows]
-    raw = run.expose(IMAGES[rows], adapter.exposure_of(shot))
-    return run.develop(raw, adapter.development_of(shot))
+    return capture(IMAGES[rows], SHOT[rows])
 
 
 class Photos(Dataset):

@@ -1,0 +1,64 @@
+"""The picture as light: decoded, and blurred as the prefilter does, a row at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.compiling import kernel, loop
+from moireaug.engine.tables import DECODE_BYTES, decode
+
+HALF, ONE = np.float32(0.5), np.float32(1)
+
+
+@loop
+def _decoded(out, row, byte, coded):
+    """Fill out (w + 2,) with the light of a row (w,) of the picture, its ends twice."""
+    w = len(row)
+    if byte and coded:
+        for i in range(w):
+            out[i + 1] = DECODE_BYTES[np.uint32(row[i])]
+    elif byte:
+        for i in range(w):
+            out[i + 1] = np.float32(row[i]) * np.float32(1 / 255)
+    elif coded:
+        for i in range(w):
+            out[i + 1] = decode(np.float32(row[i]))
+    else:
+        for i in range(w):
+            out[i + 1] = row[i]
+    out[0], out[w + 1] = out[1], out[w]
+
+
+@loop
+def _spread(out, before, row, after, share):
+    """Fill out with a row, `share` of it in equal parts from its neighbours."""
+    keep, half = ONE - share, HALF * share
+    for i in range(len(out)):
+        out[i] = keep * row[i] + half * (before[i] + after[i])
+
+
+@kernel
+def show(light, picture, coded, share):
+    """Fill light (3, H, W) float32 from picture (3, H, W) float32 or uint8.
+
+    Args:
+        coded: the picture holds sRGB codes.
+        share: float32, of a pixel's light that comes from its neighbours along each axis; see `prefilter.spread`.
+    """
+    _, h, w = picture.shape
+    byte = picture.itemsize == 1
+    line, ring = np.empty(w + 2, np.float32), np.empty((3, w), np.float32)
+    for c in range(3):
+        if share == 0:
+            for y in range(h):
+                _decoded(line, picture[c, y], byte, coded)
+                for i in range(w):
+                    light[c, y, i] = line[i + 1]
+            continue
+        for y in range(h + 1):
+            if y < h:
+                _decoded(line, picture[c, y], byte, coded)
+                _spread(ring[y % 3], line[:w], line[1 : w + 1], line[2:], share)
+            if y > 0:
+                above, below = max(y - 2, 0) % 3, min(y, h - 1) % 3
+                _spread(light[c, y - 1], ring[above], ring[(y - 1) % 3], ring[below], share)
