@@ -50,10 +50,26 @@ def _counts(rows, cols, camera, period, n, m):
     return int(min(max(needed + 2, fewest), MOST + 1)), int(min(max(of_weights + 2, 5), MOST + 1))
 
 
+@loop
+def _narrowed(rows, cols, camera, period, taps, widths, skew):
+    """Return whether a sensor pixel ever sees more cells than are looked at."""
+    spread = np.empty((2, 2), np.float64)
+    for i in range(SAMPLES * SAMPLES):
+        v = rows[(len(rows) - 1) * (i // SAMPLES) // (SAMPLES - 1)]
+        u = cols[(len(cols) - 1) * (i % SAMPLES) // (SAMPLES - 1)]
+        for kind in range(len(widths)):
+            if optics.spreads(spread, u, v, camera, period, widths[kind], skew[kind], taps):
+                return True
+    return False
+
+
 @kernel
-def fits(camera, cell, coefficients, sites):
-    """Return whether the kernels can follow a view: not one that comes near the horizon."""
+def fits(camera, cell, coefficients, widths, skew, sites, dark):
+    """Return whether the kernels can follow a view: not one that comes near the horizon, nor past the end of a picture
+    from so far away that cells are left out. Arguments as in `expose.expose` and `panel.show`."""
     _, n, m = coefficients.shape
+    if dark and _narrowed(sites.rows, sites.cols, camera, cell.period, cell.taps, widths, skew):
+        return False
     count, coarse = _counts(sites.rows, sites.cols, camera, cell.period, n, m)
     return max(count, coarse) <= MOST
 

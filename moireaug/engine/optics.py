@@ -28,7 +28,8 @@ STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 @loop
 def spreads(out, u, v, camera, period, width, skew, taps):
     """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in cells, at a photo
-    point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted` does."""
+    point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted` does. Return whether any was."""
+    narrowed = False
     xu, xv, yu, yv = jacobian(u, v, camera)
     beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
     for axis in range(2):
@@ -42,6 +43,8 @@ def spreads(out, u, v, camera, period, width, skew, taps):
         shrink = min(1.0, (taps + 0.5 - width[axis] / 2) / reach)
         out[axis, 0] *= shrink
         out[axis, 1] *= shrink
+        narrowed = narrowed or shrink < 1
+    return narrowed
 
 
 @loop

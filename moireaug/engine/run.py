@@ -50,7 +50,10 @@ def fits(exposure: Exposure) -> list[bool]:
     e = exposure
     if e.point:
         return [True] * len(e.cameras)
-    return [kernel(camera, e.cell, e.coefficients[i], e.sites) for i, camera in enumerate(e.cameras)]
+    found = []
+    for i, camera in enumerate(e.cameras):
+        found.append(kernel(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites, e.dark))
+    return found
 
 
 def expose(picture: Tensor, exposure: Exposure) -> Tensor:
