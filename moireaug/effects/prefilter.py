@@ -58,7 +58,7 @@ def variance_at(points: Tensor, shot) -> Tensor:
     """Return the blur that the picture needs at image points (1, h, w, 2), in squared image pixels: (B, h, w)."""
     alpha, method = shot.panel.scale[:, None, None], shot.plan.method
     coarse = coarseness(alpha).expand(-1, *points.shape[1:3])
-    if isinstance(method, (Point, Supersample)):
+    if not most_lost(shot.scene):
         return coarse
     points = points.expand(len(alpha), -1, -1, -1)
     seen = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(points.shape)
@@ -74,20 +74,25 @@ def variance_at(points: Tensor, shot) -> Tensor:
     return coarse + torch.stack(lost).amax(0)
 
 
-@functools.lru_cache(maxsize=64)
 def most_variance(scene: SceneRecord) -> float:
     """Return the most that a scene's ranges ask for, in squared image pixels."""
-    method, alphas = exposure_of(scene), extremes.inside(scene.panel.scale, points=3)
-    coarse = max(float(coarseness(torch.tensor(alpha))) for alpha in alphas)
+    alphas = extremes.inside(scene.panel.scale, points=3)
+    return max(float(coarseness(torch.tensor(alpha))) for alpha in alphas) + most_lost(scene)
+
+
+@functools.lru_cache(maxsize=64)
+def most_lost(scene: SceneRecord) -> float:
+    """Return the most variance that views lose which are narrowed to the cells that are looked at, in squared image
+    pixels."""
+    method, most = exposure_of(scene), 0.0
     if isinstance(method, (Point, Supersample)):
-        return coarse
+        return 0.0
     seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
-    most = 0.0
-    for alpha in alphas:
+    for alpha in extremes.inside(scene.panel.scale, points=3):
         for along, width in extremes.footprints(scene, seen, alpha, whole_pixel=isinstance(method, Mean)):
             lost = content.fitted(along, width, method.taps)[1]
             most = max(most, float(lost.max()) / alpha**2)
-    return coarse + most * max(as_layout(scene.panel.layout).period) ** 2
+    return most * max(as_layout(scene.panel.layout).period) ** 2
 
 
 def levels(variance: float) -> int:

@@ -8,28 +8,39 @@ from moireaug.engine import harmonics, lookup, optics
 from moireaug.engine.compiling import fill, kernel, loop
 from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
-from moireaug.engine.record import LANES
 from moireaug.engine.sensor import attenuate, read
 from moireaug.engine.view import look
 
 ZERO, ONE = np.float32(0), np.float32(1)
-SHARED = 224  # rows of tables that a photo has at least, if it has so many
+BANDS = 224  # of rows, if a photo has so many, whose weights are the same
 
 
 @loop
-def _spread_out(out, cols, first, step, per, every):
-    """Fill out (lanes,) with every `step`-th column from `first` on, `per` of them in each `every` lanes."""
-    w = len(cols) // step
-    for i in range(len(out)):
-        out[i] = cols[first + min(i // every * per + min(i % every, per - 1), w - 1) * step]
+def _columns(u, column, share, cols, first, step, node_step, count, to_next):
+    """Fill where each pixel of a row lies on the photo, and between which columns of nodes."""
+    for i in range(len(u)):
+        u[i] = cols[first + i * step]
+        node, t = bracket(u[i], cols[0], node_step, count, 1)
+        column[i], share[i] = node * to_next, t
 
 
 @loop
-def _close_up(line, n, per, every):
-    """Bring the first n pixels of a row, `per` in each `every` lanes, together again."""
-    if per != every:
-        for i in range(n):
-            line[i] = line[i // per * every + i % per]
+def _amplitudes(out, lines, v, first, step_v, weight):
+    """Fill out (columns, T * w) with the terms' amplitudes on a row v."""
+    node, t = bracket(v, first, step_v, lines.shape[1], 3)
+    harmonics.lagrange(weight, t)
+    for column in range(len(lines)):
+        harmonics.between(out[column], lines[column], node, weight)
+
+
+@loop
+def _weights(out, tables, v, first, step_v):
+    """Fill out (kinds, n) with the weights of cells on a row v."""
+    kinds, rows = tables.shape[:2]
+    node, t = bracket(v, first, step_v, rows, 1)
+    for kind in range(kinds):
+        flat = tables[kind].reshape(rows, out.shape[1])
+        optics.blend(out[kind], flat[node], flat[node + 1], np.float32(t))
 
 
 @kernel
@@ -45,62 +56,61 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
         clips: whether the reading ends at 0 and 1.
     """
     planes, h, w = raw.shape
-    kinds, count, n_k, n_l, phases = len(nodes.tables), nodes.tables.shape[1], nodes.n_k, nodes.n_l, nodes.phases
-    taps, reach, px, py = nodes.taps, cell.taps, cell.period[0], cell.period[1]
     rows, cols, step = sites.rows, sites.cols, sites.step
-    per, every = nodes.per, (nodes.per + LANES - 1) // LANES * LANES
-    groups, volume = len(nodes.middle), kinds * n_k * n_l
-    lanes, width = groups * every, n_l // 2 + 1
-    # places along a row
-    to_next = 2 * taps * (phases + 1)
-    u, column = np.empty((planes, lanes), np.float64), np.empty((planes, lanes), np.int32)
-    share, s = np.empty((planes, lanes), np.float32), np.empty((planes, lanes), np.float32)
+    # the cells' weights, and where in them a row's pixels lie
+    tables = nodes.tables
+    kinds, _, count, _, phases, width = tables.shape
+    to_next, of_y, phases = np.int32(2 * phases * width), np.int32(phases * width), phases - 2
+    weights = np.empty((kinds, count * to_next), np.float32)
+    u, share = np.empty((planes, w), np.float64), np.empty((planes, w), np.float32)
+    column = np.empty((2, planes, w), np.int32)
     for plane in range(planes):
-        _spread_out(u[plane], cols, sites.col[plane], step, per, every)
-        for i in range(lanes):
-            node, share[plane, i] = bracket(u[plane, i], cols[0], nodes.step_uw, count, 1)
-            column[plane, i] = node * to_next
-            s[plane, i] = (u[plane, i] - nodes.middle[i // every]) / nodes.half
+        _columns(u[plane], column[0, plane], share[plane], cols, sites.col[plane], step, nodes.step_uw, count, to_next)
+        for i in range(w):
+            column[1, plane, i] = column[0, plane, i] + of_y
+    # the terms' amplitudes at a band's first row and behind its last
+    terms = nodes.terms
+    before, after = np.empty((step, len(terms) * w), np.float32), np.empty((step, len(terms) * w), np.float32)
+    weight = np.empty(4, np.float64)
     # a row's buffers
-    at, whole = np.empty((2, lanes), np.float64), np.empty((3, lanes), np.int32)
-    x, y, nx, ny, base = at[0], at[1], whole[0], whole[1], whole[2]
-    buffers = np.empty((6, lanes), np.float32)
-    dx, dy, content, light, line, numbers = (
-        buffers[0], buffers[1], buffers[2], buffers[3], buffers[4], buffers[5, :w],
-    )  # fmt: skip
-    wx, wy = np.empty((2 * taps, lanes), np.float32), np.empty((2 * taps, lanes), np.float32)
-    cx, sx = np.empty(n_k * lanes, np.float32), np.empty(n_k * lanes, np.float32)
-    cy, sy = np.empty(width * lanes, np.float32), np.empty(width * lanes, np.float32)
-    sums, weight = np.empty(harmonics.POWERS * lanes, np.float32), np.empty(4, np.float64)
-    for wave, first in ((cx, ONE), (sx, ZERO), (cy, ONE), (sy, ZERO)):
-        fill(wave[:lanes], first)
-    amplitudes = np.empty(nodes.powers * groups * volume, np.float32)
-    packed = np.empty((kinds, count * to_next), np.uint32)
-    shared, packed_of = max(1, len(rows) // SHARED), -1
+    at, whole, line = np.empty((2, w), np.float64), np.empty((7, w), np.int32), np.empty((9, w), np.float32)
+    x, y = at[0], at[1]
+    nx, ny, start_x, start_y, place_x, place_y, base = whole[0], whole[1], whole[2], whole[3], whole[4], whole[5], whole[6]
+    dx, dy, past_x, past_y = line[0], line[1], line[2], line[3]
+    content, through, light, inner, numbers = line[4], line[5], line[6], line[7], line[8]
+    n_k, n_l = 1, 1
+    for i in range(len(terms)):
+        n_k, n_l = max(n_k, terms[i, harmonics.K] + 1), max(n_l, terms[i, harmonics.L] + 1)
+    cx, sx = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
+    cy, sy = np.empty((n_l, w), np.float32), np.empty((n_l, w), np.float32)
+    fill(cx[0], ONE)
+    fill(sx[0], ZERO)
+    fill(cy[0], ONE)
+    fill(sy[0], ZERO)
     # the panel's pixels
-    stride = panel.shape[2]
-    pixels = panel.reshape(3, panel.shape[1] * stride)
-    step_x, step_y = np.int32(px), np.int32(py * stride)
-    low, high_x = -reach - 1.0, float((size[1] + px - 1) // px + reach)
-    high_y = float((size[0] + py - 1) // py + reach)
+    px, py, stride = cell.period[0], cell.period[1], panel.shape[2]
+    pixels, of_cell = panel.reshape(3, panel.shape[1] * stride), stride // px
+    down, lead = np.int32(py * stride), margin(cell.taps)
+    low, high_x = -cell.taps - 1.0, float((size[1] + px - 1) // px + cell.taps)
+    high_y = float((size[0] + py - 1) // py + cell.taps)
+    band = max(1, len(rows) // BANDS)
     for r in range(h * step):
         v, row = rows[r], r // step
-        node, t = bracket(v, rows[0], nodes.step_v, len(nodes.cubics), 3)
-        harmonics.lagrange(weight, t)
-        harmonics.between(amplitudes, nodes.cubics, node, weight)
-        if taps > 0 and r // shared != packed_of:
-            packed_of = r // shared
-            last = min(packed_of * shared + shared - 1, len(rows) - 1)
-            middle = (rows[packed_of * shared] + rows[last]) / 2
-            node, t = bracket(middle, rows[0], nodes.step_vw, count, 1)
-            for kind in range(kinds):
-                tables = nodes.tables[kind]
-                optics.pack(packed[kind], tables[node], tables[node + 1], np.float32(t), phases + 1)
+        if r % band == 0:
+            end = min(r + band, len(rows) - 1)
+            if r == 0:
+                _amplitudes(after, nodes.lines, v, rows[0], nodes.step_v, weight)
+            before, after = after, before
+            _amplitudes(after, nodes.lines, rows[end], rows[0], nodes.step_v, weight)
+            _weights(weights, tables, (v + rows[max(end - 1, r)]) / 2, rows[0], nodes.step_vw)
+        t = np.float32((r % band) / max(end - r + r % band, 1))
         gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
             channel = sites.channel[plane]
+            early = before[sites.col[plane]].reshape(len(terms), w)
+            late = after[sites.col[plane]].reshape(len(terms), w)
             look(x, y, u[plane], v, camera)
             fill(light, ZERO)
             for i in range(len(cell.channel)):
@@ -109,34 +119,17 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
                 kind = cell.kind[i]
                 lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
                 lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
-                origin = (margin(py, reach) + cell.pixel[i, 1]) * stride + margin(px, reach) + cell.pixel[i, 0]
-                lookup.base_of(base, nx, ny, step_x, step_y, np.int32(origin))
-                for j in range(2 * taps):
-                    weights, d = (wx, dx) if j < taps else (wy, dy)
-                    a, offset = j % taps * 2, j * (phases + 1)
-                    lookup.weigh(
-                        weights[a],
-                        weights[a + 1],
-                        packed[kind],
-                        d,
-                        column[plane],
-                        share[plane],
-                        phases,
-                        offset,
-                        to_next,
-                    )
-                if taps == 1:
-                    lookup.nine(content, pixels[channel], base, wx, wy, step_x, step_y)
-                elif taps == 2:
-                    lookup.twenty_five(content, pixels[channel], base, wx, wy, step_x, step_y)
-                else:
-                    lookup.many(content, pixels[channel], base, wx, wy, step_x, step_y, line)
-                lookup.waves(cx, sx, dx, n_k, n_l > 1)
-                lookup.waves(cy, sy, dy, width, True)
-                harmonics.transmit(
-                    light, content, amplitudes, kind * n_k * n_l, volume, nodes.powers, nodes.order[kind],
-                    cx, sx, cy, sy, s[plane], every, sums,
+                lookup.windows(start_x, place_x, past_x, dx, nx, column[0, plane], phases, width)
+                lookup.windows(start_y, place_y, past_y, dy, ny, column[1, plane], phases, width)
+                origin = (lead * py + cell.pixel[i, 1]) * stride + cell.pixel[i, 0] * of_cell + lead
+                lookup.base_of(base, start_x, start_y, down, np.int32(origin))
+                lookup.content(
+                    content, pixels[channel], base, down, weights[kind], to_next,
+                    place_x, past_x, place_y, past_y, share[plane], width,
                 )  # fmt: skip
+                harmonics.waves(cx, sx, dx, n_l > 1)
+                harmonics.waves(cy, sy, dy, True)
+                harmonics.transmit(through, terms, kind, early, late, t, cx, sx, cy, sy, inner)
+                harmonics.add_product(light, content, through)
             attenuate(light, gain, u[plane], v, camera)
-            _close_up(light, w, per, every)
             read(raw[plane, row], light, camera, (plane * h + row) * w, noise, key, numbers, clips)

@@ -1,15 +1,25 @@
-"""The panel's light through the optics as a sum of harmonics, whose amplitudes are cubics over groups of pixels."""
+"""The panel's light through the optics as a sum of harmonics, whose amplitudes change slowly over the photo.
+
+A term is a kind of subpixel, a pair (k, l) and a side: cos(k x) cos(l y) or sin(k x) sin(l y).
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from moireaug.engine.compiling import fill, loop
-from moireaug.engine.record import LANES
-from moireaug.engine.vectors import add_waves
+from moireaug.engine.vectors import peek, poke
 
 FAINT = 2e-5  # of full scale: what a term must exceed somewhere on the photo
-POWERS = 4
+KIND, K, L, SINE = 0, 1, 2, 3
+ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
+# sin and cos of 2 pi d for d in [-1/2, 1/2], by Taylor's series of s(t) = sin(t) and c(t) = cos(t) at t = pi d / 2
+S = [np.float32((math.pi / 2) ** (2 * i + 1) * (-1) ** i / math.factorial(2 * i + 1)) for i in range(5)]
+C = [np.float32((math.pi / 2) ** (2 * i) * (-1) ** i / math.factorial(2 * i)) for i in range(5)]
+S0, S1, S2, S3, S4 = S
+C0, C1, C2, C3, C4 = C
 
 
 @loop
@@ -22,90 +32,63 @@ def lagrange(out, t):
 
 
 @loop
-def monomials(out, centre, half):
-    """Fill out (16,), rows of 4 x 4: the cubic through values at t = 0, 1, 2, 3, as powers of s, t = centre + half s."""
-    at = np.empty((4, 4), np.float64)
-    for i in range(4):
-        lagrange(at[i], centre + half * (i - 1))
-    for j in range(4):
-        a, b, c, d = at[0, j], at[1, j], at[2, j], at[3, j]  # the cubic at s = -1, 0, 1, 2
-        even, odd = (a + c) / 2 - b, (c - a) / 2
-        third = (d - b - 2 * odd - 4 * even) / 6
-        out[j], out[4 + j], out[8 + j], out[12 + j] = b, odd - third, even, third
-
-
-@loop
-def trim(amplitude, n, m):
-    """Return amplitudes (rows, cols * kinds * n * m) of n = K + 1 and m = 2 L + 1 without the highest k and l, where
-    none exceeds FAINT; and the new n and m."""
-    rows, half, k_top, l_top = len(amplitude), m // 2, 0, 0
-    for r in range(rows):
-        row = amplitude[r]
-        for i in range(len(row)):
-            if abs(row[i]) > FAINT:
-                k, l = i // m % n, i % m - half
-                k_top, l_top = max(k_top, k), max(l_top, l, -l)
-    new_n, new_m = k_top + 1, 2 * l_top + 1
-    out = np.empty((rows, amplitude.shape[1] // (n * m) * new_n * new_m), np.float32)
-    for r in range(rows):
-        for i in range(out.shape[1]):
-            place, k, l = i // (new_n * new_m), i // new_m % new_n, i % new_m + half - l_top
-            out[r, i] = amplitude[r, (place * n + k) * m + l]
-    return out, new_n, new_m
-
-
-@loop
-def fold(amplitude, m):
-    """Turn amplitudes (rows, ... * m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L and of
-    sin(l y) behind, so that sum_l A_l cos(x + l y) = cos x sum_l B_l cos(l y) + sin x sum_l C_l sin(l y)."""
-    half = m // 2
+def fold(amplitude):
+    """Turn amplitudes (..., m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L and of sin(l y) behind,
+    so that sum_l A_l cos(k x + l y) = cos(k x) sum_l B_l cos(l y) + sin(k x) sum_l C_l sin(l y)."""
+    m = amplitude.shape[-1]
+    half, rows = m // 2, amplitude.reshape(-1, m)
     line = np.empty(m, np.float32)
-    for r in range(len(amplitude)):
-        row = amplitude[r]
-        for start in range(0, len(row), m):
-            middle = start + half
-            line[0] = row[middle]
-            for l in range(1, half + 1):
-                line[l] = row[middle + l] + row[middle - l]
-                line[half + l] = row[middle - l] - row[middle + l]
+    for r in range(len(rows)):
+        line[0] = rows[r, half]
+        for l in range(1, half + 1):
+            line[l] = rows[r, half + l] + rows[r, half - l]
+            line[half + l] = rows[r, half - l] - rows[r, half + l]
+        for l in range(m):
+            rows[r, l] = line[l]
+
+
+@loop
+def terms_of(amplitude):
+    """Return the terms (T, 4) int64 that exceed FAINT at any node, in order, of folded amplitudes
+    (rows, cols, kinds, n, m)."""
+    rows, cols, kinds, n, m = amplitude.shape
+    half = m // 2
+    out, count = np.empty((kinds * n * m, 4), np.int64), 0
+    for kind in range(kinds):
+        for k in range(n):
             for l in range(m):
-                row[start + l] = line[l]
+                most = ZERO
+                for r in range(rows):
+                    for c in range(cols):
+                        most = max(most, abs(amplitude[r, c, kind, k, l]))
+                if most > FAINT:
+                    sine = l > half
+                    out[count, KIND], out[count, K] = kind, k
+                    out[count, L], out[count, SINE] = l - half if sine else l, 1 if sine else 0
+                    count += 1
+    return out[:count]
 
 
 @loop
-def cubics(out, row, to_power, start, size):
-    """Fill out (POWERS * groups * size,) with the coefficients of s^p from a row of nodes (cols * size,)."""
-    groups = len(start)
-    for p in range(POWERS):
-        for g in range(groups):
-            a = start[g] * size
-            b, c, d = a + size, a + 2 * size, a + 3 * size
-            weight = to_power[g]
-            wa, wb, wc, wd = weight[4 * p], weight[4 * p + 1], weight[4 * p + 2], weight[4 * p + 3]
-            at = (p * groups + g) * size
-            for i in range(size):
-                out[at + i] = wa * row[a + i] + wb * row[b + i] + wc * row[c + i] + wd * row[d + i]
+def along_row(amplitude, terms, start, weight):
+    """Return (rows, T * n) float32, each term's amplitude at n pixels of each row of nodes.
 
-
-@loop
-def orders(nodes, groups, kinds, n, m):
-    """Return (kinds, 2, n, 2) int64: for powers 0 and 1, and for 2 and 3, and for each k, how many l of cosines and of
-    sines count; and how many powers do, 2 or 4.
-
-    nodes: (rows, POWERS * groups * kinds * n * m), as from `cubics`, of k < n and m = 2 L + 1.
+    Args:
+        amplitude: folded, at nodes (rows, cols, kinds, K + 1, 2 L + 1). terms: from `terms_of`.
+        start, weight: (n,) int64 and (n, 4), the first of four nodes and the weights of their cubic at each pixel.
     """
-    size, half, powers = kinds * n * m, m // 2, 2
-    out = np.zeros((kinds, 2, n, 2), np.int64)
-    for r in range(len(nodes)):
-        row = nodes[r]
-        for i in range(len(row)):
-            if abs(row[i]) > FAINT:
-                pair, term = i // (groups * size) // 2, i % size
-                kind, k, l = term // (n * m), term // m % n, term % m
-                side, count = (0, l + 1) if l <= half else (1, l - half)
-                out[kind, pair, k, side] = max(out[kind, pair, k, side], count)
-                powers = max(powers, 2 * pair + 2)
-    return out, powers
+    n, half = len(start), amplitude.shape[4] // 2
+    out = np.empty((len(amplitude), len(terms) * n), np.float32)
+    for r in range(len(amplitude)):
+        for t in range(len(terms)):
+            kind, k = terms[t, KIND], terms[t, K]
+            l = terms[t, L] + half * terms[t, SINE]
+            for i in range(n):
+                total = 0.0
+                for j in range(4):
+                    total += weight[i, j] * amplitude[r, start[i] + j, kind, k, l]
+                out[r, t * n + i] = total
+    return out
 
 
 @loop
@@ -118,65 +101,69 @@ def between(out, nodes, base, weights):
 
 
 @loop
-def _waves_of_x(sums, coefficients, first, stride, power, n, order, cx, ones, every):
-    """As `_waves_of_both`, where nothing depends on y."""
-    count, groups = 0, n // every
-    for k in range(len(order)):
-        if order[k, 0]:
-            count = k + 1
-    start = 2 * power * n
-    for a in range(0, n, LANES):
-        at = first + (2 * power * groups + a // every) * stride
-        add_waves(sums, start + a, start + n + a, ones, 0, coefficients, at, at + groups * stride, count, cx, a, n)
+def _first_wave(cos, sin, d):
+    for i in range(len(d)):
+        t = peek(d, i)
+        t2 = t * t
+        # at a quarter of the angle, then doubled twice
+        s = t * (S0 + t2 * (S1 + t2 * (S2 + t2 * (S3 + t2 * S4))))
+        c = C0 + t2 * (C1 + t2 * (C2 + t2 * (C3 + t2 * C4)))
+        s, c = TWO * s * c, ONE - TWO * s * s
+        poke(sin, i, TWO * s * c)
+        poke(cos, i, ONE - TWO * s * s)
 
 
 @loop
-def _waves_of_both(sums, coefficients, first, stride, power, n, order, cx, sx, cy, sy, every):
-    """Add two powers' waves to their rows of `sums`."""
-    groups, width = n // every, len(cy) // n
-    m = 2 * width - 1
-    start = 2 * power * n
-    for k in range(len(order)):
-        cosines, sines = order[k, 0], order[k, 1]
-        for a in range(0, n, LANES):
-            at = first + (2 * power * groups + a // every) * stride + k * m
-            x = k * n + a
-            if cosines:
-                to = at + groups * stride
-                add_waves(sums, start + a, start + n + a, cx, x, coefficients, at, to, cosines, cy, a, n)
-            if sines:
-                at += width
-                to = at + groups * stride
-                add_waves(sums, start + a, start + n + a, sx, x, coefficients, at, to, sines, sy, n + a, n)
+def _next_wave(out, first, last, before):
+    for i in range(len(out)):
+        poke(out, i, TWO * peek(first, i) * peek(last, i) - peek(before, i))
 
 
 @loop
-def _add_product(out, content, sums, s, powers):
-    n = len(out)
-    if powers == 2:
-        for i in range(n):
-            out[i] += content[i] * (sums[i] + s[i] * sums[n + i])
-    else:
-        for i in range(n):
-            high = sums[2 * n + i] + s[i] * sums[3 * n + i]
-            out[i] += content[i] * (sums[i] + s[i] * (sums[n + i] + s[i] * high))
+def waves(cos, sin, d, sines):
+    """Fill cos and, if `sines`, sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2]; k = 0 is there
+    already."""
+    if len(cos) > 1:
+        _first_wave(cos[1], sin[1], d)
+    for k in range(2, len(cos)):
+        _next_wave(cos[k], cos[1], cos[k - 1], cos[k - 2])
+        if sines:
+            _next_wave(sin[k], cos[1], sin[k - 1], sin[k - 2])
 
 
 @loop
-def transmit(out, content, coefficients, first, stride, powers, order, cx, sx, cy, sy, s, every, sums):
-    """Add content (n,) times the light that the cell passes to out (n,); n and `every` are whole numbers of LANES.
+def _add(out, before, after, t, wave):
+    for i in range(len(out)):
+        low = peek(before, i)
+        poke(out, i, out[i] + (low + t * (peek(after, i) - low)) * peek(wave, i))
+
+
+@loop
+def add_product(out, a, b):
+    """Add a * b to out, (n,) each."""
+    for i in range(len(out)):
+        poke(out, i, out[i] + peek(a, i) * peek(b, i))
+
+
+@loop
+def transmit(out, terms, kind, before, after, t, cx, sx, cy, sy, line):
+    """Fill out (n,) with the light that one kind of subpixel lets through.
 
     Args:
-        coefficients: flat; of power p in group g, (K + 1) (2 L + 1) from first + (p groups + g) stride on.
-        powers: 2 or 4. order: (2, K + 1, 2), as from `orders`.
-        cx, sx: (K + 1, n), cy, sy: (L + 1, n), as from `waves`, flattened.
-        s: (n,), each pixel's place in its group, -1 to 1. sums: (4 n,) to work in.
+        before, after: (T, n), the terms' amplitudes on a row before and one behind; t: float32, how far it is to that.
+        cx, sx: (K + 1, n), cy, sy: (L + 1, n), from `waves`. line: (n,) to work in.
     """
-    n = len(out)
-    fill(sums[: powers * n], np.float32(0))
-    for power in range(powers // 2):
-        if len(cy) == n:
-            _waves_of_x(sums, coefficients, first, stride, power, n, order[power], cx, cy, every)
-        else:
-            _waves_of_both(sums, coefficients, first, stride, power, n, order[power], cx, sx, cy, sy, every)
-    _add_product(out, content, sums, s, powers)
+    fill(out, ZERO)
+    for i in range(len(terms)):
+        if terms[i, KIND] == kind and terms[i, L] == 0:
+            _add(out, before[i], after[i], t, cx[terms[i, K]])
+    if len(cy) == 1:
+        return
+    for k in range(len(cx)):
+        for sine in range(2):
+            fill(line, ZERO)
+            for i in range(len(terms)):
+                if terms[i, KIND] == kind and terms[i, L] > 0 and terms[i, K] == k and terms[i, SINE] == sine:
+                    wave = sy[terms[i, L]] if sine else cy[terms[i, L]]
+                    _add(line, before[i], after[i], t, wave)
+            add_product(out, line, sx[k] if sine else cx[k])

@@ -8,7 +8,7 @@ import numpy as np
 
 from moireaug.engine import harmonics, optics
 from moireaug.engine.compiling import kernel, loop
-from moireaug.engine.record import LANES, Nodes
+from moireaug.engine.record import Nodes
 from moireaug.engine.view import jacobian
 
 FLAT = 5e-4  # the logarithm of the view's scale changes by less: four nodes and two say it all
@@ -18,12 +18,15 @@ SAMPLES = 5
 STEP, STEP_OF_WEIGHTS = 0.15, 0.06
 CYCLES = 0.12  # and the highest frequency by so many cycles a sensor pixel
 PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes less than 1e-5
-REACH = 3  # a group's cubic goes through four nodes
 
 
 @loop
 def _counts(rows, cols, camera, period, n, m):
-    """Return how many nodes a side the amplitudes and the weights need, more than MOST where too many."""
+    """Return how many nodes along columns and rows the amplitudes need, and how many the weights: (2, 2) int64; more than
+    MOST where too many.
+
+    n, m: K + 1 and 2 L + 1.
+    """
     # along both axes of the panel, how many cells a sensor pixel spans
     cells = np.empty((SAMPLES * SAMPLES, 2), np.float64)
     for i in range(len(cells)):
@@ -32,7 +35,7 @@ def _counts(rows, cols, camera, period, n, m):
         xu, xv, yu, yv = jacobian(u, v, camera)
         cells[i, 0], cells[i, 1] = math.hypot(xu, xv) / period[0], math.hypot(yu, yv) / period[1]
     # how fast that changes where it does so fastest, as if over the whole photo
-    change, cycles, passed = 0.0, 0.0, PASSED / max(camera.blur, 1e-6)
+    change, cycles, passed = np.zeros(2), np.zeros(2), PASSED / max(camera.blur, 1e-6)
     for i in range(len(cells)):
         for k in range(2):
             other = i + (1 if k == 0 else SAMPLES)
@@ -41,13 +44,18 @@ def _counts(rows, cols, camera, period, n, m):
             for axis in range(2):
                 low, high = min(cells[i, axis], cells[other, axis]), max(cells[i, axis], cells[other, axis])
                 top = min(high * (n - 1 if axis == 0 else m // 2), passed)
-                change = max(change, math.log(high / low) * (SAMPLES - 1))
-                cycles = max(cycles, top * (1 - low / high) * (SAMPLES - 1))
-    if change < FLAT:
-        return 4, 2
+                change[k] = max(change[k], math.log(high / low) * (SAMPLES - 1))
+                cycles[k] = max(cycles[k], top * (1 - low / high) * (SAMPLES - 1))
+    out = np.empty((2, 2), np.int64)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
-    needed, of_weights = max(cycles / CYCLES, change / STEP), change / STEP_OF_WEIGHTS
-    return int(min(max(needed + 2, fewest), MOST + 1)), int(min(max(of_weights + 2, 5), MOST + 1))
+    for k in range(2):
+        if max(change[0], change[1]) < FLAT:
+            out[0, k], out[1, k] = 4, 2
+            continue
+        needed, of_weights = max(cycles[k] / CYCLES, change[k] / STEP), change[k] / STEP_OF_WEIGHTS
+        out[0, k] = int(min(max(needed + 2, fewest), MOST + 1))
+        out[1, k] = int(min(max(of_weights + 2, 5), MOST + 1))
+    return out
 
 
 @loop
@@ -70,8 +78,7 @@ def fits(camera, cell, coefficients, widths, skew, sites, dark):
     _, n, m = coefficients.shape
     if dark and _narrowed(sites.rows, sites.cols, camera, cell.period, cell.taps, widths, skew):
         return False
-    count, coarse = _counts(sites.rows, sites.cols, camera, cell.period, n, m)
-    return max(count, coarse) <= MOST
+    return _counts(sites.rows, sites.cols, camera, cell.period, n, m).max() <= MOST
 
 
 @loop
@@ -98,32 +105,24 @@ def bracket(at, first, step, count, most):
 
 @kernel
 def prepare(camera, cell, coefficients, widths, skew, sites):
-    """Return the Nodes of an image; arguments as in `expose.expose`."""
+    """Return the Nodes of an image; arguments as in `record.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
-    kinds, n_k, n_l = coefficients.shape
-    count, coarse = _counts(rows, cols, camera, cell.period, n_k, n_l)
-    us, step_u = _line(cols, count)
-    vs, step_v = _line(rows, count)
+    _, n, m = coefficients.shape
+    counts = _counts(rows, cols, camera, cell.period, n, m)
+    us, step_u = _line(cols, counts[0, 0])
+    vs, step_v = _line(rows, counts[0, 1])
+    amplitude = optics.amplitudes(us, vs, camera, cell.period, coefficients)
+    harmonics.fold(amplitude)
+    terms = harmonics.terms_of(amplitude)
     w = len(cols) // step
-    # pixels to a group, whose lanes they do not fill where its cubic would reach too far
-    per = max(1, min(LANES * max(1, w // 192), REACH * w // (count - 1)))
-    per = per if per < LANES else per // LANES * LANES
-    groups = (w + per - 1) // per
-    middle, start = np.empty(groups, np.float64), np.empty(groups, np.int64)
-    to_power = np.empty((groups, 4 * harmonics.POWERS), np.float64)
-    half = max((cols[len(cols) - 1] - cols[0]) / max(len(cols) - 1, 1) * step * per / 2, 1e-9)
-    for g in range(groups):
-        middle[g] = cols[0] + (2 * g + 1) * half
-        start[g], t = bracket(middle[g], us[0], step_u, count, 3)
-        harmonics.monomials(to_power[g], t, half / step_u)
-    amplitude, n_k, n_l = harmonics.trim(*optics.amplitudes(us, vs, camera, cell.period, coefficients))
-    volume = kinds * n_k * n_l
-    harmonics.fold(amplitude, n_l)
-    cubics = np.empty((count, harmonics.POWERS * groups * volume), np.float32)
-    for r in range(count):
-        harmonics.cubics(cubics[r], amplitude[r], to_power, start, volume)
-    order, powers = harmonics.orders(cubics, groups, kinds, n_k, n_l)
-    us, step_uw = _line(cols, coarse)
-    vs, step_vw = _line(rows, coarse)
-    tables, phases, taps = optics.weights(us, vs, camera, cell.period, cell.taps, widths, skew)
-    return Nodes(per, cubics, order, powers, n_k, n_l, middle, half, step_v, tables, phases, taps, step_uw, step_vw)
+    start, weight = np.empty(w, np.int64), np.empty((w, 4), np.float64)
+    lines = np.empty((step, len(vs), len(terms) * w), np.float32)
+    for column in range(step):
+        for i in range(w):
+            start[i], t = bracket(cols[column + i * step], us[0], step_u, len(us), 3)
+            harmonics.lagrange(weight[i], t)
+        lines[column] = harmonics.along_row(amplitude, terms, start, weight)
+    us, step_uw = _line(cols, counts[1, 0])
+    vs, step_vw = _line(rows, counts[1, 1])
+    tables = optics.weights(us, vs, camera, cell.period, cell.taps, widths, skew)
+    return Nodes(terms, lines, step_v, tables, step_uw, step_vw)

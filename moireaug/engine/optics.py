@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from moireaug.engine.compiling import loop
+from moireaug.engine.lookup import NARROW, WIDE
 from moireaug.engine.tables import integral
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import jacobian
@@ -18,7 +19,6 @@ from moireaug.exposure.content import TAIL
 
 NARROWEST = 1e-12  # variance in cells
 GUARD = 1e-9
-PACKED = 65535.0
 FEWEST_PHASES, MOST_PHASES = 64, 512
 SMOOTH = 2e-3  # how well straight lines between phases follow a weight
 FAINT = 1e-5  # of a pixel's light: what cells must give to be looked at
@@ -61,18 +61,15 @@ def _phases(spread):
 
 
 @loop
-def _fewest(spread, widths, taps):
-    """Return how many cells to each side matter, at most `taps`, over spreads (kinds * n, axis, 2)."""
+def _width(spread, widths, taps):
+    """Return how many cells along an axis are looked at, NARROW where none beyond matters; spreads (kinds * n, axis, 2)."""
     n = len(spread) // len(widths)
-    while taps > 0:
-        nearest = taps - 0.5  # that the farthest cell's centre comes
-        for i in range(len(spread)):
-            for axis in range(2):
-                box, sigma, width = spread[i, axis, 0], spread[i, axis, 1], widths[i // n, axis]
-                if _light(nearest, box, sigma, width) > FAINT * box * width:
-                    return taps
-        taps -= 1
-    return taps
+    for i in range(len(spread)):
+        for axis in range(2):
+            box, sigma, width = spread[i, axis, 0], spread[i, axis, 1], widths[i // n, axis]
+            if taps > 1 and _light(2.0, box, sigma, width) > FAINT * box * width:
+                return WIDE
+    return NARROW
 
 
 @loop
@@ -84,59 +81,57 @@ def _light(x, box, sigma, width):
 
 
 @loop
-def _shares(out, start, box, sigma, width, taps, phases, light):
-    """Fill out from `start` on with the weights of the cells -1, 1, -2, 2, ..., phases + 1 of each, at distances from
-    -1/2 to 1/2 from a cell's centre. `light`, of (2 r + 1) phases / 2 + 1 numbers, to work in."""
+def _shares(out, box, sigma, width, taps, phases, light):
+    """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to 1/2 from the nearest
+    cell's centre. In the middle, where the first of the cells is another, are both.
+
+    light: (2 taps + 1) phases / 2 + 1 numbers to work in.
+    """
     for i in range(len(light)):
         light[i] = _light(i / phases, box, sigma, width)
-    n = phases + 1
-    for p in range(n):
-        at = p - phases // 2
+    half = out.shape[1] // 2
+    for p in range(phases + 2):
+        right = p > phases // 2
+        at = p - right - phases // 2
         total = GUARD * box
         for k in range(-taps, taps + 1):
             total += light[abs(at - k * phases)]
-        for j in range(taps):
-            out[start + 2 * j * n + p] = light[abs(at + (j + 1) * phases)] / total
-            out[start + (2 * j + 1) * n + p] = light[abs(at - (j + 1) * phases)] / total
+        for j in range(out.shape[1]):
+            k = j - half + right
+            if abs(k) <= taps:
+                out[p, j] = (light[abs(at - k * phases)] + (GUARD * box if k == 0 else 0.0)) / total
+            else:
+                out[p, j] = 0.0
 
 
 @loop
 def weights(us, vs, camera, period, taps, widths, skew):
-    """Return tables (kinds, rows, cols * axis * 2 r * (phases + 1)) float32 of the weights of cells, on nodes of the
-    photo, the number of phases, and r, at most `taps`.
+    """Return tables (kinds, rows, cols, axis, phases + 2, cells) float32 of the weights of cells, on nodes of the photo.
 
-    widths, skew: (kinds, 2), see `expose`.
+    widths, skew: (kinds, 2), see `record.Exposure`.
     """
     kinds, rows, cols = len(widths), len(vs), len(us)
     spread = np.empty((kinds * rows * cols, 2, 2), np.float64)
     for i in range(len(spread)):
         kind = i // (rows * cols)
         spreads(spread[i], us[i % cols], vs[i // cols % rows], camera, period, widths[kind], skew[kind], taps)
-    phases, taps = _phases(spread), _fewest(spread, widths, taps)
-    size = 2 * taps * (phases + 1)
-    out = np.empty((kinds, rows, cols * 2 * size), np.float32)
+    phases = _phases(spread)
+    out = np.empty((kinds, rows, cols, 2, phases + 2, _width(spread, widths, taps)), np.float32)
     light = np.empty((2 * taps + 1) * phases // 2 + 1, np.float64)
     for i in range(len(spread)):
         kind, r, c = i // (rows * cols), i // cols % rows, i % cols
         for axis in range(2):
             box, sigma = spread[i, axis, 0], spread[i, axis, 1]
-            _shares(out[kind, r], (2 * c + axis) * size, box, sigma, widths[kind, axis], taps, phases, light)
-    return out, phases, taps
+            _shares(out[kind, r, c, axis], box, sigma, widths[kind, axis], taps, phases, light)
+    return out
 
 
 @loop
-def pack(packed, low, high, f, n):
-    """Fill packed (m,) uint32 with two 16 bit weights each, f of the way between two nodes' tables (2 m,), which hold n
-    weights of the cell before and then n of the cell after."""
-    scale, sixteen = np.float32(PACKED), np.uint32(16)
-    for start in range(0, len(packed), n):
-        for p in range(start, start + n):
-            i = p + start
-            before, after = peek(low, i), peek(low, i + n)
-            before += f * (peek(high, i) - before)
-            after += f * (peek(high, i + n) - after)
-            first, second = np.uint32(np.int32(before * scale)), np.uint32(np.int32(after * scale))
-            poke(packed, p, np.uint32(first | np.uint32(second << sixteen)))
+def blend(out, low, high, f):
+    """Fill out (n,) with what lies f of the way between two rows of nodes."""
+    for i in range(len(out)):
+        a = peek(low, i)
+        poke(out, i, a + f * (peek(high, i) - a))
 
 
 @loop
@@ -166,14 +161,13 @@ def _transfer(table, f):
 
 @loop
 def amplitudes(us, vs, camera, period, coefficients):
-    """Return (rows, cols * kinds * n * m) float32, each harmonic's amplitude on nodes of the photo, n = K + 1 and
-    m = 2 L + 1.
+    """Return (rows, cols, kinds, n, m) float32, each harmonic's amplitude on nodes of the photo.
 
-    coefficients: (kinds, K + 1, 2 L + 1), of harmonics k = 0 ... K and l = -L ... L.
+    coefficients: (kinds, n, m) of harmonics k = 0 ... K and l = -L ... L, n = K + 1 and m = 2 L + 1.
     """
     kinds, n, m = coefficients.shape
     half = m // 2
-    out = np.empty((len(vs), len(us) * kinds * n * m), np.float32)
+    out = np.empty((len(vs), len(us), kinds, n, m), np.float32)
     views = np.empty((len(vs), len(us), 4), np.float64)
     most = 1e-9
     for r in range(len(vs)):
@@ -194,5 +188,5 @@ def amplitudes(us, vs, camera, period, coefficients):
                     fu, fv = abs(k * ux + (l - half) * uy), abs(k * vx + (l - half) * vy)
                     passed = _transfer(table, fu * scale) * _transfer(table, fv * scale)
                     for kind in range(kinds):
-                        out[r, ((c * kinds + kind) * n + k) * m + l] = coefficients[kind, k, l] * passed
-    return out, n, m
+                        out[r, c, kind, k, l] = coefficients[kind, k, l] * passed
+    return out

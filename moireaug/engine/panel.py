@@ -10,23 +10,32 @@ from moireaug.engine.compiling import kernel, loop
 from moireaug.engine.vectors import peek, poke
 
 
+AROUND = 5  # cells on each side of the farthest that a pixel is nearest to, and one
+
+
 def panel_shape(size: tuple[int, int], alpha: float, period: tuple[int, int], taps: int) -> tuple[int, int]:
-    """Return the height and width of the panel's picture with its margins."""
-    (h, w), (px, py) = size, period
-    return math.ceil(alpha * h) + (4 * taps + 3) * py, math.ceil(alpha * w) + (4 * taps + 3) * px
+    """Return the height and width of the panel's picture with its margins, whole cells."""
+    around = 2 * (taps + AROUND)
+    px, py = period
+    return (math.ceil(alpha * size[0] / py) + around) * py, (math.ceil(alpha * size[1] / px) + around) * px
 
 
 @loop
-def margin(period, taps):
-    """Return the panel pixels ahead of the panel's first."""
-    return (2 * taps + 1) * period
+def margin(taps):
+    """Return the cells ahead of the panel's first."""
+    return taps + AROUND
 
 
 @loop
-def _axis(n, size, alpha, lead, first, share, seen):
-    """Where each of n panel pixels lies between two picture pixels, and whether it is on the picture."""
+def _axis(n, size, alpha, period, lead, together, first, share, seen):
+    """Where each of n panel pixels lies between two picture pixels, and whether it is on the picture.
+
+    lead: panel pixels ahead of the picture. together: the pixels that have the same place in their cells are neighbours.
+    """
+    cells = n // period
     for i in range(n):
-        at = (i - lead + 0.5) / alpha
+        pixel = i % cells * period + i // cells if together else i
+        at = (pixel - lead + 0.5) / alpha
         seen[i] = 0 <= at < size
         at = min(max(at - 0.5, 0.0), size - 1.0)
         first[i] = np.int32(at)
@@ -54,13 +63,13 @@ def _across(out, row, first, share):
 def show(panel, light, alpha, period, taps, dark):
     """Fill panel (3, h, w) float32, of `panel_shape`, from the picture's light (3, H, W) float32.
 
-    Bilinear between pixel centres; beyond the border the outermost pixel or, if `dark`, black.
+    A row holds the first pixel of each cell, then the second, and so on: what a look-up reads lies together. Bilinear between pixel centres; beyond the border the outermost pixel or, if `dark`, black.
     """
     (h, w), (_, n, m) = light.shape[1:], panel.shape
     x, fx, seen_x = np.empty(m, np.int32), np.empty(m, np.float32), np.empty(m, np.bool_)
     y, fy, seen_y = np.empty(n, np.int32), np.empty(n, np.float32), np.empty(n, np.bool_)
-    _axis(m, w, alpha, margin(period[0], taps), x, fx, seen_x)
-    _axis(n, h, alpha, margin(period[1], taps), y, fy, seen_y)
+    _axis(m, w, alpha, period[0], margin(taps) * period[0], True, x, fx, seen_x)
+    _axis(n, h, alpha, period[1], margin(taps) * period[1], False, y, fy, seen_y)
     row = np.empty(w + 1, np.float32)
     for c in range(3):
         for i in range(n):

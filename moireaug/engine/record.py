@@ -115,30 +115,17 @@ class Nodes(NamedTuple):
     """What `nodes.prepare` finds for one image.
 
     Args:
-        per: pixels of a plane's row to a group.
-        cubics: (rows, POWERS * groups * kinds * n_k * n_l) float32, each harmonic's amplitude along each row of nodes,
-            as powers of the place in a group of pixels; see `harmonics`.
-        order: (kinds, 2, n_k, 2) int64, how many of them count. powers: 2 or 4.
-        n_k, n_l: K + 1 and 2 L + 1.
-        middle: (groups,) float64, the groups' middles on the photo. half: half of their width.
+        terms: (T, 4) int64, see `harmonics`.
+        lines: (columns of a filter cell, rows of nodes, T * w) float32, each term's amplitude at each pixel of a row.
         step_v: from one row of nodes to the next.
-        tables: (kinds, rows, ...) float32, the weights of cells; phases: in each table. taps: as in `Cell`, where
-            the image needs no more.
+        tables: (kinds, rows, cols, axis, phases + 2, cells) float32, see `optics.weights`.
         step_uw, step_vw: from one of the tables' nodes to the next.
     """
 
-    per: int
-    cubics: np.ndarray
-    order: np.ndarray
-    powers: int
-    n_k: int
-    n_l: int
-    middle: np.ndarray
-    half: float
+    terms: np.ndarray
+    lines: np.ndarray
     step_v: float
     tables: np.ndarray
-    phases: int
-    taps: int
     step_uw: float
     step_vw: float
 

@@ -60,74 +60,99 @@ def poke(typing, array, index, value):
     return types.none(array, index, value), generate
 
 
-def _load(builder, pointer):
-    value = builder.load(pointer, typ=ir.VectorType(ir.FloatType(), LANES))
+def _vector(lanes: int) -> ir.VectorType:
+    return ir.VectorType(ir.FloatType(), lanes)
+
+
+def _load(builder, pointer, lanes):
+    """Load so many float32 from where `pointer` points, aligned or not."""
+    value = builder.load(builder.bitcast(pointer, _vector(lanes).as_pointer()), typ=_vector(lanes))
     value.align = 4
     return value
 
 
-def _spread(builder, scalar):
-    one = ir.VectorType(ir.FloatType(), 1)
-    many = ir.VectorType(ir.FloatType(), LANES)
-    single = builder.insert_element(ir.Constant(one, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
-    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    value = builder.shuffle_vector(single, ir.Constant(one, ir.Undefined), zeros)
-    assert value.type == many
-    return value
+def _spread(builder, scalar, lanes):
+    """Return a vector of one number."""
+    one = builder.insert_element(ir.Constant(_vector(1), ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
+    return builder.shuffle_vector(one, ir.Constant(_vector(1), ir.Undefined), zeros)
+
+
+def _spread_lane(builder, vector, lane, lanes):
+    """Return a vector of one of a vector's numbers."""
+    same = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [lane] * lanes)
+    return builder.shuffle_vector(vector, ir.Constant(_vector(lanes), ir.Undefined), same)
+
+
+def _lanes(builder, vector, first, count):
+    """Return so many of a vector's numbers from one on."""
+    chosen = ir.Constant(ir.VectorType(ir.IntType(32), count), list(range(first, first + count)))
+    return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), chosen)
 
 
 def _fma(builder, a, b, c):
     kind = ir.FunctionType(a.type, [a.type] * 3)
-    function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f32")
+    function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{a.type.count}f32")
     return builder.call(function, [a, b, c])
 
 
-def _sums(context, builder, kinds, args, firsts, count, coefficients, rows, offset_of):
-    """Emit, for each of `firsts`, the sum over l < count of coefficients[first + l] * rows[offset_of(l) + i]."""
-    whole = count.type
-    one, zero = ir.Constant(whole, 1), ir.Constant(ir.VectorType(ir.FloatType(), LANES), [0.0] * LANES)
-    # two sums each, so that one multiplication need not wait for the last
-    sums = [[cgutils.alloca_once_value(builder, zero) for _ in range(2)] for _ in firsts]
-
-    def address(i, index):
-        return _address(context, builder, kinds[i], args[i], types.intp, index)
-
-    def add(index, turn):
-        start = address(rows, offset_of(index))
-        row = _load(builder, builder.bitcast(start, ir.VectorType(ir.FloatType(), LANES).as_pointer()))
-        for first, pair in zip(firsts, sums, strict=True):
-            coefficient = builder.load(address(coefficients, builder.add(first, index)), typ=ir.FloatType())
-            total = _fma(builder, _spread(builder, coefficient), row, builder.load(pair[turn]))
-            builder.store(total, pair[turn])
-
-    with cgutils.for_range(builder, builder.lshr(count, one), intp=whole) as pair:
-        index = builder.shl(pair.index, one)
-        add(index, 0)
-        add(builder.add(index, one), 1)
-    with builder.if_then(builder.trunc(count, ir.IntType(1))):
-        add(builder.sub(count, one), 0)
-    return [builder.fadd(builder.load(a), builder.load(b)) for a, b in sums]
+def _total(builder, vector):
+    """Return the sum of a vector's numbers, in any order."""
+    kind = ir.FunctionType(ir.FloatType(), [ir.FloatType(), vector.type])
+    function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.fadd.v{vector.type.count}f32")
+    return builder.call(function, [ir.Constant(ir.FloatType(), -0.0), vector], fastmath=("reassoc",))
 
 
-def _numbers(context, builder, signature, args):
-    """Return the arguments, the numbers among them as the machine's integers."""
-    return [
-        a if isinstance(kind, types.Array) else context.cast(builder, a, kind, types.intp)
-        for a, kind in zip(args, signature.args, strict=True)
-    ]
+def _between(builder, a, b, share):
+    return _fma(builder, share, builder.fsub(b, a), a)
 
 
 def _floats(*arrays) -> bool:
     return all(_row(a) and a.dtype == types.float32 for a in arrays)
 
 
-def _vector(context, builder, kind, array, index):
-    pointer = _address(context, builder, kind, array, types.intp, index)
-    return builder.bitcast(pointer, ir.VectorType(ir.FloatType(), LANES).as_pointer())
+def _weighted_cells(cells: int):
+    """Make an intrinsic that weighs `cells` x `cells` cells of a panel."""
+
+    @intrinsic
+    def weighted_cells(typing, panel, at, stride, table, to_next, x, between_x, y, between_y, share):
+        """Return the sum of panel[at + j * stride + i] * wx[i] * wy[j] over i, j < cells, float32.
+
+        wx is `cells` numbers of the table: bilinear, `between_x` of the way from those at x to those behind them, and
+        `share` of the way to those `to_next` ahead; wy likewise. Numbers float32, indices int32.
+        """
+        if not _floats(panel, table):
+            return None
+
+        def generate(context, builder, signature, args):
+            at_, stride_, to_next_, x_, y_ = (
+                context.cast(builder, args[i], types.int32, types.intp) for i in (1, 2, 4, 5, 7)
+            )
+
+            def load(i, index, lanes):
+                return _load(builder, _address(context, builder, signature.args[i], args[i], types.intp, index), lanes)
+
+            def weights(index, between):
+                # a phase's weights and the next one's lie side by side
+                here, there = load(3, index, 2 * cells), load(3, builder.add(index, to_next_), 2 * cells)
+                both = _between(builder, here, there, _spread(builder, args[9], 2 * cells))
+                phase, next_phase = _lanes(builder, both, 0, cells), _lanes(builder, both, cells, cells)
+                return _between(builder, phase, next_phase, _spread(builder, between, cells))
+
+            wx, wy = weights(x_, args[6]), weights(y_, args[8])
+            total = builder.fmul(_spread_lane(builder, wy, 0, cells), load(0, at_, cells))
+            for j in range(1, cells):
+                at_ = builder.add(at_, stride_)
+                total = _fma(builder, _spread_lane(builder, wy, j, cells), load(0, at_, cells), total)
+            return _total(builder, builder.fmul(total, wx))
+
+        whole, real = types.int32, types.float32
+        return real(panel, whole, whole, table, whole, whole, real, whole, real, real), generate
+
+    return weighted_cells
 
 
-def _store(builder, value, pointer):
-    builder.store(value, pointer).align = 4
+four_by_four, eight_by_eight = _weighted_cells(4), _weighted_cells(8)
 
 
 @intrinsic
@@ -138,42 +163,24 @@ def add_taps(typing, out, start, coefficients, first, count, rows, offsets, base
         return None
 
     def generate(context, builder, signature, args):
-        out_, start_, _, first_, count_, _, offsets_, base_ = _numbers(context, builder, signature, args)
+        numbers = []
+        for a, kind in zip(args, signature.args, strict=True):
+            numbers.append(a if isinstance(kind, types.Array) else context.cast(builder, a, kind, types.intp))
+        _, start_, _, first_, count_, _, offsets_, base_ = numbers
 
-        def offset_of(index):
-            pointer = _address(context, builder, offsets, offsets_, types.intp, builder.add(first_, index))
-            return builder.add(base_, builder.load(pointer, typ=base_.type))
+        def address(i, index):
+            return _address(context, builder, signature.args[i], args[i], types.intp, index)
 
-        (total,) = _sums(context, builder, signature.args, args, [first_], count_, 2, 5, offset_of)
-        target = _vector(context, builder, out, out_, start_)
-        _store(builder, builder.fadd(_load(builder, target), total), target)
+        target = address(0, start_)
+        total = cgutils.alloca_once_value(builder, _load(builder, target, LANES))
+        with cgutils.for_range(builder, count_, intp=count_.type) as tap:
+            index = builder.add(first_, tap.index)
+            offset = builder.load(_address(context, builder, offsets, offsets_, types.intp, index), typ=base_.type)
+            row = _load(builder, address(5, builder.add(base_, offset)), LANES)
+            weight = _spread(builder, builder.load(address(2, index), typ=ir.FloatType()), LANES)
+            builder.store(_fma(builder, weight, row, builder.load(total)), total)
+        store = builder.store(builder.load(total), builder.bitcast(target, _vector(LANES).as_pointer()))
+        store.align = 4
         return context.get_dummy_value()
 
     return types.none(out, start, coefficients, first, count, rows, offsets, base), generate
-
-
-@intrinsic
-def add_waves(typing, out, start, other, factor, place, coefficients, first, second, count, rows, base, stride):
-    """Add factor[place + i] * sum over l < count of coefficients[first + l] * rows[base + l * stride + i] to
-    out[start + i], and the same with coefficients from `second` on to out[other + i], for the LANES pixels i."""
-    if not _floats(out, factor, coefficients, rows):
-        return None
-
-    def generate(context, builder, signature, args):
-        out_, start_, other_, factor_, place_, _, first_, second_, count_, _, base_, stride_ = _numbers(
-            context, builder, signature, args
-        )
-
-        def offset_of(index):
-            return builder.add(base_, builder.mul(index, stride_))
-
-        sums = _sums(context, builder, signature.args, args, [first_, second_], count_, 5, 9, offset_of)
-        weight = _load(builder, _vector(context, builder, factor, factor_, place_))
-        for at, total in zip((start_, other_), sums, strict=True):
-            target = _vector(context, builder, out, out_, at)
-            _store(builder, _fma(builder, weight, total, _load(builder, target)), target)
-        return context.get_dummy_value()
-
-    return types.none(
-        *(out, start, other, factor, place, coefficients, first, second, count, rows, base, stride)
-    ), generate

@@ -18,7 +18,10 @@ FAR_AWAY = 1e9  # where points behind the camera are put
 
 
 def _matrix(rows: list[list[Tensor | float]], like: Tensor) -> Tensor:
-    return torch.stack([torch.stack([like.new_zeros(like.shape) + v for v in row], -1) for row in rows], -2)
+    zero, entries = torch.zeros_like(like), []
+    for row in rows:
+        entries += [entry if isinstance(entry, Tensor) else zero + entry for entry in row]
+    return torch.stack(entries, -1).unflatten(-1, (len(rows), len(rows[0])))
 
 
 def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor, ...]:
@@ -104,7 +107,8 @@ def homography(
         place = _matrix([[zoom, 0, view["shift_x"] * w], [0, zoom, view["shift_y"] * h], [0, 0, 1.0]], zoom)
         m = place @ m
     centre = m.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
-    return centre @ m @ torch.linalg.inv(centre)
+    back = m.new_tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
+    return centre @ m @ back
 
 
 def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
