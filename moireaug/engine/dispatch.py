@@ -59,14 +59,15 @@ def develops(raw: Tensor, shot: ShotRecord) -> bool:
 
 @torch.no_grad()
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the readings of images (B, 3, H, W) float32, as `moireaug.pipeline.expose` does."""
+    """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose` does of float32."""
     from moireaug.engine import from_shot, run
 
     varies = shot.plan.prefilter > SMALL  # from place to place: that blur is the reference's
     exposure = from_shot.exposure_of(shot, decoded=varies)
     if not all(run.fits(exposure)):  # so near the horizon that the view changes too fast
-        return pipeline.expose(light, shot)
+        return pipeline.expose(as_float(light), shot)
     if varies:
+        light = as_float(light)
         if "decode" in shot.plan:
             light = Decode()(light, shot)
         light = Prefilter()(light, shot)
@@ -83,8 +84,13 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     return photo
 
 
+def as_float(images: Tensor) -> Tensor:
+    """Return images of bytes as float32 in [0, 1], others as they are."""
+    return images.float() / 255 if images.dtype == torch.uint8 else images
+
+
 def _runs(tensor: Tensor) -> bool:
-    if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or not tensor.numel():
+    if tensor.dtype not in (torch.float32, torch.uint8) or tensor.device.type != "cpu" or not tensor.numel():
         return False
     traced = torch.compiler.is_compiling() or type(tensor) is not Tensor
     return not traced and not torch._C._functorch.peek_interpreter_stack() and not _unavailable()

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import fill, loop
 from moireaug.engine.lookup import NARROW, WIDE
-from moireaug.engine.tables import integral
+from moireaug.engine.tables import TAIL_END, add_integral, integral
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import jacobian
 from moireaug.exposure.content import TAIL
@@ -81,27 +81,44 @@ def _light(x, box, sigma, width):
 
 
 @loop
-def _shares(out, box, sigma, width, taps, phases, light):
+def _add_two(total, light, middle):
+    """Add the light of the cells `middle` before and behind."""
+    for q in range(len(total)):
+        total[q] += light[middle - q] + light[middle + q]
+
+
+@loop
+def _shares(out, box, sigma, width, taps, phases, light, total):
     """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to 1/2 from the nearest
     cell's centre. In the middle, where the first of the cells is another, are both.
 
-    light: (2 taps + 1) phases / 2 + 1 numbers to work in.
+    light, total: (2 taps + 1) phases / 2 + 1 and phases / 2 + 1 numbers to work in.
     """
-    for i in range(len(light)):
-        light[i] = _light(i / phases, box, sigma, width)
-    half = out.shape[1] // 2
-    for p in range(phases + 2):
-        right = p > phases // 2
-        at = p - right - phases // 2
-        total = GUARD * box
-        for k in range(-taps, taps + 1):
-            total += light[abs(at - k * phases)]
-        for j in range(out.shape[1]):
-            k = j - half + right
-            if abs(k) <= taps:
-                out[p, j] = (light[abs(at - k * phases)] + (GUARD * box if k == 0 else 0.0)) / total
-            else:
-                out[p, j] = 0.0
+    half, cells = phases // 2, out.shape[1]
+    seen = min(int(((box + width) / 2 + TAIL_END * sigma) * phases) + 2, len(light))
+    fill(light, 0.0)
+    far, near, line = (box + width) / 2, (box - width) / 2, light[:seen]
+    add_integral(line, 1.0, far, 1 / phases, sigma)
+    add_integral(line, -1.0, near, 1 / phases, sigma)
+    add_integral(line, -1.0, -near, 1 / phases, sigma)
+    add_integral(line, 1.0, -far, 1 / phases, sigma)
+    for i in range(seen):
+        light[i] = max(light[i], 0.0)  # rounding may leave it a digit below zero
+    guard = GUARD * box
+    for q in range(half + 1):
+        total[q] = light[q] + guard
+    for k in range(1, taps + 1):
+        _add_two(total, light, k * phases)
+    for q in range(half + 1):
+        total[q] = 1 / total[q]
+    for j in range(cells):
+        k = j - cells // 2
+        for q in range(half + 1):
+            # a pixel q phases before the nearest cell's centre; as far behind it all is reversed
+            at = abs(k) * phases + (q if k >= 0 else -q)
+            share = np.float32((light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= taps else 0.0)
+            out[half - q, j] = share
+            out[half + 1 + q, cells - 1 - j] = share
 
 
 @loop
@@ -117,12 +134,12 @@ def weights(us, vs, camera, period, taps, widths, skew):
         spreads(spread[i], us[i % cols], vs[i // cols % rows], camera, period, widths[kind], skew[kind], taps)
     phases = _phases(spread)
     out = np.empty((kinds, rows, cols, 2, phases + 2, _width(spread, widths, taps)), np.float32)
-    light = np.empty((2 * taps + 1) * phases // 2 + 1, np.float64)
+    light, total = np.empty((2 * taps + 1) * phases // 2 + 1, np.float64), np.empty(phases // 2 + 1, np.float64)
     for i in range(len(spread)):
         kind, r, c = i // (rows * cols), i // cols % rows, i % cols
         for axis in range(2):
             box, sigma = spread[i, axis, 0], spread[i, axis, 1]
-            _shares(out[kind, r, c, axis], box, sigma, widths[kind, axis], taps, phases, light)
+            _shares(out[kind, r, c, axis], box, sigma, widths[kind, axis], taps, phases, light, total)
     return out
 
 

@@ -16,6 +16,9 @@ from torch.autograd.function import once_differentiable
 from moireaug.engine.compiling import cold
 from moireaug.engine.record import Development, Exposure
 
+MOST_PANEL = 16  # panel pixels for each sensor pixel: what is worth building a panel for
+SMALL_PANEL = 2**20
+
 
 def announce(message: str) -> None:
     """Say something to the user, once before kernels are compiled. Replace it to say it otherwise."""
@@ -43,8 +46,10 @@ def each(work: Callable[[int], None], n: int) -> None:
 
 
 def fits(exposure: Exposure) -> list[bool]:
-    """Return for each image whether `expose` follows its view; those near the horizon are the reference's."""
+    """Return for each image whether `expose` follows its view. Views near the horizon, and panels of far more pixels than
+    the sensor, are the reference's."""
     from moireaug.engine.nodes import fits as kernel
+    from moireaug.engine.panel import panel_shape
 
     prepare()
     e = exposure
@@ -52,6 +57,10 @@ def fits(exposure: Exposure) -> list[bool]:
         return [True] * len(e.cameras)
     found = []
     for i, camera in enumerate(e.cameras):
+        h, w = panel_shape(e.size, camera.alpha, tuple(e.cell.period), e.cell.taps)
+        if h * w > max(MOST_PANEL * len(e.sites.rows) * len(e.sites.cols), SMALL_PANEL):
+            found.append(False)
+            continue
         found.append(kernel(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites, e.dark))
     return found
 

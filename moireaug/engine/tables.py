@@ -8,8 +8,10 @@ from statistics import NormalDist
 import numpy as np
 
 from moireaug.engine.compiling import loop
+from moireaug.engine.vectors import peek, poke
 
 ONE, HALF, ZERO = np.float32(1), np.float32(0.5), np.float32(0)
+ONE32 = np.int32(1)
 
 
 def _srgb_light(code: float) -> float:
@@ -91,3 +93,16 @@ def tail(z):
 def integral(x, sigma):
     """Return sigma (z Phi(z) + phi(z)) at z = x / sigma, float64."""
     return max(x, 0.0) + sigma * tail(abs(x) / sigma)
+
+
+@loop
+def add_integral(out, sign, start, step, sigma):
+    """Add sign * `integral` at start, start + step, ... to out (n,) float64."""
+    per_sigma = TAIL_STEPS / sigma
+    for i in range(len(out)):
+        x = start + i * step
+        at = min(abs(x) * per_sigma, float(TAIL_END * TAIL_STEPS))
+        k = np.int32(at)
+        low = peek(TAIL, k)
+        beyond = low + (at - k) * (peek(TAIL, np.int32(k + ONE32)) - low)
+        poke(out, i, out[i] + sign * (max(x, 0.0) + sigma * beyond))

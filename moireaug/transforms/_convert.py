@@ -8,8 +8,9 @@ from numbers import Real
 import torch
 from torch import Tensor
 
-from moireaug.capture import capture
+from moireaug.capture import capture, develop
 from moireaug.checks import channels_last
+from moireaug.engine import dispatch
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.scene import Scene, Shot
@@ -70,8 +71,7 @@ def check_format(images: Tensor) -> None:
 def as_shown(images: Tensor) -> Tensor:
     """Images of any type that a door takes as the capture's float RGB, (B, 3, H, W); see `photograph`."""
     check_format(images)
-    shown = images.float() / 255 if images.dtype == torch.uint8 else images
-    return shown.expand(-1, 3, -1, -1)
+    return dispatch.as_float(images).expand(-1, 3, -1, -1)
 
 
 def as_given(photo: Tensor, images: Tensor) -> Tensor:
@@ -79,7 +79,7 @@ def as_given(photo: Tensor, images: Tensor) -> Tensor:
     if images.shape[-3] == 1:
         photo = (photo * photo.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
     if images.dtype == torch.uint8:
-        photo = (photo * 255).round()
+        photo = (photo * 255).round_()
     return photo.to(images.dtype)
 
 
@@ -99,7 +99,11 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
     Raises:
         TypeError, ValueError: another dtype or number of channels; a float image that cannot be a picture in [0, 1].
     """
-    return as_given(capture(as_shown(images), at_size(shot, images.shape[-2:]), noise), images)
+    check_format(images)
+    shot = at_size(shot, images.shape[-2:])
+    if images.dtype == torch.uint8 and images.shape[-3] == 3 and dispatch.exposes(images, shot) and noise is None:
+        return as_given(develop(dispatch.expose(images, shot), shot), images)  # the engine reads bytes as they are
+    return as_given(capture(as_shown(images), shot, noise), images)
 
 
 def move_boxes(boxes: Tensor, shot: Shot) -> Tensor:
