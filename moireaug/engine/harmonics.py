@@ -23,7 +23,7 @@ def lagrange(out, t):
 
 @loop
 def monomials(out, centre, half):
-    """Fill out (16,), rows of 4 x 4: the cubic through values at t = 0, 1, 2, 3, as powers of s, t = centre + half s."""
+    """Fill out (16,), rows of 4 x 4: the cubic through values at t = 0 to 3, as powers of s, t = centre + half s."""
     at = np.empty((4, 4), np.float64)
     for i in range(4):
         lagrange(at[i], centre + half * (i - 1))

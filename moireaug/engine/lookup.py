@@ -79,8 +79,8 @@ def _three(panel, j, step, before, here, after):
 
 @loop
 def nine(out, panel, base, wx, wy, step_x, step_y):
-    """Fill out (n,) with the content of 3 x 3 cells around `base` on the flattened panel; wx, wy (2, n) are the weights of
-    the cells before and after."""
+    """Fill out (n,) with the content of 3 x 3 cells around `base` on the flattened panel; wx, wy (2, n) are the weights
+    of the cells before and after."""
     x0, x1, y0, y1 = wx[0], wx[1], wy[0], wy[1]
     for i in range(len(out)):
         left, right, up, down, j = peek(x0, i), peek(x1, i), peek(y0, i), peek(y1, i), peek(base, i)
