@@ -36,8 +36,8 @@ def main() -> None:
     print(measure.told(facts))
     print(f"{settings['batch']} images of {settings['side']} x {settings['side']}", end="\n\n")
     found = {}
-    for name, scene in PRESETS.items():
-        found[name] = build_up(scene, settings)
+    for name in PRESETS:
+        found[name] = build_up(Scene.preset(name), settings)
         print(report(name, found[name]), end="\n\n", flush=True)
     measure.write_json(args.out / "effects_cost.json", {"metadata": facts, "settings": settings, "presets": found})
 

@@ -97,8 +97,8 @@ def show(axis, photo: Tensor) -> None:
 
 def draw_presets(images: Tensor) -> None:
     rows = {"shown on the screen": images}
-    for name, scene in PRESETS.items():
-        rows[name] = scene.capture(images, torch.Generator().manual_seed(3))
+    for name in PRESETS:
+        rows[name] = Scene.preset(name).capture(images, torch.Generator().manual_seed(3))
     figure, axes = grid(len(rows), COLUMNS, 1.94, 1.6)
     for line, (name, photos) in zip(axes, rows.items(), strict=True):
         for axis, photo in zip(line, photos, strict=True):

@@ -26,7 +26,7 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
 
     Returns:
         (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where the plan's exposure
-        is "spectral", "box" or "mean", in every field of the shot whose effect the plan has, but for the JPEG's quality.
+        is "spectral", "box" or "mean", in every field of the shot whose effect the plan has, but for the JPEG quality.
 
     Raises:
         TypeError, ValueError: an image that is no float batch of three channels, or cannot be a picture in [0, 1]:
@@ -47,7 +47,8 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
 
 def expose(image: Tensor, shot: ShotRecord) -> Tensor:
     """Return the raw reading, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B, or colours
-    (B, 3, h, w) where the sensor has no colour filters; with gain and noise, clipped to [0, 1] where these can leave it.
+    (B, 3, h, w) where the sensor has no colour filters. It has gain and noise, and is clipped to [0, 1] where these can
+    leave it.
 
     Arguments, gradients and errors as in `capture`. Half precision is computed in float32, float64 in float64.
     """

@@ -1,5 +1,5 @@
-"""The way of the light: every effect, in the one order in which light meets it, and the plan of those that a scene calls
-for."""
+"""The way of the light: every effect, in the one order in which light meets it, and the plan of those that a scene
+calls for."""
 
 from __future__ import annotations
 

@@ -34,8 +34,8 @@ class Demosaic(Effect):
 
 
 def demosaic_bilinear(mosaic: Tensor) -> Tensor:
-    """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w): the mean of a colour's nearest pixels, zero padded, as in
-    the paper."""
+    """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w): the mean of a colour's nearest pixels, zero padded, as
+    in the paper."""
     cross = mosaic.new_tensor([[0.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 0.0]]) / 4
     square = mosaic.new_tensor([[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]]) / 4
     sparse = mosaic.new_zeros(mosaic.shape[0], 3, *mosaic.shape[1:])
@@ -55,7 +55,7 @@ MALVAR = {
 
 
 def demosaic_malvar(mosaic: Tensor) -> Tensor:
-    """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w), by the linear filters of Malvar, He and Cutler (2004)."""
+    """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w), by the filters of Malvar, He and Cutler (2004)."""
     kernels = [mosaic.new_tensor(MALVAR[k]) / 8 for k in ("green", "along", "across")]
     kernels.insert(2, kernels[1].mT.contiguous())
     green, beside, below, across = F.conv2d(mosaic[:, None], torch.stack(kernels)[:, None], padding=2).unbind(1)

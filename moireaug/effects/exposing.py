@@ -36,8 +36,7 @@ class Subpixels(WithinExposure):
         if not method.harmonics:
             return left_out(f"{name} gives its mean light alone: no contrast above {scene.tolerance:.2g} is left at "
                             "the sensor")  # fmt: skip
-        near = extremes.views(scene, bounds(scene.view.zoom)[1], usual=False)
-        (pair, top), n = extremes.harmonics(scene, near)[0], len(method.harmonics)
+        (pair, top), n = extremes.harmonics(scene)[0], len(method.harmonics)
         counted = "1 harmonic" if n == 1 else f"{n} harmonics"
         return called(f"{name}: {counted} above {scene.tolerance:.2g}, the strongest {pair} up to {top:.2g}")
 

@@ -1,5 +1,5 @@
-"""The picture low-passed before it is looked up: where a panel has fewer pixels than the picture, or a sensor pixel sees
-more panel pixels than are counted one by one."""
+"""The picture low-passed before it is looked up: where a panel has fewer pixels than the picture, or a sensor pixel
+sees more panel pixels than are counted one by one."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _middle(shot) -> tuple[Tensor, Tensor]:
 
 
 def coarseness(alpha: Tensor) -> Tensor:
-    """Return the variance, in squared image pixels, of showing a picture on a panel of `alpha` pixels an image pixel."""
+    """Return the variance, in squared image pixels, of showing a picture at `alpha` panel pixels an image pixel."""
     return (1 / alpha.square() - 1).clamp(min=0) / 6
 
 

@@ -33,8 +33,8 @@ def lagrange(out, t):
 
 @loop
 def fold(amplitude):
-    """Turn amplitudes (..., m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L and of sin(l y) behind,
-    so that sum_l A_l cos(k x + l y) = cos(k x) sum_l B_l cos(l y) + sin(k x) sum_l C_l sin(l y)."""
+    """Turn amplitudes (..., m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L and of sin(l y)
+    behind, so that sum_l A_l cos(k x + l y) = cos(k x) sum_l B_l cos(l y) + sin(k x) sum_l C_l sin(l y)."""
     m = amplitude.shape[-1]
     half, rows = m // 2, amplitude.reshape(-1, m)
     line = np.empty(m, np.float32)

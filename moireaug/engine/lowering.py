@@ -13,7 +13,9 @@ from moireaug.effects.random_numbers import keys
 from moireaug.engine.record import Camera, Cell, Sites
 
 
-def lower_cameras(inverse: Tensor, size: tuple[int, int], scales: tuple[float, float], **fields: Tensor) -> list[Camera]:
+def lower_cameras(
+    inverse: Tensor, size: tuple[int, int], scales: tuple[float, float], **fields: Tensor
+) -> list[Camera]:
     """Return one Camera an image.
 
     Args:

@@ -39,7 +39,8 @@ def worst_case(g: Given) -> Table:
 def others(scene: Scene) -> dict[str, Scene]:
     """The presets that are another scene and bring the photo back to the image's frame: one that leaves the picture
     turned, as the paper's does, shows a model another task beside the moiré."""
-    return {name: s for name, s in PRESETS.items() if s.develop.registered and s != scene}
+    presets = {name: Scene.preset(name) for name in PRESETS}
+    return {name: s for name, s in presets.items() if s.develop.registered and s != scene}
 
 
 def unseen(g: Given) -> Table:
@@ -49,7 +50,7 @@ def unseen(g: Given) -> Table:
     for name, scene in others(g.scene).items():
         there = {column: in_scene(rung, name, lambda _, s=scene: s) for column, rung in columns.items()}
         cells |= crossed([(name, MODEL)], there)
-    own = next((name for name, scene in PRESETS.items() if scene == g.scene), "")
+    own = next((name for name in PRESETS if Scene.preset(name) == g.scene), "")
     note = (
         "Nobody attacks. The first row is the scene of this evaluation" + (f", {own}" if own else "") + "; the others "
     )

@@ -43,8 +43,7 @@ def exposure_of(scene: SceneRecord) -> Exposure:
     taps = taps_of(scene, whole_pixel=False)
     if method == "box":
         return Box(taps)
-    # a harmonic must not be missed in any image
-    found = extremes.harmonics(scene, extremes.views(scene, bounds(scene.view.zoom)[1], usual=False))
+    found = extremes.harmonics(scene)
     if method == "auto" and (len(found) > MOST_HARMONICS or _is_cut(scene, found)):
         return Box(taps)
     return Spectral(taps, tuple(pair for pair, _ in found))

@@ -54,7 +54,8 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     return torch.cat(found).unique(dim=0)
 
 
-def harmonics(scene: SceneRecord, near: Tensor) -> list[tuple[tuple[int, int], float]]:
+@functools.lru_cache(maxsize=64)
+def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return the harmonics whose contrast in the raw reading can exceed the tolerance, strongest first.
 
     The sinc of the aperture is bounded by its envelope, because its zeros move with the view; so is the cosine of a
@@ -77,9 +78,13 @@ def harmonics(scene: SceneRecord, near: Tensor) -> list[tuple[tuple[int, int], f
         c = coefficient(subpixel, layout.period, k[:, None], l[:, None], width, height).abs()
         strongest[subpixel.channel] += c.amax(1)
     top = 2 * gain * strongest.amax(0)
-    k, l, top = (t[top > scene.tolerance] for t in (k, l, top))
+    # a harmonic must not be missed in any image
+    step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (bounds(panel.scale)[0] / sensor.scale)
+    least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)  # cycles a sensor pixel, in any view
+    along_one = 1 / (math.pi * fill * least / 2**0.5).clamp(min=1.0)
+    can_pass = top * along_one * torch.exp(-2 * math.pi**2 * blur**2 * least.square()) > scene.tolerance
+    k, l, top = k[can_pass], l[can_pass], top[can_pass]
 
-    step = near * (bounds(panel.scale)[0] / sensor.scale)
     frequency = (k / px)[:, None, None] * step[:, 0] + (l / py)[:, None, None] * step[:, 1]  # (K, N, 2)
     envelope = (1 / (math.pi * fill * frequency.abs()).clamp(min=1.0)).prod(-1)
     passed = envelope * torch.exp(-2 * math.pi**2 * blur**2 * frequency.square().sum(-1))

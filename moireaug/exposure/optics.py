@@ -21,8 +21,8 @@ class Optics(NamedTuple):
         return self.fill.square() / 12 + self.blur.square() + self.olpf.square() / 4
 
     def transfer(self, fu: Tensor, fv: Tensor) -> Tensor:
-        """Return the modulation transfer at cycles per sensor pixel (B, ...): a square aperture, a Gaussian spread, and a low-pass
-        filter that doubles the picture along both axes."""
+        """Return the modulation transfer at cycles per sensor pixel (B, ...): a square aperture, a Gaussian spread, and
+        a low-pass filter that doubles the picture along both axes."""
         fill, blur, olpf = (t.reshape(-1, *[1] * (fu.ndim - 1)) for t in self)
         spread = torch.exp(-2 * math.pi**2 * blur.square() * (fu.square() + fv.square()))
         doubled = torch.cos(math.pi * olpf * fu) * torch.cos(math.pi * olpf * fv)

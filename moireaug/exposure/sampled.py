@@ -1,4 +1,4 @@
-"""Panel light read at points: at the pixel's centre, as the paper does, or averaged over its aperture, the brute force."""
+"""Panel light read at points: at the pixel's centre, as the paper does, or averaged over its aperture."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class Point(Exposure):
 
 
 def _raster(at: Tensor, low: float, high: float, n: int, period: int, end: Tensor | None) -> tuple[Tensor, Tensor]:
-    """Return, along one axis, the light at a position that comes from a rectangle from `low` to `high`, by way of the two
-    nearest of n raster subpixels a panel pixel, and where it comes from; positions in panel pixels. With an `end` it is
-    dark outside of 0 to there."""
+    """Return, along one axis, the light at a position that comes from a rectangle from `low` to `high`, by way of the
+    two nearest of n raster subpixels a panel pixel, and where it comes from; positions in panel pixels. With an `end`
+    it is dark outside of 0 to there."""
     at = at * n - 0.5
     left = at.floor().detach()
     second = at - left

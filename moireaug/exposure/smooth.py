@@ -177,7 +177,7 @@ def along_axis(
 
 
 def covered(along: AlongAxis) -> Tensor:
-    """Return the share of a view that subpixels fill along one axis, (B, h, w) float64; the tails past the taps, too."""
+    """Return the share of a view that subpixels fill along one axis, (B, h, w) float64; tails past the taps, too."""
     every = 4 * along.share.shape[-1] + 1
     return content.shares(along.cells - along.nearest, along.seen, along.width, every).sum(-1)
 
@@ -204,8 +204,8 @@ def panel_pixels(plane: Tensor, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, 
 
 
 def what_is_shown(plane: Tensor, columns: list[Tensor], rows: list[Tensor], shot) -> Callable[[int, int], Tensor]:
-    """Return a function that gives what the panel pixels at columns[i] and rows[j] show, (B, h, w): the picture at their
-    centres.
+    """Return a function that gives what the panel pixels at columns[i] and rows[j] show, (B, h, w): the picture at
+    their centres.
 
     The picture is put on the panel once, and its pixels gathered, unless the panel has more of them than are looked at.
     """
@@ -223,8 +223,8 @@ def what_is_shown(plane: Tensor, columns: list[Tensor], rows: list[Tensor], shot
 
 
 def on_panel(plane: Tensor, h: int, w: int, alpha: Tensor) -> Tensor:
-    """Return what the panel's pixels show of one channel (B, H, W): its values at their centres, (B, h, w), from one pixel
-    before the picture, which has its border."""
+    """Return what the panel's pixels show of one channel (B, H, W): its values at their centres, (B, h, w), from one
+    pixel before the picture, which has its border."""
     y, x = (torch.arange(n, dtype=alpha.dtype, device=alpha.device) - 0.5 for n in (h, w))
     x, y = torch.broadcast_tensors(x / alpha, y[:, None] / alpha)
     return grids.look_up(plane[:, None], x, y)[:, 0]

@@ -42,7 +42,7 @@ def camera_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) ->
 
 
 def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
-    """Return the homography of the paper's released code, M = A2 T RX RY RZ A1 in index coordinates of the sensor's raster.
+    """Return the homography of the paper's released code, M = A2 T RX RY RZ A1, in indices of the sensor's raster.
 
     The focal length is d / (2 sin gamma), and d where sin gamma = 0, d being the raster's diagonal; a negative one is
     used as it is. There gamma turns clockwise and theta moves the lower edge away: gamma = -roll,

@@ -56,9 +56,10 @@ class Layout:
         Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 0.5), (2, 0.5, 0.5, 1, 1))))
 
     Args:
-        subpixels: each `(channel, x0, y0, x1, y1)`, a rectangle, or `(channel, cx, cy, ax, ay, dx, dy)`, a parallelogram
-            by its centre and two edge vectors, which may reach into the next cell. Channel 0 is red, 1 green, 2 blue; lengths in panel pixels from the
-            cell's upper left corner, x right, y down. Subpixels of one channel must not overlap.
+        subpixels: each `(channel, x0, y0, x1, y1)`, a rectangle, or `(channel, cx, cy, ax, ay, dx, dy)`, a
+            parallelogram by its centre and two edge vectors, which may reach into the next cell. Channel 0 is red,
+            1 green, 2 blue; lengths in panel pixels from the cell's upper left corner, x right, y down. Subpixels of
+            one channel must not overlap.
         period: width and height of the cell, in whole panel pixels.
 
     Raises:

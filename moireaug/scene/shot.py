@@ -24,7 +24,7 @@ REACH = {"bilinear": 1, "malvar": 2}  # sensor pixels to each side that a demosa
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShotRecord:
-    """The five parts with each ranged field a `(B,)` float64 tensor, their scene and image size; users hold a `Shot`."""
+    """The five parts with each ranged field a `(B,)` float64 tensor, scene and image size; users hold a `Shot`."""
 
     scene: Scene
     size: tuple[int, int]

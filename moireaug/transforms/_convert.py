@@ -38,8 +38,8 @@ def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
 
 def describe(scene: Scene) -> str:
     """A scene for a `repr`: its preset's name in quotes, or the fields in which it differs from `Scene()`."""
-    for name, preset in PRESETS.items():
-        if scene == preset:
+    for name in PRESETS:
+        if scene == Scene.preset(name):
             return repr(name)
     changed = []
     for part in PARTS:

@@ -88,8 +88,8 @@ def test_training_steps(ran):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_built_up_whole(name):
-    *_, (added, last) = effects_cost.growing(PRESETS[name])
-    assert last == PRESETS[name] and len(added) == 1
+    *_, (added, last) = effects_cost.growing(Scene.preset(name))
+    assert last == Scene.preset(name) and len(added) == 1
 
 
 def test_the_plain_chain_is_the_capture():

@@ -75,15 +75,16 @@ def test_unseen_scenes_are_others_in_the_images_frame():
     registered = {name for name, scene in PRESETS.items() if scene.develop.registered}
     assert {"paper", "paper_code"}.isdisjoint(registered)
     for name in PRESETS:
-        assert set(others(PRESETS[name])) == registered - {name}
-        (table,) = tables_of("unseen", dataclasses.replace(GIVEN, scene=PRESETS[name]))
-        assert table.rows == (OWN, *others(PRESETS[name])) and f", {name};" in table.note
+        scene = Scene.preset(name)
+        assert set(others(scene)) == registered - {name}
+        (table,) = tables_of("unseen", dataclasses.replace(GIVEN, scene=scene))
+        assert table.rows == (OWN, *others(scene)) and f", {name};" in table.note
     custom = dataclasses.replace(SCENE, view=dataclasses.replace(SCENE.view, roll=1.0))
     assert set(others(custom)) == registered
 
 
 def test_an_unseen_scene_is_what_that_scene_shows(measured, known):
-    scene = PRESETS["dashcam_at_led_sign"]
+    scene = Scene.preset("dashcam_at_led_sign")
     there = swept(*known, tables_of("unseen", dataclasses.replace(GIVEN, scene=scene)), scene)
     for rung in ("moire", "no_moire"):
         own = gather(there, dataclasses.replace(ladder()[0], name=rung), MODEL)
