@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
+import numpy as np
 import torch
 
 from benchmarks.checkouts import HERE, Checkout, plain
@@ -64,19 +66,19 @@ def doors(size: Size) -> Iterator[Row]:
 
 def memory(size: Size) -> Iterator[Row]:
     """What a capture needs at its peak beside what comes in."""
-    wanted = [
-        (f"a batch of {size.batch}", size.batch, size.side, size.side, size.threads, {"bar": 4.0, "stretch": 3.0})
-    ]
-    wanted.append((f"a photo of {size.large[0]} x {size.large[1]}", 1, *size.large, 1, {"bar": 4.0}))
-    for what, batch, height, width, threads, bars in wanted:
+    height, width = size.large
+    wanted = {
+        f"{size.batch} of {size.side} px": ((size.batch, size.side, size.side), size.threads, {"stretch": 3.0}),
+        f"a photo of {height} x {width}": ((1, height, width), 1, {}),
+    }
+    for what, (shape, threads, stretch) in wanted.items():
         found = []
         for _ in range(min(3, size.slow)):
             with Checkout(HERE, threads) as fresh:
-                found.append(fresh.ask("resident_rise", scene=SCENE, batch=batch, height=height, width=width))
-        peak = Timing.of(found)  # quartiles of MiB, for once
-        images = 4 * batch * 3 * height * width / 2**20
-        against = "the images"
-        yield Row(f"memory of {what}", peak.median, peak.low, peak.high, "MiB", against, images, **bars)
+                found.append(fresh.ask("resident_rise", scene=SCENE, shape=shape))
+        low, median, high = np.percentile(found, [25, 50, 75]).tolist()
+        images = 4 * 3 * math.prod(shape) / 2**20
+        yield Row(f"peak memory of {what}", median, low, high, "MiB", "the images", images, bar=4.0, **stretch)
 
 
 def large_photo(size: Size) -> Iterator[Row]:

@@ -64,7 +64,7 @@ class Checkout:
 
 
 def plain(scene: Scene) -> dict[str, Any]:
-    """Return what a scene differs in from the default one, which an older checkout understands better than all of it."""
+    """Return what a scene has other than the default one has; an older checkout may not know all fields."""
     changed: dict[str, Any] = {"tolerance": scene.tolerance}
     for part in PARTS:
         given, default = getattr(scene, part), getattr(Scene(), part)

@@ -78,10 +78,10 @@ def released_chain(size: Size) -> Iterator[Row]:
         "developed": in_the_noise(lambda noise: released.develop(sensor + noise, shape), sensor.shape),
     }
     times = timed_together(calls, size.slow)
-    what = f"paper_code, an attack step's camera, 1 image of {size.paper} px"
+    what = f"paper_code, {size.paper} px, an attack step's camera, forward and backward"
     chain = f"the plain chain on all {released.SCALE * size.paper} px"
-    yield in_ms(f"{what}, forward and backward", times["ours"], chain, times["plain"], bar=1 / 100, stretch=1 / 200)
-    yield in_ms(f"{what}, forward and backward", times["ours"], f"{chain}, exposed before", times["developed"])
+    yield in_ms(what, times["ours"], chain, times["plain"], bar=1 / 100, stretch=1 / 200)
+    yield in_ms(what, times["ours"], f"{chain}, exposed before", times["developed"])
     calls = {"ours": lambda: capture(image, shot), "plain": lambda: released.photograph(image, matrix)}
     times = timed_together(calls, size.slow)
     yield in_ms(f"paper_code, capture, same to {apart_by:.1g}/255", times["ours"], chain, times["plain"])
@@ -106,24 +106,24 @@ def panels(size: Size) -> Iterator[Row]:
         for lit in LIT:
             panel = replace(default.panel, layout=layout, lit=lit)
             scenes[f"expose, {layout}, lit {lit:g}"] = replace(default, panel=panel)
-    calls = {"plain": exposing(default, images)}
+    calls = {"plain": running(expose, default, images)}
     for name, scene in scenes.items():
-        calls[name] = exposing(scene, images)
+        calls[name] = running(expose, scene, images)
     times = timed_together(calls, size.repeats)
     for name, scene in scenes.items():
         what = f"{name}: {scene.plan().exposure}, {len(scene.plan().harmonics)} harmonics"
         yield in_ms(what, times[name], "rgb_stripe, lit 1", times["plain"], bar=1.3)
-    even = replace(
-        default, panel=replace(default.panel, layout="even"), sensor=replace(default.sensor, cfa="none", scale=1)
-    )
-    shots = {"default": default.sample(size.batch, (size.side,) * 2), "even": even.sample(size.batch, (size.side,) * 2)}
-    times = timed_together({k: lambda shot=shot: capture(images, shot) for k, shot in shots.items()}, size.repeats)
-    yield in_ms("capture, default scene without any lattice", times["even"], "default scene", times["default"])
+    sensor = replace(default.sensor, cfa="none", scale=1)  # no colour filters, and so no need of more pixels
+    even = replace(default, panel=replace(default.panel, layout="even"), sensor=sensor)
+    calls = {name: running(capture, scene, images) for name, scene in (("default", default), ("even", even))}
+    times = timed_together(calls, size.repeats)
+    yield in_ms("capture without any lattice", times["even"], "the default scene", times["default"])
 
 
-def exposing(scene: Scene, images: Tensor) -> Callable[[], Tensor]:
+def running(stage: Callable, scene: Scene, images: Tensor) -> Callable[[], Tensor]:
+    """`expose` or `capture` of the images, in a shot that is drawn and planned once."""
     shot = scene.sample(len(images), tuple(images.shape[-2:]), torch.Generator().manual_seed(0))
-    return lambda: expose(images, shot)
+    return lambda: stage(images, shot)
 
 
 def attack_step(size: Size) -> Iterator[Row]:

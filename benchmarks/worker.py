@@ -97,13 +97,14 @@ def forget(key: str) -> None:
         del CALLS[kept]
 
 
-def resident_rise(scene: str, batch: int, height: int, width: int) -> float:
-    """Return by how many MiB the first capture of that size lifts the resident set of this process, its photo included.
+def resident_rise(scene: str, shape: tuple[int, int, int]) -> float:
+    """Return by how many MiB the first capture of images (B, H, W) lifts the resident set of this process, its photo included.
 
     It holds all that a capture touches, scratch space and what the allocator could not reuse included.
     """
     drawn = Scene.preset(scene)
     moireaug.capture(torch.rand(1, 3, 16, 16), drawn.sample(1, (16, 16)))  # libraries are loaded, kernels compiled
+    batch, height, width = shape
     images, shot = torch.rand(batch, 3, height, width), drawn.sample(batch, (height, width))
     Path("/proc/self/clear_refs").write_text("5")  # the peak is counted from here
     before = _status("VmRSS")
