@@ -98,7 +98,7 @@ def forget(key: str) -> None:
 
 
 def resident_rise(scene: str, shape: tuple[int, int, int]) -> float:
-    """Return by how many MiB the first capture of images (B, H, W) lifts the resident set of this process, its photo included.
+    """Return by how many MiB the first capture of such images lifts this process's resident set, its photo included.
 
     It holds all that a capture touches, scratch space and what the allocator could not reuse included.
     """
