@@ -92,11 +92,6 @@ def result(key: str, what: str) -> Any:
     return CALLS[key, what]()
 
 
-def forget(key: str) -> None:
-    for kept in [names for names in CALLS if names[0] == key]:
-        del CALLS[kept]
-
-
 def resident_rise(scene: str, shape: tuple[int, int, int]) -> float:
     """Return by how many MiB the first capture of such images lifts this process's resident set, its photo included.
 

@@ -1,6 +1,7 @@
 """Every benchmark runs as a user would run it, in its quick form. No time is asserted."""
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import torch
 
 from benchmarks import accuracy_vs_time, effects_cost, measure, released
 from benchmarks.colour import ciede2000, visible_difference
+from benchmarks.runs import WITHOUT
 from moireaug import Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.scene.presets import PRESETS
 
@@ -48,14 +50,22 @@ def test_accuracy_vs_time(ran):
     assert (folder / "accuracy_vs_time.png").stat().st_size > 10_000
     for problem in written["problems"]:
         rows = {row["method"]: row for row in problem["rows"]}
-        assert rows.keys() == accuracy_vs_time.METHODS.keys()
+        again = {f"reference {name}" for name in rows if name.startswith("spectral")}
+        assert rows.keys() == {*accuracy_vs_time.METHODS, *again, WITHOUT} and len(again) == 3
+        for name in again:  # two executions of one method
+            same = rows[name.removeprefix("reference ")]
+            assert same["by"] == "engine" and rows[name]["by"] == "reference"
+            assert rows[name]["rmse_percent"] == pytest.approx(same["rmse_percent"], abs=0.1)
         assert {"seconds", "rmse_percent", "max_percent", "delta_e", "samples", "frontier"} <= rows["auto"].keys()
         assert rows["supersample:8"]["samples"] == 64
-        reference = problem["reference"]
-        assert 0 < reference["error_left_percent"] < reference["difference_to_half_percent"] < 15
+        brute = problem["brute_force"]
+        assert 0 < brute["error_left_percent"] < brute["difference_to_half_percent"] < 15
         assert rows["supersample:8"]["rmse_percent"] < rows["supersample:2"]["rmse_percent"]
         assert rows["auto"]["rmse_percent"] < rows["point"]["rmse_percent"] / 5
         assert {"chosen", "beaten_by", "times_as_fast"} <= problem["auto"].keys()
+        assert problem["auto"]["within"] == (rows["auto"]["rmse_percent"] <= math.hypot(1, brute["error_left_percent"]))
+        without = rows[WITHOUT]["seconds"]["median"]
+        assert problem["auto"]["over_without"] == pytest.approx(rows["auto"]["seconds"]["median"] / without)
         assert f"{problem['title']};" in out
     assert out.count("order seen") == len(written["problems"]) and "auto is on the frontier of" in out
 
