@@ -1,16 +1,22 @@
-"""What each effect costs: every preset built up field by field, in the order in which light meets them.
+"""What each effect costs, in the engine and in the reference.
 
     python benchmarks/effects_cost.py
 
-Starts from a frontal screen at the preset's sensor scale. A line is the capture with one more field set as the preset
-has it; fields that a scene refuses one without the other come together. Prints a table for each preset and writes
-results/effects_cost.json. Times are of `moireaug.capture` in float32 without gradients, shots drawn and plans made.
+The first table is of the default photo, effect by effect: what one that it has saves when it is left out, and what one
+that it has not adds. Its share is of the whole default photo in the same run; none may be above a quarter. What no
+scene is without is in the last rows: the exposure of a frontal screen without subpixels, and its development.
+
+Then every preset is built up field by field, in the order in which light meets them, from a frontal screen at the
+preset's sensor scale; fields that a scene refuses one without the other come together.
+
+Writes results/effects_cost.json. Times are of `moireaug.capture` in float32 without gradients, shots drawn and plans
+made; an effect that the engine leaves to the reference says so.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,44 +24,144 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import torch
+from torch import Tensor
 
 from benchmarks import measure
 from benchmarks.problems import images
-from moireaug import Scene, Sensor, capture
+from moireaug import Scene, Sensor, capture, develop, engine, expose
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
 
-FULL = {"side": 128, "batch": 8, "repeats": 15, "budget": 1.0}
-QUICK = {"side": 8, "batch": 1, "repeats": 1, "budget": 0.0}
+FULL = {"photo": (16, 224), "build_up": (8, 128), "repeats": 15, "budget": 2.0, "presets": len(PRESETS)}
+QUICK = {"photo": (1, 16), "build_up": (1, 8), "repeats": 1, "budget": 0.0, "presets": 2}
+DEFAULT = "screen_photo"
+MOST = 0.25  # of the default photo, for one effect
+
+# how the default scene goes without each of its effects
+WITHOUT: dict[str, dict[str, Any]] = {
+    "decode, encode": {"develop.linear_light": False},
+    "layout": {"panel.layout": "even"},
+    "pose": {"view.yaw": 0.0, "view.pitch": 0.0, "view.roll": 0.0},
+    "lens": {"lens.k1": 0.0},
+    "gain, saturate": {"sensor.gain": 1.0},
+    "noise": {"sensor.read_noise": 0.0},
+    "register": {"develop.registered": False},
+}
+# and with those that it has not
+WITH: dict[str, dict[str, Any]] = {
+    "layout of a black matrix": {"panel.lit": 0.6},
+    "layout pentile": {"panel.layout": "pentile"},
+    "OLPF": {"lens.olpf": 0.5},
+    "vignetting": {"lens.vignetting": 0.3},
+    "flicker": {"panel.pwm": 240.0, "sensor.shutter": 1 / 500, "sensor.readout": 1 / 60},
+    "noise of photons": {"sensor.shot_noise": 0.01},
+    "bits": {"sensor.bits": 8},
+    "demosaic malvar": {"develop.demosaic": "malvar"},
+    "balance": {"develop.red": 1.2, "develop.blue": 1.5},
+    "brighten": {"develop.brighten": 0.05},
+    "resize antialias": {"develop.resize": "antialias"},
+    "denoise bilateral": {"develop.denoise": "bilateral"},
+    "jpeg": {"develop.jpeg": 80.0},
+}
+ALWAYS = ("exposure alone", "demosaic, resize")  # with all of `WITHOUT` left out
+EXECUTIONS = ("engine", "reference")
 
 
 def main() -> None:
     args = measure.arguments(__doc__).parse_args()
     torch.set_num_threads(args.threads)
     facts, settings = measure.metadata(), QUICK if args.quick else FULL
-    print(measure.told(facts))
-    print(f"{settings['batch']} images of {settings['side']} x {settings['side']}", end="\n\n")
+    print(measure.told(facts), end="\n\n")
+    photo = default_photo(settings)
+    print("The default photo, {} images of {} px".format(*settings["photo"]))
+    print(photo_report(photo), end="\n\n", flush=True)
+    print("Presets field by field, {} images of {} px".format(*settings["build_up"]), end="\n\n")
     found = {}
-    for name in PRESETS:
+    for name in list(PRESETS)[: settings["presets"]]:
         found[name] = build_up(Scene.preset(name), settings)
         print(report(name, found[name]), end="\n\n", flush=True)
-    measure.write_json(args.out / "effects_cost.json", {"metadata": facts, "settings": settings, "presets": found})
+    content = {"metadata": facts, "settings": settings, "default_photo": photo, "presets": found}
+    measure.write_json(args.out / "effects_cost.json", content)
+
+
+@torch.no_grad()
+def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
+    """The default photo's time, and a row for each effect: what it adds, in seconds an image."""
+    whole = Scene.preset(DEFAULT)
+    scenes = {"whole": whole}
+    bare = whole
+    for name, changes in WITHOUT.items():
+        scenes[name] = changed(whole, changes)
+        bare = changed(bare, changes)
+    for name, changes in WITH.items():
+        scenes[name] = changed(whole, changes)
+    shown = images("photo", *settings["photo"])
+    shots = {name: draw(scene, shown) for name, scene in scenes.items()}
+    calls = {name: lambda shot=shot: capture(shown, shot) for name, shot in shots.items()}
+    shot = draw(bare, shown)
+    raw = expose(shown, shot)
+    calls[ALWAYS[0]] = lambda: expose(shown, shot)
+    calls[ALWAYS[1]] = lambda: develop(raw, shot)
+    scenes |= dict.fromkeys(ALWAYS, bare)
+
+    times = in_both(calls, settings, len(shown))
+    rows = []
+    for kind, names in (("left out", WITHOUT), ("added", WITH), ("always there", ALWAYS)):
+        for name in names:
+            row = {"effect": name, "kind": kind, "run_by": run_by(scenes[name])}
+            for execution in EXECUTIONS:
+                taken, full = times[execution][name].median, times[execution]["whole"].median
+                row[execution] = {"left out": full - taken, "added": taken - full, "always there": taken}[kind]
+            row["share"] = row["engine"] / times["engine"]["whole"].median
+            rows.append(row)
+    return {"seconds": {e: times[e]["whole"]._asdict() for e in EXECUTIONS}, "effects": rows}
+
+
+def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
+    """A scene with some of its fields, as "part.field", set anew."""
+    parts: dict[str, dict[str, Any]] = {}
+    for name, value in changes.items():
+        part, field = name.split(".")
+        parts.setdefault(part, {})[field] = value
+    return replace(scene, **{part: replace(getattr(scene, part), **new) for part, new in parts.items()})
+
+
+def draw(scene: Scene, shown: Tensor) -> Any:
+    return scene.sample(len(shown), tuple(shown.shape[-2:]), torch.Generator().manual_seed(0))
+
+
+def in_both(calls: dict[str, Callable], settings: dict[str, Any], n: int) -> dict[str, dict[str, measure.Timing]]:
+    """The times of one of n images by the engine, where it can run, and by the reference."""
+    repeats, budget = settings["repeats"], settings["budget"]
+    ours = measure.timed_together(calls, repeats, budget=budget)
+    with engine.reference():
+        plain = measure.timed_together(calls, repeats, budget=budget)
+    each = {"engine": ours, "reference": plain}
+    return {execution: {name: t / n for name, t in times.items()} for execution, times in each.items()}
+
+
+def run_by(scene: Scene) -> str:
+    """What of a capture the engine takes."""
+    taken = [line.split()[0] for line in engine.explain(scene).splitlines() if line.split()[1] == "engine,"]
+    return " and ".join(taken) or "nothing"
 
 
 @torch.no_grad()
 def build_up(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
     """A row for each field added, with the time of one image."""
-    torch.manual_seed(0)
-    shown = images("photo", settings["batch"], settings["side"])
+    shown = images("photo", *settings["build_up"])
     stages = list(growing(scene))
-    shots = [stage.sample(len(shown), tuple(shown.shape[-2:])) for _, stage in stages]
-    calls = {str(i): lambda shot=shot: capture(shown, shot) for i, shot in enumerate(shots)}
-    times = measure.timed_together(calls, settings["repeats"], budget=settings["budget"])
-    return [
-        {"added": added, "effects": [step.name for step in stage.plan()], "exposure": stage.plan().exposure,
-         "seconds": (times[str(i)] / len(shown))._asdict()}
-        for i, (added, stage) in enumerate(stages)
-    ]  # fmt: skip
+    calls = {}
+    for i, (_, stage) in enumerate(stages):
+        shot = draw(stage, shown)
+        calls[str(i)] = lambda shot=shot: capture(shown, shot)
+    times = in_both(calls, settings, len(shown))
+    rows = []
+    for i, (added, stage) in enumerate(stages):
+        plan = stage.plan()
+        row = {"added": added, "effects": [step.name for step in plan], "exposure": plan.exposure}
+        rows.append(row | {execution: times[execution][str(i)]._asdict() for execution in EXECUTIONS})
+    return rows
 
 
 def growing(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene]]:
@@ -77,16 +183,33 @@ def growing(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene]]:
             waiting = {}
 
 
+def photo_report(photo: dict[str, Any]) -> str:
+    lines = []
+    for execution, seconds in photo["seconds"].items():
+        median, quartiles = measure.in_ms(seconds)
+        lines.append(f"{execution}: {measure.show(median)} ms a photo, quartiles {quartiles}")
+    rows = []
+    for row in photo["effects"]:
+        share = 100 * row["share"]
+        told = "" if share <= 100 * MOST else f"above {100 * MOST:g} %"
+        ms = [f"{1e3 * row[execution]:+.2f}" for execution in EXECUTIONS]
+        rows.append((row["effect"], row["kind"], *ms, f"{share:+.0f} %", told, row["run_by"]))
+    columns = ("effect", "which is", "engine, ms", "reference, ms", "share", "bar", "the engine takes")
+    return "\n".join(lines) + "\n" + measure.table(columns, rows)
+
+
 def report(preset: str, rows: list[dict[str, Any]]) -> str:
     """One preset's table."""
     lines, before = [], None
     for row in rows:
-        median, quartiles = measure.in_ms(row["seconds"])
         added = ", ".join(f"{name} {value(v)}" for name, v in row["added"].items())
-        more = before and f"{median - before:+.2f}"
-        lines.append((added, row["exposure"], len(row["effects"]), median, quartiles, more))
-        before = median
-    return measure.table((preset, "exposure", "effects", "ms an image", "quartiles", "more"), lines)
+        median, quartiles = measure.in_ms(row["engine"])
+        plain, _ = measure.in_ms(row["reference"])
+        more = [f"{new - old:+.2f}" for new, old in zip((median, plain), before, strict=True)] if before else ["", ""]
+        lines.append((added, row["exposure"], len(row["effects"]), median, quartiles, more[0], plain, more[1]))
+        before = (median, plain)
+    columns = (preset, "exposure", "effects", "engine, ms an image", "quartiles", "more", "reference, ms", "more")
+    return measure.table(columns, lines)
 
 
 def value(v: Any) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 RESULTS = Path(__file__).resolve().parent / "results"
-LIBRARIES = ("torch", "torchvision", "kornia", "albumentations", "numpy")
+LIBRARIES = ("torch", "torchvision", "kornia", "albumentations", "numpy", "numba")
 FEWEST = 3  # runs that even a slow candidate gets
 
 

@@ -20,7 +20,10 @@ STYLE = {
     "point": ("#D55E00", "X"),
     "supersample": ("#0072B2", "o"),
     "spectral": ("#009E73", "D"),
+    "reference": ("#E69F00", "^"),
+    "before": ("#56B4E9", "v"),
     "box": ("#CC79A7", "s"),
+    "one": ("#000000", "+"),
 }
 INK, FAINT, LINE = "#222222", "#DDDDDD", "#999999"
 COLUMNS = 3
@@ -42,14 +45,14 @@ def accuracy_vs_time(found: Sequence[dict[str, Any]], path: Path) -> None:
         axis.set_ylabel("RMSE of the raw reading,\n% of its mean", size=9, color=INK)
     for axis in axes.flat[max(0, len(found) - COLUMNS) : len(found)]:
         axis.set_xlabel("time of one image, ms", size=9, color=INK)
-    legend(figure)
+    legend(figure, found)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, pil_kwargs={"optimize": True})
 
 
 def draw(axis: Axes, result: dict[str, Any]) -> None:
     """One problem. A method's settings are joined by a thin line, quartiles of time are bars, the ring is auto."""
-    floor = result["reference"]["error_left_percent"]
+    floor = result["brute_force"]["error_left_percent"]
     families: dict[str, list[dict[str, Any]]] = {}
     for row in result["rows"]:
         families.setdefault(family(row["method"]), []).append(row)
@@ -94,24 +97,32 @@ def family(method: str) -> str:
     return method.partition(":")[0].partition(" ")[0]
 
 
-def legend(figure: Figure) -> None:
+def legend(figure: Figure, found: Sequence[dict[str, Any]]) -> None:
+    tolerances = "tolerance 1/64, 1/512, 1/4096"
     labels = {
-        "point": "point",
+        "spectral": f"spectral by the engine, {tolerances}",
+        "reference": f"spectral by the reference, {tolerances}",
+        "before": f"spectral by an older version, {tolerances}",
         "supersample": "supersample, n = 2, 4, 8, 16",
-        "spectral": "spectral, tolerance 1/64, 1/512, 1/4096",
+        "point": "point",
         "box": "box",
+        "one": "auto, one panel pixel a sensor pixel",
     }
-    handles = [
-        Line2D([], [], color=STYLE[k][0], marker=STYLE[k][1], linewidth=0.8 * ("," in v), label=v)
-        for k, v in labels.items()
-    ]
+    drawn = set()
+    for result in found:
+        drawn |= {family(row["method"]) for row in result["rows"]}
+    handles = []
+    for name, label in labels.items():
+        if name in drawn:
+            colour, marker = STYLE[name]
+            handles.append(Line2D([], [], color=colour, marker=marker, linewidth=0.8 * ("," in label), label=label))
     handles += [
         Line2D([], [], **(AUTO | {"markersize": 11}), label="what auto chooses"),
         Line2D([], [], **FRONTIER, label="Pareto frontier"),
-        Line2D([], [], color=FLOOR["color"], alpha=0.6, linewidth=7, label="below the reference's own error"),
+        Line2D([], [], color=FLOOR["color"], alpha=0.6, linewidth=7, label="below the brute force's own error"),
     ]
     note = "picture, panel layout, pitch in sensor pixels a panel pixel, view; bars span the quartiles of time"
     figure.legend(
-        handles=handles, loc="outside upper left", ncols=4, frameon=False, fontsize=9, labelcolor=INK,
+        handles=handles, loc="outside upper left", ncols=3, frameon=False, fontsize=9, labelcolor=INK,
         title=f"Each plot is one problem: {note}", title_fontsize=9, alignment="left",
     )  # fmt: skip

@@ -15,16 +15,24 @@ SCALE = ALPHA * SUBPIXELS
 BAYER = ((0, 0, 0), (1, 0, 1), (1, 1, 0), (2, 1, 1))  # channel, row and column of the RGGB cell
 
 
-def photograph(image: Tensor, homography: Tensor, brighten: float = 0.0) -> Tensor:
+def photograph(image: Tensor, homography: Tensor, noise: Tensor | float = 0.0, brighten: float = 0.0) -> Tensor:
     """Images (B, 3, H, W) in [0, 1] to photos of that shape.
 
     Args:
         homography: (B, 3, 3), image to photo, as `Shot.matrix` has it.
+        noise: added to the reading.
         brighten: added before the photo is clipped.
     """
-    size = image.shape[-2:]
+    return develop(expose(image, homography) + noise, tuple(image.shape[-2:]), brighten)
+
+
+def expose(image: Tensor, homography: Tensor) -> Tensor:
+    """The reading of every sensor pixel, (B, 3, 9 H, 9 W) with each pixel's one colour, the others 0."""
     panel = F.interpolate(image, scale_factor=ALPHA, mode="bilinear", align_corners=False)
-    sensor = mosaic(warp(subpixels(panel), homography))
+    return mosaic(warp(subpixels(panel), homography))
+
+
+def develop(sensor: Tensor, size: tuple[int, int], brighten: float = 0.0) -> Tensor:
     photo = (demosaic(sensor) + brighten).clamp(0, 1)
     return F.interpolate(photo, size=size, mode="bilinear", align_corners=False)
 

@@ -9,7 +9,6 @@ import numpy as np
 from moireaug.engine.compiling import kernel, loop
 from moireaug.engine.vectors import peek, poke
 
-
 AROUND = 5  # cells on each side of the farthest that a pixel is nearest to, and one
 
 

@@ -1,6 +1,7 @@
 """Every benchmark runs as a user would run it, in its quick form. No time is asserted."""
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import torch
 
 from benchmarks import accuracy_vs_time, effects_cost, measure, released
 from benchmarks.colour import ciede2000, visible_difference
+from benchmarks.runs import WITHOUT
 from moireaug import Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.scene.presets import PRESETS
 
@@ -40,7 +42,7 @@ def ran(tmp_path_factory):
 
 
 def test_results_name_the_machine(ran):
-    assert all(written["metadata"].keys() == FACTS for _, written, _ in ran.values())
+    assert all(written["metadata"].keys() - {"before"} == FACTS for _, written, _ in ran.values())
 
 
 def test_accuracy_vs_time(ran):
@@ -48,28 +50,64 @@ def test_accuracy_vs_time(ran):
     assert (folder / "accuracy_vs_time.png").stat().st_size > 10_000
     for problem in written["problems"]:
         rows = {row["method"]: row for row in problem["rows"]}
-        assert rows.keys() == accuracy_vs_time.METHODS.keys()
+        again = {f"reference {name}" for name in rows if name.startswith("spectral")}
+        assert rows.keys() == {*accuracy_vs_time.METHODS, *again, WITHOUT} and len(again) == 3
+        for name in again:  # two executions of one method
+            same = rows[name.removeprefix("reference ")]
+            assert same["by"] == "engine" and rows[name]["by"] == "reference"
+            assert rows[name]["rmse_percent"] == pytest.approx(same["rmse_percent"], abs=0.1)
         assert {"seconds", "rmse_percent", "max_percent", "delta_e", "samples", "frontier"} <= rows["auto"].keys()
         assert rows["supersample:8"]["samples"] == 64
-        reference = problem["reference"]
-        assert 0 < reference["error_left_percent"] < reference["difference_to_half_percent"] < 15
+        brute = problem["brute_force"]
+        assert 0 < brute["error_left_percent"] < brute["difference_to_half_percent"] < 15
         assert rows["supersample:8"]["rmse_percent"] < rows["supersample:2"]["rmse_percent"]
         assert rows["auto"]["rmse_percent"] < rows["point"]["rmse_percent"] / 5
         assert {"chosen", "beaten_by", "times_as_fast"} <= problem["auto"].keys()
+        assert problem["auto"]["within"] == (rows["auto"]["rmse_percent"] <= math.hypot(1, brute["error_left_percent"]))
+        without = rows[WITHOUT]["seconds"]["median"]
+        assert problem["auto"]["over_without"] == pytest.approx(rows["auto"]["seconds"]["median"] / without)
         assert f"{problem['title']};" in out
     assert out.count("order seen") == len(written["problems"]) and "auto is on the frontier of" in out
 
 
 def test_effects_cost(ran):
     out, written, _ = ran["effects_cost"]
-    assert written["presets"].keys() == PRESETS.keys()
-    assert "develop.linear_light True" in out
+    effects = {row["effect"]: row for row in written["default_photo"]["effects"]}
+    assert effects.keys() == {*effects_cost.WITHOUT, *effects_cost.WITH, *effects_cost.ALWAYS}
+    whole = written["default_photo"]["seconds"]["engine"]["median"]
+    assert effects["pose"]["share"] == pytest.approx(effects["pose"]["engine"] / whole)
+    assert effects["denoise bilateral"]["run_by"] == "expose" and effects["jpeg"]["run_by"] == "expose and develop"
+    assert len(written["presets"]) == effects_cost.QUICK["presets"]
+    for name, rows in written["presets"].items():
+        plan = PRESETS[name].plan()
+        assert rows[-1]["effects"] == [step.name for step in plan] and rows[-1]["exposure"] == plan.exposure
+    assert "develop.registered False" in out and "demosaic malvar" in out
+
+
+@pytest.mark.parametrize("name", effects_cost.WITHOUT)
+def test_the_default_photo_has_what_is_left_out(name):
+    """All of it in the plan, nothing of it without; `saturate` goes with a gain that cannot exceed the full well."""
+    whole = Scene.preset(effects_cost.DEFAULT)
+    bare = effects_cost.changed(whole, effects_cost.WITHOUT[name])
+    for effect in name.split(", "):
+        assert effect in whole.plan() and effect not in bare.plan()
+
+
+@pytest.mark.parametrize("name", effects_cost.WITH)
+def test_what_is_added_is_not_in_the_default_photo(name):
+    whole = Scene.preset(effects_cost.DEFAULT)
+    more = effects_cost.changed(whole, effects_cost.WITH[name])
+    assert str(more.plan()) != str(whole.plan())
+    if name in {step.name for step in whole.plan().steps}:  # else it is another kind of one that is there
+        assert name in more.plan() and name not in whole.plan()
 
 
 def test_speed(ran):
     out, written, _ = ran["speed"]
     barred = [row for row in written["rows"] if row["bar"] is not None and "GPU" not in row["what"]]
-    assert len(barred) == 6 and all(row["met"] in (True, False) for row in barred)
+    assert len(barred) == 17 and all(row["met"] in (True, False) for row in barred)
+    assert not any("older checkout" in row["against"] for row in written["rows"])
+    assert "Without --before DIR" in out and written["metadata"]["before"] is None
     for row in written["rows"]:
         assert row["what"] in out and row["value"] >= 0 and {"low", "high", "unit", "ratio"} <= row.keys()
         assert row["met"] == (row["ratio"] <= row["bar"] if row["bar"] else None)
