@@ -75,15 +75,8 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
     # a row's buffers
     at, whole, line = np.empty((2, w), np.float64), np.empty((7, w), np.int32), np.empty((9, w), np.float32)
     x, y = at[0], at[1]
-    nx, ny, start_x, start_y, place_x, place_y, base = (
-        whole[0],
-        whole[1],
-        whole[2],
-        whole[3],
-        whole[4],
-        whole[5],
-        whole[6],
-    )
+    nx, ny, base = whole[0], whole[1], whole[2]
+    start_x, start_y, place_x, place_y = whole[3], whole[4], whole[5], whole[6]
     dx, dy, past_x, past_y = line[0], line[1], line[2], line[3]
     content, through, light, inner, numbers = line[4], line[5], line[6], line[7], line[8]
     n_k, n_l = 1, 1

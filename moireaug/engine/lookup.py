@@ -1,5 +1,7 @@
-"""A row of sensor pixels of one plane: where they look on the panel, and the content there. Each loop does one thing, so
-that it vectorises."""
+"""A row of sensor pixels of one plane: where they look on the panel, and the content there.
+
+Each loop does one thing, so that it vectorises.
+"""
 
 from __future__ import annotations
 

@@ -22,8 +22,8 @@ PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes les
 
 @loop
 def _counts(rows, cols, camera, period, n, m):
-    """Return how many nodes along columns and rows the amplitudes need, and how many the weights: (2, 2) int64; more than
-    MOST where too many.
+    """Return how many nodes along columns and rows the amplitudes need, and how many the weights: (2, 2) int64, more
+    than MOST where too many.
 
     n, m: K + 1 and 2 L + 1.
     """

@@ -62,7 +62,8 @@ def _phases(spread):
 
 @loop
 def _width(spread, widths, taps):
-    """Return how many cells along an axis are looked at, NARROW where none beyond matters; spreads (kinds * n, axis, 2)."""
+    """Return how many cells along an axis are looked at, over spreads (kinds * n, axis, 2): NARROW where none beyond
+    matters."""
     n = len(spread) // len(widths)
     for i in range(len(spread)):
         for axis in range(2):
@@ -123,7 +124,7 @@ def _shares(out, box, sigma, width, taps, phases, light, total):
 
 @loop
 def weights(us, vs, camera, period, taps, widths, skew):
-    """Return tables (kinds, rows, cols, axis, phases + 2, cells) float32 of the weights of cells, on nodes of the photo.
+    """Return the weights of cells on nodes of the photo: (kinds, rows, cols, axis, phases + 2, cells) float32.
 
     widths, skew: (kinds, 2), see `record.Exposure`.
     """

@@ -29,7 +29,7 @@ def margin(taps):
 def _axis(n, size, alpha, period, lead, together, first, share, seen):
     """Where each of n panel pixels lies between two picture pixels, and whether it is on the picture.
 
-    lead: panel pixels ahead of the picture. together: the pixels that have the same place in their cells are neighbours.
+    lead: panel pixels ahead of the picture. together: pixels that have the same place in their cells are neighbours.
     """
     cells = n // period
     for i in range(n):
@@ -62,7 +62,8 @@ def _across(out, row, first, share):
 def show(panel, light, alpha, period, taps, dark):
     """Fill panel (3, h, w) float32, of `panel_shape`, from the picture's light (3, H, W) float32.
 
-    A row holds the first pixel of each cell, then the second, and so on: what a look-up reads lies together. Bilinear between pixel centres; beyond the border the outermost pixel or, if `dark`, black.
+    A row holds the first pixel of each cell, then the second, and so on: what a look-up reads lies together. Bilinear
+    between pixel centres; beyond the border the outermost pixel or, if `dark`, black.
     """
     (h, w), (_, n, m) = light.shape[1:], panel.shape
     x, fx, seen_x = np.empty(m, np.int32), np.empty(m, np.float32), np.empty(m, np.bool_)

@@ -46,8 +46,10 @@ def each(work: Callable[[int], None], n: int) -> None:
 
 
 def fits(exposure: Exposure) -> list[bool]:
-    """Return for each image whether `expose` follows its view. Views near the horizon, and panels of far more pixels than
-    the sensor, are the reference's."""
+    """Return for each image whether `expose` follows its view.
+
+    Views near the horizon, and panels of far more pixels than the sensor, are the reference's.
+    """
     from moireaug.engine.nodes import fits as kernel
     from moireaug.engine.panel import panel_shape
 
