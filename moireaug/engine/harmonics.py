@@ -70,15 +70,14 @@ def terms_of(amplitude):
 
 
 @loop
-def along_row(amplitude, terms, start, weight):
-    """Return (rows, T * n) float32, each term's amplitude at n pixels of each row of nodes.
+def along_row(out, amplitude, terms, start, weight):
+    """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
     Args:
         amplitude: folded, at nodes (rows, cols, kinds, K + 1, 2 L + 1). terms: from `terms_of`.
         start, weight: (n,) int64 and (n, 4), the first of four nodes and the weights of their cubic at each pixel.
     """
     n, half = len(start), amplitude.shape[4] // 2
-    out = np.empty((len(amplitude), len(terms) * n), np.float32)
     for r in range(len(amplitude)):
         for t in range(len(terms)):
             kind, k = terms[t, KIND], terms[t, K]
@@ -88,7 +87,6 @@ def along_row(amplitude, terms, start, weight):
                 for j in range(4):
                     total += weight[i, j] * amplitude[r, start[i] + j, kind, k, l]
                 out[r, t * n + i] = total
-    return out
 
 
 @loop

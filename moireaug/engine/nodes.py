@@ -78,7 +78,10 @@ def fits(camera, cell, coefficients, widths, skew, sites, dark):
     _, n, m = coefficients.shape
     if dark and _narrowed(sites.rows, sites.cols, camera, cell.period, cell.taps, widths, skew):
         return False
-    return _counts(sites.rows, sites.cols, camera, cell.period, n, m).max() <= MOST
+    counts, most = _counts(sites.rows, sites.cols, camera, cell.period, n, m), 0
+    for k in range(2):
+        most = max(most, counts[0, k], counts[1, k])
+    return most <= MOST
 
 
 @loop
@@ -121,7 +124,7 @@ def prepare(camera, cell, coefficients, widths, skew, sites):
         for i in range(w):
             start[i], t = bracket(cols[column + i * step], us[0], step_u, len(us), 3)
             harmonics.lagrange(weight[i], t)
-        lines[column] = harmonics.along_row(amplitude, terms, start, weight)
+        harmonics.along_row(lines[column], amplitude, terms, start, weight)
     us, step_uw = _line(cols, counts[1, 0])
     vs, step_vw = _line(rows, counts[1, 1])
     tables = optics.weights(us, vs, camera, cell.period, cell.taps, widths, skew)
