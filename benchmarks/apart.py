@@ -102,7 +102,7 @@ def large_photo(size: Size) -> Iterator[Row]:
 
 def starts(size: Size) -> Iterator[Row]:
     """Import and first photo beside `import torch` alone: with compiled kernels, and on a machine's first call ever."""
-    times = timed_together({"torch": start(TORCH), "photo": start(PHOTO)}, size.slow)
+    times = timed_together({"torch": start(TORCH), "photo": start(PHOTO)}, size.slow, warmup=min(1, size.slow - 1))
     alone = times["torch"].median
     yield above("import and first photo", times["photo"], alone, START)
     if size.first:

@@ -66,7 +66,8 @@ def draw(axis: Axes, result: dict[str, Any]) -> None:
         look = {"color": colour, "marker": marker, "markersize": 6, "linewidth": 0.8, "elinewidth": 1.4}
         axis.errorbar(x, y, xerr=bars, **look, zorder=3)
     points = [(1e3 * row["seconds"]["median"], row["rmse_percent"]) for row in result["rows"]]
-    best = [points[i] for i in frontier(points)]
+    told_apart = [(time, max(error, floor)) for time, error in points]
+    best = [points[i] for i in frontier(told_apart)]
     axis.step([time for time, _ in best], [error for _, error in best], where="post", **FRONTIER)
     axis.set(xscale="log", yscale="log")
     for scale in (axis.xaxis, axis.yaxis):
@@ -106,7 +107,7 @@ def legend(figure: Figure, found: Sequence[dict[str, Any]]) -> None:
         "supersample": "supersample, n = 2, 4, 8, 16",
         "point": "point",
         "box": "box",
-        "one": "auto, one panel pixel a sensor pixel",
+        "one": "auto with one panel pixel a sensor pixel",
     }
     drawn = set()
     for result in found:

@@ -34,9 +34,18 @@ from moireaug.transforms import kornia as kornia_door
 from training.schema import register
 
 QUICK = Size(
-    side=32, batch=2, paper=27, large=(48, 64), training=(4, 16), repeats=1, slow=1, first=0, calls=2, loaded=4
+    side=32,
+    batch=2,
+    paper=27,
+    large=(48, 64),
+    training=(4, 16),
+    lit=(0.9,),
+    repeats=1,
+    slow=1,
+    first=0,
+    calls=2,
+    loaded=4,
 )
-LIT = (0.35, 0.6, 0.9)
 
 
 def transforms(size: Size) -> Iterator[Row]:
@@ -103,7 +112,7 @@ def panels(size: Size) -> Iterator[Row]:
     images, default = size.images(), Scene.preset("screen_photo")
     scenes = {}
     for layout in ("rgb_stripe", "pentile"):
-        for lit in LIT:
+        for lit in size.lit:
             panel = replace(default.panel, layout=layout, lit=lit)
             scenes[f"expose, {layout}, lit {lit:g}"] = replace(default, panel=panel)
     calls = {"plain": running(expose, default, images)}
