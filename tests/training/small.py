@@ -1,23 +1,28 @@
 """What the tests of training share: settings that take seconds, the real command, and one run of it in this process."""
 
+import contextlib
+import io
 import os
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import pytest
 import torch
 from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
-from training import fit, runs
+from training import commands, fit, reattack, runs
 from training.data import load
+from training.schema import Config, ReattackConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = [
     "data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2", "train.batch_size=32",
     "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2", "trainer.accelerator=cpu",
 ]  # fmt: skip
+MAINS = {"fit.py": (fit.main, Config), "reattack.py": (reattack.main, ReattackConfig)}
 LONG = 240  # seconds, for a busy machine
 
 
@@ -38,6 +43,24 @@ def command(script, *overrides, cwd):
     finally:
         process.kill()
     return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def inside(script, *overrides, cwd):
+    """Run a script's command line in this process, which has imported already what a command imports for seconds."""
+    GlobalHydra.instance().clear()
+    out, err, status = io.StringIO(), io.StringIO(), 0
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        patch.setattr(sys, "argv", [str(ROOT / "training" / script), *overrides])
+        patch.setattr(commands, "_failed", [])
+        patch.chdir(cwd)
+        try:
+            commands.run(*MAINS[script])
+        except SystemExit as end:
+            status = end.code
+            if isinstance(status, str):  # as the interpreter does
+                print(status, file=sys.stderr)
+                status = 1
+    return subprocess.CompletedProcess([script, *overrides], status, out.getvalue(), err.getvalue())
 
 
 def epoch(path):

@@ -9,39 +9,25 @@ import tempfile
 import pytest
 from tqdm import tqdm
 
-from tests.training.small import TINY, command, configured
+from tests.training.small import TINY, configured, inside
 from tests.training.strangers import put
 from training import commands, fit, reattack, runs, suites
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
-SWEEP = """
-import sys
-sys.path.insert(0, {root!r})
-from training import fit
-def job(cfg):
+
+def odd(cfg):
+    """A job of a sweep, which fails with some seeds."""
     if cfg.seed == 1:
         raise ValueError("seed 1 is odd.")
     if cfg.seed == 2:
         raise ZeroDivisionError("nobody expects it")
     print("done", cfg.recipe, cfg.seed)
-fit.fit = job
-fit.commands.run(fit.main, fit.Config)
-"""
 
 
-def swept(tmp_path, *overrides):
-    import subprocess
-
-    from tests.training.small import ROOT
-
-    script = tmp_path / "sweep.py"
-    script.write_text(SWEEP.format(root=str(ROOT)))
-    return subprocess.run([sys.executable, str(script), *overrides], cwd=tmp_path, capture_output=True, text=True)
-
-
-def test_a_sweep_goes_on_after_a_failed_job_and_lists_what_failed(tmp_path):
-    done = swept(tmp_path, "-m", "recipe=clean,moire_at", "seed=0,1,2,3")
+def test_a_sweep_goes_on_after_a_failed_job_and_lists_what_failed(tmp_path, monkeypatch):
+    monkeypatch.setattr(fit, "fit", odd)
+    done = inside("fit.py", "-m", "recipe=clean,moire_at", "seed=0,1,2,3", cwd=tmp_path)
     said = [line for line in done.stdout.splitlines() if line.startswith("done")]
     assert said == ["done clean 0", "done clean 3", "done moire_at 0", "done moire_at 3"]
     assert done.returncode == 1
@@ -76,7 +62,7 @@ def test_an_error_begins_a_line_below_a_progress_bar(stream, monkeypatch):
 def test_a_file_where_a_folder_should_be_gets_a_sentence(script, more, tmp_path):
     (tmp_path / "there").touch()
     given = ["recipe=clean"] if script == "fit.py" else ["model=small_resnet", "weights=FILE"]
-    failed = command(script, *more, *given, "runs=there", cwd=tmp_path)
+    failed = inside(script, *more, *given, "runs=there", cwd=tmp_path)
     assert failed.returncode == 1 and "Traceback" not in failed.stderr
     assert any(line.startswith("error: there") for line in failed.stderr.split("\n"))
     assert "cannot be a folder: there is a file of that name" in failed.stderr

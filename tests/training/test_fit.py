@@ -6,7 +6,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tests.training.small import TINY, command, configured, train
+from tests.training.small import TINY, command, configured, inside, train
 from training import fit, reattack, runs, saved
 from training.classifier import Classifier
 from training.data import augment, load
@@ -91,7 +91,8 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, c
 
 def test_reattack_of_a_run(whole):
     cwd, _ = whole
-    done = command("reattack.py", "run=runs/moire_at/seed0", "scene=paper_code", "reattack.n=12", cwd=cwd)
+    given = ["run=runs/moire_at/seed0", "scene=paper_code", "reattack.n=12", "reattack.eps=[0.02]"]
+    done = inside("reattack.py", *given, cwd=cwd)
     assert done.returncode == 0, done.stderr
     m = json.loads((cwd / "runs/moire_at/seed0/reattack/paper_code/metrics.json").read_text())
     assert m["scene_name"] == "paper_code" and m["reattack"][0]["n"] == 12
@@ -183,7 +184,8 @@ def test_a_recipe_is_not_given_to_an_attack():
 
 
 def test_an_interrupted_baseline_is_resumed_and_then_its_recipe_begins(tmp_path, monkeypatch):
-    cfg = configured("recipe=moire_aug", *TINY, "train.epochs=1", f"runs={tmp_path}")
+    brief = ["train.epochs=1", "reattack.n=6", "reattack.eps=[0.02]", "reattack.steps=1"]
+    cfg = configured("recipe=moire_aug", *TINY, *brief, f"runs={tmp_path}")
     twin = runs.plain_twin(cfg)
     runs.prepare(twin)
     fit.train_model(twin, load(twin.data), runs.folder(twin), start=None)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.training.small import command
+from tests.training.small import inside
 from training.data import load
 from training.schema import Data
 
@@ -158,10 +158,11 @@ def test_every_cut_of_a_file_gives_a_sentence(tmp_path):
             data[0]
 
 
+@pytest.mark.usefixtures("as_the_command_is")
 def test_a_bomb_ends_the_command_in_one_sentence(tmp_path):
     path, _ = folder(tmp_path, png_of_size(60_000))
     torn = path.replace(tmp_path / "train" / "a" / "0.png")
-    done = command(
+    done = inside(
         "fit.py", "recipe=clean", "data=folder", f"data.root={tmp_path}", "data.size=24", "data.val=1",
         "train.epochs=1", "train.batch_size=4", "trainer.accelerator=cpu", cwd=tmp_path,
     )  # fmt: skip

@@ -13,7 +13,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from torchvision.io import write_png
 
 from tests.conftest import THREADS
-from tests.training.small import LONG, TINY, command, configured, epoch, same, start, train, wait, weights
+from tests.training.small import LONG, TINY, configured, epoch, inside, same, start, train, wait, weights
 from training import checkpoints, commands, fit, runs
 from training.classifier import Classifier
 from training.data import load
@@ -55,14 +55,14 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     process.kill()
     process.communicate(timeout=LONG)
 
-    done = command("fit.py", *given, cwd=tmp_path)
+    torch.set_num_threads(1)  # as the commands before
+    done = inside("fit.py", *given, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"{kept + 1} of them are over" in done.stdout
     found = json.loads((folder / "metrics.json").read_text())
     assert [h["epoch"] for h in found["train"]["history"]] == list(range(24))
     whole = configured(*given, f"runs={tmp_path / 'whole'}")
     runs.prepare(whole)
-    torch.set_num_threads(1)  # as the command's
     fit.train_model(whole, load(whole.data), runs.folder(whole), start=None)
     assert same(folder, runs.folder(whole))
 
@@ -137,7 +137,7 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
         "recipe=clean", *TINY[3:], "data=folder", f"data.root={tmp_path / 'images'}", "data.val=4", "data.workers=1",
         "train.batch_size=8",
     ]  # fmt: skip
-    failed = command("fit.py", *given, cwd=tmp_path)
+    failed = inside("fit.py", *given, cwd=tmp_path)
     assert failed.returncode == 1
     (said,) = [line for line in failed.stderr.splitlines() if "could not be read" in line]
     assert said.startswith(f"error: The image {torn} could not be read")

@@ -65,7 +65,7 @@ def whole(weights, tmp_path_factory):
     runs = tmp_path_factory.mktemp("runs")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = suite("paper", weights, runs, f"targets={{small_resnet: {weights}, resnet34: null}}")
+        found = suite("paper", weights, runs, f"targets={{small_resnet: {weights}, resnet34: null}}", "reattack.n=3")
     return found, runs / "reattack/small_resnet/screen_photo"
 
 
@@ -85,7 +85,7 @@ def test_the_paper_suite_has_every_table(whole):
     for name, row, column in found:
         cell = found[name, row, column]
         pooled = 8 if column.startswith("all") else 1
-        assert cell["n"] == 6 * pooled and cell["counted"] <= cell["n"], (name, row, column)
+        assert cell["n"] == 3 * pooled and cell["counted"] <= cell["n"], (name, row, column)
         assert 0 <= cell["low"] <= (cell["success"] or 0) <= cell["high"] <= 1
     for name in GROUPS["paper"]:
         columns = {c for n, _, c in found if n == name}
@@ -130,23 +130,23 @@ def test_every_form_of_the_tables_is_written(whole):
     words = (folder / "tables.md").read_text()
     assert words.count("\n## ") == len(GROUPS["paper"]) + 1 and "| resnet34 | – |" in words and "nan" not in words
     assert json.loads((folder / "metrics.json").read_text())["trust"] == metrics["trust"]
-    assert len(metrics["trust"]) == 10 and metrics["trust_n"] == 6
+    assert len(metrics["trust"]) == 10 and metrics["trust_n"] == 3
 
 
 def test_another_suite_takes_what_is_there(whole, weights):
     _, out = whole
     (records,) = out.glob("records-*/records-0.jsonl")
     before = records.read_bytes()
-    again = suite("jpeg", weights, out.parents[2])
+    again = suite("jpeg", weights, out.parents[2], "reattack.n=3")
     assert cells(again) == {key: cell for key, cell in cells(whole[0]).items() if key[0] == "jpeg"}
     assert records.read_bytes() == before
 
 
 def test_pictures_that_an_earlier_suite_did_not_keep_are_drawn(weights, tmp_path):
-    suite("noise_position", weights, tmp_path)
-    suite("jpeg", weights, tmp_path)
+    suite("noise_position", weights, tmp_path, "reattack.n=3")
+    suite("jpeg", weights, tmp_path, "reattack.n=3")
     later = (tmp_path / "reattack/small_resnet/screen_photo/jpeg/report.html").read_text()
-    suite("jpeg", weights, tmp_path / "first")
+    suite("jpeg", weights, tmp_path / "first", "reattack.n=3")
     first = (tmp_path / "first/reattack/small_resnet/screen_photo/jpeg/report.html").read_text()
     assert later.count('<div class="cell"') == first.count('<div class="cell"') == 8
 
