@@ -7,6 +7,7 @@ view is upright and for the second moments of any view, which is what a picture'
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -41,9 +42,10 @@ def footprint(step: Tensor, optics: Optics) -> Footprint:
         optics: (B,) fields.
     """
     fill, blur, olpf = (t.reshape(-1, *[1] * (step.ndim - 2)).to(step.dtype) for t in optics)
-    long, short = step.abs().amax(-1), step.abs().amin(-1)
+    u, v = step.unbind(-1)
+    long, short = torch.maximum(u.abs(), v.abs()), torch.minimum(u.abs(), v.abs())
     spread = blur.square() + olpf.square() / 4
-    variance = (short * fill).square() / 12 + step.square().sum(-1) * spread
+    variance = (short * fill).square() / 12 + (u.square() + v.square()) * spread
     return Footprint(long * fill, variance + SHARP)
 
 
@@ -59,32 +61,46 @@ def fitted(seen: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint
     return kept, lost
 
 
-def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> Tensor:
-    """Return the share of a sensor pixel's view that falls on each of `taps` subpixels: (B, h, w, taps).
+def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> list[Tensor]:
+    """Return the share of a sensor pixel's view that falls on each of `taps` subpixels: (B, h, w) each.
 
     Args:
         offset: (B, h, w), position from the nearest subpixel's centre, in cells: -1/2 to 1/2.
         seen: the footprint along this axis, (B, h, w) each.
         width: of the subpixel along this axis in cells, broadcastable to (B, h, w).
     """
-    k = torch.arange(taps, dtype=offset.dtype, device=offset.device) - taps // 2
-    at = offset[..., None] - k
-    box, sigma, width = seen.box[..., None], seen.variance.sqrt()[..., None], width[..., None]
-    outer, inner = (box + width) / 2, (box - width) / 2
-    total = 0.0
-    for sign, edge in ((1, outer), (-1, inner), (-1, -inner), (1, -outer)):
-        total = total + sign * _normal_integral((at + edge) / sigma)
-    return total * (sigma / box)
+    sharpness = (2 * seen.variance).rsqrt()
+    at, half = offset * sharpness, seen.box / 2 * sharpness
+    left, right = at - half, at + half  # ends of the box
+
+    def beyond(edge: float | Tensor) -> Tensor:
+        """The share of the view past an edge, in units of `unit` and up to a constant."""
+        edge = edge * sharpness
+        return _erf_integral(right - edge) - _erf_integral(left - edge)
+
+    around = range(-(taps // 2), taps // 2 + 1)
+    if _is_one(width):  # an edge that two subpixels share
+        edges = [beyond(k - 0.5) for k in (*around, taps // 2 + 1)]
+        between = [near - far for near, far in itertools.pairwise(edges)]
+    else:
+        between = [beyond(k - width / 2) - beyond(k + width / 2) for k in around]
+    unit = 1 / (2 * math.sqrt(math.pi) * seen.box * sharpness)
+    return [share * unit for share in between]
 
 
-def normalised(share: Tensor) -> Tensor:
+def normalised(share: list[Tensor]) -> list[Tensor]:
     """Return shares that sum to 1; where nothing is seen, all of it is the nearest subpixel's."""
-    nearest = torch.zeros_like(share[..., :1])
-    least = torch.nn.functional.pad(nearest + LEAST, (share.shape[-1] // 2,) * 2)
-    share = share.clamp(min=0) + least  # rounding may leave a share a digit below zero
-    return share / share.sum(-1, keepdim=True)
+    share = [s.clamp(min=0) for s in share]  # rounding may leave a share a digit below zero
+    share[len(share) // 2] = share[len(share) // 2] + LEAST
+    total = sum(share)
+    return [s / total for s in share]
 
 
-def _normal_integral(z: Tensor) -> Tensor:
-    """The integral of the normal distribution function up to z."""
-    return z * torch.special.ndtr(z) + torch.exp(-z * z / 2) / math.sqrt(2 * math.pi)
+def _erf_integral(t: Tensor) -> Tensor:
+    """The integral of the error function up to t, but for a constant, times the root of pi."""
+    return torch.addcmul(torch.exp(-t * t), t, torch.erf(t), value=math.sqrt(math.pi))
+
+
+def _is_one(width: Tensor) -> bool:
+    """Whether every width is 1 and has no gradient; not known, and so not said, while a graph is traced."""
+    return not torch.compiler.is_compiling() and not width.requires_grad and bool((width == 1).all())

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from moireaug.numeric import sinc
+
 
 class Optics(NamedTuple):
     """What blurs a sensor pixel's view: (B,) each, in sensor pixels."""
@@ -26,7 +28,7 @@ class Optics(NamedTuple):
         fill, blur, olpf = (t.reshape(-1, *[1] * (fu.ndim - 1)) for t in self)
         spread = torch.exp(-2 * math.pi**2 * blur.square() * (fu.square() + fv.square()))
         doubled = torch.cos(math.pi * olpf * fu) * torch.cos(math.pi * olpf * fv)
-        return torch.sinc(fill * fu) * torch.sinc(fill * fv) * spread * doubled
+        return sinc(fill * fu) * sinc(fill * fv) * spread * doubled
 
     def quantiles(self, n: int) -> Tensor:
         """Return the n mid-quantiles of the light along one axis, in sensor pixels: (B, n) float64.

@@ -39,8 +39,18 @@ class AlongAxis(NamedTuple):
     nearest: Tensor  # (B, h, w) float64, the nearest whole cell
     seen: Footprint  # (B, h, w) float64 each, narrowed to the taps
     width: Tensor  # (B, 1, 1) float64, of the subpixel in cells
-    share: Tensor  # (B, h, w, taps) of what the view gets from each of the subpixels around, which sum to 1
-    lit: Tensor | None  # (B, h, w, taps) of each one's light that is there; None where all of it is
+    share: list[Tensor]  # (B, h, w) of what the view gets from each of the subpixels around, which sum to 1
+    lit: list[Tensor] | None  # (B, h, w) of each one's light that is there; None where all of it is
+
+
+class Wave(NamedTuple):
+    """A harmonic along one axis of the panel, (B, h, w) each: cycles per sensor pixel along u and v, cosine and sine of
+    its phase."""
+
+    fu: Tensor
+    fv: Tensor
+    cos: Tensor
+    sin: Tensor
 
 
 class SmoothExposure(Exposure):
@@ -52,27 +62,23 @@ class SmoothExposure(Exposure):
         self.taps = taps
 
     def __call__(self, light: Tensor, shot) -> Tensor:
-        step = cell(shot.scene.sensor.cfa)
+        step, screen = cell(shot.scene.sensor.cfa), Screen(light, shot, self.taps)
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
             sight = look_at_panel(rows[site.row :: step], cols[site.column :: step], shot)
-            planes += [self.read(light[:, channel], channel, sight, shot) for channel in site.channels]
+            planes += [self.read(screen, channel, sight, shot) for channel in site.channels]
         return torch.stack(planes, 1)
 
-    def read(self, plane: Tensor, channel: int, sight: Sight, shot) -> Tensor:
-        """Return what sensor pixels read of one channel (B, H, W): (B, h, w)."""
+    def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
+        """Return what sensor pixels read of one channel: (B, h, w)."""
         layout = as_layout(shot.scene.panel.layout)
-        total = torch.zeros(sight.position.shape[:3], dtype=plane.dtype, device=plane.device)
+        total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
         for subpixel in layout.of(channel):
-            total = total + self.read_subpixel(plane, subpixel, layout.period, sight, shot)
+            x, y = (along_axis(axis, subpixel, layout.period, sight, shot, screen) for axis in (0, 1))
+            through = self.transmission(x, y, subpixel, layout.period, sight, shot)
+            total = total + panel_pixels(screen, channel, x, y, subpixel, layout.period) * through
         return total
-
-    def read_subpixel(self, plane: Tensor, subpixel: Subpixel, period: tuple[int, int], sight: Sight, shot) -> Tensor:
-        """Return what sensor pixels read of one kind of subpixel."""
-        x, y = (along_axis(axis, subpixel, period, sight, self.taps, shot, plane.dtype) for axis in (0, 1))
-        through = self.transmission(x, y, subpixel, period, sight, shot)
-        return panel_pixels(plane, x, y, subpixel, period, shot) * through
 
     def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
         """Return the share of the view that the subpixels fill, (B, h, w)."""
@@ -91,19 +97,17 @@ class Spectral(SmoothExposure):
         self.harmonics = harmonics
 
     def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
-        dtype, optics = x.share.dtype, optics_of(shot)
+        dtype, optics = x.share[0].dtype, optics_of(shot)
         optics = Optics(*(t.to(dtype) for t in optics))
         width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
-        step = sight.step.to(dtype)
+        across = {k: wave(k, 0, x, period, sight) for k in {k for k, _ in self.harmonics}}
+        down = {l: wave(l, 1, y, period, sight) for l in {l for _, l in self.harmonics}}
         light = coefficient(subpixel, period, 0, 0, width, height).expand(x.cells.shape)
         for k, l in self.harmonics:
-            frequency = k / period[0] * step[..., 0, :] + l / period[1] * step[..., 1, :]
+            along_x, along_y = across[k], down[l]
             amplitude = 2 * coefficient(subpixel, period, k, l, width, height)
-            amplitude = amplitude * optics.transfer(frequency[..., 0], frequency[..., 1])
-            cycles = k * x.cells + l * y.cells
-            # whole cycles are dropped before the cast, so that the phase keeps its digits far from the origin
-            phase = (cycles - cycles.detach().round()).to(dtype)
-            light = light + amplitude * torch.cos(2 * math.pi * phase)
+            passed = amplitude * optics.transfer(along_x.fu + along_y.fu, along_x.fv + along_y.fv)
+            light = light + passed * (along_x.cos * along_y.cos - along_x.sin * along_y.sin)
         return light
 
 
@@ -115,7 +119,7 @@ class Box(SmoothExposure):
     reason = "the overlap of subpixel and aperture"
 
     def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
-        return covered(x).to(x.share.dtype) * covered(y).to(y.share.dtype)
+        return covered(x) * covered(y)
 
 
 class Mean(SmoothExposure):
@@ -124,11 +128,21 @@ class Mean(SmoothExposure):
     name = "mean"
     reason = "the panel's mean light alone, so no moiré"
 
-    def read(self, plane: Tensor, channel: int, sight: Sight, shot) -> Tensor:
+    def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
-        share = mean_light(layout, channel, *emitting_share(shot.panel)).to(plane.dtype)[:, None, None]
-        x, y = (along_axis(axis, WHOLE_PIXEL, (1, 1), sight, self.taps, shot, plane.dtype) for axis in (0, 1))
-        return panel_pixels(plane, x, y, WHOLE_PIXEL, (1, 1), shot) * share
+        share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)[:, None, None]
+        x, y = (along_axis(axis, WHOLE_PIXEL, (1, 1), sight, shot, screen) for axis in (0, 1))
+        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL, (1, 1)) * share
+
+
+def wave(k: int, axis: int, along: AlongAxis, period: tuple[int, int], sight: Sight) -> Wave:
+    """Return the k-th harmonic along x (axis 0) or y (axis 1)."""
+    dtype = along.share[0].dtype
+    fu, fv = (sight.step[..., axis, :] * (k / period[axis])).to(dtype).unbind(-1)
+    cycles = k * along.cells
+    # whole cycles are dropped before the cast, so that the phase keeps its digits far from the origin
+    phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
+    return Wave(fu, fv, torch.cos(phase), torch.sin(phase))
 
 
 def look_at_panel(rows: Tensor, cols: Tensor, shot) -> Sight:
@@ -148,9 +162,10 @@ def extent(subpixel: Subpixel, period: tuple[int, int], axis: int, width: Tensor
 
 
 def along_axis(
-    axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Sight, taps: int, shot, dtype: torch.dtype
+    axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Sight, shot, screen: Screen
 ) -> AlongAxis:
     """Return one kind of subpixel along x (axis 0) or y (axis 1)."""
+    taps, dtype = screen.taps, screen.light.dtype
     cells = (sight.position[..., axis] - subpixel.centre[axis]) / period[axis]
     nearest = cells.detach().round()
     shown = (torch.ones_like(t) for t in emitting_share(shot.panel))
@@ -162,69 +177,91 @@ def along_axis(
     width = width[:, None, None]
     kept, lost = content.fitted(seen, width, taps)
     # in float64: of a magnified panel, or through a pinhole, shares are small differences of large numbers
-    share = content.normalised(content.shares(cells - nearest, kept, width, taps)).to(dtype)
+    share = content.normalised([s.to(dtype) for s in content.shares(cells - nearest, kept, width, taps)])
     found = AlongAxis(cells, nearest, kept, width, share, None)
     if shot.scene.develop.registered:
         return found
-    ends = shot.panel.scale[:, None, None, None] * shot.size[1 - axis]
-    around = torch.arange(taps, dtype=torch.float64, device=share.device) - taps // 2
-    at = (nearest[..., None] + around) * period[axis] + subpixel.pixel[axis]
-    lit = ((at >= 0) & (at < ends)).to(dtype)
+    ends = shot.panel.scale[:, None, None] * shot.size[1 - axis]
     # a view that was narrowed sees as much of the picture as the whole of it does
-    past = (sight.position[..., axis] - ends[..., 0] / 2) / period[axis]
-    whole = content.shares(past, seen, ends[..., 0] / period[axis], 1).clamp(min=0)
-    return found._replace(lit=torch.where(lost[..., None] > 0, whole.to(dtype), lit))
+    past = (sight.position[..., axis] - ends / 2) / period[axis]
+    (whole,) = content.shares(past, seen, ends / period[axis], 1)
+    lit = []
+    for k in range(-(taps // 2), taps // 2 + 1):
+        at = (nearest + k) * period[axis] + subpixel.pixel[axis]
+        lit.append(torch.where(lost > 0, whole.clamp(min=0), ((at >= 0) & (at < ends)).double()).to(dtype))
+    return found._replace(lit=lit)
 
 
 def covered(along: AlongAxis) -> Tensor:
-    """Return the share of a view that subpixels fill along one axis, (B, h, w) float64; tails past the taps, too."""
-    every = 4 * along.share.shape[-1] + 1
-    return content.shares(along.cells - along.nearest, along.seen, along.width, every).sum(-1)
+    """Return the share of a view that subpixels fill along one axis, (B, h, w); the tails past the taps, too."""
+    every = 4 * len(along.share) + 1
+    return sum(content.shares(along.cells - along.nearest, along.seen, along.width, every)).to(along.share[0].dtype)
 
 
-def panel_pixels(plane: Tensor, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, shot) -> Tensor:
+def panel_pixels(screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period) -> Tensor:
     """Return the panel pixels that the subpixels around show, weighted by their shares: (B, h, w).
 
-    A panel pixel has the picture's value at its centre. Past the picture its border goes on; in a photo that stays in
-    the camera's frame it is dark there.
+    In a photo that stays in the camera's frame it is dark past the picture.
     """
-    taps = x.share.shape[-1]
-    across = x.share if x.lit is None else x.share * x.lit
-    down = y.share if y.lit is None else y.share * y.lit
-    around = range(-(taps // 2), taps // 2 + 1)
-    columns = [x.nearest * period[0] + (math.floor(subpixel.pixel[0]) + k * period[0]) for k in around]
-    rows = [y.nearest * period[1] + (math.floor(subpixel.pixel[1]) + k * period[1]) for k in around]
-    shown, total = what_is_shown(plane, columns, rows, shot), 0.0
-    for j in range(taps):
+    across = x.share if x.lit is None else [share * lit for share, lit in zip(x.share, x.lit, strict=True)]
+    down = y.share if y.lit is None else [share * lit for share, lit in zip(y.share, y.lit, strict=True)]
+    column, row = (
+        (along.nearest - screen.taps // 2) * period[axis] + math.floor(subpixel.pixel[axis])
+        for axis, along in enumerate((x, y))
+    )
+    shown, total = screen.look(channel, column, row, period), 0.0
+    for j, in_row in enumerate(down):
         line = 0.0
-        for i in range(taps):
-            line = line + across[..., i] * shown(i, j)
-        total = total + down[..., j] * line
+        for i, in_column in enumerate(across):
+            line = line + in_column * shown(i, j)
+        total = total + in_row * line
     return total
 
 
-def what_is_shown(plane: Tensor, columns: list[Tensor], rows: list[Tensor], shot) -> Callable[[int, int], Tensor]:
-    """Return a function that gives what the panel pixels at columns[i] and rows[j] show, (B, h, w): the picture at
-    their centres.
+class Screen:
+    """What the panel's pixels show: the picture (B, 3, H, W) at their centres, and its border past it.
 
-    The picture is put on the panel once, and its pixels gathered, unless the panel has more of them than are looked at.
+    The picture is put on the panel once, unless the panel has more pixels than are looked at.
     """
-    alpha = shot.panel.scale[:, None, None]
-    most = bounds(shot.scene.panel.scale)[1]
-    if len(alpha) and not torch.compiler.is_compiling():
-        most = float(alpha.detach().max())
-    h, w = (math.ceil(most * n) + 2 for n in shot.size)
-    if h * w > LOOKS * len(rows) * len(columns) * columns[0][:1].numel():
-        return lambda i, j: grids.look_up(plane[:, None], (columns[i] + 0.5) / alpha, (rows[j] + 0.5) / alpha)[:, 0]
-    panel = on_panel(plane, h, w, alpha).flatten(1)
-    columns = [(column.long() + 1).clamp(0, w - 1) for column in columns]
-    rows = [(row.long() + 1).clamp(0, h - 1) * w for row in rows]
-    return lambda i, j: panel.gather(1, (rows[j] + columns[i]).flatten(1)).reshape(rows[j].shape)
+
+    def __init__(self, light: Tensor, shot, taps: int) -> None:
+        self.light, self.taps, self.alpha = light, taps, shot.panel.scale[:, None, None]
+        most = bounds(shot.scene.panel.scale)[1]
+        if len(light) and not torch.compiler.is_compiling():
+            most = float(self.alpha.detach().max())
+        period = as_layout(shot.scene.panel.layout).period
+        # far enough past the picture for all taps to be on its border
+        self.margin = [taps * period[axis] for axis in (1, 0)]
+        self.size = [math.ceil(most * n) + 2 * margin for n, margin in zip(shot.size, self.margin, strict=True)]
+        self.panel = None
+        if math.prod(self.size) <= LOOKS * taps**2 * math.prod(shot.raw_shape()[-2:]):
+            self.panel = on_panel(light, self.size, self.margin, self.alpha).flatten(2)
+
+    def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> Callable[[int, int], Tensor]:
+        """Return a function of i and j that gives what the panel pixel i periods to the right of (B, h, w) columns and j
+        below rows shows: (B, h, w)."""
+        px, py = period
+        if self.panel is None:
+            plane, alpha = self.light[:, channel, None], self.alpha
+
+            def shown(i: int, j: int) -> Tensor:
+                return grids.look_up(plane, (column + (i * px + 0.5)) / alpha, (row + (j * py + 0.5)) / alpha)[:, 0]
+
+            return shown
+        (h, w), (above, before) = self.size, self.margin
+        column = (column + before).clamp(0, w - before)
+        row = (row + above).clamp(0, h - above)
+        # one index for all: the panel is shifted under it
+        first, panel = (row * w + column).long().flatten(1), self.panel[:, channel]
+        return lambda i, j: panel[:, j * py * w + i * px :].gather(1, first).reshape(row.shape)
 
 
-def on_panel(plane: Tensor, h: int, w: int, alpha: Tensor) -> Tensor:
-    """Return what the panel's pixels show of one channel (B, H, W): its values at their centres, (B, h, w), from one
-    pixel before the picture, which has its border."""
-    y, x = (torch.arange(n, dtype=alpha.dtype, device=alpha.device) - 0.5 for n in (h, w))
+def on_panel(light: Tensor, size: list[int], margin: list[int], alpha: Tensor) -> Tensor:
+    """Return what the panel's pixels show of a picture (B, 3, H, W): its values at their centres, (B, 3, h, w), from a
+    margin before the picture, which has its border."""
+    y, x = (
+        torch.arange(n, dtype=alpha.dtype, device=alpha.device) + (0.5 - before)
+        for n, before in zip(size, margin, strict=True)
+    )
     x, y = torch.broadcast_tensors(x / alpha, y[:, None] / alpha)
-    return grids.look_up(plane[:, None], x, y)[:, 0]
+    return grids.look_up(light, x, y)

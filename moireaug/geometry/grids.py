@@ -15,8 +15,7 @@ Lens = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
 
 def grid(rows: Tensor, cols: Tensor) -> Tensor:
     """Return the points of `rows` x `cols`, x then y: (h,) and (w,), or (B, h) and (B, w), to (B or 1, h, w, 2)."""
-    across, down = torch.broadcast_tensors(cols[..., None, :], rows[..., :, None])
-    points = torch.stack((across, down), -1)
+    points = _planar(*torch.broadcast_tensors(cols[..., None, :], rows[..., :, None]))
     return points if points.ndim == 4 else points[None]
 
 
@@ -45,25 +44,30 @@ def photo_to_image(points: Tensor, inverse: Tensor, size: tuple[int, int], lens:
         lens: radial distortion, or None.
     """
     ideal = _through_lens(points - _centre(points, size), size, lens)
-    lifted = _lift(ideal, inverse, size)
-    return lifted[..., :2] / lifted[..., 2:].clamp(min=NEAR_HORIZON)
+    x, y, depth = _lift(ideal, inverse, size)
+    return _planar(x / depth, y / depth)
 
 
 def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
     """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), last over u and v."""
     p = points - _centre(points, size)
-    through_lens = torch.eye(2, dtype=p.dtype, device=p.device)
-    if lens is not None:
-        k1, k2 = (k[:, None, None, None, None] for k in lens)
-        c = 4 / (size[0] ** 2 + size[1] ** 2)
-        r2 = c * p.square().sum(-1)[..., None, None]
-        outer = p[..., :, None] * p[..., None, :]
-        through_lens = (1 + r2 * (k1 + k2 * r2)) * through_lens + 2 * c * (k1 + 2 * k2 * r2) * outer
-    lifted = _lift(_through_lens(p, size, lens), inverse, size)
-    depth = lifted[..., 2:].clamp(min=NEAR_HORIZON)  # as in `photo_to_image`
-    m = (inverse @ _from_centre(inverse, size))[:, None, None]
-    through_pose = (m[..., :2, :2] - (lifted[..., :2] / depth)[..., None] * m[..., 2:, :2]) / depth[..., None]
-    return through_pose @ through_lens
+    x, y, depth = _lift(_through_lens(p, size, lens), inverse, size)
+    m = _entries(inverse, size)
+    found = []
+    for row, at in ((0, x / depth), (1, y / depth)):
+        # by the ideal point's u and v
+        du, dv = ((m[row][column] - at * m[2][column]) / depth for column in (0, 1))
+        if lens is not None:
+            k1, k2 = (k[:, None, None] for k in lens)
+            c = 4 / (size[0] ** 2 + size[1] ** 2)
+            u, v = p.unbind(-1)
+            r2 = c * (u * u + v * v)
+            # the lens scales a point by a factor; along the radius that factor grows, too
+            radial = 2 * c * (k1 + 2 * k2 * r2) * (du * u + dv * v)
+            factor = 1 + r2 * (k1 + k2 * r2)
+            du, dv = factor * du + radial * u, factor * dv + radial * v
+        found.append(_planar(du, dv))
+    return torch.stack(found).movedim(0, -2)
 
 
 def image_to_photo(points: Tensor, matrix: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
@@ -92,7 +96,20 @@ def _through_lens(p: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor
     return p * radial_factor(p.flatten(1, 2), k1, k2, size).reshape(p.shape[:3])[..., None]
 
 
-def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> Tensor:
-    """Ideal points, measured from the centre, to homogeneous image coordinates (B, h, w, 3)."""
-    m = (inverse @ _from_centre(inverse, size))[:, None]
-    return ideal @ m[..., :2].mT + m[..., None, :, 2]
+def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+    """Ideal points, measured from the centre, to homogeneous image coordinates x, y and depth, (B, h, w) each; the depth
+    of rays at and past the horizon is that just before it."""
+    u, v = ideal.unbind(-1)
+    x, y, depth = (a * u + b * v + c for a, b, c in _entries(inverse, size))
+    return x, y, depth.clamp(min=NEAR_HORIZON)
+
+
+def _entries(inverse: Tensor, size: tuple[int, int]) -> list[list[Tensor]]:
+    """The entries, (B, 1, 1) each, of the homography (B, 3, 3) from ideal points, measured from the centre."""
+    m = (inverse @ _from_centre(inverse, size))[:, None, None]
+    return [[m[..., i, j] for j in range(3)] for i in range(3)]
+
+
+def _planar(first: Tensor, second: Tensor) -> Tensor:
+    """Stack along a new last axis; each of the two stays contiguous in memory."""
+    return torch.stack((first, second)).movedim(0, -1)
