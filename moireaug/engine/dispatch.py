@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib.util
-import logging
 import os
 from collections.abc import Iterator
 
@@ -20,7 +19,6 @@ from moireaug.scene.shot import ShotRecord
 
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
 EXPOSURES = ("spectral", "mean", "point")
-LOG = logging.getLogger("moireaug")
 _forced_off = False
 
 

@@ -22,7 +22,7 @@ SMALL_PANEL = 2**20
 
 def announce(message: str) -> None:
     """Say something to the user, once before kernels are compiled. Replace it to say it otherwise."""
-    logging.getLogger("moireaug").info(message)
+    logging.getLogger("moireaug").warning(message)
 
 
 @functools.lru_cache(maxsize=1)
