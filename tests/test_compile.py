@@ -10,7 +10,7 @@ SCENES = {
     "released chain": Scene.preset("paper_code"),
     "everything": Scene(
         panel=Panel(scale=0.9, layout="pentile", pwm=200.0), view=View(yaw=10.0),
-        lens=Lens(blur=0.2, olpf=0.3, vignetting=0.3, k1=0.02),
+        lens=Lens(blur=0.5, olpf=0.3, vignetting=0.3, k1=0.02),
         sensor=Sensor(scale=2.0, gain=2.0, shutter=0.01, readout=0.02, read_noise=0.01, shot_noise=0.01, bits=8),
         develop=Develop(demosaic="malvar", red=1.1, linear_light=True, denoise="bilateral", jpeg=80.0),
     ),

@@ -76,15 +76,15 @@ def check_low_pass_filter(dtype):
 
 
 def check_mean_light(dtype):
-    """Over all phases of the panel, 63 along each axis. Points do not integrate, so `point` has no such form."""
+    """Over all phases of the panel, 31 along each axis. Points do not integrate, so `point` has no such form."""
     methods = {"mean": 1e-5, "spectral": 1e-5, "box": 1e-5, "supersample:4": 0.02}
     for layout in (*LAYOUTS, CELL):
         cell = as_layout(layout)
         area = [sum(s.area for s in cell.of(site.channels[0])) / math.prod(cell.period) for site in SITES]
         for lit in (1.0, 0.6):
             for method, bound in methods.items():
-                panel, sensor = Panel(layout=layout, lit=lit, scale=92 / 63), Sensor(scale=2.0, exposure=method)
-                mean = read(Scene(panel=panel, sensor=sensor), (63, 63), dtype).mean((1, 2))
+                panel, sensor = Panel(layout=layout, lit=lit, scale=44 / 31), Sensor(scale=2.0, exposure=method)
+                mean = read(Scene(panel=panel, sensor=sensor), (31, 31), dtype).mean((1, 2))
                 assert mean.tolist() == pytest.approx([lit * a for a in area], rel=bound)
 
 
@@ -142,13 +142,13 @@ MINIFIED = dataclasses.replace(MAGNIFIED, panel=Panel(scale=1.3, layout=CELL, li
 
 
 def from_everywhere(scene, exposure, dtype):
-    """The raw reading of six flat screens, seen from six places through bent and blurred lenses."""
+    """The raw reading of three flat screens, seen from three places through bent and blurred lenses."""
     scene = dataclasses.replace(
         scene, view=View(yaw=(-25, 25), pitch=(-10, 10), roll=(-30, 30)), lens=Lens(blur=0.25, olpf=0.4, k1=(0, 0.05)),
         sensor=Sensor(scale=2.0, exposure=exposure),
     )  # fmt: skip
-    shot = scene.sample(6, (8, 8), torch.Generator().manual_seed(0))
-    return expose(torch.full((6, 3, 8, 8), 0.7, dtype=dtype), shot).double()
+    shot = scene.sample(3, (8, 8), torch.Generator().manual_seed(0))
+    return expose(torch.full((3, 3, 8, 8), 0.7, dtype=dtype), shot).double()
 
 
 @functools.cache
@@ -190,7 +190,7 @@ FAR = (  # one reading spans more than 8 image pixels everywhere, or at the far 
 
 def check_checkerboard_from_afar(dtype):
     """Squares of one or two pixels, eight pixels and more to a reading, are grey: no alias."""
-    n = 127  # odd, so that the last row and column count twice where the picture is halved
+    n = 95  # odd, so that the last row and column count twice where the picture is halved
     lines = torch.arange(n)
     for exposure, turn, side in itertools.product(("spectral", "box", "mean"), FAR, (1, 2)):
         board = (lines[:, None] // side + lines // side) % 2
@@ -201,6 +201,6 @@ def check_checkerboard_from_afar(dtype):
         inverse, points = torch.linalg.inv(shot.matrix()), grids.pixel_centres((n, n), raw.device)
         x, y = grids.photo_to_image(points, inverse, (n, n), None).unbind(-1)
         span = grids.jacobian(points, inverse, (n, n), None).norm(dim=-1).amax(-1)
-        far = ((x.sub(n / 2).abs() < 48) & (y.sub(n / 2).abs() < 48) & (span > 8))[0]
-        assert far.sum() > 50
+        far = ((x.sub(n / 2).abs() < 36) & (y.sub(n / 2).abs() < 36) & (span > 8))[0]
+        assert far.sum() > 30
         assert (raw[:, far] - 0.5).abs().max() < 0.005

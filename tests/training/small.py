@@ -22,6 +22,7 @@ TINY = [
     "data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2", "train.batch_size=32",
     "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2", "trainer.accelerator=cpu",
 ]  # fmt: skip
+BRIEF = ["reattack.n=6", "reattack.eps=[0.02]", "reattack.steps=1"]  # after TINY, where the attack is beside the point
 MAINS = {"fit.py": (fit.main, Config), "reattack.py": (reattack.main, ReattackConfig)}
 LONG = 240  # seconds, for a busy machine
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tests.training.small import TINY, command, configured, inside, train
+from tests.training.small import BRIEF, TINY, command, configured, inside, train
 from training import fit, reattack, runs, saved
 from training.classifier import Classifier
 from training.data import augment, load
@@ -184,8 +184,7 @@ def test_a_recipe_is_not_given_to_an_attack():
 
 
 def test_an_interrupted_baseline_is_resumed_and_then_its_recipe_begins(tmp_path, monkeypatch):
-    brief = ["train.epochs=1", "reattack.n=6", "reattack.eps=[0.02]", "reattack.steps=1"]
-    cfg = configured("recipe=moire_aug", *TINY, *brief, f"runs={tmp_path}")
+    cfg = configured("recipe=moire_aug", *TINY, *BRIEF, "train.epochs=1", f"runs={tmp_path}")
     twin = runs.plain_twin(cfg)
     runs.prepare(twin)
     fit.train_model(twin, load(twin.data), runs.folder(twin), start=None)

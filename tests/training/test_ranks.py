@@ -11,7 +11,7 @@ import pytest
 import torch
 from lightning.pytorch.plugins.environments import SLURMEnvironment
 
-from tests.training.small import LONG, TINY, command, configured, start, wait
+from tests.training.small import BRIEF, LONG, TINY, command, configured, start, wait
 from training import fit, ranks, runs
 from training.data import load
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 
 def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
-    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "reattack.n=6", "trainer.devices=2", "trainer.strategy=ddp"]
+    given = ["recipe=moire_fast", *TINY, *BRIEF, "train.epochs=3", "trainer.devices=2", "trainer.strategy=ddp"]
     process = start("fit.py", *given, cwd=tmp_path)
     wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
     (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()

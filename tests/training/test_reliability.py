@@ -13,7 +13,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from torchvision.io import write_png
 
 from tests.conftest import THREADS
-from tests.training.small import LONG, TINY, configured, epoch, inside, same, start, train, wait, weights
+from tests.training.small import BRIEF, LONG, TINY, configured, epoch, inside, same, start, train, wait, weights
 from training import checkpoints, commands, fit, runs
 from training.classifier import Classifier
 from training.data import load
@@ -33,7 +33,7 @@ def straight(tmp_path_factory):
 
 
 def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp_path):
-    given = ["recipe=clean", *TINY, "train.epochs=24", "data.workers=1", "reattack.n=6"]
+    given = ["recipe=clean", *TINY, *BRIEF, "train.epochs=24", "data.workers=1"]
     folder = tmp_path / "runs/clean/seed0"
     process = start("fit.py", *given, cwd=tmp_path)
     wait(process, folder / "last.ckpt", 1)
@@ -134,8 +134,8 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
     whole, torn = images[3].read_bytes(), images[3]
     torn.write_bytes(whole[:40])
     given = [
-        "recipe=clean", *TINY[3:], "data=folder", f"data.root={tmp_path / 'images'}", "data.val=4", "data.workers=1",
-        "train.batch_size=8",
+        "recipe=clean", *TINY[3:], *BRIEF, "data=folder", f"data.root={tmp_path / 'images'}", "data.val=4",
+        "data.workers=1", "train.batch_size=8",
     ]  # fmt: skip
     failed = inside("fit.py", *given, cwd=tmp_path)
     assert failed.returncode == 1
@@ -148,7 +148,7 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
 
 
 def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, monkeypatch, capsys):
-    cfg = configured("recipe=clean", *TINY, f"runs={tmp_path}")
+    cfg = configured("recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}")
     folder, attack = runs.folder(cfg), fit.attack_again
 
     def interrupt(*args, **settings):
@@ -166,7 +166,7 @@ def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, mo
     assert not (folder / "train.json").exists()
 
     monkeypatch.setattr(fit, "attack_again", interrupt)
-    again = configured("recipe=clean", *TINY, f"runs={tmp_path}", "data.workers=1", "resume=true")
+    again = configured("recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}", "data.workers=1", "resume=true")
     assert fit.fit(again) == json.loads((folder / "metrics.json").read_text())
     assert "already finished; resume=false trains it again" in capsys.readouterr().out
 

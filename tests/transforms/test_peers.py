@@ -15,7 +15,7 @@ from moireaug.transforms.torchvision import apply_shot
 import albumentations as A  # isort: skip  # after the door, which keeps it from asking for its newest version
 import cv2  # isort: skip
 
-DRAWS, SIZE = 200, (12, 16)
+DRAWS, SIZE = 60, (12, 16)
 SCENE = Scene(sensor=Sensor(gain=2.0, exposure="mean"))
 BICUBIC = v2.InterpolationMode.BICUBIC
 
@@ -69,7 +69,7 @@ OVERSHOOT = [
 
 @functools.cache
 def drawn(name):
-    """200 draws: pictures with white areas, random pixels of black and white, and random ones."""
+    """Sixty draws: pictures with white areas, random pixels of black and white, and random ones."""
     torch.manual_seed(0)
     many = []
     for i in range(DRAWS):
