@@ -33,3 +33,8 @@ def sinc(x: Tensor) -> Tensor:
     least = torch.finfo(x.dtype).eps ** 0.5  # below which it is 1
     x = (math.pi * x).abs().clamp(min=least)
     return torch.sin(x) / x
+
+
+def is_transformed() -> bool:
+    """Whether a graph is traced, or a transform of torch.func at work: then values are not known."""
+    return torch.compiler.is_compiling() or torch._C._functorch.peek_interpreter_stack() is not None

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from moireaug.exposure.optics import Optics
+from moireaug.numeric import is_transformed
 
 TAIL = 1.0  # standard deviations of the spread that taps must reach
 LEAST = 1e-9  # share of the nearest panel pixel where none is seen, so that shares can be normalised
@@ -102,5 +103,5 @@ def _erf_integral(t: Tensor) -> Tensor:
 
 
 def _is_one(width: Tensor) -> bool:
-    """Whether every width is 1 and has no gradient; not known, and so not said, while a graph is traced."""
-    return not torch.compiler.is_compiling() and not width.requires_grad and bool((width == 1).all())
+    """Whether every width is 1, and known to be."""
+    return not is_transformed() and not width.requires_grad and bool((width == 1).all())

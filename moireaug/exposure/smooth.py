@@ -3,23 +3,27 @@ through. Spectral, box and mean differ in the second factor alone."""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.utils.checkpoint import checkpoint
 
 from moireaug.exposure import content
 from moireaug.exposure.base import Exposure
 from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.geometry import grids
-from moireaug.geometry.sensor import CFA, cell
+from moireaug.geometry.sensor import CFA, Site, cell
+from moireaug.numeric import is_transformed
 from moireaug.panel.fourier import coefficient, emitting_share, mean_light
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import Subpixel, as_layout
 
+AT_ONCE = 2**18  # readings that are computed together, in bands of rows: what bounds the memory
 LOOKS = 1  # panel pixels, for each that is looked at, up to which a panel is built
 WHOLE_PIXEL = Subpixel(0, (0.5, 0.5), (1.0, 0.0), (0.0, 1.0))
 
@@ -64,11 +68,21 @@ class SmoothExposure(Exposure):
     def __call__(self, light: Tensor, shot) -> Tensor:
         step, screen = cell(shot.scene.sensor.cfa), Screen(light, shot, self.taps)
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
+        read_site = self.read_site
+        if shot.requires_grad and torch.is_grad_enabled() and not is_transformed():
+            # of a pose's gradient a reading would keep some kilobytes: they are computed again
+            read_site = functools.partial(checkpoint, self.read_site, use_reentrant=False, preserve_rng_state=False)
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
-            sight = look_at_panel(rows[site.row :: step], cols[site.column :: step], shot)
-            planes += [self.read(screen, channel, sight, shot) for channel in site.channels]
-        return torch.stack(planes, 1)
+            across = cols[site.column :: step]
+            bands = rows[site.row :: step].split(max(1, AT_ONCE // max(1, len(light) * len(across))))
+            planes.append(torch.cat([read_site(site, screen, down, across, shot) for down in bands], 2))
+        return torch.cat(planes, 1)
+
+    def read_site(self, site: Site, screen: Screen, rows: Tensor, cols: Tensor, shot) -> Tensor:
+        """Return what one site of the filter cell reads at photo coordinates rows x cols: (B, channels, h, w)."""
+        sight = look_at_panel(rows, cols, shot)
+        return torch.stack([self.read(screen, channel, sight, shot) for channel in site.channels], 1)
 
     def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         """Return what sensor pixels read of one channel: (B, h, w)."""
@@ -213,7 +227,7 @@ def panel_pixels(screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpi
     for j, in_row in enumerate(down):
         line = 0.0
         for i, in_column in enumerate(across):
-            line = line + in_column * shown(i, j)
+            line = line + in_column * shown[j][i]
         total = total + in_row * line
     return total
 
@@ -235,25 +249,48 @@ class Screen:
         self.size = [math.ceil(most * n) + 2 * margin for n, margin in zip(shot.size, self.margin, strict=True)]
         self.panel = None
         if math.prod(self.size) <= LOOKS * taps**2 * math.prod(shot.raw_shape()[-2:]):
-            self.panel = on_panel(light, self.size, self.margin, self.alpha).flatten(2)
+            self.panel = on_panel(light, self.size, self.margin, self.alpha).flatten(2).unbind(1)
 
-    def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> Callable[[int, int], Tensor]:
-        """Return a function of i and j that gives what the panel pixel i periods to the right of (B, h, w) columns and j
-        below rows shows: (B, h, w)."""
-        px, py = period
+    def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> list[Sequence[Tensor]]:
+        """Return what the panel pixels show from (B, h, w) columns and rows on, one a period: `taps` lists, downwards, of
+        `taps` tensors (B, h, w), to the right."""
+        (px, py), n = period, self.taps
         if self.panel is None:
             plane, alpha = self.light[:, channel, None], self.alpha
-
-            def shown(i: int, j: int) -> Tensor:
-                return grids.look_up(plane, (column + (i * px + 0.5)) / alpha, (row + (j * py + 0.5)) / alpha)[:, 0]
-
-            return shown
+            x = [(column + (i * px + 0.5)) / alpha for i in range(n)]
+            y = [(row + (j * py + 0.5)) / alpha for j in range(n)]
+            return [[grids.look_up(plane, x[i], y[j])[:, 0] for i in range(n)] for j in range(n)]
         (h, w), (above, before) = self.size, self.margin
-        column = (column + before).clamp(0, w - before)
-        row = (row + above).clamp(0, h - above)
-        # one index for all: the panel is shifted under it
-        first, panel = (row * w + column).long().flatten(1), self.panel[:, channel]
-        return lambda i, j: panel[:, j * py * w + i * px :].gather(1, first).reshape(row.shape)
+        first = (row + above).clamp(0, h - above) * w + (column + before).clamp(0, w - before)
+        steps = [j * py * w + i * px for j in range(n) for i in range(n)]
+        found = Gather.apply(self.panel[channel], first.long().flatten(1), steps)
+        return found.reshape(n, n, *row.shape)
+
+
+class Gather(torch.autograd.Function):
+    """Numbers (B, N) at indices (B, P) plus each of S steps: (S, B, P). Differentiable any number of times.
+
+    For its gradient torch.gather would keep S indices.
+    """
+
+    generate_vmap_rule = True
+
+    @staticmethod
+    def forward(numbers: Tensor, first: Tensor, steps: list[int]) -> Tensor:
+        return torch.stack([numbers[:, step:].gather(1, first) for step in steps])
+
+    @staticmethod
+    def setup_context(ctx, inputs: tuple, output: Tensor) -> None:
+        numbers, first, ctx.steps = inputs
+        ctx.save_for_backward(first)
+        ctx.n = numbers.shape[1]
+
+    @staticmethod
+    def backward(ctx, slope: Tensor) -> tuple:
+        (first,) = ctx.saved_tensors
+        index = torch.cat([first + step for step in ctx.steps], 1)
+        nothing = slope.new_zeros(len(first), ctx.n)
+        return nothing.scatter_add(1, index, slope.movedim(0, 1).flatten(1)), None, None
 
 
 def on_panel(light: Tensor, size: list[int], margin: list[int], alpha: Tensor) -> Tensor:
