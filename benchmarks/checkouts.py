@@ -39,6 +39,7 @@ class Checkout:
         worker = [sys.executable, str(HERE / "benchmarks/worker.py"), str(self.root), str(threads)]
         self.process = subprocess.Popen(worker, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
         if not Path(self.ask("where")).is_relative_to(self.root):
+            self.__exit__()
             raise RuntimeError(f"{self.root} has no moireaug of its own: another one was imported.")
 
     def ask(self, name: str, **arguments: Any) -> Any:
