@@ -142,8 +142,7 @@ def attack_step(size: Size) -> Iterator[Row]:
     ours = attacks.MoireAttack(model, scene="screen_photo")
     steps = {"moire": step(ours, images, labels), "pgd": step(attacks.PGD(model), images, labels)}
     times = timed_together(steps, 2 * size.slow)
-    what, other = "a Moiré Attack step, ResNet-18", "a PGD step"
-    yield in_ms(what, times["moire"], other, times["pgd"], bar=1.03, stretch=1.01)
+    yield in_ms("a Moiré Attack step, ResNet-18", times["moire"], "a PGD step", times["pgd"], bar=1.03, stretch=1.01)
 
 
 def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[], Tensor]:
