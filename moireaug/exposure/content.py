@@ -43,10 +43,10 @@ def footprint(step: Tensor, optics: Optics) -> Footprint:
         optics: (B,) fields.
     """
     fill, blur, olpf = (t.reshape(-1, *[1] * (step.ndim - 2)).to(step.dtype) for t in optics)
-    u, v = step.unbind(-1)
-    long, short = torch.maximum(u.abs(), v.abs()), torch.minimum(u.abs(), v.abs())
+    u, v = step.abs().unbind(-1)
+    long, short = torch.maximum(u, v), torch.minimum(u, v)
     spread = blur.square() + olpf.square() / 4
-    variance = (short * fill).square() / 12 + (u.square() + v.square()) * spread
+    variance = short.square() * (fill.square() / 12) + (u.square() + v.square()) * spread
     return Footprint(long * fill, variance + SHARP)
 
 

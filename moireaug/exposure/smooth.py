@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -23,7 +22,8 @@ from moireaug.panel.fourier import coefficient, emitting_share, mean_light
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import Subpixel, as_layout
 
-AT_ONCE = 2**18  # readings that are computed together, in bands of rows: what bounds the memory
+AT_ONCE = {"cpu": 2**16, "cuda": 2**22}  # readings of one site that are computed together, in bands of rows
+MOST_BANDS = 16  # of one site: each fills a gradient of the whole panel
 LOOKS = 1  # panel pixels, for each that is looked at, up to which a panel is built
 WHOLE_PIXEL = Subpixel(0, (0.5, 0.5), (1.0, 0.0), (0.0, 1.0))
 
@@ -75,7 +75,7 @@ class SmoothExposure(Exposure):
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
             across = cols[site.column :: step]
-            bands = rows[site.row :: step].split(max(1, AT_ONCE // max(1, len(light) * len(across))))
+            bands = rows[site.row :: step].chunk(bands_of(light, shot))
             planes.append(torch.cat([read_site(site, screen, down, across, shot) for down in bands], 2))
         return torch.cat(planes, 1)
 
@@ -157,6 +157,14 @@ def wave(k: int, axis: int, along: AlongAxis, period: tuple[int, int], sight: Si
     # whole cycles are dropped before the cast, so that the phase keeps its digits far from the origin
     phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
     return Wave(fu, fv, torch.cos(phase), torch.sin(phase))
+
+
+def bands_of(light: Tensor, shot) -> int:
+    """Return into how many bands of rows a site's readings are cut, so that memory is bounded."""
+    if torch.compiler.is_compiling():
+        return 1
+    readings = len(light) * math.prod(shot.raw_shape()[-2:])
+    return min(MOST_BANDS, 1 + readings // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
 
 
 def look_at_panel(rows: Tensor, cols: Tensor, shot) -> Sight:
@@ -251,8 +259,8 @@ class Screen:
         if math.prod(self.size) <= LOOKS * taps**2 * math.prod(shot.raw_shape()[-2:]):
             self.panel = on_panel(light, self.size, self.margin, self.alpha).flatten(2).unbind(1)
 
-    def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> list[Sequence[Tensor]]:
-        """Return what the panel pixels show from (B, h, w) columns and rows on, one a period: `taps` lists, downwards, of
+    def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> list[list[Tensor]]:
+        """Return what panel pixels show from (B, h, w) columns and rows on, one a period: `taps` lists, downwards, of
         `taps` tensors (B, h, w), to the right."""
         (px, py), n = period, self.taps
         if self.panel is None:
@@ -264,33 +272,33 @@ class Screen:
         first = (row + above).clamp(0, h - above) * w + (column + before).clamp(0, w - before)
         steps = [j * py * w + i * px for j in range(n) for i in range(n)]
         found = Gather.apply(self.panel[channel], first.long().flatten(1), steps)
-        return found.reshape(n, n, *row.shape)
+        return [[found[j * n + i].reshape(row.shape) for i in range(n)] for j in range(n)]
 
 
 class Gather(torch.autograd.Function):
-    """Numbers (B, N) at indices (B, P) plus each of S steps: (S, B, P). Differentiable any number of times.
+    """Numbers (B, N) at indices (B, P) plus each of some steps: (B, P) each. Differentiable any number of times.
 
-    For its gradient torch.gather would keep S indices.
+    For its gradient torch.gather would keep an index for each step.
     """
 
     generate_vmap_rule = True
 
     @staticmethod
-    def forward(numbers: Tensor, first: Tensor, steps: list[int]) -> Tensor:
-        return torch.stack([numbers[:, step:].gather(1, first) for step in steps])
+    def forward(numbers: Tensor, first: Tensor, steps: list[int]) -> tuple[Tensor, ...]:
+        return tuple(numbers[:, step:].gather(1, first) for step in steps)
 
     @staticmethod
-    def setup_context(ctx, inputs: tuple, output: Tensor) -> None:
+    def setup_context(ctx, inputs: tuple, output: tuple) -> None:
         numbers, first, ctx.steps = inputs
         ctx.save_for_backward(first)
         ctx.n = numbers.shape[1]
 
     @staticmethod
-    def backward(ctx, slope: Tensor) -> tuple:
+    def backward(ctx, *slopes: Tensor) -> tuple:
         (first,) = ctx.saved_tensors
         index = torch.cat([first + step for step in ctx.steps], 1)
-        nothing = slope.new_zeros(len(first), ctx.n)
-        return nothing.scatter_add(1, index, slope.movedim(0, 1).flatten(1)), None, None
+        nothing = slopes[0].new_zeros(len(first), ctx.n)
+        return nothing.scatter_add(1, index, torch.cat(slopes, 1)), None, None
 
 
 def on_panel(light: Tensor, size: list[int], margin: list[int], alpha: Tensor) -> Tensor:

@@ -53,18 +53,19 @@ def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens 
     p = points - _centre(points, size)
     x, y, depth = _lift(_through_lens(p, size, lens), inverse, size)
     m = _entries(inverse, size)
+    if lens is not None:
+        # the lens scales a point by a factor; along the radius that factor grows, too
+        k1, k2 = (k[:, None, None] for k in lens)
+        c = 4 / (size[0] ** 2 + size[1] ** 2)
+        u, v = p.unbind(-1)
+        r2 = c * (u * u + v * v)
+        factor, growth = 1 + r2 * (k1 + k2 * r2), 2 * c * (k1 + 2 * k2 * r2)
     found = []
     for row, at in ((0, x / depth), (1, y / depth)):
         # by the ideal point's u and v
         du, dv = ((m[row][column] - at * m[2][column]) / depth for column in (0, 1))
         if lens is not None:
-            k1, k2 = (k[:, None, None] for k in lens)
-            c = 4 / (size[0] ** 2 + size[1] ** 2)
-            u, v = p.unbind(-1)
-            r2 = c * (u * u + v * v)
-            # the lens scales a point by a factor; along the radius that factor grows, too
-            radial = 2 * c * (k1 + 2 * k2 * r2) * (du * u + dv * v)
-            factor = 1 + r2 * (k1 + k2 * r2)
+            radial = growth * (du * u + dv * v)
             du, dv = factor * du + radial * u, factor * dv + radial * v
         found.append(_planar(du, dv))
     return torch.stack(found).movedim(0, -2)
@@ -97,8 +98,8 @@ def _through_lens(p: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor
 
 
 def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Ideal points, measured from the centre, to homogeneous image coordinates x, y and depth, (B, h, w) each; the depth
-    of rays at and past the horizon is that just before it."""
+    """Ideal points, measured from the centre, to homogeneous image coordinates x, y and depth, (B, h, w) each; rays at
+    and past the horizon have the depth just before it."""
     u, v = ideal.unbind(-1)
     x, y, depth = (a * u + b * v + c for a, b, c in _entries(inverse, size))
     return x, y, depth.clamp(min=NEAR_HORIZON)

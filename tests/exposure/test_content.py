@@ -25,22 +25,32 @@ def fields(box, sigma, width):
     return Footprint(*full[:2]), full[2]
 
 
+def shares(*given):
+    """The shares of all taps, stacked along a last axis."""
+    return torch.stack(content.shares(*given), -1)
+
+
+def normalised(share):
+    """The same for shares that are stacked."""
+    return torch.stack(content.normalised(list(share.unbind(-1))), -1)
+
+
 @pytest.mark.parametrize(("box", "sigma", "width"), CASES)
 def test_shares_of_all_subpixels_are_the_masks_mean(box, sigma, width):
     seen, wide = fields(box, sigma, width)
-    share = content.shares(OFFSETS, seen, wide, 21)
+    share = shares(OFFSETS, seen, wide, 21)
     assert share.shape == (1, 1, 11, 21)
     # of a mask whose subpixels repeat in every cell, over an aperture that may be narrower than one
     whole = share.sum(-1)
     assert whole.mean().item() == pytest.approx(width, rel=0.2)
     narrow = torch.full_like(OFFSETS, 1.0)  # a mask without gaps is seen whole from everywhere
-    assert torch.allclose(content.shares(OFFSETS, seen, narrow, 21).sum(-1), torch.ones(()).double(), atol=1e-9)
+    assert torch.allclose(shares(OFFSETS, seen, narrow, 21).sum(-1), torch.ones(()).double(), atol=1e-9)
 
 
 @pytest.mark.parametrize(("box", "sigma", "width"), CASES)
 def test_shares_are_the_integral_of_box_gaussian_and_subpixel(box, sigma, width):
     seen, wide = fields(box, sigma, width)
-    found = content.shares(OFFSETS, seen, wide, 5)
+    found = shares(OFFSETS, seen, wide, 5)
     steps = 40000
     # the box summed at its mid points, the subpixel under the Gaussian in closed form
     u = (torch.arange(steps, dtype=torch.float64) + 0.5) / steps * box - box / 2
@@ -53,23 +63,23 @@ def test_shares_are_the_integral_of_box_gaussian_and_subpixel(box, sigma, width)
 
 def test_a_wrong_width_is_noticed():
     seen, wide = fields(0.7, 0.25, 1 / 3)
-    assert (content.shares(OFFSETS, seen, wide, 5) - content.shares(OFFSETS, seen, 1.01 * wide, 5)).abs().max() > 1e-3
+    assert (shares(OFFSETS, seen, wide, 5) - shares(OFFSETS, seen, 1.01 * wide, 5)).abs().max() > 1e-3
 
 
 def test_gradients_of_every_argument():
     offset = torch.tensor([[[-0.4, 0.0, 0.13, 0.5]]], dtype=torch.float64, requires_grad=True)
     box, variance, width = (torch.full_like(offset, v).requires_grad_() for v in (0.8, 0.04, 0.3))
     assert torch.autograd.gradcheck(
-        lambda o, b, v, w: content.shares(o, Footprint(b, v), w, 3), (offset, box, variance, width)
+        lambda o, b, v, w: shares(o, Footprint(b, v), w, 3), (offset, box, variance, width)
     )
     assert torch.autograd.gradcheck(
-        lambda o, b, v, w: content.normalised(content.shares(o, Footprint(b, v), w, 3)), (offset, box, variance, width)
+        lambda o, b, v, w: normalised(shares(o, Footprint(b, v), w, 3)), (offset, box, variance, width)
     )
 
 
 def test_normalised_shares_sum_to_one_where_nothing_is_seen_too():
     share = torch.tensor([[[[0.2, 0.3, 0.1], [0.0, 0.0, 0.0], [-1e-18, 0.0, 0.4]]]], dtype=torch.float64)
-    whole = content.normalised(share.requires_grad_())
+    whole = normalised(share.requires_grad_())
     assert torch.allclose(whole.sum(-1), torch.ones(()).double())
     assert whole[0, 0, 1].tolist() == [0, 1, 0] and whole[0, 0, 2, 2] > 0.999
     (gradient,) = torch.autograd.grad(whole[..., 0].sum(), share)
