@@ -23,6 +23,8 @@ import torch
 from torch import Tensor
 
 from moireaug.numeric import clip
+from moireaug.scene.fields import ranged_fields
+from moireaug.scene.parts import PARTS
 
 if TYPE_CHECKING:
     from moireaug.scene.shot import ShotRecord
@@ -102,7 +104,7 @@ def _looks_like(image: Tensor, row: int) -> str:
 
 
 def check_shot(image: Tensor, shot: ShotRecord) -> None:
-    """Refuse a batch of another number or size of images than a shot was drawn for.
+    """Refuse a batch of another number or size of images than a shot was drawn for, and a shot that is not finite.
 
     Raises:
         ValueError: with what was got and what to do.
@@ -112,6 +114,17 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
             f"the shot was drawn for {len(shot)} images of {shot.size[0]} x {shot.size[1]}; got {len(image)} of "
             f"{image.shape[-2]} x {image.shape[-1]}. Draw one with scene.sample(len(images), images.shape[-2:])."
         )
+    if torch.compiler.is_compiling() or torch._C._functorch.peek_interpreter_stack():
+        return  # values are not known
+    drawn = {}
+    for part in PARTS:
+        for field in ranged_fields(getattr(shot, part)):
+            drawn[f"{part}.{field}"] = getattr(getattr(shot, part), field).detach()
+    if torch.cat(list(drawn.values())).isfinite().all():
+        return
+    for name, values in drawn.items():
+        if not values.isfinite().all():
+            raise ValueError(f"a shot's numbers must be finite; got {values.tolist()} as shot.{name}.")
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:

@@ -16,7 +16,7 @@ from moireaug.effects.denoise import Denoise
 from moireaug.effects.exposing import Distortion, Exposed, Pose, Subpixels
 from moireaug.effects.flicker import Flicker
 from moireaug.effects.jpeg import Jpeg
-from moireaug.effects.prefilter import Prefilter, most_variance
+from moireaug.effects.prefilter import Prefilter, most_lost, most_variance
 from moireaug.effects.registration import Registration
 from moireaug.effects.resize import Resize
 from moireaug.effects.sensor import FullWell, Gain, Noise, Quantisation, Saturation
@@ -87,6 +87,7 @@ class Plan:
         exposing, developing: the effects that are computed.
         method: the exposure, never "auto".
         prefilter: the most variance by which the picture is blurred before it is looked up, in squared image pixels.
+        narrows: whether part of that is for views of more panel pixels than are counted one by one.
     """
 
     steps: tuple[Step, ...]
@@ -94,6 +95,7 @@ class Plan:
     developing: tuple[Effect, ...]
     method: Exposure
     prefilter: float
+    narrows: bool
 
     @property
     def exposure(self) -> str:
@@ -147,4 +149,4 @@ def make_plan(scene: SceneRecord) -> Plan:
             if effect.shown:
                 steps.append(Step(effect.name, *verdict))
     exposing, developing = (tuple(effects) for effects in chosen.values())
-    return Plan(tuple(steps), exposing, developing, exposure_of(scene), most_variance(scene))
+    return Plan(tuple(steps), exposing, developing, exposure_of(scene), most_variance(scene), most_lost(scene) > 0)

@@ -192,3 +192,13 @@ def test_the_image_is_not_changed(images):
     kept = images.clone()
     Scene.preset("screen_photo").capture(images)
     assert torch.equal(images, kept)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+@pytest.mark.parametrize(("part", "field"), [("view", "yaw"), ("panel", "scale"), ("lens", "k1")])
+def test_a_shot_that_is_not_finite_is_named(part, field, value, images):
+    shot = Scene.preset("screen_photo").sample(len(images), images.shape[-2:])
+    drawn = getattr(shot, part)
+    broken = dataclasses.replace(drawn, **{field: getattr(drawn, field) + value})
+    with pytest.raises(ValueError, match=rf"shot\.{part}\.{field}"):
+        capture(images, dataclasses.replace(shot, **{part: broken}))

@@ -58,7 +58,7 @@ def variance_at(points: Tensor, shot) -> Tensor:
     """Return the blur that the picture needs at image points (1, h, w, 2), in squared image pixels: (B, h, w)."""
     alpha, method = shot.panel.scale[:, None, None], shot.plan.method
     coarse = coarseness(alpha).expand(-1, *points.shape[1:3])
-    if not most_lost(shot.scene):
+    if not shot.plan.narrows:
         return coarse
     points = points.expand(len(alpha), -1, -1, -1)
     seen = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(points.shape)

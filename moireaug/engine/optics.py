@@ -40,7 +40,7 @@ def spreads(out, u, v, camera, period, width, skew, taps):
         variance = short * short / 12 + (ju * ju + jv * jv) * beside + skew[axis]
         out[axis, 1] = math.sqrt(variance + NARROWEST)
         reach = out[axis, 0] / 2 + TAIL * out[axis, 1]
-        shrink = min(1.0, (taps + 0.5 - width[axis] / 2) / reach)
+        shrink = min(1.0, max(taps + 0.5 - width[axis] / 2, NARROWEST) / reach)
         out[axis, 0] *= shrink
         out[axis, 1] *= shrink
         narrowed = narrowed or shrink < 1

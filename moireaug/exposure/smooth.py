@@ -183,9 +183,7 @@ def extent(subpixel: Subpixel, period: tuple[int, int], axis: int, width: Tensor
     return torch.maximum(*edges), torch.minimum(*edges).square() / 12
 
 
-def along_axis(
-    axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Sight, shot, screen: Screen
-) -> AlongAxis:
+def along_axis(axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Sight, shot, screen: Screen) -> AlongAxis:
     """Return one kind of subpixel along x (axis 0) or y (axis 1)."""
     taps, dtype = screen.taps, screen.light.dtype
     cells = (sight.position[..., axis] - subpixel.centre[axis]) / period[axis]

@@ -147,7 +147,7 @@ def test_what_others_find_in_the_ball_is_what_we_find(learnt, attack):
     assert torch.equal(theirs, predicted(camera, x) != labels)
     ours = MoireAttack(model, scene=SCENE, eps=EPS, steps=40, rule="halving", loss="margin", restarts=2)
     ours = ours(images, labels, shot=shot).success
-    assert 0.2 < ours.float().mean() < 1
+    assert 0.1 < ours.float().mean() < 1
     assert (ours.sum() - theirs.sum()).abs() <= 2
 
 

@@ -19,34 +19,23 @@ ROOT = Path(__file__).resolve().parents[2]
 FACTS = {"date", "device", "cpu", "cores", "threads", "load_average_at_start", "python", *measure.LIBRARIES}
 
 
-SCRIPTS = ("accuracy_vs_time", "speed", "effects_cost", "training_steps")
+@pytest.fixture
+def ran(tmp_path):
+    """Run a script: what it printed, what it wrote, and where."""
 
+    def run(name):
+        command = [sys.executable, str(ROOT / f"benchmarks/{name}.py"), "--quick", "--threads", "1", "--out", "."]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
+        assert done.returncode == 0, done.stderr
+        written = json.loads((tmp_path / f"{name}.json").read_text())
+        assert written["metadata"].keys() - {"before"} == FACTS  # the machine is named
+        return done.stdout, written, tmp_path
 
-@pytest.fixture(scope="module")
-def ran(tmp_path_factory):
-    """What each script printed and wrote, and where; they run side by side."""
-    folder = tmp_path_factory.mktemp("results")
-    quick = ["--quick", "--threads", "1", "--out", str(folder)]
-    started = {
-        name: subprocess.Popen(
-            [sys.executable, str(ROOT / f"benchmarks/{name}.py"), *quick],
-            cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )
-        for name in SCRIPTS
-    }  # fmt: skip
-    told = {name: process.communicate(timeout=600) for name, process in started.items()}
-    for name, process in started.items():
-        assert process.returncode == 0, told[name][1]
-    written = {name: json.loads((folder / f"{name}.json").read_text()) for name in SCRIPTS}
-    return {name: (told[name][0], written[name], folder) for name in SCRIPTS}
-
-
-def test_results_name_the_machine(ran):
-    assert all(written["metadata"].keys() - {"before"} == FACTS for _, written, _ in ran.values())
+    return run
 
 
 def test_accuracy_vs_time(ran):
-    out, written, folder = ran["accuracy_vs_time"]
+    out, written, folder = ran("accuracy_vs_time")
     assert (folder / "accuracy_vs_time.png").stat().st_size > 10_000
     for problem in written["problems"]:
         rows = {row["method"]: row for row in problem["rows"]}
@@ -75,7 +64,7 @@ def test_accuracy_vs_time(ran):
 
 
 def test_effects_cost(ran):
-    out, written, _ = ran["effects_cost"]
+    out, written, _ = ran("effects_cost")
     effects = {row["effect"]: row for row in written["default_photo"]["effects"]}
     assert effects.keys() == {*effects_cost.WITHOUT, *effects_cost.WITH, *effects_cost.ALWAYS}
     whole = written["default_photo"]["seconds"]["engine"]["median"]
@@ -107,7 +96,7 @@ def test_what_is_added_is_not_in_the_default_photo(name):
 
 
 def test_speed(ran):
-    out, written, _ = ran["speed"]
+    out, written, _ = ran("speed")
     barred = [row for row in written["rows"] if row["bar"] is not None and "GPU" not in row["what"]]
     assert len(barred) == 13 and all(row["met"] in (True, False) for row in barred)
     assert not any("older checkout" in row["against"] for row in written["rows"])
@@ -118,7 +107,7 @@ def test_speed(ran):
 
 
 def test_training_steps(ran):
-    out, written, _ = ran["training_steps"]
+    out, written, _ = ran("training_steps")
     rows = {row["recipe"]: row for row in written["recipes"]}
     assert rows.keys() == {p.stem for p in (ROOT / "recipes").glob("*.yaml")}
     assert rows["clean"]["relative"] == 1 and rows["clean"]["passes"] == 1

@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, Dataset
 
-from moireaug import Scene, capture
-from moireaug.engine import compiling, run
+from moireaug import Scene, capture, develop, expose
+from moireaug.engine import compiling, reference, run
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -73,3 +73,12 @@ def test_the_first_call_on_a_machine_is_announced_once(tmp_path, monkeypatch):
     run.prepare.cache_clear()
     run.prepare()
     assert len(said) == 1
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_a_reading_that_is_not_finite_is_left_to_the_reference(value):
+    raw = expose(IMAGES, SHOT)
+    raw[1, 2, 3, 4] = value
+    with reference():
+        expected = develop(raw, SHOT)
+    assert torch.equal(develop(raw, SHOT).nan_to_num(-1), expected.nan_to_num(-1))

@@ -69,9 +69,7 @@ def test_a_wrong_width_is_noticed():
 def test_gradients_of_every_argument():
     offset = torch.tensor([[[-0.4, 0.0, 0.13, 0.5]]], dtype=torch.float64, requires_grad=True)
     box, variance, width = (torch.full_like(offset, v).requires_grad_() for v in (0.8, 0.04, 0.3))
-    assert torch.autograd.gradcheck(
-        lambda o, b, v, w: shares(o, Footprint(b, v), w, 3), (offset, box, variance, width)
-    )
+    assert torch.autograd.gradcheck(lambda o, b, v, w: shares(o, Footprint(b, v), w, 3), (offset, box, variance, width))
     assert torch.autograd.gradcheck(
         lambda o, b, v, w: normalised(shares(o, Footprint(b, v), w, 3)), (offset, box, variance, width)
     )
