@@ -124,7 +124,7 @@ def test_mean_is_the_same_camera_without_moire(images):
 def looked_up(picture, shot):
     """The exposure of a panel that counts as too large to be built."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("moireaug.exposure.smooth.LOOKS", 0)
+        patch.setattr("moireaug.exposure.screen.LOOKS", 0)
         return expose(picture, shot)
 
 
@@ -137,7 +137,7 @@ def test_a_panel_of_more_pixels_than_are_looked_at_is_not_built(images, monkeypa
     def refuse(*_):
         raise AssertionError("the panel was built")
 
-    monkeypatch.setattr("moireaug.exposure.smooth.on_panel", refuse)
+    monkeypatch.setattr("moireaug.exposure.screen.on_panel", refuse)
     expose(picture, Scene(panel=Panel(scale=1000.0)).sample(4, (24, 32)))
     with pytest.raises(AssertionError):
         expose(picture, shot)
