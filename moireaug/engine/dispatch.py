@@ -63,8 +63,14 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
 
     varies = shot.plan.prefilter > SMALL  # from place to place: that blur is the reference's
     exposure = from_shot.exposure_of(shot, decoded=varies)
-    if not all(run.fits(exposure)):  # so near the horizon that the view changes too fast
+    fits = torch.tensor(run.fits(exposure))
+    if not fits.any():
         return pipeline.expose(as_float(light), shot)
+    if not fits.all():  # each image by itself, so that its reading does not depend on the rest of the batch
+        raw = torch.empty(shot.raw_shape())
+        for rows in (fits, ~fits):
+            raw[rows] = expose(light[rows], shot[rows])
+        return raw
     if varies:
         light = as_float(light)
         if "decode" in shot.plan:

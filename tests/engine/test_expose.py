@@ -182,3 +182,14 @@ def test_a_view_of_the_horizon_does_not_fit():
     shot = scene.sample(2, (40, 40))
     view = dataclasses.replace(shot.view, yaw=torch.tensor([5.0, 85.0], dtype=torch.float64))
     assert run.fits(from_shot.exposure_of(dataclasses.replace(shot, view=view), decoded=False)) == [True, False]
+
+
+def test_an_image_is_read_the_same_beside_one_that_does_not_fit():
+    scene = Scene(view=View(yaw=(0.0, 85.0), fov=60.0), lens=SOFT, sensor=TWICE)
+    shot = scene.sample(3, (40, 40), torch.Generator().manual_seed(0))
+    yaw = torch.tensor([5.0, 85.0, -5.0], dtype=torch.float64)
+    shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=yaw))
+    images = torch.rand(3, 3, 40, 40, generator=torch.Generator().manual_seed(1))
+    assert run.fits(from_shot.exposure_of(shot, decoded=False)) == [True, False, True]
+    together, alone = expose(images, shot), [expose(images[i : i + 1], shot[i : i + 1]) for i in range(3)]
+    assert torch.equal(together, torch.cat(alone))
