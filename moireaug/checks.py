@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from moireaug.numeric import clip
+from moireaug.numeric import clip, is_transformed
 from moireaug.scene.fields import ranged_fields
 from moireaug.scene.parts import PARTS
 
@@ -114,8 +114,8 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
             f"the shot was drawn for {len(shot)} images of {shot.size[0]} x {shot.size[1]}; got {len(image)} of "
             f"{image.shape[-2]} x {image.shape[-1]}. Draw one with scene.sample(len(images), images.shape[-2:])."
         )
-    if torch.compiler.is_compiling() or torch._C._functorch.peek_interpreter_stack():
-        return  # values are not known
+    if is_transformed():
+        return
     drawn = {}
     for part in PARTS:
         for field in ranged_fields(getattr(shot, part)):

@@ -15,6 +15,7 @@ from torch import Tensor
 from moireaug import pipeline
 from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
+from moireaug.numeric import is_transformed
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
@@ -99,8 +100,7 @@ def as_float(images: Tensor) -> Tensor:
 def _runs(tensor: Tensor) -> bool:
     if tensor.dtype not in (torch.float32, torch.uint8) or tensor.device.type != "cpu" or not tensor.numel():
         return False
-    traced = torch.compiler.is_compiling() or type(tensor) is not Tensor
-    return not traced and not torch._C._functorch.peek_interpreter_stack() and not _unavailable()
+    return type(tensor) is Tensor and not is_transformed() and not _unavailable()
 
 
 def _unavailable() -> str:

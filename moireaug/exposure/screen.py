@@ -25,28 +25,48 @@ class Screen:
         most = bounds(shot.scene.panel.scale)[1]
         if len(light) and not torch.compiler.is_compiling():
             most = float(self.alpha.detach().max())
-        period = as_layout(shot.scene.panel.layout).period
+        px, py = as_layout(shot.scene.panel.layout).period
         # far enough past the picture for all taps to be on its border
-        self.margin = [taps * period[axis] for axis in (1, 0)]
-        self.size = [math.ceil(most * n) + 2 * margin for n, margin in zip(shot.size, self.margin, strict=True)]
+        self.margin = (taps * py, taps * px)
+        height, width = shot.size
+        self.size = (math.ceil(most * height) + 2 * taps * py, math.ceil(most * width) + 2 * taps * px)
         self.panel = None
-        if math.prod(self.size) <= LOOKS * taps**2 * math.prod(shot.raw_shape()[-2:]):
+        readings = math.prod(shot.raw_shape()[-2:])
+        if math.prod(self.size) <= LOOKS * taps**2 * readings:
             self.panel = on_panel(light, self.size, self.margin, self.alpha).flatten(2).unbind(1)
 
     def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> list[list[Tensor]]:
         """Return what panel pixels show from (B, h, w) columns and rows on, one a period: `taps` lists, downwards, of
         `taps` tensors (B, h, w), to the right."""
-        (px, py), n = period, self.taps
         if self.panel is None:
-            plane, alpha = self.light[:, channel, None], self.alpha
-            x = [(column + (i * px + 0.5)) / alpha for i in range(n)]
-            y = [(row + (j * py + 0.5)) / alpha for j in range(n)]
-            return [[grids.look_up(plane, x[i], y[j])[:, 0] for i in range(n)] for j in range(n)]
+            return self._on_picture(channel, column, row, period)
+        px, py = period
         (h, w), (above, before) = self.size, self.margin
         first = (row + above).clamp(0, h - above) * w + (column + before).clamp(0, w - before)
-        steps = [j * py * w + i * px for j in range(n) for i in range(n)]
+        steps = []
+        for j in range(self.taps):
+            for i in range(self.taps):
+                steps.append(j * py * w + i * px)
         found = Gather.apply(self.panel[channel], first.long().flatten(1), steps)
-        return [[found[j * n + i].reshape(row.shape) for i in range(n)] for j in range(n)]
+        shown = []
+        for j in range(self.taps):
+            line = found[j * self.taps : (j + 1) * self.taps]
+            shown.append([values.reshape(row.shape) for values in line])
+        return shown
+
+    def _on_picture(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> list[list[Tensor]]:
+        """Look panel pixels up on the picture itself; arguments and result as in `look`."""
+        px, py = period
+        picture = self.light[:, channel, None]
+        shown = []
+        for j in range(self.taps):
+            y = (row + (j * py + 0.5)) / self.alpha
+            line = []
+            for i in range(self.taps):
+                x = (column + (i * px + 0.5)) / self.alpha
+                line.append(grids.look_up(picture, x, y)[:, 0])
+            shown.append(line)
+        return shown
 
 
 class Gather(torch.autograd.Function):
@@ -75,12 +95,11 @@ class Gather(torch.autograd.Function):
         return nothing.scatter_add(1, index, torch.cat(slopes, 1)), None, None
 
 
-def on_panel(light: Tensor, size: list[int], margin: list[int], alpha: Tensor) -> Tensor:
+def on_panel(light: Tensor, size: tuple[int, int], margin: tuple[int, int], alpha: Tensor) -> Tensor:
     """Return what the panel's pixels show of a picture (B, 3, H, W): its values at their centres, (B, 3, h, w), from a
     margin before the picture, which has its border."""
-    y, x = (
-        torch.arange(n, dtype=alpha.dtype, device=alpha.device) + (0.5 - before)
-        for n, before in zip(size, margin, strict=True)
-    )
+    (height, width), (above, before) = size, margin
+    y = torch.arange(height, dtype=alpha.dtype, device=alpha.device) + (0.5 - above)
+    x = torch.arange(width, dtype=alpha.dtype, device=alpha.device) + (0.5 - before)
     x, y = torch.broadcast_tensors(x / alpha, y[:, None] / alpha)
     return grids.look_up(light, x, y)

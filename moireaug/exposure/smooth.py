@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import math
+from abc import abstractmethod
 from typing import NamedTuple
 
 import torch
@@ -83,8 +84,15 @@ class SmoothExposure(Exposure):
         sight = look_at_panel(rows, cols, shot)
         return torch.stack([self.read(screen, channel, sight, shot) for channel in site.channels], 1)
 
+    @abstractmethod
     def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         """Return what sensor pixels read of one channel: (B, h, w)."""
+
+
+class BySubpixel(SmoothExposure):
+    """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of the view filled."""
+
+    def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
         total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
         for subpixel in layout.of(channel):
@@ -93,12 +101,12 @@ class SmoothExposure(Exposure):
             total = total + panel_pixels(screen, channel, x, y, subpixel, layout.period) * through
         return total
 
+    @abstractmethod
     def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
         """Return the share of the view that the subpixels fill, (B, h, w)."""
-        raise NotImplementedError
 
 
-class Spectral(SmoothExposure):
+class Spectral(BySubpixel):
     """The panel's harmonics, each weighted by its modulation transfer: exact in the aperture, the lens and the view's
     local scale."""
 
@@ -124,7 +132,7 @@ class Spectral(SmoothExposure):
         return light
 
 
-class Box(SmoothExposure):
+class Box(BySubpixel):
     """The overlap of aperture and subpixels along x and y apart: exact where the view is upright. For screens that are
     magnified beyond what a series can follow."""
 
