@@ -23,8 +23,6 @@ import torch
 from torch import Tensor
 
 from moireaug.numeric import clip, is_transformed
-from moireaug.scene.fields import ranged_fields
-from moireaug.scene.parts import PARTS
 
 if TYPE_CHECKING:
     from moireaug.scene.shot import ShotRecord
@@ -116,13 +114,10 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
         )
     if is_transformed():
         return
-    drawn = {}
-    for part in PARTS:
-        for field in ranged_fields(getattr(shot, part)):
-            drawn[f"{part}.{field}"] = getattr(getattr(shot, part), field).detach()
-    if torch.cat(list(drawn.values())).isfinite().all():
+    numbers = shot.numbers()
+    if torch.stack(list(numbers.values())).isfinite().all():
         return
-    for name, values in drawn.items():
+    for name, values in numbers.items():
         if not values.isfinite().all():
             raise ValueError(f"a shot's numbers must be finite; got {values.tolist()} as shot.{name}.")
 

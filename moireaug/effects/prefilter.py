@@ -103,6 +103,8 @@ def levels(variance: float) -> int:
 def share_at_centre(shot) -> Tensor:
     """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the variance that the
     middle of the picture needs, in squared image pixels, up to 1/2."""
+    if not shot.plan.narrows:
+        return coarseness(shot.panel.scale).clamp(max=SMALL)
     return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=SMALL)
 
 

@@ -8,6 +8,7 @@ from moireaug.engine import harmonics, lookup, optics
 from moireaug.engine.compiling import fill, kernel, loop
 from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
+from moireaug.engine.random_numbers import keys
 from moireaug.engine.sensor import attenuate, read
 from moireaug.engine.view import look
 
@@ -44,7 +45,7 @@ def _weights(out, tables, v, first, step_v):
 
 
 @kernel
-def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, clips):
+def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, seed, clips):
     """Fill raw (planes, h, w) float32 with the reading of one image.
 
     Args:
@@ -52,7 +53,7 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
         size: (height, width) of the panel in panel pixels, rounded up.
         camera, cell, nodes, sites: see `record`.
         flicker: (rows,) float64, what each sensor row gets of the mean light; empty without flicker.
-        noise: whether there is any. key: (2,) uint32, as from `random_numbers.keys`.
+        noise: whether there is any. seed: int64, of it.
         clips: whether the reading ends at 0 and 1.
     """
     planes, h, w = raw.shape
@@ -70,6 +71,7 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
             column[1, plane, i] = column[0, plane, i] + of_y
     # the terms' amplitudes at a band's first row and behind its last
     terms = nodes.terms
+    noise_keys = keys(seed)
     before, after = np.empty((step, len(terms) * w), np.float32), np.empty((step, len(terms) * w), np.float32)
     weight = np.empty(4, np.float64)
     # a row's buffers
@@ -133,4 +135,4 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, key, cl
                 harmonics.transmit(through, terms, kind, early, late, t, cx, sx, cy, sy, inner)
                 harmonics.add_product(light, content, through)
             attenuate(light, gain, u[plane], v, camera)
-            read(raw[plane, row], light, camera, (plane * h + row) * w, noise, key, numbers, clips)
+            read(raw[plane, row], light, camera, (plane * h + row) * w, noise, noise_keys, numbers, clips)

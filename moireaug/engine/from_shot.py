@@ -1,6 +1,9 @@
-"""From a Shot to what the kernels are told."""
+"""From a Shot to what the kernels are told. What a scene and a size alone decide is kept; the rest is drawn anew for
+every photo, so it is worked out in numpy."""
 
 from __future__ import annotations
+
+import functools
 
 import numpy as np
 import torch
@@ -8,123 +11,184 @@ import torch
 from moireaug.effects import prefilter
 from moireaug.effects.demosaic import DEMOSAICS
 from moireaug.effects.flicker import flicker
-from moireaug.engine import lowering
-from moireaug.engine.record import LANES, Development, Exposure, Point
+from moireaug.engine import lowering, pose
+from moireaug.engine.record import LANES, Cell, Development, Exposure, Point, Resize, Sites, Stencil
 from moireaug.engine.resampling import lower_resize, lower_stencil
 from moireaug.geometry.sensor import CFA, SampledPixels
-from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.layout import as_layout
-from moireaug.scene.shot import REACH, ShotRecord
+from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import REACH, ShotRecord, sampled_by
+
+KEPT = 64  # scenes and sizes whose tables are held
 
 
 def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
     """Return the exposure of a shot; `decoded` pictures hold the light that its decoding and prefilter make of them."""
-    rows, cols = (pixels.positions() for pixels in shot.sampled_pixels())
-    cell, coefficients, widths, skew = _cell_of(shot)
-    plan = shot.plan
-    bands = torch.empty(len(shot), 0, dtype=torch.float64)
-    if "flicker" in plan:
-        panel, sensor = shot.panel, shot.sensor
-        bands = flicker(rows / shot.size[0], panel.pwm, panel.duty, panel.phase, sensor.shutter, sensor.readout)
+    plan, drawn = shot.plan, _numbers_of(shot)
+    share = np.zeros(len(shot), np.float32)
+    if "prefilter" in plan and not decoded:
+        share = prefilter.share_at_centre(shot).detach().float().numpy()
+    coefficients, widths, skew = _shapes_of(shot.scene, drawn)
     return Exposure(
         size=shot.size,
-        cameras=_cameras_of(shot),
-        cell=cell,
+        cameras=_cameras_of(shot, drawn),
+        cell=_cell(shot.scene),
         coefficients=coefficients,
         widths=widths,
         skew=skew,
-        sites=lowering.lower_sites(rows, cols, shot.size, CFA[shot.scene.sensor.cfa]),
-        flicker=bands.contiguous().numpy(),
-        keys=lowering.lower_keys(shot.seed),
+        sites=_sites(shot.scene, shot.size),
+        flicker=_flicker_of(shot),
+        seeds=shot.seed.numpy(),
         noise="noise" in plan,
         coded="decode" in plan and not decoded,
-        share=np.zeros(len(shot), np.float32) if decoded else _shares_of(shot),
+        share=share,
         dark=not shot.scene.develop.registered,
         clips=any(effect.name == "full_well" for effect in plan.exposing),
-        point=_point_of(shot) if plan.exposure == "point" else None,
+        point=_point_of(shot.scene, drawn) if plan.exposure == "point" else None,
     )
-
-
-def _shares_of(shot: ShotRecord) -> np.ndarray:
-    """The share of a picture pixel's light that comes from its neighbours."""
-    if "prefilter" not in shot.plan:
-        return np.zeros(len(shot), np.float32)
-    return prefilter.share_at_centre(shot).float().numpy()
-
-
-def _point_of(shot: ShotRecord) -> Point:
-    layout, (width, height) = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
-    corners = [subpixel.corners() for subpixel in layout.all()]
-    rectangles = [(*c[0], *c[2]) for c in corners]
-    return Point(np.array(rectangles, np.float64), layout.raster, (width * height).numpy())
 
 
 def development_of(shot: ShotRecord) -> Development:
     """Return the development of a shot, all but denoising and JPEG."""
-    plan, sensor, how = shot.plan, shot.scene.sensor, shot.scene.develop
-    rows, cols = shot.sampled_pixels()
-    mosaic, one = sensor.cfa == "rggb", torch.ones(len(shot), dtype=torch.float64)
+    plan, sensor, drawn = shot.plan, shot.scene.sensor, _numbers_of(shot)
+    stencil, rows, cols = _resampling(shot.scene, shot.size)
+    gains, brighten = np.ones((len(shot), 3), np.float32), np.zeros(len(shot), np.float32)
+    if "balance" in plan:
+        gains[:, 0], gains[:, 2] = drawn["develop.red"], drawn["develop.blue"]
+    if "brighten" in plan:
+        brighten[:] = drawn["develop.brighten"]
+    return Development(
+        size=shot.size,
+        mosaic=sensor.cfa == "rggb",
+        stencil=stencil,
+        rows=rows,
+        cols=cols,
+        saturates="saturate" in plan,
+        levels=np.float32(2**sensor.bits - 1 if "bits" in plan else 0),
+        gains=gains,
+        coded="encode" in plan,
+        brighten=brighten,
+        views=_homography_of(shot, drawn) if "register" in plan else None,
+        lens=np.stack(_distortion_of(shot, drawn), 1),
+    )
+
+
+def _numbers_of(shot: ShotRecord) -> dict[str, np.ndarray]:
+    """Return the drawn numbers by name, "view.yaw", (B,) float64 each."""
+    numbers = shot.numbers()
+    rows = torch.stack(list(numbers.values())).detach().numpy()
+    return dict(zip(numbers, rows, strict=True))
+
+
+def _distortion_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    if "lens" not in shot.plan:
+        return np.zeros(len(shot)), np.zeros(len(shot))
+    return drawn["lens.k1"], drawn["lens.k2"]
+
+
+def _homography_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the homography from image to ideal photo coordinates, about the centres, (B, 3, 3) float64."""
+    if shot.scene.view.pose != "camera":
+        return pose.centred(shot.matrix().detach().numpy(), shot.size)
+    return pose.camera_pose(drawn, shot.size, shot.scene.view.fit)
+
+
+def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> list:
+    plan, zero = shot.plan, np.zeros(len(shot))
+    k1, k2 = _distortion_of(shot, drawn)
+    noisy = "noise" in plan
+    fields = {
+        "k1": k1,
+        "k2": k2,
+        "alpha": drawn["panel.scale"],
+        "fill": drawn["sensor.fill"],
+        "blur": drawn["lens.blur"],
+        "olpf": drawn["lens.olpf"],
+        "gain": drawn["sensor.gain"] if "gain" in plan else zero + 1,
+        "read": drawn["sensor.read_noise"] if noisy else zero,
+        "shot": drawn["sensor.shot_noise"] if noisy else zero,
+        "vignetting": drawn["lens.vignetting"] if "vignetting" in plan else zero,
+    }
+    scales = tuple(pixels.scale for pixels in shot.sampled_pixels())
+    return lowering.lower_cameras(pose.inverse(_homography_of(shot, drawn), shot.size), shot.size, scales, fields)
+
+
+def _emitting_share(drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the shares of a subpixel's two edges that emit, as `panel.fourier.emitting_share` does."""
+    side = np.sqrt(drawn["panel.lit"])
+    return side * drawn["panel.lit_x"], side * drawn["panel.lit_y"]
+
+
+def _shapes_of(scene: SceneRecord, drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the coefficients, widths and skews of the cell's kinds of subpixel."""
+    layout, method = as_layout(scene.panel.layout), scene.plan().method
+    width, height = _emitting_share(drawn)
+    if method.name == "mean":
+        light = np.zeros((len(width), 3, 1, 1))
+        for channel in range(3):
+            area = sum(subpixel.area for subpixel in layout.of(channel))
+            light[:, channel, 0, 0] = width * height * (area / (layout.period[0] * layout.period[1]))
+        widths = np.ones((len(width), 3, 2))
+        return light, widths, np.zeros_like(widths)
+    edges = np.array(_kinds(scene))
+    shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
+    return lowering.lower_shapes(edges * shares, layout.period, method.harmonics)
+
+
+def _point_of(scene: SceneRecord, drawn: dict[str, np.ndarray]) -> Point:
+    layout, (width, height) = as_layout(scene.panel.layout), _emitting_share(drawn)
+    rectangles = []
+    for subpixel in layout.all():
+        corners = subpixel.corners()
+        rectangles.append((*corners[0], *corners[2]))
+    return Point(np.array(rectangles, np.float64), layout.raster, width * height)
+
+
+def _flicker_of(shot: ShotRecord) -> np.ndarray:
+    """Return what each sensor row gets of the mean light, (B, rows) float64, or (B, 0)."""
+    if "flicker" not in shot.plan:
+        return np.empty((len(shot), 0))
+    panel, sensor = shot.panel, shot.sensor
+    rows = shot.sampled_pixels()[0].positions() / shot.size[0]
+    bands = flicker(rows, panel.pwm, panel.duty, panel.phase, sensor.shutter, sensor.readout)
+    return bands.detach().contiguous().numpy()
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _kinds(scene: SceneRecord) -> list:
+    """Return the shapes of a layout's subpixels: their edges across and down."""
+    return list(dict.fromkeys((s.across, s.down) for s in as_layout(scene.panel.layout).all()))
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _cell(scene: SceneRecord) -> Cell:
+    layout, method = as_layout(scene.panel.layout), scene.plan().method
+    if method.name == "mean":
+        subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
+        return lowering.lower_cell(subpixels, (1, 1), method.taps // 2)
+    kinds = _kinds(scene)
+    subpixels = [(s.channel, s.centre, kinds.index((s.across, s.down))) for s in layout.all()]
+    return lowering.lower_cell(subpixels, layout.period, method.taps // 2)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
+    rows, cols = (pixels.positions().numpy() for pixels in sampled_by(scene, size))
+    return lowering.lower_sites(rows, cols, size, CFA[scene.sensor.cfa])
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _resampling(scene: SceneRecord, size: tuple[int, int]) -> tuple[Stencil, Resize, Resize]:
+    """Return the demosaic's stencil, and the resize along rows and columns."""
+    how, mosaic = scene.develop, scene.sensor.cfa == "rggb"
+    rows, cols = sampled_by(scene, size)
     demosaic, reach = None, 0
     if mosaic:
         demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
-    gains = torch.stack([one, one, one], 1)
-    if "balance" in plan:
-        gains = torch.stack([shot.develop.red, one, shot.develop.blue], 1)
-    return Development(
-        size=shot.size,
-        mosaic=mosaic,
-        stencil=lower_stencil(demosaic, len(cols.index) // 2, LANES),
-        rows=_resize_of(rows, how.resize, reach, 1),
-        cols=_resize_of(cols, how.resize, reach, 2 if mosaic else 1),
-        saturates="saturate" in plan,
-        levels=np.float32(2**sensor.bits - 1 if "bits" in plan else 0),
-        gains=gains.float().numpy(),
-        coded="encode" in plan,
-        brighten=(shot.develop.brighten if "brighten" in plan else 0 * one).float().numpy(),
-        views=lowering.lower_views(shot.matrix(), shot.size) if "register" in plan else None,
-        lens=torch.stack(shot.distortion or (0 * one, 0 * one), 1).numpy(),
-    )
+    stencil = lower_stencil(demosaic, len(cols.index) // 2, LANES)
+    return stencil, _resize(rows, how.resize, reach, 1), _resize(cols, how.resize, reach, 2 if mosaic else 1)
 
 
-def _resize_of(pixels: SampledPixels, how: str, reach: int, parity: int):
+def _resize(pixels: SampledPixels, how: str, reach: int, parity: int) -> Resize:
     whole = pixels.kept.stop - pixels.kept.start
     return lower_resize(len(pixels.index), pixels.size, whole, how, pixels.step, pixels.lead, reach, parity, LANES)
-
-
-def _cameras_of(shot: ShotRecord) -> list:
-    plan, zero = shot.plan, torch.zeros(len(shot), dtype=torch.float64)
-    k1, k2 = shot.distortion or (zero, zero)
-    noisy = "noise" in plan
-    return lowering.lower_cameras(
-        torch.linalg.inv(shot.matrix()),
-        shot.size,
-        tuple(pixels.scale for pixels in shot.sampled_pixels()),
-        k1=k1,
-        k2=k2,
-        alpha=shot.panel.scale,
-        fill=shot.sensor.fill,
-        blur=shot.lens.blur,
-        olpf=shot.lens.olpf,
-        gain=shot.sensor.gain if "gain" in plan else zero + 1,
-        read=shot.sensor.read_noise if noisy else zero,
-        shot=shot.sensor.shot_noise if noisy else zero,
-        vignetting=shot.lens.vignetting if "vignetting" in plan else zero,
-    )
-
-
-def _cell_of(shot: ShotRecord) -> tuple:
-    """The unit cell, and the coefficients, widths and skews of its kinds of subpixel."""
-    layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
-    width, height = emitting_share(shot.panel)
-    if method.name == "mean":
-        subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
-        cell = lowering.lower_cell(subpixels, (1, 1), method.taps // 2)
-        light = torch.stack([mean_light(layout, channel, width, height) for channel in range(3)], 1)
-        widths = torch.ones(len(shot), 3, 2, dtype=torch.float64)
-        return cell, light[:, :, None, None].contiguous().numpy(), widths.numpy(), torch.zeros_like(widths).numpy()
-    kinds = list(dict.fromkeys((s.across, s.down) for s in layout.all()))
-    edges = torch.tensor(kinds, dtype=torch.float64)
-    shares = torch.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
-    subpixels = [(s.channel, s.centre, kinds.index((s.across, s.down))) for s in layout.all()]
-    cell = lowering.lower_cell(subpixels, layout.period, method.taps // 2)
-    return cell, *lowering.lower_shapes(edges * shares, layout.period, method.harmonics)

@@ -1,4 +1,4 @@
-"""From a scene's drawn numbers, as tensors, to the kernels' records."""
+"""From a scene's drawn numbers, as float64 arrays, to the kernels' records."""
 
 from __future__ import annotations
 
@@ -6,36 +6,32 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from moireaug.effects.random_numbers import keys
 from moireaug.engine.record import Camera, Cell, Sites
 
 
 def lower_cameras(
-    inverse: Tensor, size: tuple[int, int], scales: tuple[float, float], **fields: Tensor
+    inverse: np.ndarray, size: tuple[int, int], scales: tuple[float, float], fields: dict[str, np.ndarray]
 ) -> list[Camera]:
     """Return one Camera an image.
 
     Args:
-        inverse: (B, 3, 3) float64, homography from ideal photo coordinates to image coordinates.
+        inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image coordinates.
         size: height and width of photo and image. scales: sensor pixels per photo pixel, along rows and columns.
         fields: (B,) each: k1, k2, alpha, fill, blur, olpf, gain, read, shot and vignetting; an effect that is not
             called for at its identity.
     """
     h, w = size
-    centre = inverse.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
-    homography = (inverse @ centre).flatten(1)
-    n = len(inverse)
-    bend = inverse.new_full((n,), 4 / (h * h + w * w))
-    by_v, by_u = (inverse.new_full((n,), scale) for scale in scales)
-    falloff = (1 - fields["vignetting"]) ** -0.5 - 1
-    names = ("alpha", "fill", "blur", "olpf", "gain", "read", "shot")
-    alpha, *optics = [fields[name].double() for name in names]
-    columns = [*homography.unbind(1), fields["k1"], fields["k2"], bend, alpha, by_u, by_v, *optics, falloff]
-    rows = torch.stack([column.double() for column in columns], 1).tolist()
-    return [Camera(*row) for row in rows]
+    columns = np.empty((len(inverse), len(Camera._fields)))
+    columns[:, :9] = inverse.reshape(-1, 9)
+    columns[:, 9], columns[:, 10] = fields["k1"], fields["k2"]
+    columns[:, 11] = 4 / (h * h + w * w)
+    columns[:, 12] = fields["alpha"]
+    columns[:, 13], columns[:, 14] = scales[1], scales[0]
+    for i, name in enumerate(("fill", "blur", "olpf", "gain", "read", "shot")):
+        columns[:, 15 + i] = fields[name]
+    columns[:, 21] = (1 - fields["vignetting"]) ** -0.5 - 1
+    return [Camera(*row) for row in columns.tolist()]
 
 
 def lower_cell(subpixels: Sequence[tuple[int, tuple[float, float], int]], period: tuple[int, int], taps: int) -> Cell:
@@ -48,31 +44,30 @@ def lower_cell(subpixels: Sequence[tuple[int, tuple[float, float], int]], period
 
 
 def lower_shapes(
-    edges: Tensor, period: tuple[int, int], harmonics: Sequence[tuple[int, int]]
+    edges: np.ndarray, period: tuple[int, int], harmonics: Sequence[tuple[int, int]]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the coefficients, widths and skews of `record.Exposure`.
 
     Args:
-        edges: (B, kinds, 2, 2) float64, two edge vectors of each kind, x then y, in panel pixels.
+        edges: (B, kinds, 2, 2), two edge vectors of each kind, x then y, in panel pixels.
         harmonics: (k, l) pairs, k >= 0, conjugates and (0, 0) left out.
     """
-    edges = edges / edges.new_tensor(period)
+    edges = edges / np.array(period, np.float64)
     n_k = max([k for k, _ in harmonics], default=0)
     n_l = max([abs(l) for _, l in harmonics], default=0)
-    area = (edges[..., 0, 0] * edges[..., 1, 1] - edges[..., 0, 1] * edges[..., 1, 0]).abs()
-    out = edges.new_zeros(*area.shape, n_k + 1, 2 * n_l + 1)
+    area = np.abs(edges[..., 0, 0] * edges[..., 1, 1] - edges[..., 0, 1] * edges[..., 1, 0])
+    out = np.zeros((*area.shape, n_k + 1, 2 * n_l + 1))
     if harmonics:
-        pairs = edges.new_tensor(list(harmonics))
-        waves = torch.sinc(edges @ pairs.mT)  # (B, kinds, edge, harmonic)
-        k, l = pairs.long().unbind(1)
-        out[..., k, l + n_l] = 2 * area[..., None] * waves.prod(-2)
+        pairs = np.array(harmonics)
+        waves = np.sinc(edges @ pairs.T)  # (B, kinds, edge, harmonic)
+        out[..., pairs[:, 0], pairs[:, 1] + n_l] = 2 * area[..., None] * waves[..., 0, :] * waves[..., 1, :]
     out[..., 0, n_l] = area
-    long, short = edges.abs().amax(-2), edges.abs().amin(-2)
-    return out.numpy(), long.contiguous().numpy(), (short.square() / 12).numpy()
+    long, short = np.abs(edges).max(-2), np.abs(edges).min(-2)
+    return out, long, short * short / 12
 
 
 def lower_sites(
-    rows: Tensor, cols: Tensor, size: tuple[int, int], cfa: Sequence[tuple[int, int, tuple[int, ...]]]
+    rows: np.ndarray, cols: np.ndarray, size: tuple[int, int], cfa: Sequence[tuple[int, int, tuple[int, ...]]]
 ) -> Sites:
     """Return the Sites of a sensor that is read at photo coordinates rows and cols.
 
@@ -82,17 +77,4 @@ def lower_sites(
     planes = [(r, c, channel) for r, c, channels in cfa for channel in channels]
     step = math.isqrt(len(cfa))
     row, col, channel = (np.array(values, np.int64) for values in zip(*planes, strict=True))
-    return Sites((rows - size[0] / 2).numpy(), (cols - size[1] / 2).numpy(), step, row, col, channel)
-
-
-def lower_keys(seeds: Tensor) -> np.ndarray:
-    """Return the keys of seeds (B,) int64: (B, 2) uint32."""
-    return torch.stack(keys(seeds), 1).numpy().view(np.uint32)
-
-
-def lower_views(matrix: Tensor, size: tuple[int, int]) -> np.ndarray:
-    """Return (B, 3, 3) homographies (B, 3, 3) from image to ideal photo coordinates, both about the centre."""
-    h, w = size
-    there = matrix.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
-    back = matrix.new_tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
-    return (back @ matrix @ there).contiguous().numpy()
+    return Sites(rows - size[0] / 2, cols - size[1] / 2, step, row, col, channel)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.compiling import copy, fill, kernel, loop
+from moireaug.engine.random_numbers import keys
 from moireaug.engine.sensor import attenuate, read
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import look
@@ -58,7 +59,7 @@ def _add_content(out, picture, left, fx, across, top, fy, down, width, lit):
 
 
 @kernel
-def expose_point(raw, light, camera, cell, rectangles, raster, lit, sites, flicker, noise, key, clips, dark):
+def expose_point(raw, light, camera, cell, rectangles, raster, lit, sites, flicker, noise, seed, clips, dark):
     """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is float32.
 
     Args:
@@ -77,6 +78,7 @@ def expose_point(raw, light, camera, cell, rectangles, raster, lit, sites, flick
     fx, fy = np.empty(w, np.float32), np.empty(w, np.float32)
     across, down = np.empty(w, np.float32), np.empty(w, np.float32)
     line, numbers = np.empty(w, np.float32), np.empty(w, np.float32)
+    noise_keys = keys(seed)
     step, px, py = sites.step, float(cell.period[0]), float(cell.period[1])
     for r in range(h * step):
         v = sites.rows[r]
@@ -98,4 +100,4 @@ def expose_point(raw, light, camera, cell, rectangles, raster, lit, sites, flick
                 _add_content(line, shown[channel], left, fx, across, top, fy, down, np.int32(width), np.float32(lit))
             attenuate(line, gain, u, v, camera)
             row = r // step
-            read(raw[plane, row], line, camera, (plane * h + row) * w, noise, key, numbers, clips)
+            read(raw[plane, row], line, camera, (plane * h + row) * w, noise, noise_keys, numbers, clips)

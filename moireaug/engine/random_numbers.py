@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, quantiles
+from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, WEYL, quantiles
 from moireaug.engine.compiling import loop
 
 # constants of the compiled code, which then knows that no row it writes overlaps them, and works on 16 at once
@@ -13,6 +13,8 @@ ONE, TWO = np.uint32(MIX[0]), np.uint32(MIX[1])
 SHIFT = np.uint32(PLACES.bit_length() - 1)
 LOWER = np.uint32(PLACES - 1)
 UPPER = np.uint32(INTERVALS - 1)
+KEY = np.uint32(WEYL)
+LOW_BITS = 2**32 - 1
 
 
 @loop
@@ -23,6 +25,13 @@ def mix(x):
     x = np.uint32(x ^ (x >> np.uint32(15)))
     x = np.uint32(x * TWO)
     return np.uint32(x ^ (x >> np.uint32(16)))
+
+
+@loop
+def keys(seed):
+    """Return the two keys, uint32, of an image's seed, int64."""
+    first = mix(np.uint32(seed & LOW_BITS))
+    return first, mix(np.uint32(np.uint32(np.uint32((seed >> 32) & LOW_BITS) ^ first) ^ KEY))
 
 
 @loop

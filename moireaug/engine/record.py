@@ -86,7 +86,7 @@ class Exposure(NamedTuple):
         cameras: one an image.
         coefficients: (B, kinds, K + 1, 2 L + 1) float64. widths, skew: (B, kinds, 2) float64. See `expose.expose`.
         flicker: (B, rows) float64, or (B, 0).
-        keys: (B, 2) uint32. noise: whether they are used.
+        seeds: (B,) int64, of the noise. noise: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
         share: (B,) float32, of a picture pixel's light that comes from its neighbours; see `picture.show`.
         dark: what lies off the picture is black, and not the outermost pixel.
@@ -102,7 +102,7 @@ class Exposure(NamedTuple):
     skew: np.ndarray
     sites: Sites
     flicker: np.ndarray
-    keys: np.ndarray
+    seeds: np.ndarray
     noise: bool
     coded: bool
     share: np.ndarray

@@ -92,7 +92,7 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     def work_on_points(i: int) -> None:
         expose_point(
             readings[i], light_of(i), e.cameras[i], e.cell, e.point.rectangles, e.point.raster, e.point.lit[i], e.sites,
-            e.flicker[i], e.noise, e.keys[i], e.clips, e.dark,
+            e.flicker[i], e.noise, e.seeds[i], e.clips, e.dark,
         )  # fmt: skip
 
     def work(i: int) -> None:
@@ -101,7 +101,7 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
         panels.show(panel, light_of(i), camera.alpha, period, taps, e.dark)
         size = (math.ceil(camera.alpha * h), math.ceil(camera.alpha * w))
         nodes = prepare_nodes(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites)
-        kernel(readings[i], panel, size, camera, e.cell, nodes, e.sites, e.flicker[i], e.noise, e.keys[i], e.clips)
+        kernel(readings[i], panel, size, camera, e.cell, nodes, e.sites, e.flicker[i], e.noise, e.seeds[i], e.clips)
 
     each(work_on_points if e.point else work, len(picture))
     return raw

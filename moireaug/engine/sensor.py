@@ -37,13 +37,13 @@ def _add_noise(line, numbers, read, shot):
 
 
 @loop
-def read(out, light, camera, start, noise, key, numbers, clips):
+def read(out, light, camera, start, noise, keys, numbers, clips):
     """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the image's raw.
 
-    key: (2,) uint32. numbers: (w,) to work in. The rest as in `expose.expose`.
+    keys: of the noise, from `random_numbers.keys`. numbers: (w,) to work in. The rest as in `expose.expose`.
     """
     if noise:
-        normal_row(numbers, start, key[0], key[1])
+        normal_row(numbers, start, keys[0], keys[1])
         _add_noise(light, numbers, np.float32(camera.read), np.float32(camera.shot))
     if clips:
         for i in range(len(out)):

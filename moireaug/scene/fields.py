@@ -5,9 +5,9 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable
-from dataclasses import field, fields
+from dataclasses import Field, field, fields
 from numbers import Real
-from typing import Any
+from typing import Any, ClassVar, Self
 
 Range = float | tuple[float, float]
 
@@ -40,7 +40,22 @@ def check_number(name: str, value: object, low: float, high: float, unit: str) -
 
 
 class Part:
-    """Checks every ranged field at construction; drawn records (fields that have a shape) pass unchecked."""
+    """Checks every ranged field at construction; drawn records (fields that have a shape) pass unchecked.
+
+    `ranged` names a class's ranged fields, in the order in which they are drawn.
+    """
+
+    ranged: ClassVar[tuple[str, ...]] = ()
+
+    def __init_subclass__(cls) -> None:
+        declared = [name for name, value in vars(cls).items() if isinstance(value, Field)]
+        cls.ranged = tuple(name for name in declared if "low" in vars(cls)[name].metadata)
+
+    def drawn(self, values: dict[str, Any]) -> Self:
+        """Return the same part with drawn numbers for its ranged fields, unchecked."""
+        part = object.__new__(type(self))
+        part.__dict__.update(self.__dict__, **values)
+        return part
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -64,10 +79,9 @@ class Part:
             object.__setattr__(self, f.name, value)
 
 
-def ranged_fields(part: Part) -> list[str]:
+def ranged_fields(part: Part) -> tuple[str, ...]:
     """The names of a part's ranged fields, in the order in which they are drawn."""
-    # not `if f.metadata`, here and above: torch.compile takes the empty mapping for a full one
-    return [f.name for f in fields(part) if "low" in f.metadata]
+    return part.ranged
 
 
 def bounds(value: Range) -> tuple[float, float]:

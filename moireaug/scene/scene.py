@@ -136,22 +136,26 @@ def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator
     h, w = (int(s) for s in size) if len(size) == 2 else (0, 0)
     if n < 0 or h < 1 or w < 1:
         raise ValueError(f"a shot needs n >= 0 images of at least 1 x 1 pixels; got n = {n}, size = {tuple(size)}.")
-    ranges = {
-        (part, k): bounds(getattr(getattr(scene, part), k))
-        for part in PARTS
-        for k in ranged_fields(getattr(scene, part))
-    }
-    varied = [name for name, (low, high) in ranges.items() if low < high]
+    names, lows, highs = [], [], []
+    for name in PARTS:
+        part = getattr(scene, name)
+        for field in ranged_fields(part):
+            low, high = bounds(getattr(part, field))
+            names.append((name, field))
+            lows.append(low)
+            highs.append(high)
+    varied = [i for i in range(len(names)) if lows[i] < highs[i]]
     u = torch.rand(n, len(varied) + 1, dtype=torch.float64, generator=generator)
-    drawn: dict[str, dict[str, torch.Tensor]] = {part: {} for part in PARTS}
-    for (part, k), (low, high) in ranges.items():
-        value = torch.full((n,), low, dtype=torch.float64)
-        if (part, k) in varied:
-            value = low + (high - low) * u[:, varied.index((part, k))]
-            if scene.view.pose == "released" and part == "view":
-                value = value.floor()  # the released code turns by whole degrees
-        drawn[part][k] = value
-    parts = {part: dataclasses.replace(getattr(scene, part), **drawn[part]) for part in PARTS}
+    low, high = torch.tensor([lows, highs], dtype=torch.float64)[..., None]
+    values = low.repeat(1, n)
+    values[varied] = low[varied] + (high - low)[varied] * u[:, :-1].mT
+    drawn: dict[str, dict[str, torch.Tensor]] = {name: {} for name in PARTS}
+    for (name, field), value in zip(names, values.unbind(), strict=True):
+        drawn[name][field] = value
+    if scene.view.pose == "released":
+        for field, value in drawn["view"].items():
+            drawn["view"][field] = value.floor()  # the released code turns by whole degrees
+    parts = {name: getattr(scene, name).drawn(drawn[name]) for name in PARTS}
     return Shot(scene=scene, size=(h, w), seed=(u[:, -1] * 2**53).to(torch.int64), **parts)
 
 

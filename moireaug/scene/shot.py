@@ -17,9 +17,20 @@ from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 if TYPE_CHECKING:
     from moireaug.pipeline import Plan
+    from moireaug.scene.record import SceneRecord
     from moireaug.scene.scene import Scene
 
 REACH = {"bilinear": 1, "malvar": 2}  # sensor pixels to each side that a demosaiced colour is made from
+
+
+def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels, SampledPixels]:
+    """Return which sensor rows and columns a photo of `size` (height, width) reads."""
+    sensor, develop = scene.sensor, scene.develop
+    reach = REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
+    # a denoiser looks at every pixel of the sensor
+    resize = "all" if develop.denoise else develop.resize
+    rows, cols = (sampled_pixels(n, sensor.scale, resize, reach) for n in size)
+    return rows, cols
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,11 +76,7 @@ class ShotRecord:
     @property
     def requires_grad(self) -> bool:
         """Whether any drawn number asks for a gradient."""
-        for name in PARTS:
-            part = getattr(self, name)
-            if any(getattr(part, field).requires_grad for field in ranged_fields(part)):
-                return True
-        return False
+        return any(values.requires_grad for values in self.numbers().values())
 
     @property
     def plan(self) -> Plan:
@@ -90,12 +97,7 @@ class ShotRecord:
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""
-        sensor, develop = self.scene.sensor, self.scene.develop
-        reach = REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
-        # a denoiser looks at every pixel of the sensor
-        resize = "all" if develop.denoise else develop.resize
-        rows, cols = (sampled_pixels(n, sensor.scale, resize, reach) for n in self.size)
-        return rows, cols
+        return sampled_by(self.scene, self.size)
 
     def raw_shape(self) -> tuple[int, int, int, int]:
         """Return the shape of the packed raw reading, and so of the attacker's noise: four Bayer planes, or three
@@ -132,6 +134,15 @@ class ShotRecord:
         flat = torch.where(on, y.floor() * w + x.floor(), 0).long()[:, None].flatten(2)
         taken = mask.flatten(2).gather(2, flat.expand(-1, mask.shape[1], -1)).reshape(mask.shape)
         return torch.where(on[:, None], taken, torch.zeros_like(taken))
+
+    def numbers(self) -> dict[str, Tensor]:
+        """Return the drawn numbers, (B,) each, by name: "view.yaw"."""
+        found = {}
+        for name in PARTS:
+            part = getattr(self, name)
+            for field in ranged_fields(part):
+                found[f"{name}.{field}"] = getattr(part, field)
+        return found
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and lists, exact; `Shot.from_dict` is the inverse."""
