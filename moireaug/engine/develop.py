@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, kernel, loop
+from moireaug.engine.compiling import fill, loop
 from moireaug.engine.record import LANES
 from moireaug.engine.tables import encode, encode_slope
 from moireaug.engine.vectors import add_taps, peek, poke
@@ -139,18 +139,16 @@ def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows
             colours[channel * lanes + i] = ring[0, i + 1]
 
 
-@kernel
-def develop(photo, raw, mosaic, stencil, saturates, levels, gains, coded, brighten, rows, cols):
+@loop
+def develop(photo, raw, d, gains, brighten):
     """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
 
     Args:
-        mosaic: raw is packed planes; else colours.
-        stencil: see `record.Stencil`.
-        saturates: a reading above 1 is 1. levels: the converter's 2^bits - 1, or 0.
-        gains: (3,) float32, white balance. coded: light becomes sRGB codes. brighten: float32, added to them.
-        rows, cols: see `record.Resize`.
+        d: see `record.Development`.
+        gains: (3,) float32, white balance. brighten: float32, added to the codes.
     """
     _, h, w = raw.shape
+    mosaic, stencil, rows, cols, saturates, levels = d.mosaic, d.stencil, d.rows, d.cols, d.saturates, d.levels
     step = 2 if mosaic else 1
     lanes = (w + LANES - 1) // LANES * LANES
     wide = lanes + LANES
@@ -169,7 +167,7 @@ def develop(photo, raw, mosaic, stencil, saturates, levels, gains, coded, bright
                 # the row's even and odd columns lie 3 rows of lanes apart
                 seen = colours[(r * 2 * 3 + channel) * lanes :]
                 for c in range(step):
-                    _code(seen[c * 3 * lanes : c * 3 * lanes + w], gains[channel], coded, brighten)
+                    _code(seen[c * 3 * lanes : c * 3 * lanes + w], gains[channel], d.coded, brighten)
                 if cols.cells:
                     _mean(line, seen, seen[3 * lanes :])
                 else:
@@ -191,10 +189,11 @@ def _fold_back(raw_grad, total, raw, y, wide, saturates):
         fill(line, ZERO)
 
 
-@kernel
-def develop_back(raw_grad, photo_grad, raw, mosaic, stencil, saturates, levels, gains, coded, brighten, rows, cols):
+@loop
+def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments as in `develop`."""
     _, h, w = raw.shape
+    mosaic, stencil, rows, cols, saturates, levels = d.mosaic, d.stencil, d.rows, d.cols, d.saturates, d.levels
     step = 2 if mosaic else 1
     lanes = (w + LANES - 1) // LANES * LANES
     wide = lanes + LANES
@@ -221,7 +220,7 @@ def develop_back(raw_grad, photo_grad, raw, mosaic, stencil, saturates, levels, 
                     a = start + c * 3 * lanes
                     if not cols.cells:
                         _gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
-                    _code_slope(grads[a : a + w], colours[a : a + w], gains[channel], coded, brighten)
+                    _code_slope(grads[a : a + w], colours[a : a + w], gains[channel], d.coded, brighten)
         if not mosaic:
             for channel in range(3):
                 for i in range(w):

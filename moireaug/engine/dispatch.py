@@ -64,7 +64,7 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
 
     varies = shot.plan.prefilter > SMALL  # from place to place: that blur is the reference's
     exposure = from_shot.exposure_of(shot, decoded=varies)
-    fits = torch.tensor(run.fits(exposure))
+    fits = torch.from_numpy(run.fits(exposure))
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
     if not fits.all():  # each image by itself, so that its reading does not depend on the rest of the batch

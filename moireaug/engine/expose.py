@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine import harmonics, lookup, optics
-from moireaug.engine.compiling import fill, kernel, loop
+from moireaug.engine.compiling import fill, loop
 from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
 from moireaug.engine.random_numbers import keys
@@ -44,7 +44,7 @@ def _weights(out, tables, v, first, step_v):
         optics.blend(out[kind], flat[node], flat[node + 1], np.float32(t))
 
 
-@kernel
+@loop
 def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, seed, clips):
     """Fill raw (planes, h, w) float32 with the reading of one image.
 

@@ -68,7 +68,8 @@ def development_of(shot: ShotRecord) -> Development:
         gains=gains,
         coded="encode" in plan,
         brighten=brighten,
-        views=_homography_of(shot, drawn) if "register" in plan else None,
+        registers="register" in plan,
+        views=_homography_of(shot, drawn),
         lens=np.stack(_distortion_of(shot, drawn), 1),
     )
 
@@ -93,7 +94,7 @@ def _homography_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray
     return pose.camera_pose(drawn, shot.size, shot.scene.view.fit)
 
 
-def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> list:
+def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
     plan, zero = shot.plan, np.zeros(len(shot))
     k1, k2 = _distortion_of(shot, drawn)
     noisy = "noise" in plan

@@ -12,8 +12,8 @@ from moireaug.engine.record import Camera, Cell, Sites
 
 def lower_cameras(
     inverse: np.ndarray, size: tuple[int, int], scales: tuple[float, float], fields: dict[str, np.ndarray]
-) -> list[Camera]:
-    """Return one Camera an image.
+) -> np.ndarray:
+    """Return the fields of one Camera an image, (B, 22).
 
     Args:
         inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image coordinates.
@@ -31,7 +31,7 @@ def lower_cameras(
     for i, name in enumerate(("fill", "blur", "olpf", "gain", "read", "shot")):
         columns[:, 15 + i] = fields[name]
     columns[:, 21] = (1 - fields["vignetting"]) ** -0.5 - 1
-    return [Camera(*row) for row in columns.tolist()]
+    return columns
 
 
 def lower_cell(subpixels: Sequence[tuple[int, tuple[float, float], int]], period: tuple[int, int], taps: int) -> Cell:

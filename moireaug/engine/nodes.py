@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from moireaug.engine import harmonics, optics
-from moireaug.engine.compiling import kernel, loop
+from moireaug.engine.compiling import loop
 from moireaug.engine.record import Nodes
 from moireaug.engine.view import jacobian
 
@@ -71,7 +71,7 @@ def _narrowed(rows, cols, camera, period, taps, widths, skew):
     return False
 
 
-@kernel
+@loop
 def fits(camera, cell, coefficients, widths, skew, sites, dark):
     """Return whether the kernels can follow a view: not one that comes near the horizon, nor past the end of a picture
     from so far away that cells are left out. Arguments as in `expose.expose` and `panel.show`."""
@@ -106,7 +106,7 @@ def bracket(at, first, step, count, most):
     return base, t - base
 
 
-@kernel
+@loop
 def prepare(camera, cell, coefficients, widths, skew, sites):
     """Return the Nodes of an image; arguments as in `record.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step

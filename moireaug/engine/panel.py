@@ -6,16 +6,16 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import kernel, loop
+from moireaug.engine.compiling import loop
 from moireaug.engine.vectors import peek, poke
 
 AROUND = 5  # cells on each side of the farthest that a pixel is nearest to, and one
 
 
-def panel_shape(size: tuple[int, int], alpha: float, period: tuple[int, int], taps: int) -> tuple[int, int]:
+@loop
+def shape(size, alpha, period, taps):
     """Return the height and width of the panel's picture with its margins, whole cells."""
-    around = 2 * (taps + AROUND)
-    px, py = period
+    around, px, py = 2 * (taps + AROUND), period[0], period[1]
     return (math.ceil(alpha * size[0] / py) + around) * py, (math.ceil(alpha * size[1] / px) + around) * px
 
 
@@ -58,9 +58,9 @@ def _across(out, row, first, share):
         poke(out, i, low + peek(share, i) * (peek(row, np.int32(x + np.int32(1))) - low))
 
 
-@kernel
+@loop
 def show(panel, light, alpha, period, taps, dark):
-    """Fill panel (3, h, w) float32, of `panel_shape`, from the picture's light (3, H, W) float32.
+    """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 
     A row holds the first pixel of each cell, then the second, and so on: what a look-up reads lies together. Bilinear
     between pixel centres; beyond the border the outermost pixel or, if `dark`, black.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import kernel, loop
+from moireaug.engine.compiling import loop
 from moireaug.engine.tables import DECODE_BYTES, decode
 
 HALF, ONE = np.float32(0.5), np.float32(1)
@@ -37,7 +37,7 @@ def _spread(out, before, row, after, share):
         out[i] = keep * row[i] + half * (before[i] + after[i])
 
 
-@kernel
+@loop
 def show(light, picture, coded, share):
     """Fill light (3, H, W) float32 from picture (3, H, W) float32 or uint8.
 

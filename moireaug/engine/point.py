@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import copy, fill, kernel, loop
+from moireaug.engine.compiling import copy, fill, loop
 from moireaug.engine.random_numbers import keys
 from moireaug.engine.sensor import attenuate, read
 from moireaug.engine.vectors import peek, poke
@@ -58,13 +58,12 @@ def _add_content(out, picture, left, fx, across, top, fy, down, width, lit):
         poke(out, i, out[i] + content * peek(across, i) * peek(down, i) * lit)
 
 
-@kernel
-def expose_point(raw, light, camera, cell, rectangles, raster, lit, sites, flicker, noise, seed, clips, dark):
+@loop
+def expose_point(raw, light, camera, cell, point, lit, sites, flicker, noise, seed, clips, dark):
     """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is float32.
 
     Args:
-        rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's corner.
-        raster: raster subpixels along each side of a panel pixel. lit: share of each subpixel that emits.
+        point: see `record.Point`. lit: share of each subpixel that emits.
         dark: see `record.Exposure`. The rest as in `expose.expose`.
     """
     planes, h, w = raw.shape
@@ -90,11 +89,11 @@ def expose_point(raw, light, camera, cell, rectangles, raster, lit, sites, flick
                 u[i] = sites.cols[sites.col[plane] + i * step]
             look(x, y, u, v, camera)
             fill(line, ZERO)
-            channel, n, alpha = sites.channel[plane], float(raster), camera.alpha
-            for i in range(len(rectangles)):
+            channel, n, alpha = sites.channel[plane], float(point.raster), camera.alpha
+            for i in range(len(point.rectangles)):
                 if cell.channel[i] != channel:
                     continue
-                x0, y0, x1, y1 = rectangles[i, 0], rectangles[i, 1], rectangles[i, 2], rectangles[i, 3]
+                x0, y0, x1, y1 = point.rectangles[i]
                 _raster(across, left, fx, x, x0, x1, n, px, alpha, float(width), dark)
                 _raster(down, top, fy, y, y0, y1, n, py, alpha, float(height), dark)
                 _add_content(line, shown[channel], left, fx, across, top, fy, down, np.int32(width), np.float32(lit))

@@ -71,7 +71,13 @@ class Sites(NamedTuple):
 
 
 class Point(NamedTuple):
-    """What a point exposure knows of the panel: see `point.expose_point`; lit is (B,) float64."""
+    """What a point exposure knows of the panel.
+
+    Args:
+        rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's corner.
+        raster: raster subpixels along each side of a panel pixel.
+        lit: (B,) float64, share of each subpixel that emits.
+    """
 
     rectangles: np.ndarray
     raster: int
@@ -83,7 +89,7 @@ class Exposure(NamedTuple):
 
     Args:
         size: height and width of the pictures.
-        cameras: one an image.
+        cameras: (B, 22) float64, the fields of a `Camera` an image.
         coefficients: (B, kinds, K + 1, 2 L + 1) float64. widths, skew: (B, kinds, 2) float64. See `expose.expose`.
         flicker: (B, rows) float64, or (B, 0).
         seeds: (B,) int64, of the noise. noise: whether there is any.
@@ -95,7 +101,7 @@ class Exposure(NamedTuple):
     """
 
     size: tuple[int, int]
-    cameras: list[Camera]
+    cameras: np.ndarray
     cell: Cell
     coefficients: np.ndarray
     widths: np.ndarray
@@ -175,7 +181,7 @@ class Development(NamedTuple):
         mosaic: the readings are packed planes.
         saturates, levels, coded: see `develop.develop`.
         gains: (B, 3) float32. brighten: (B,) float32.
-        views: (B, 3, 3) float64, see `register.register`, or None where the photos stay in the camera's frame.
+        registers: whether the photos come back to the image's frame. views: (B, 3, 3) float64, see `register.register`.
         lens: (B, 2) float64, k1 and k2.
     """
 
@@ -189,5 +195,6 @@ class Development(NamedTuple):
     gains: np.ndarray
     coded: bool
     brighten: np.ndarray
-    views: np.ndarray | None
+    registers: bool
+    views: np.ndarray
     lens: np.ndarray

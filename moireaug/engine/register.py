@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import copy, kernel, loop
+from moireaug.engine.compiling import copy, loop
 from moireaug.engine.vectors import peek, poke
 
 NEAR_HORIZON = 1e-3
@@ -87,7 +87,7 @@ def _scatter(photo, grad, at, fx, fy, weight, right, down):
         photo[k + down + right] += below * f
 
 
-@kernel
+@loop
 def register(out, photo, view, k1, k2, back):
     """Resample photo to out, both (3, H, W) float32: bilinear, black where the photo does not show the image.
 

@@ -52,8 +52,8 @@ def test_threads_of_the_caller_see_the_same_photos():
 def test_an_error_in_one_image_reaches_the_caller():
     torch.set_num_threads(2)
 
-    def work(i):
-        if i == 3:
+    def work(first, last):
+        if first <= 3 < last:
             raise ValueError("the fourth")
 
     with pytest.raises(ValueError, match="the fourth"):

@@ -1,0 +1,113 @@
+"""The kernels that Python calls: some images of a batch each. All else in this package is compiled into them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine import develop as development
+from moireaug.engine import nodes, panel, picture
+from moireaug.engine.compiling import kernel, loop
+from moireaug.engine.expose import expose as expose_image
+from moireaug.engine.point import expose_point
+from moireaug.engine.record import Camera
+from moireaug.engine.register import register
+
+MOST_PANEL = 16  # panel pixels for each sensor pixel: what is worth building a panel for
+SMALL_PANEL = 2**20
+
+
+@loop
+def _camera(row):
+    """Return the Camera of a row of `Exposure.cameras`."""
+    return Camera(
+        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
+        row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20], row[21],
+    )  # fmt: skip
+
+
+@kernel
+def fits(e):
+    """Return for each image whether `expose` follows its view, (B,) bool; e: see `record.Exposure`.
+
+    Views near the horizon, and panels of far more pixels than the sensor, are the reference's.
+    """
+    out = np.empty(len(e.cameras), np.bool_)
+    most = max(MOST_PANEL * len(e.sites.rows) * len(e.sites.cols), SMALL_PANEL)
+    for i in range(len(out)):
+        camera = _camera(e.cameras[i])
+        h, w = panel.shape(e.size, camera.alpha, e.cell.period, e.cell.taps)
+        out[i] = h * w <= most and nodes.fits(
+            camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites, e.dark
+        )
+    return out
+
+
+@loop
+def _light(light, floats, codes, i, e):
+    """Return the light of picture i, (3, H, W) float32: the picture itself where it is light, else `light`, filled."""
+    if len(codes):
+        picture.show(light, codes[i], e.coded, e.share[i])
+        return light
+    if e.coded or e.share[i] != 0:
+        picture.show(light, floats[i], e.coded, e.share[i])
+        return light
+    return floats[i]
+
+
+@kernel
+def expose(raw, floats, codes, e, first, last):
+    """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`.
+
+    Args:
+        floats, codes: (B, 3, H, W), float32 and uint8; one of them has no images.
+        e: see `record.Exposure`.
+    """
+    height, width = e.size
+    light = np.empty((3, height, width), np.float32)
+    for i in range(first, last):
+        camera = _camera(e.cameras[i])
+        h, w = panel.shape(e.size, camera.alpha, e.cell.period, e.cell.taps)
+        shown = np.empty((3, h, w), np.float32)
+        panel.show(shown, _light(light, floats, codes, i, e), camera.alpha, e.cell.period, e.cell.taps, e.dark)
+        size = (math.ceil(camera.alpha * height), math.ceil(camera.alpha * width))
+        found = nodes.prepare(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites)
+        expose_image(raw[i], shown, size, camera, e.cell, found, e.sites, e.flicker[i], e.noise, e.seeds[i], e.clips)
+
+
+@kernel
+def expose_points(raw, floats, codes, e, first, last):
+    """Do as `expose`, for an exposure of points."""
+    light = np.empty((3, e.size[0], e.size[1]), np.float32)
+    for i in range(first, last):
+        expose_point(
+            raw[i], _light(light, floats, codes, i, e), _camera(e.cameras[i]), e.cell, e.point, e.point.lit[i],
+            e.sites, e.flicker[i], e.noise, e.seeds[i], e.clips, e.dark,
+        )  # fmt: skip
+
+
+@kernel
+def develop(photos, raw, d, first, last):
+    """Fill photos (B, 3, H, W) float32, sRGB codes, from `first` to `last` from raw (B, planes, h, w) float32.
+
+    Args:
+        d: see `record.Development`.
+    """
+    taken = np.empty((3, d.size[0], d.size[1]), np.float32)
+    for i in range(first, last):
+        photo = taken if d.registers else photos[i]
+        development.develop(photo, raw[i], d, d.gains[i], d.brighten[i])
+        if d.registers:
+            register(photos[i], photo, d.views[i], d.lens[i, 0], d.lens[i, 1], False)
+
+
+@kernel
+def develop_back(raw_grad, photo_grad, raw, d, first, last):
+    """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
+    taken = np.empty((3, d.size[0], d.size[1]), np.float32)
+    for i in range(first, last):
+        grad = taken if d.registers else photo_grad[i]
+        if d.registers:
+            register(photo_grad[i], grad, d.views[i], d.lens[i, 0], d.lens[i, 1], True)
+        development.develop_back(raw_grad[i], grad, raw[i], d, d.gains[i], d.brighten[i])
