@@ -68,6 +68,7 @@ class SmoothExposure(Exposure):
     def __call__(self, light: Tensor, shot) -> Tensor:
         step, screen = cell(shot.scene.sensor.cfa), Screen(light, shot, self.taps)
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
+        inverse = torch.linalg.inv(shot.matrix())
         read_site = self.read_site
         if shot.requires_grad and torch.is_grad_enabled() and not is_transformed():
             # of a pose's gradient a reading would keep some kilobytes: they are computed again
@@ -76,12 +77,15 @@ class SmoothExposure(Exposure):
         for site in CFA[shot.scene.sensor.cfa]:
             across = cols[site.column :: step]
             bands = rows[site.row :: step].chunk(bands_of(light, shot))
-            planes.append(torch.cat([read_site(site, screen, down, across, shot) for down in bands], 2))
+            planes.append(torch.cat([read_site(site, screen, inverse, down, across, shot) for down in bands], 2))
         return torch.cat(planes, 1)
 
-    def read_site(self, site: Site, screen: Screen, rows: Tensor, cols: Tensor, shot) -> Tensor:
-        """Return what one site of the filter cell reads at photo coordinates rows x cols: (B, channels, h, w)."""
-        sight = look_at_panel(rows, cols, shot)
+    def read_site(self, site: Site, screen: Screen, inverse: Tensor, rows: Tensor, cols: Tensor, shot) -> Tensor:
+        """Return what one site of the filter cell reads at photo coordinates rows x cols: (B, channels, h, w).
+
+        inverse: (B, 3, 3), homography from ideal photo to image coordinates.
+        """
+        sight = look_at_panel(rows, cols, inverse, shot)
         return torch.stack([self.read(screen, channel, sight, shot) for channel in site.channels], 1)
 
     @abstractmethod
@@ -174,9 +178,9 @@ def bands_of(light: Tensor, shot) -> int:
     return min(MOST_BANDS, 1 + readings // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
 
 
-def look_at_panel(rows: Tensor, cols: Tensor, shot) -> Sight:
+def look_at_panel(rows: Tensor, cols: Tensor, inverse: Tensor, shot) -> Sight:
     """Return where the sensor pixels at photo coordinates rows x cols look."""
-    alpha, inverse = shot.panel.scale[:, None, None, None], torch.linalg.inv(shot.matrix())
+    alpha = shot.panel.scale[:, None, None, None]
     points = grids.grid(rows, cols)
     position = grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha
     step = grids.jacobian(points, inverse, shot.size, shot.distortion)
