@@ -14,6 +14,7 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
 MOST_HARMONICS = 1024  # that are summed: a screen that is magnified further is integrated by overlaps
+FINE = 0.25  # cells: shares of a smaller aperture are differences too small for float32
 MOST_TAPS = 7  # panel pixels along an axis that one sensor pixel sees; from farther away the picture is blurred first
 
 
@@ -39,14 +40,14 @@ def exposure_of(scene: SceneRecord) -> Exposure:
     if method == "supersample":
         return Supersample(int(n))
     if method == "mean":
-        return Mean(taps_of(scene, whole_pixel=True))
+        return Mean(taps_of(scene, whole_pixel=True), fine=extremes.narrowest(scene) < FINE)
     taps = taps_of(scene, whole_pixel=False)
     if method == "box":
         return Box(taps)
     found = extremes.harmonics(scene)
     if method == "auto" and (len(found) > MOST_HARMONICS or _is_cut(scene, found)):
         return Box(taps)
-    return Spectral(taps, tuple(pair for pair, _ in found))
+    return Spectral(taps, tuple(pair for pair, _ in found), fine=extremes.narrowest(scene) < FINE)
 
 
 def _is_cut(scene: SceneRecord, found: list[tuple[tuple[int, int], float]]) -> bool:

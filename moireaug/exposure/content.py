@@ -19,6 +19,7 @@ from moireaug.numeric import is_transformed
 
 TAIL = 1.0  # standard deviations of the spread that taps must reach
 LEAST = 1e-9  # share of the nearest panel pixel where none is seen, so that shares can be normalised
+LEAST_EXPONENT = -80.0  # below, float32 knows denormal numbers alone, which take many times as long
 SHARP = 1e-12  # least variance of a spread, in squared cells
 
 
@@ -99,7 +100,8 @@ def normalised(share: list[Tensor]) -> list[Tensor]:
 
 def _erf_integral(t: Tensor) -> Tensor:
     """The integral of the error function up to t, but for a constant, times the root of pi."""
-    return torch.addcmul(torch.exp(-t * t), t, torch.erf(t), value=math.sqrt(math.pi))
+    bell = torch.exp((-t * t).clamp(min=LEAST_EXPONENT))
+    return torch.addcmul(bell, t, torch.erf(t), value=math.sqrt(math.pi))
 
 
 def _is_one(width: Tensor) -> bool:

@@ -94,6 +94,14 @@ def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     return sorted(called, key=lambda item: -item[1])
 
 
+def narrowest(scene: SceneRecord) -> float:
+    """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
+    step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
+    widest = step.abs().amax(-1).amin(0)  # along x and y
+    period = widest.new_tensor(as_layout(scene.panel.layout).period)
+    return bounds(scene.sensor.fill)[0] * float((widest / period).min())
+
+
 def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool) -> list[tuple]:
     """Return `(footprint, width)` along each axis of each kind of subpixel, at the widest that optics allow."""
     sensor, lens = scene.sensor, scene.lens

@@ -29,8 +29,8 @@ WHOLE_PIXEL = Subpixel(0, (0.5, 0.5), (1.0, 0.0), (0.0, 1.0))
 
 
 class Sight(NamedTuple):
-    """Where sensor pixels look on the panel, float64: position (B, h, w, 2) in panel pixels, and its change by sensor
-    pixels along u and v, (B, h, w, 2, 2)."""
+    """Where sensor pixels look on the panel: position (B, h, w, 2) in panel pixels, float64, and its change by sensor
+    pixels along u and v, (B, h, w, 2, 2), in the dtype in which shares are worked out."""
 
     position: Tensor
     step: Tensor
@@ -41,8 +41,8 @@ class AlongAxis(NamedTuple):
 
     cells: Tensor  # (B, h, w) float64, position in cells from a subpixel's centre
     nearest: Tensor  # (B, h, w) float64, the nearest whole cell
-    seen: Footprint  # (B, h, w) float64 each, narrowed to the taps
-    width: Tensor  # (B, 1, 1) float64, of the subpixel in cells
+    seen: Footprint  # (B, h, w) each, narrowed to the taps
+    width: Tensor  # (B, 1, 1), of the subpixel in cells
     share: list[Tensor]  # (B, h, w) of what the view gets from each of the subpixels around, which sum to 1
     lit: list[Tensor] | None  # (B, h, w) of each one's light that is there; None where all of it is
 
@@ -58,15 +58,21 @@ class Wave(NamedTuple):
 
 
 class SmoothExposure(Exposure):
-    """An exposure in closed form, differentiable in the image and in every field of the shot."""
+    """An exposure in closed form, differentiable in the image and in every field of the shot.
+
+    Args:
+        taps: see `Exposure`.
+        fine: an aperture may be so small a part of a panel's cell that its shares of it need float64.
+    """
 
     differentiable_in_shot = True
 
-    def __init__(self, taps: int) -> None:
-        self.taps = taps
+    def __init__(self, taps: int, *, fine: bool = True) -> None:
+        self.taps, self.fine = taps, fine
 
     def __call__(self, light: Tensor, shot) -> Tensor:
         step, screen = cell(shot.scene.sensor.cfa), Screen(light, shot, self.taps)
+        accuracy = torch.float64 if self.fine else light.dtype
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
         read_site = self.read_site
@@ -75,17 +81,20 @@ class SmoothExposure(Exposure):
             read_site = functools.partial(checkpoint, self.read_site, use_reentrant=False, preserve_rng_state=False)
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
-            across = cols[site.column :: step]
-            bands = rows[site.row :: step].chunk(bands_of(light, shot))
-            planes.append(torch.cat([read_site(site, screen, inverse, down, across, shot) for down in bands], 2))
+            across, readings = cols[site.column :: step], []
+            for down in rows[site.row :: step].chunk(bands_of(light, shot)):
+                readings.append(read_site(site, screen, inverse, down, across, accuracy, shot))
+            planes.append(torch.cat(readings, 2))
         return torch.cat(planes, 1)
 
-    def read_site(self, site: Site, screen: Screen, inverse: Tensor, rows: Tensor, cols: Tensor, shot) -> Tensor:
+    def read_site(
+        self, site: Site, screen: Screen, inverse: Tensor, rows: Tensor, cols: Tensor, accuracy: torch.dtype, shot
+    ) -> Tensor:
         """Return what one site of the filter cell reads at photo coordinates rows x cols: (B, channels, h, w).
 
         inverse: (B, 3, 3), homography from ideal photo to image coordinates.
         """
-        sight = look_at_panel(rows, cols, inverse, shot)
+        sight = look_at_panel(rows, cols, inverse, accuracy, shot)
         return torch.stack([self.read(screen, channel, sight, shot) for channel in site.channels], 1)
 
     @abstractmethod
@@ -117,8 +126,8 @@ class Spectral(BySubpixel):
     name = "spectral"
     reason = "harmonics by their modulation transfer"
 
-    def __init__(self, taps: int, harmonics: tuple[tuple[int, int], ...]) -> None:
-        super().__init__(taps)
+    def __init__(self, taps: int, harmonics: tuple[tuple[int, int], ...], *, fine: bool) -> None:
+        super().__init__(taps, fine=fine)
         self.harmonics = harmonics
 
     def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
@@ -178,14 +187,15 @@ def bands_of(light: Tensor, shot) -> int:
     return min(MOST_BANDS, 1 + readings // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
 
 
-def look_at_panel(rows: Tensor, cols: Tensor, inverse: Tensor, shot) -> Sight:
+def look_at_panel(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot) -> Sight:
     """Return where the sensor pixels at photo coordinates rows x cols look."""
     alpha = shot.panel.scale[:, None, None, None]
     points = grids.grid(rows, cols)
     position = grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha
-    step = grids.jacobian(points, inverse, shot.size, shot.distortion)
-    scale = rows.new_tensor([pixels.scale for pixels in shot.sampled_pixels()[::-1]])
-    return Sight(position, step * alpha[..., None] / scale)
+    lens = shot.distortion and tuple(k.to(accuracy) for k in shot.distortion)
+    step = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, lens)
+    scale = step.new_tensor([pixels.scale for pixels in shot.sampled_pixels()[::-1]])
+    return Sight(position, step * alpha[..., None].to(accuracy) / scale)
 
 
 def extent(subpixel: Subpixel, period: tuple[int, int], axis: int, width: Tensor, height: Tensor) -> tuple:
@@ -202,20 +212,19 @@ def along_axis(axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Si
     shown = (torch.ones_like(t) for t in emitting_share(shot.panel))
     if subpixel is not WHOLE_PIXEL:
         shown = emitting_share(shot.panel)
-    width, slant = extent(subpixel, period, axis, *shown)
+    width, slant = (t.to(sight.step.dtype)[:, None, None] for t in extent(subpixel, period, axis, *shown))
     seen = content.footprint(sight.step[..., axis, :] / period[axis], optics_of(shot))
-    seen = Footprint(seen.box, seen.variance + slant[:, None, None])
-    width = width[:, None, None]
+    seen = Footprint(seen.box, seen.variance + slant)
     kept, lost = content.fitted(seen, width, taps)
-    # in float64: of a magnified panel, or through a pinhole, shares are small differences of large numbers
-    share = content.normalised([s.to(dtype) for s in content.shares(cells - nearest, kept, width, taps)])
+    found = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
+    share = content.normalised([s.to(dtype) for s in found])
     found = AlongAxis(cells, nearest, kept, width, share, None)
     if shot.scene.develop.registered:
         return found
     ends = shot.panel.scale[:, None, None] * shot.size[1 - axis]
     # a view that was narrowed sees as much of the picture as the whole of it does
     past = (sight.position[..., axis] - ends / 2) / period[axis]
-    (whole,) = content.shares(past, seen, ends / period[axis], 1)
+    (whole,) = content.shares(past, Footprint(*(t.double() for t in seen)), ends / period[axis], 1)
     lit = []
     for k in range(-(taps // 2), taps // 2 + 1):
         at = (nearest + k) * period[axis] + subpixel.pixel[axis]
@@ -226,7 +235,8 @@ def along_axis(axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Si
 def covered(along: AlongAxis) -> Tensor:
     """Return the share of a view that subpixels fill along one axis, (B, h, w); the tails past the taps, too."""
     every = 4 * len(along.share) + 1
-    return sum(content.shares(along.cells - along.nearest, along.seen, along.width, every)).to(along.share[0].dtype)
+    from_nearest = (along.cells - along.nearest).to(along.width.dtype)
+    return sum(content.shares(from_nearest, along.seen, along.width, every)).to(along.share[0].dtype)
 
 
 def panel_pixels(screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period) -> Tensor:
