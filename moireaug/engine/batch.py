@@ -8,14 +8,15 @@ import numpy as np
 
 from moireaug.engine import develop as development
 from moireaug.engine import nodes, panel, picture
-from moireaug.engine.compiling import kernel, loop
+from moireaug.engine.compiling import fill, kernel, loop
 from moireaug.engine.expose import expose as expose_image
 from moireaug.engine.point import expose_point
 from moireaug.engine.record import Camera
-from moireaug.engine.register import register
+from moireaug.engine.register import register, room
 
 MOST_PANEL = 16  # panel pixels for each sensor pixel: what is worth building a panel for
 SMALL_PANEL = 2**20
+ZERO = np.float32(0)
 
 
 @loop
@@ -94,20 +95,25 @@ def develop(photos, raw, d, first, last):
     Args:
         d: see `record.Development`.
     """
-    taken = np.empty((3, d.size[0], d.size[1]), np.float32)
+    h, w = d.size
+    planes = np.zeros(room(h, w), np.float32)
+    taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
         photo = taken if d.registers else photos[i]
         development.develop(photo, raw[i], d, d.gains[i], d.brighten[i])
         if d.registers:
-            register(photos[i], photo, d.views[i], d.lens[i, 0], d.lens[i, 1], False)
+            register(photos[i], planes, d.views[i], d.lens[i, 0], d.lens[i, 1], False)
 
 
 @kernel
 def develop_back(raw_grad, photo_grad, raw, d, first, last):
     """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
-    taken = np.empty((3, d.size[0], d.size[1]), np.float32)
+    h, w = d.size
+    planes = np.empty(room(h, w), np.float32)
+    taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
         grad = taken if d.registers else photo_grad[i]
         if d.registers:
-            register(photo_grad[i], grad, d.views[i], d.lens[i, 0], d.lens[i, 1], True)
+            fill(planes, ZERO)
+            register(photo_grad[i], planes, d.views[i], d.lens[i, 0], d.lens[i, 1], True)
         development.develop_back(raw_grad[i], grad, raw[i], d, d.gains[i], d.brighten[i])

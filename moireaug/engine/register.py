@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import copy, loop
+from moireaug.engine.compiling import loop
 from moireaug.engine.vectors import peek, poke
 
 NEAR_HORIZON = 1e-3
@@ -88,31 +88,32 @@ def _scatter(photo, grad, at, fx, fy, weight, right, down):
 
 
 @loop
+def room(h, w):
+    """Return how long the planes of a photo are, with what a bilinear look-up of the last pixel reads beyond it, where
+    its share is 0."""
+    return 3 * h * w + w + 1
+
+
+@loop
 def register(out, photo, view, k1, k2, back):
-    """Resample photo to out, both (3, H, W) float32: bilinear, black where the photo does not show the image.
+    """Resample photo to out (3, H, W) float32: bilinear, black where the photo does not show the image.
 
     Args:
+        photo: (`room`(H, W),) float32, the planes one after another, and zeros.
         view: (3, 3) float64, homography from image coordinates about the centre to ideal photo coordinates about it.
         k1, k2: of the lens.
         back: instead, add the gradient `out` of the registered photo to the gradient `photo` of the photo.
     """
-    _, h, w = photo.shape
+    _, h, w = out.shape
     factor, per_square = undistortion(k1, k2)
     at, fx, fy = np.empty(w, np.int32), np.empty(w, np.float32), np.empty(w, np.float32)
     weight = np.empty(w, np.float32)
-    # a bilinear look-up's right or lower pixel may lie beyond the last, where its share is 0
-    flat = np.zeros((3, h * w + w + 1), np.float32)
-    if not back:
-        for c in range(3):
-            copy(flat[c], photo[c].reshape(-1))
     right, down = np.int32(1), np.int32(w)
     for r in range(h):
         _place(at, fx, fy, weight, r + 0.5 - h / 2, view, factor, per_square, h, w)
         for c in range(3):
+            plane = photo[c * h * w : room(h, w)]
             if back:
-                _scatter(flat[c], out[c, r], at, fx, fy, weight, right, down)
+                _scatter(plane, out[c, r], at, fx, fy, weight, right, down)
             else:
-                _look(out[c, r], flat[c], at, fx, fy, weight, right, down)
-    if back:
-        for c in range(3):
-            copy(photo[c].reshape(-1), flat[c])
+                _look(out[c, r], plane, at, fx, fy, weight, right, down)
