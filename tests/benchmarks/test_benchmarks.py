@@ -1,8 +1,8 @@
 """Every benchmark runs in its quick form, one of them as a user would run it. No time is asserted."""
 
-import importlib
 import json
 import math
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -23,12 +23,12 @@ FACTS = {"date", "device", "cpu", "cores", "threads", "load_average_at_start", "
 
 @pytest.fixture
 def ran(tmp_path, monkeypatch, capsys):
-    """Run a script's main in this process: what it printed, what it wrote, and where."""
+    """Run a script in this process: what it printed, what it wrote, and where."""
 
     def run(name):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(sys, "argv", [f"{name}.py", *QUICKLY])
-        importlib.import_module(f"benchmarks.{name}").main()
+        runpy.run_path(str(ROOT / f"benchmarks/{name}.py"), run_name="__main__")
         return capsys.readouterr().out, results(tmp_path, name), tmp_path
 
     return run

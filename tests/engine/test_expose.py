@@ -181,10 +181,8 @@ def test_a_view_of_the_horizon_does_not_fit():
     scene = Scene(view=View(yaw=(0.0, 85.0), fov=60.0), lens=SOFT, sensor=TWICE)
     shot = scene.sample(2, (40, 40))
     view = dataclasses.replace(shot.view, yaw=torch.tensor([5.0, 85.0], dtype=torch.float64))
-    assert run.fits(from_shot.exposure_of(dataclasses.replace(shot, view=view), decoded=False)).tolist() == [
-        True,
-        False,
-    ]
+    shot = dataclasses.replace(shot, view=view)
+    assert run.fits(from_shot.exposure_of(shot, decoded=False)).tolist() == [True, False]
 
 
 def test_an_image_is_read_the_same_beside_one_that_does_not_fit():
