@@ -131,3 +131,9 @@ def test_records_are_frozen():
         scene.view.roll = 3
     with pytest.raises(dataclasses.FrozenInstanceError):
         scene.sample(1, (4, 4)).seed = None
+
+
+def test_a_pickled_shot_is_no_larger_than_its_numbers():
+    few, many = (len(pickle.dumps(Scene().sample(n, (8, 8)))) for n in (1, 101))
+    numbers = len(Scene().sample(1, (8, 8)).numbers()) + 1
+    assert many - few < 1.2 * 100 * 8 * numbers

@@ -151,7 +151,7 @@ def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator
     values[varied] = low[varied] + (high - low)[varied] * u[:, :-1].mT
     drawn: dict[str, dict[str, torch.Tensor]] = {name: {} for name in PARTS}
     for (name, field), value in zip(names, values.unbind(), strict=True):
-        drawn[name][field] = value
+        drawn[name][field] = value.clone()  # a row of the table would be pickled with all of it
     if scene.view.pose == "released":
         for field, value in drawn["view"].items():
             drawn["view"][field] = value.floor()  # the released code turns by whole degrees
