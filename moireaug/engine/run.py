@@ -27,7 +27,7 @@ def announce(message: str) -> None:
 def prepare() -> None:
     """Announce, on a machine's first call, that kernels are compiled."""
     if cold():
-        announce("moireaug compiles its CPU kernels, once on this machine; this takes about 20 seconds.")
+        announce("moireaug compiles its CPU kernels, once on this machine; this takes up to a minute.")
 
 
 def each(work: Callable[[int, int], None], n: int) -> None:
