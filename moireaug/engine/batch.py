@@ -95,25 +95,29 @@ def develop(photos, raw, d, first, last):
     Args:
         d: see `record.Development`.
     """
+    if not d.registers:
+        for i in range(first, last):
+            development.develop(photos[i], raw[i], d, d.gains[i], d.brighten[i])
+        return
     h, w = d.size
     planes = np.zeros(room(h, w), np.float32)
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
-        photo = taken if d.registers else photos[i]
-        development.develop(photo, raw[i], d, d.gains[i], d.brighten[i])
-        if d.registers:
-            register(photos[i], planes, d.views[i], d.lens[i, 0], d.lens[i, 1], False)
+        development.develop(taken, raw[i], d, d.gains[i], d.brighten[i])
+        register(photos[i], planes, d.views[i], d.lens[i, 0], d.lens[i, 1], False)
 
 
 @kernel
 def develop_back(raw_grad, photo_grad, raw, d, first, last):
     """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
+    if not d.registers:
+        for i in range(first, last):
+            development.develop_back(raw_grad[i], photo_grad[i], raw[i], d, d.gains[i], d.brighten[i])
+        return
     h, w = d.size
     planes = np.empty(room(h, w), np.float32)
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
-        grad = taken if d.registers else photo_grad[i]
-        if d.registers:
-            fill(planes, ZERO)
-            register(photo_grad[i], planes, d.views[i], d.lens[i, 0], d.lens[i, 1], True)
-        development.develop_back(raw_grad[i], grad, raw[i], d, d.gains[i], d.brighten[i])
+        fill(planes, ZERO)
+        register(photo_grad[i], planes, d.views[i], d.lens[i, 0], d.lens[i, 1], True)
+        development.develop_back(raw_grad[i], taken, raw[i], d, d.gains[i], d.brighten[i])

@@ -15,6 +15,7 @@ from moireaug.engine import lowering, pose
 from moireaug.engine.record import LANES, Cell, Development, Exposure, Point, Resize, Sites, Stencil
 from moireaug.engine.resampling import lower_resize, lower_stencil
 from moireaug.geometry.sensor import CFA, SampledPixels
+from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import REACH, ShotRecord, sampled_by
@@ -28,7 +29,7 @@ def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
     share = np.zeros(len(shot), np.float32)
     if "prefilter" in plan and not decoded:
         share = prefilter.share_at_centre(shot).detach().float().numpy()
-    coefficients, widths, skew = _shapes_of(shot.scene, drawn)
+    coefficients, widths, skew = _shapes_of(shot)
     return Exposure(
         size=shot.size,
         cameras=_cameras_of(shot, drawn),
@@ -44,7 +45,7 @@ def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
         share=share,
         dark=not shot.scene.develop.registered,
         clips=any(effect.name == "full_well" for effect in plan.exposing),
-        point=_point_of(shot.scene, drawn) if plan.exposure == "point" else None,
+        point=_point_of(shot) if plan.exposure == "point" else None,
     )
 
 
@@ -57,6 +58,9 @@ def development_of(shot: ShotRecord) -> Development:
         gains[:, 0], gains[:, 2] = drawn["develop.red"], drawn["develop.blue"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
+    views = np.empty((0, 3, 3))
+    if "register" in plan:
+        views = _homography_of(shot, drawn)
     return Development(
         size=shot.size,
         mosaic=sensor.cfa == "rggb",
@@ -69,7 +73,7 @@ def development_of(shot: ShotRecord) -> Development:
         coded="encode" in plan,
         brighten=brighten,
         registers="register" in plan,
-        views=_homography_of(shot, drawn),
+        views=views,
         lens=np.stack(_distortion_of(shot, drawn), 1),
     )
 
@@ -114,35 +118,26 @@ def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
     return lowering.lower_cameras(pose.inverse(_homography_of(shot, drawn), shot.size), shot.size, scales, fields)
 
 
-def _emitting_share(drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the shares of a subpixel's two edges that emit, as `panel.fourier.emitting_share` does."""
-    side = np.sqrt(drawn["panel.lit"])
-    return side * drawn["panel.lit_x"], side * drawn["panel.lit_y"]
-
-
-def _shapes_of(scene: SceneRecord, drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the coefficients, widths and skews of the cell's kinds of subpixel."""
-    layout, method = as_layout(scene.panel.layout), scene.plan().method
-    width, height = _emitting_share(drawn)
+    layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
+    width, height = (share.detach() for share in emitting_share(shot.panel))
     if method.name == "mean":
-        light = np.zeros((len(width), 3, 1, 1))
-        for channel in range(3):
-            area = sum(subpixel.area for subpixel in layout.of(channel))
-            light[:, channel, 0, 0] = width * height * (area / (layout.period[0] * layout.period[1]))
-        widths = np.ones((len(width), 3, 2))
-        return light, widths, np.zeros_like(widths)
-    edges = np.array(_kinds(scene))
+        light = torch.stack([mean_light(layout, channel, width, height) for channel in range(3)], 1)
+        widths = np.ones((len(shot), 3, 2))
+        return light[:, :, None, None].numpy(), widths, np.zeros_like(widths)
+    edges = np.array(_kinds(shot.scene))
     shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
     return lowering.lower_shapes(edges * shares, layout.period, method.harmonics)
 
 
-def _point_of(scene: SceneRecord, drawn: dict[str, np.ndarray]) -> Point:
-    layout, (width, height) = as_layout(scene.panel.layout), _emitting_share(drawn)
+def _point_of(shot: ShotRecord) -> Point:
+    layout, (width, height) = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
     rectangles = []
     for subpixel in layout.all():
         corners = subpixel.corners()
         rectangles.append((*corners[0], *corners[2]))
-    return Point(np.array(rectangles, np.float64), layout.raster, width * height)
+    return Point(np.array(rectangles, np.float64), layout.raster, (width * height).detach().numpy())
 
 
 def _flicker_of(shot: ShotRecord) -> np.ndarray:

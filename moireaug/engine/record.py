@@ -90,7 +90,8 @@ class Exposure(NamedTuple):
     Args:
         size: height and width of the pictures.
         cameras: (B, 22) float64, the fields of a `Camera` an image.
-        coefficients: (B, kinds, K + 1, 2 L + 1) float64. widths, skew: (B, kinds, 2) float64. See `expose.expose`.
+        coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L of each kind's mask.
+        widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: the variance that its slant adds.
         flicker: (B, rows) float64, or (B, 0).
         seeds: (B,) int64, of the noise. noise: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
@@ -179,9 +180,10 @@ class Development(NamedTuple):
     Args:
         size: height and width of the photos.
         mosaic: the readings are packed planes.
-        saturates, levels, coded: see `develop.develop`.
+        saturates: a reading above 1 is 1. levels: the converter's 2^bits - 1, or 0. coded: light becomes sRGB codes.
         gains: (B, 3) float32. brighten: (B,) float32.
-        registers: whether the photos come back to the image's frame. views: (B, 3, 3) float64, see `register.register`.
+        registers: whether the photos come back to the image's frame.
+        views: (B, 3, 3) float64, see `register.register`; (0, 3, 3) where they do not.
         lens: (B, 2) float64, k1 and k2.
     """
 
