@@ -8,11 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from moireaug.geometry.homography import FAR_AWAY
-
-AHEAD = 1e-9  # depth from which a point counts as before the camera
-STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-BORDER = np.array([(x, y) for x in STEPS for y in STEPS if max(abs(x), abs(y)) == 1])
+from moireaug.geometry.homography import AHEAD, BORDER, FAR_AWAY
 
 
 def camera_pose(drawn: Mapping[str, np.ndarray], size: tuple[int, int], fit: bool) -> np.ndarray:
@@ -43,7 +39,7 @@ def _fitting_zoom(m: np.ndarray, k1: np.ndarray, k2: np.ndarray, size: tuple[int
     """Return the greatest magnification at which the picture's border still lies inside the photo, (B,)."""
     h, w = size
     half = np.array([w / 2, h / 2])
-    points = BORDER * half
+    points = np.array(BORDER) * half
     depth = points @ m[:, 2, :2].T + 1  # (16, B)
     ahead = depth > AHEAD
     depth = np.where(ahead, depth, 1)

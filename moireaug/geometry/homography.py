@@ -15,6 +15,9 @@ from torch import Tensor
 from moireaug.geometry.distortion import radial_factor
 
 FAR_AWAY = 1e9  # where points behind the camera are put
+AHEAD = 1e-9  # depth from which a point counts as before the camera
+STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+BORDER = [(x, y) for x in STEPS for y in STEPS if max(abs(x), abs(y)) == 1]  # of a picture, in halves of its sides
 
 
 def _matrix(rows: list[list[Tensor | float]], like: Tensor) -> Tensor:
@@ -114,10 +117,7 @@ def homography(
 def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
     """Return the greatest magnification at which the picture's border still lies inside the photo, (B,)."""
     half = m.new_tensor([size[1] / 2, size[0] / 2])
-    border = m.new_tensor(
-        [[x, y] for x in (-1, -0.5, 0, 0.5, 1) for y in (-1, -0.5, 0, 0.5, 1) if max(x * x, y * y) == 1]
-    )
-    seen = apply_homography(m, (border * half).expand(m.shape[0], -1, -1))
+    seen = apply_homography(m, (m.new_tensor(BORDER) * half).expand(m.shape[0], -1, -1))
     to_edge = 1 / (seen / half).abs().amax(-1)  # along the ray through each point, (B, 16)
     edge = seen * to_edge[..., None]
     return (to_edge * radial_factor(edge, k1, k2, size)).amin(-1)
@@ -129,5 +129,5 @@ def apply_homography(m: Tensor, points: Tensor) -> Tensor:
     kornia's `transform_points` mirrors these to its front.
     """
     lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
-    ahead = lifted[..., 2:] > 1e-9
+    ahead = lifted[..., 2:] > AHEAD
     return torch.where(ahead, lifted[..., :2] / torch.where(ahead, lifted[..., 2:], 1.0), FAR_AWAY)

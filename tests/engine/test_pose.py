@@ -1,0 +1,28 @@
+"""The pose in numpy is the reference's, to rounding."""
+
+import pytest
+import torch
+
+from moireaug import Lens, Scene, View
+from moireaug.engine import from_shot, pose
+
+RANGES = {"yaw": (-60.0, 60.0), "pitch": (-50.0, 50.0), "roll": (-180.0, 180.0), "zoom": (0.2, 3.0), "fov": (5.0, 80.0)}
+SHIFTED = {"shift_x": (-0.5, 0.5), "shift_y": (-0.5, 0.5)}
+LENS = Lens(k1=(-0.05, 0.2), k2=(-0.02, 0.02))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (40, 40), (33, 200)])
+@pytest.mark.parametrize(
+    "view", [View(**RANGES, **SHIFTED), View(**RANGES, fit=False), View(pose="released", roll=(-45.0, 45.0))]
+)
+def test_homographies_agree(view, size):
+    shot = Scene(view=view, lens=LENS).sample(200, size, torch.Generator().manual_seed(0))
+    drawn = from_shot._numbers_of(shot)
+    there = pose.centred(shot.matrix().numpy(), size)
+    found = from_shot._homography_of(shot, drawn)
+    assert abs(found - there).max() < 1e-10 * max(size)
+    h, w = size
+    to_photo = torch.tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]], dtype=torch.float64)
+    both = pose.inverse(found, size) @ there @ to_photo.numpy()  # image to photo and back
+    both /= both[:, 2:, 2:]
+    assert abs(both - torch.eye(3, dtype=torch.float64).numpy()).max() < 1e-8 * max(size)
