@@ -102,7 +102,8 @@ def _looks_like(image: Tensor, row: int) -> str:
 
 
 def check_shot(image: Tensor, shot: ShotRecord) -> None:
-    """Refuse a batch of another number or size of images than a shot was drawn for, and a shot that is not finite.
+    """Refuse a batch of another number or size of images than a shot was drawn for, and a shot whose fields are not one
+    finite number an image.
 
     Raises:
         ValueError: with what was got and what to do.
@@ -112,9 +113,15 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
             f"the shot was drawn for {len(shot)} images of {shot.size[0]} x {shot.size[1]}; got {len(image)} of "
             f"{image.shape[-2]} x {image.shape[-1]}. Draw one with scene.sample(len(images), images.shape[-2:])."
         )
+    numbers = shot.numbers()
+    for name, values in numbers.items():
+        if values.shape != (len(shot),):
+            raise ValueError(
+                f"a shot's fields must hold one number an image, here of the shape ({len(shot)},); "
+                f"got {tuple(values.shape)} as shot.{name}."
+            )
     if is_transformed():
         return
-    numbers = shot.numbers()
     if torch.stack(list(numbers.values())).isfinite().all():
         return
     for name, values in numbers.items():

@@ -202,3 +202,11 @@ def test_a_shot_that_is_not_finite_is_named(part, field, value, images):
     broken = dataclasses.replace(drawn, **{field: getattr(drawn, field) + value})
     with pytest.raises(ValueError, match=rf"shot\.{part}\.{field}"):
         capture(images, dataclasses.replace(shot, **{part: broken}))
+
+
+@pytest.mark.parametrize("value", [torch.tensor(5.0), torch.zeros(1), torch.zeros(3), torch.zeros(4, 1)])
+def test_a_field_that_is_not_one_number_an_image_is_named(value, images):
+    shot = Scene(view=View(yaw=(0.0, 9.0))).sample(4, (24, 32))
+    shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=value))
+    with pytest.raises(ValueError, match=r"one number an image, here of the shape \(4,\); got .* as shot.view.yaw"):
+        capture(images, shot)
