@@ -31,6 +31,8 @@ def test_snippets_define_what_they_use(page, capsys):
                 warnings.simplefilter("ignore")  # its imports' own
                 pytest.importorskip("torchattacks")
         exec(compile(code, page, "exec"), names)
+    assert names.keys() > {"__builtins__"}
+    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_no_snippet_is_overlooked():

@@ -31,7 +31,7 @@ def test_every_number_of_the_schema_has_bounds():
 def test_every_default_and_recipe_is_within_them():
     for recipe in ("clean", "moire_at", "moire_free", "moire_worst", "pgd_fast"):
         for data in ("signs", "cifar10", "folder"):
-            fit.check(configured(f"recipe={recipe}", f"data={data}"))
+            assert fit.check(configured(f"recipe={recipe}", f"data={data}")) is None
 
 
 @pytest.fixture(scope="module")
