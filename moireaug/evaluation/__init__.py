@@ -1,33 +1,21 @@
 """Evaluation: models attacked again, with the controls that tell the moiré from the noise."""
 
-from moireaug.evaluation.given import Given
-from moireaug.evaluation.ladder import climb, ladder, middle
-from moireaug.evaluation.rungs import Rung, no_moire
-from moireaug.evaluation.statistics import mix, paired_gain, wilson
+from moireaug.evaluation.evaluate import evaluate
+from moireaug.evaluation.frame import images_frame, rates
+from moireaug.evaluation.statistics import paired_gain, wilson
 from moireaug.evaluation.suites import GROUPS, SUITES, tables_of
-from moireaug.evaluation.sweep import Index, Job, Judge, Row, complete, gather, sweep
-from moireaug.evaluation.table import Cell, Table
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 
 __all__ = [
     "GROUPS",
     "SUITES",
     "Cell",
-    "Given",
-    "Index",
-    "Job",
-    "Judge",
-    "Row",
-    "Rung",
+    "SuiteConfig",
     "Table",
-    "climb",
-    "complete",
-    "gather",
-    "ladder",
-    "middle",
-    "mix",
-    "no_moire",
+    "evaluate",
+    "images_frame",
     "paired_gain",
-    "sweep",
+    "rates",
     "tables_of",
     "wilson",
 ]

@@ -6,26 +6,98 @@ false sense of security" (2018). Success rates are of the images that the model 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
+import numpy as np
+import pandas as pd
 import torch
 from torch import Tensor
 
 from moireaug.attacks import LOSSES, evaluating
 from moireaug.defenses import BitDepth
-from moireaug.evaluation.adaptive import through
-from moireaug.evaluation.given import Given
-from moireaug.evaluation.rungs import CLEAN, MOIRE, Bout, Rung, attacking, label, moire_attack, random_noise
-from moireaug.evaluation.sweep import MODEL, Index, Job, behind, gather, other
+from moireaug.evaluation.attackers import MoireAttacker, SquareAttacker
+from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise, codes
+from moireaug.evaluation.judges import Judge, another
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 
 SLACK = 0.02  # two points, or one image where that is more
 MASKED, SUSPECT = 0.5, 0.3  # shares of gradients that are exactly zero
 LONGER = 2  # times as many steps
 FULL = 0.9  # share of images fooled that leaves nothing to see
 QUERIES = 5  # of the gradient-free attack, for each gradient step of the others
+MODEL = "model"  # the column of the attacked model
+
+
+class CleanTwice(Clean):
+    """The image, whose logits are asked for twice."""
+
+    kind = "clean_twice"
+
+    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
+        with evaluating(batch.model), torch.no_grad():
+            first = batch.model(shown)
+            second = batch.model(shown)
+        differ = (first != second) & ~(first.isnan() & second.isnan())
+        return {"differ": differ.any(1).float().tolist()}
+
+
+class PhotoGradient(Photo):
+    """The photo, with the share of its values whose gradient is zero or not finite; of the noise's, a camera leaves
+    some unread."""
+
+    kind = "moire_gradient"
+
+    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
+        gradient = None
+        with evaluating(batch.model), torch.enable_grad():
+            photo = shown.detach().clone().requires_grad_()
+            logits = batch.model(photo)
+            if logits.requires_grad:
+                loss = LOSSES["ce"](logits, batch.labels).sum()
+                (gradient,) = torch.autograd.grad(loss, photo, allow_unused=True)
+        if gradient is None:
+            return {"zero_gradients": [1.0] * len(shown)}
+        hidden = (gradient == 0) | ~gradient.isfinite()
+        return {"zero_gradients": hidden.float().mean((1, 2, 3)).tolist()}
+
+
+def sizes(config: SuiteConfig) -> list[float]:
+    """Return the bounds that success must grow with."""
+    eps = config.middle
+    return sorted({eps / 2, eps, min(1.0, 2 * eps), 1.0})
+
+
+def trust(config: SuiteConfig) -> Table:
+    """Lay out what the checks look at: a row each, other models in columns of their own."""
+    eps, steps = config.middle, config.steps
+    longer = f"{LONGER * steps}_steps_and_2_restarts"
+    rounding = BitDepth(8)
+    through = MoireAttacker(
+        eps=eps, steps=steps, variant="through_rounding", knows="rounding", defence=rounding
+    )
+    cells = [
+        Cell("clean", MODEL, (CleanTwice(),)),
+        Cell("moire", MODEL, (PhotoGradient(),)),
+        Cell("random", MODEL, (RandomNoise(eps=eps),)),
+        Cell("one_step", MODEL, (MoireAttacker(eps=eps, steps=1, variant="one_step"),)),
+        Cell("longer", MODEL, (MoireAttacker(eps=eps, steps=LONGER * steps, variant=longer, restarts=2),)),
+        Cell("queries", MODEL, (SquareAttacker(eps=eps, steps=QUERIES * steps),)),
+        Cell("shattered", MODEL, (through,), Judge("rounded", defence=rounding)),
+    ]
+    for size in sizes(config):
+        cells.append(Cell(_row(size), MODEL, (MoireAttacker(eps=size, steps=steps),)))
+    for name, model in config.targets.items():
+        if model is not None:
+            judge = another(name, model)
+            cells.append(Cell(_row(eps), name, (MoireAttacker(eps=eps, steps=steps),), judge))
+            cells.append(Cell("random", name, (RandomNoise(eps=eps),), judge))
+    return Table("trust", tuple(cells))
+
+
+def _row(eps: float) -> str:
+    return f"eps_{codes(eps)}"
 
 
 @dataclass(frozen=True)
@@ -40,164 +112,157 @@ class Check:
         return asdict(self)
 
 
-def _zero_gradients(b: Bout, shown: Tensor) -> dict[str, float]:
-    """Share of the photo's values whose gradient is zero or not finite; of the noise's, a camera leaves some unread."""
-    with evaluating(b.model):
-        photo = shown.detach().clone().requires_grad_()
-        logits = b.model(photo)  # type: ignore[operator]
-        if not logits.requires_grad:
-            return {"zero_gradients": 1.0}
-        (gradient,) = torch.autograd.grad(LOSSES["ce"](logits, b.labels).sum(), photo, allow_unused=True)
-    if gradient is None:
-        return {"zero_gradients": 1.0}
-    hidden = (gradient == 0) | ~gradient.isfinite()
-    return {"zero_gradients": hidden.float().mean().item()}
+@dataclass(frozen=True)
+class Seen:
+    """What the checks judge.
 
+    Args:
+        config: of the suite.
+        success: rates of the attacked model by row. transfer: other models' (attacked, random) by name.
+        zero_gradients: share of gradients that are hidden. differ: share of images answered differently when asked
+            twice.
+        slack: what a rate may be off by. undecided: answers that were none, of `answers`.
+    """
 
-def _twice(b: Bout, shown: Tensor) -> dict[str, float]:
-    """Share of images whose logits are not the same when the model is asked again."""
-    with evaluating(b.model), torch.no_grad():
-        first, second = (b.model(shown) for _ in range(2))  # type: ignore[operator]
-    differ = (first != second) & ~(first.isnan() & second.isnan())
-    return {"differ": differ.any(1).float().mean().item()}
-
-
-def rungs(g: Given) -> dict[str, Rung]:
-    """What the checks look at, by the names that they call it."""
-    e, k = g.eps, g.steps
-    shattered = moire_attack(e, k, name="through rounding")
-    queries = Rung(f"square_{label(e)}", "gradient-free", attacking("square", eps=e, steps=QUERIES * k), e)
-    return {
-        "clean": Rung("clean_twice", "clean image, asked twice", CLEAN.show, measure=_twice),
-        "moire": Rung("moire_gradient", "photo, its gradient", MOIRE.show, measure=_zero_gradients),
-        "random": random_noise(e),
-        "one step": moire_attack(e, 1, name="one step"),
-        **{label(x): moire_attack(x, k) for x in _sizes(g)},
-        "longer": moire_attack(e, LONGER * k, name=f"{LONGER * k} steps and 2 restarts", restarts=2),
-        "queries": queries,
-        "shattered": through(shattered, BitDepth(8)),
-    }
-
-
-def _sizes(g: Given) -> list[float]:
-    return sorted({g.eps / 2, g.eps, min(1.0, 2 * g.eps), 1.0})
-
-
-def jobs(g: Given) -> list[Job]:
-    """The rungs of the checks and who judges them."""
-    found, rounded = rungs(g), behind("rounded", "rounded to 8 bits", BitDepth(8))
-    others = tuple(other(n, m) for n, m in g.targets.items() if m is not None)
-    judged = {"shattered": (rounded,), label(g.eps): (MODEL, *others), "random": (MODEL, *others)}
-    return [Job(rung, judged.get(name, (MODEL,))) for name, rung in found.items()]
-
-
-class Seen(NamedTuple):
-    """What the checks judge: success rates by the names of `rungs`, other models' (attacked, random), the slack, and
-    how many of all answers were none: their logits were not finite."""
-
-    rate: Mapping[str, float]
-    transfer: Mapping[str, tuple[float, float]]
+    config: SuiteConfig
+    success: dict[str, float]
+    transfer: dict[str, tuple[float, float]]
     zero_gradients: float
     differ: float
     slack: float
     undecided: int
     answers: int
 
+    @property
+    def attack(self) -> float:
+        """Success of the attack that the suites compare."""
+        return self.success[_row(self.config.middle)]
 
-def checks(g: Given, index: Index) -> list[Check]:
-    """Every check, failed ones first, then warnings; a single warning where the model has no image right."""
-    found, rounded = rungs(g), behind("rounded", "", BitDepth(8))
-    rows = {name: gather(index, r, rounded if name == "shattered" else MODEL) for name, r in found.items()}
-    if not any(rows["clean"].counted):
-        return [Check("there is something to attack", "warning", "0 % of the images are right when clean")]
+
+def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> list[Check]:
+    """Return every check, failed ones first, then warnings; a single warning where the model has no image right.
+
+    Args:
+        config: of the suite. images, lines: the frame of the table `trust`, and its rates.
+    """
+    images = images[images["table"] == "trust"]
+    lines = lines[lines["table"] == "trust"]
+    own = lines[lines["column"] == MODEL].set_index("row")
+    counted = int(own.loc["clean", "counted"])
+    if not counted:
+        says = "0 % of the images are right when clean"
+        return [Check("there is something to attack", "warning", says)]
     transfer = {}
-    for name, model in g.targets.items():
-        if model is not None:
-            judge = other(name, model)
-            a, b = (gather(index, found[k], judge).to_dict()["success"] for k in (label(g.eps), "random"))
-            if a is not None:
-                transfer[name] = (a, b)
+    for name in config.targets:
+        other = lines[lines["column"] == name].set_index("row")["success"]
+        if len(other) and np.isfinite(other).all():
+            transfer[name] = (other[_row(config.middle)], other["random"])
+    own_images = images[images["column"] == MODEL]
     seen = Seen(
-        {name: row.to_dict()["success"] for name, row in rows.items()},
+        config,
+        own["success"].to_dict(),
         transfer,
-        rows["moire"].measured["zero_gradients"],
-        rows["clean"].measured["differ"],
-        max(SLACK, 1 / max(1, sum(rows["clean"].counted))),
-        sum(sum(row.undecided) for row in rows.values()),
-        sum(len(row.undecided) for row in rows.values()),
+        float(own_images["zero_gradients"].mean()),
+        float(own_images["differ"].mean()),
+        max(SLACK, 1 / counted),
+        int(own["undecided"].sum()),
+        int(own["n"].sum()),
     )
     order = {"fail": 0, "warning": 1, "pass": 2}
-    return sorted((check(g, seen) for check in CHECKS), key=lambda c: order[c.verdict])
+    return sorted((check(seen) for check in CHECKS), key=lambda check: order[check.verdict])
 
 
-def _converged(g: Given, seen: Seen) -> Check:
-    now, longer = seen.rate[label(g.eps)], seen.rate["longer"]
-    says = f"{g.steps} steps fool {_pc(now)}, {LONGER * g.steps} steps and 2 restarts {_pc(longer)}"
-    return Check("more steps and restarts change nothing", _verdict(longer <= now + seen.slack), says)
+def _converged(seen: Seen) -> Check:
+    now, longer, steps = seen.attack, seen.success["longer"], seen.config.steps
+    says = f"{steps} steps fool {_pc(now)}, {LONGER * steps} steps and 2 restarts {_pc(longer)}"
+    verdict = _verdict(longer <= now + seen.slack)
+    return Check("more steps and restarts change nothing", verdict, says)
 
 
-def _grows(g: Given, seen: Seen) -> Check:
-    eps = [label(x) for x in _sizes(g)]
-    values = [seen.rate[e] for e in eps]
+def _grows(seen: Seen) -> Check:
+    eps = sizes(seen.config)
+    values = [seen.success[_row(e)] for e in eps]
     growing = all(b >= a - seen.slack for a, b in pairwise(values))
-    says = ", ".join(f"{_pc(v)} at {e}/255" for e, v in zip(eps, values, strict=True))
-    return Check("success grows with eps, to all images at eps 1", _verdict(growing and values[-1] >= 1.0), says)
+    says = ", ".join(f"{_pc(v)} at {codes(e)}/255" for e, v in zip(eps, values, strict=True))
+    verdict = _verdict(growing and values[-1] >= 1.0)
+    return Check("success grows with eps, to all images at eps 1", verdict, says)
 
 
-def _ordered(g: Given, seen: Seen) -> Check:
-    name, white, random = "white box, then transfer, then random noise", seen.rate[label(g.eps)], seen.rate["random"]
+def _ordered(seen: Seen) -> Check:
+    white, random = seen.attack, seen.success["random"]
     says = f"white box {_pc(white)}, random noise {_pc(random)}"
-    says += "".join(f"; {n} {_pc(t)}, random noise {_pc(r)}" for n, (t, r) in seen.transfer.items())
-    # another model may be weaker, so what counts is what the noise adds to chance
-    odd = any(not -seen.slack <= t - r <= white - random + seen.slack for t, r in seen.transfer.values())
-    return Check(name, "fail" if white < random - seen.slack else "warning" if odd else "pass", says)
+    verdict = "pass"
+    for name, (attacked, chance) in seen.transfer.items():
+        says += f"; {name} {_pc(attacked)}, random noise {_pc(chance)}"
+        # another model may be weaker, so what counts is what the noise adds to chance
+        if not -seen.slack <= attacked - chance <= white - random + seen.slack:
+            verdict = "warning"
+    if white < random - seen.slack:
+        verdict = "fail"
+    return Check("white box, then transfer, then random noise", verdict, says)
 
 
-def _iterates(g: Given, seen: Seen) -> Check:
-    one, many = seen.rate["one step"], seen.rate[label(g.eps)]
-    return Check("many steps beat one", _verdict(one <= many + seen.slack), f"one {_pc(one)}, {g.steps} {_pc(many)}")
+def _iterates(seen: Seen) -> Check:
+    one, many = seen.success["one_step"], seen.attack
+    says = f"one {_pc(one)}, {seen.config.steps} {_pc(many)}"
+    return Check("many steps beat one", _verdict(one <= many + seen.slack), says)
 
 
-def _gradients(g: Given, seen: Seen) -> Check:
+def _gradients(seen: Seen) -> Check:
     zero = seen.zero_gradients
-    verdict = "fail" if zero > MASKED else "warning" if zero > SUSPECT else "pass"
-    return Check(
-        "gradients are not hidden", verdict, f"{_pc(zero)} of the photo’s values have a gradient of zero or NaN"
-    )
+    verdict = "pass"
+    if zero > SUSPECT:
+        verdict = "warning"
+    if zero > MASKED:
+        verdict = "fail"
+    says = f"{_pc(zero)} of the photo’s values have a gradient of zero or NaN"
+    return Check("gradients are not hidden", verdict, says)
 
 
-def _queries(g: Given, seen: Seen) -> Check:
-    blind, white = seen.rate["queries"], seen.rate[label(g.eps)]
-    says = f"{QUERIES * g.steps} queries without gradients {_pc(blind)}, gradients {_pc(white)}"
-    return Check("a search without gradients does not win", _verdict(blind <= white + seen.slack), says)
+def _queries(seen: Seen) -> Check:
+    blind, white = seen.success["queries"], seen.attack
+    queries = QUERIES * seen.config.steps
+    says = f"{queries} queries without gradients {_pc(blind)}, gradients {_pc(white)}"
+    verdict = _verdict(blind <= white + seen.slack)
+    return Check("a search without gradients does not win", verdict, says)
 
 
-def _breaks(g: Given, seen: Seen) -> Check:
-    broken, plain = seen.rate["shattered"], seen.rate[label(g.eps)]
+def _breaks(seen: Seen) -> Check:
+    broken, plain = seen.success["shattered"], seen.attack
     says = f"behind a rounding without gradient, attacked through it, {_pc(broken)}; without it {_pc(plain)}"
-    name = "a defence that only hides gradients is broken"
-    return Check(name, _verdict(broken >= plain - seen.slack), says)
+    verdict = _verdict(broken >= plain - seen.slack)
+    return Check("a defence that only hides gradients is broken", verdict, says)
 
 
-def _settled(g: Given, seen: Seen) -> Check:
+def _settled(seen: Seen) -> Check:
     says = f"asked twice, the model answers {_pc(seen.differ)} of the images differently"
     return Check("the model answers the same twice", "warning" if seen.differ else "pass", says)
 
 
-def _answered(g: Given, seen: Seen) -> Check:
+def _answered(seen: Seen) -> Check:
     says = f"the logits of {seen.undecided} of {seen.answers} answers are NaN or infinite, which counts as wrong"
     return Check("every image gets an answer", _verdict(seen.undecided == 0), says)
 
 
-def _room(g: Given, seen: Seen) -> Check:
+def _room(seen: Seen) -> Check:
     """Where the photo alone fools nearly every image, no attack can show what it adds."""
-    says = f"the photo alone fools {_pc(seen.rate['moire'])}"
-    return Check("the photo leaves something to attack", "warning" if seen.rate["moire"] > FULL else "pass", says)
+    photo = seen.success["moire"]
+    verdict = "warning" if photo > FULL else "pass"
+    return Check("the photo leaves something to attack", verdict, f"the photo alone fools {_pc(photo)}")
 
 
-CHECKS: tuple[Callable[[Given, Seen], Check], ...] = (
-    _converged, _grows, _ordered, _iterates, _gradients, _queries, _breaks, _settled, _answered, _room,
-)  # fmt: skip
+CHECKS: tuple[Callable[[Seen], Check], ...] = (
+    _converged,
+    _grows,
+    _ordered,
+    _iterates,
+    _gradients,
+    _queries,
+    _breaks,
+    _settled,
+    _answered,
+    _room,
+)
 
 
 def _verdict(good: bool) -> str:

@@ -1,0 +1,180 @@
+"""Conditions: what a model is shown, from the clean image to the last control. Attackers are in `attackers.py`.
+
+A condition is a record of settings with one method, `show`. Its settings say all that it depends on beside the batch:
+two conditions with the same settings show the same pictures, whichever suite asks for them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from moireaug.capture import capture, develop, expose
+from moireaug.evaluation.statistics import ratio_of_means
+from moireaug.numeric import clip
+from moireaug.scene.scene import Scene, Shot
+
+Model = nn.Module | Callable[[Tensor], Tensor]
+
+
+@dataclass(frozen=True)
+class EvalBatch:
+    """One batch of an evaluation.
+
+    Args:
+        model: [0, 1] images to logits.
+        images: (B, 3, H, W) in [0, 1]. labels: (B,). targets: (B,), another class each.
+        shot: one draw of the condition's scene per image.
+        generator: of the condition's own random numbers.
+    """
+
+    model: Model
+    images: Tensor
+    labels: Tensor
+    targets: Tensor
+    shot: Shot
+    generator: torch.Generator
+
+    def __getitem__(self, rows: slice) -> EvalBatch:
+        return dataclasses.replace(
+            self,
+            images=self.images[rows],
+            labels=self.labels[rows],
+            targets=self.targets[rows],
+            shot=self.shot[rows],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition(ABC):
+    """What is shown.
+
+    Args:
+        eps: bound of the noise, in [0, 1] units. targeted: whether being fooled means giving the target's class.
+        scene: where it is photographed; None is the evaluation's scene. Shots of one scene are drawn alike, so that
+            all conditions of a scene share theirs.
+        place: name of that scene, part of this condition's name.
+    """
+
+    kind: ClassVar[str]
+    control: ClassVar[bool] = True  # nobody searches for anything
+
+    eps: float = 0.0
+    targeted: bool = False
+    scene: Scene | None = None
+    place: str = ""
+
+    @property
+    def name(self) -> str:
+        """What stands for this condition in records: unique within a suite."""
+        return self.base_name + (f"@{self.place}" if self.place else "")
+
+    @property
+    def base_name(self) -> str:
+        return self.kind
+
+    @abstractmethod
+    def show(self, batch: EvalBatch) -> Tensor:
+        """Return what the model is shown, (B, 3, H, W) in [0, 1]."""
+
+    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
+        """Return figures to record beside, one per image each."""
+        return {}
+
+    def settings(self) -> dict[str, Any]:
+        """Return all that this condition depends on, as plain values."""
+        found: dict[str, Any] = {"kind": self.kind}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.name == "scene":
+                value = None if value is None else value.to_dict()
+            found[field.name] = value
+        return found
+
+    def at(self, place: str, scene: Scene) -> Condition:
+        """Return the same condition in another scene."""
+        return dataclasses.replace(self, place=place, scene=scene)
+
+
+class Clean(Condition):
+    """The image itself."""
+
+    kind = "clean"
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        return batch.images
+
+
+class Dimmed(Condition):
+    """The image, as dark as its photo."""
+
+    kind = "dimmed"
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        photo = capture(batch.images, batch.shot)
+        return clip(batch.images * ratio_of_means(photo, batch.images))
+
+
+class Rotated(Condition):
+    """The photo without moiré, as bright as its screen: a gain brings white back to white."""
+
+    kind = "rotated"
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        shot = without_moire(batch.shot)
+        white = capture(torch.ones_like(batch.images), shot).amax((1, 2, 3), keepdim=True)
+        return clip(capture(batch.images, shot) / white.clamp(min=1e-6))
+
+
+class Photo(Condition):
+    """The photo, with its natural moiré and no noise."""
+
+    kind = "moire"
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        return capture(batch.images, batch.shot)
+
+
+class PhotoWithoutMoire(Condition):
+    """The same photo of a panel without subpixels."""
+
+    kind = "no_moire"
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        return capture(batch.images, without_moire(batch.shot))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomNoise(Condition):
+    """The photo with noise of random sign on its raw reading, at the bound `eps`."""
+
+    kind = "random"
+    eps: float
+
+    @property
+    def base_name(self) -> str:
+        return f"random_{codes(self.eps)}"
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        bits = torch.randint(0, 2, batch.shot.raw_shape(), generator=batch.generator)
+        signs = bits.to(batch.images) * 2 - 1
+        reading = expose(batch.images, batch.shot) + self.eps * signs
+        return develop(reading, batch.shot).to(batch.images.dtype)
+
+
+def codes(eps: float) -> str:
+    """Return an eps in units of 1/255, as names and titles have it."""
+    return f"{eps * 255:g}"
+
+
+def without_moire(shot: Shot) -> Shot:
+    """Return the same shot of a panel without subpixels: camera, light and noise stay, the stripes leave their mean
+    light."""
+    sensor = dataclasses.replace(shot.scene.sensor, exposure="mean")
+    return dataclasses.replace(shot, scene=dataclasses.replace(shot.scene, sensor=sensor))

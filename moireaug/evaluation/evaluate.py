@@ -1,0 +1,134 @@
+"""Evaluate any classifier in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from moireaug.evaluation.attackers import Defence
+from moireaug.evaluation.conditions import Model
+from moireaug.evaluation.frame import images_frame
+from moireaug.evaluation.records import RecordFolder, Records
+from moireaug.evaluation.runner import Job, Runner, jobs_of
+from moireaug.evaluation.suites import tables_of
+from moireaug.evaluation.tables import SuiteConfig, paper_defences
+from moireaug.scene.scene import Scene, as_scene
+
+
+def evaluate(
+    model: Model,
+    loader: Iterable[tuple[Tensor, Tensor]],
+    suite: str = "ladder",
+    scene: Scene | str | dict = "screen_photo",
+    *,
+    eps: Sequence[float] = (2 / 255, 4 / 255, 8 / 255),
+    steps: int = 20,
+    n: int | None = None,
+    seed: int = 0,
+    targets: Mapping[str, Model] | None = None,
+    defences: Mapping[str, Defence] | None = None,
+    folder: str | Path | None = None,
+    progress: bool = True,
+) -> pd.DataFrame:
+    """Attack a classifier, with the controls that tell the moiré from the noise.
+
+        frame = evaluation.evaluate(model, loader, suite="ladder", scene="screen_photo", n=480)
+        print(evaluation.rates(frame)[["row", "accuracy", "success", "n"]])
+
+    Args:
+        model: any callable of [0, 1] images (B, 3, H, W) that returns logits (B, K); it is left as it was found. Put a
+            normalisation inside: `attacks.Normalized(model, mean, std)`.
+        loader: batches of (images, labels), as a DataLoader yields them; uint8 images are divided by 255. Its order
+            must not change where `folder` is given.
+        suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
+        scene: a Scene, a preset's name or a dict: whose shots are drawn, one per image.
+        eps: bounds of the ladder, in [0, 1] units; other suites compare at the middle one.
+        steps: gradient steps of every attack.
+        n: images; None is all.
+        seed: of shots, targets and random starts.
+        targets: name to model, for the suite "transfer".
+        defences: name to defence; None is the paper's.
+        folder: where records are kept as they come, so that the same call goes on where it stopped; None keeps them in
+            memory. Needs a Module, whose weights tell it from others.
+        progress: whether a bar is shown.
+
+    Returns:
+        A line for each cell of the suite's tables and each image: see `evaluation.images_frame`. `evaluation.rates`
+        makes a line a cell of it, with intervals.
+
+    Raises:
+        ValueError: an unknown suite, no images, labels or logits that cannot be read, or a folder for a callable that
+            is no Module.
+    """
+    batches = gathered(loader, n, _device_of(model))
+    config = SuiteConfig(
+        scene=as_scene(scene),
+        eps=tuple(eps),
+        steps=steps,
+        targets=targets or {},
+        defences=paper_defences() if defences is None else defences,
+    )
+    tables = tables_of(suite, config)
+    if folder is not None and not isinstance(model, nn.Module):
+        raise ValueError(
+            f"folder={str(folder)!r} keeps records by the model's weights, and a {type(model).__name__} has none: pass "
+            "a torch.nn.Module, or leave folder out."
+        )
+    records = Records() if folder is None else RecordFolder(Path(folder))
+    with records:
+        runner = Runner(model, batches, config.scene, records, seed=seed)
+        jobs = jobs_of(tables)
+        indices = range(len(batches))
+        for _ in with_bar(runner.run(jobs, indices), len(jobs) * len(batches), progress):
+            pass
+        return images_frame(tables, runner, indices)
+
+
+def with_bar(jobs: Iterable[Job], total: int, shown: bool = True) -> Iterable[Job]:
+    """Show a bar of the jobs that are done."""
+    with tqdm(total=total, unit="job", leave=False, disable=not shown) as bar:
+        for job in jobs:
+            bar.set_description(job.condition.name[:40])
+            bar.update()
+            yield job
+
+
+def gathered(
+    loader: Iterable[tuple[Tensor, Tensor]], n: int | None, device: torch.device | None
+) -> list[tuple[Tensor, Tensor]]:
+    """Return the first n images of a loader, in its batches.
+
+    Raises:
+        ValueError: no images, or no pairs of images and labels.
+    """
+    batches = []
+    left = n
+    for pair in loader:
+        if not isinstance(pair, Sequence) or len(pair) != 2:
+            raise ValueError(
+                f"loader must yield (images, labels); got a {type(pair).__name__}. Wrap it: "
+                "((b['image'], b['label']) for b in loader)."
+            )
+        images, labels = (torch.as_tensor(part)[:left] for part in pair)
+        if images.dtype == torch.uint8:
+            images = images.float() / 255
+        batches.append((images.to(device), labels.to(device)))
+        if left is not None:
+            left -= len(images)
+            if left <= 0:
+                break
+    if not batches or not len(batches[0][0]):
+        raise ValueError("loader yields no images: there is nothing to attack.")
+    return batches
+
+
+def _device_of(model: Model) -> torch.device | None:
+    if isinstance(model, nn.Module):
+        for parameter in model.parameters():
+            return parameter.device
+    return None

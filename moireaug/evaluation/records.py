@@ -1,0 +1,153 @@
+"""Records: one line a finished piece, appended as it comes. An evaluation that was stopped repeats nothing.
+
+A record's key says what it means: the model's weights, the batch's pixels and labels, the scene, the condition's
+settings, the judge and the seed. What was computed for one suite serves every other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from filelock import FileLock, Timeout
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+from torch import Tensor
+
+from moireaug.files import write_bytes
+
+Record = dict[str, Any]
+VERSION = 2  # raise it where the same settings come to mean other figures
+PICTURES = 4  # images of the first batch that are kept to be looked at
+
+
+def key_of(meaning: Mapping[str, Any]) -> str:
+    """Return sixteen hex digits that stand for what a record means."""
+    text = json.dumps({"version": VERSION, **meaning}, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class Records:
+    """Records in memory, by key."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, Record] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let go of what is held."""
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._known
+
+    def __getitem__(self, key: str) -> Record:
+        return self._known[key]
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def append(self, records: Sequence[Record]) -> None:
+        """Keep records."""
+        for record in records:
+            self._known[record["key"]] = record
+
+    def keep_picture(self, name: str, shown: Tensor) -> None:
+        """Keep what a condition shows of the first batch; in memory nothing is kept."""
+
+    def picture(self, name: str) -> np.ndarray | None:
+        """Return the kept images, (n, H, W, 3) uint8; None where there are none."""
+        return None
+
+    def read(self) -> None:
+        """Take in what other processes have written meanwhile."""
+
+
+class RecordFolder(Records):
+    """Records in a folder of JSON-lines files, one per process, to be used in a `with`.
+
+    Args:
+        folder: made where it is missing. Every process appends to a file of its own and reads all of them.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder = Path(folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.path, self._lock = self._own_file()
+        self._end_last_line()
+        self.read()
+        self._file = self.path.open("ab")
+
+    def _own_file(self) -> tuple[Path, FileLock]:
+        """Return the first file that no other process writes, locked."""
+        number = 0
+        while True:
+            path = self.folder / f"records-{number}.jsonl"
+            lock = FileLock(path.with_suffix(".lock"))
+            try:
+                lock.acquire(timeout=0)
+                return path, lock
+            except Timeout:
+                number += 1
+
+    def _end_last_line(self) -> None:
+        """Cut off what a process that was killed while it wrote has left of a line."""
+        if not self.path.is_file():
+            return
+        text = self.path.read_bytes()
+        if not text.endswith(b"\n"):
+            os.truncate(self.path, text.rfind(b"\n") + 1)
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+        self._lock.release()
+
+    def read(self) -> None:
+        """Take in what any process has written. A line that cannot be read, because a process is writing it or a disk
+        was full, is left out: what it held is computed again."""
+        for path in sorted(self.folder.glob("records-*.jsonl")):
+            for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+                with contextlib.suppress(ValueError, KeyError, TypeError):
+                    record = json.loads(line)
+                    self._known[record["key"]] = record
+
+    def append(self, records: Sequence[Record]) -> None:
+        """Write records, all of them on the disk before this returns."""
+        if not records:
+            return
+        lines = [json.dumps(record) + "\n" for record in records]
+        self._file.write("".join(lines).encode())
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        super().append(records)
+
+    def keep_picture(self, name: str, shown: Tensor) -> None:
+        """Keep the first images of a batch (B, 3, H, W) in [0, 1], one below the other in one PNG."""
+        some = (shown[:PICTURES].detach().float().cpu() * 255).round().byte()
+        rows = some.permute(0, 2, 3, 1).reshape(-1, some.shape[3], 3).numpy()
+        text = PngInfo()
+        text.add_text("images", str(len(some)))
+        file = io.BytesIO()
+        Image.fromarray(rows).save(file, "PNG", pnginfo=text)
+        write_bytes(self._picture_path(name), file.getvalue())
+
+    def picture(self, name: str) -> np.ndarray | None:
+        path = self._picture_path(name)
+        if not path.is_file():
+            return None
+        with Image.open(path) as image:
+            rows = np.asarray(image.convert("RGB"))
+            n = int(image.info["images"])
+        return rows.reshape(n, len(rows) // n, -1, 3)
+
+    def _picture_path(self, name: str) -> Path:
+        return self.folder / "pictures" / f"{name}.png"

@@ -1,0 +1,247 @@
+"""The runner: every condition shown to its judges, batch by batch; each finished piece is a record."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import torch
+from torch import Tensor, nn
+
+from moireaug.attacks import evaluating, predicted
+from moireaug.attacks.checks import check_classes, check_labels
+from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
+from moireaug.evaluation.judges import UNDEFENDED, Judge, digest
+from moireaug.evaluation.records import Record, Records, key_of
+from moireaug.evaluation.statistics import mix
+from moireaug.evaluation.tables import Table
+from moireaug.scene.scene import Scene
+
+CLEAN = Clean()
+
+
+class Batches(Protocol):
+    """Test images in batches, by index: (images (B, 3, H, W) in [0, 1], labels (B,))."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> tuple[Tensor, Tensor]: ...
+
+
+class Job(NamedTuple):
+    """One condition and all who are to see it."""
+
+    condition: Condition
+    judges: tuple[Judge, ...]
+
+
+def jobs_of(tables: Iterable[Table]) -> list[Job]:
+    """Return what tables need, each condition once, led by the clean images before every judge without a defence: these
+    say which images count."""
+    conditions: dict[str, Condition] = {CLEAN.name: CLEAN}
+    judges: dict[str, dict[str, Judge]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
+    for table in tables:
+        for cell in table.cells:
+            for condition in cell.conditions:
+                conditions.setdefault(condition.name, condition)
+                judges.setdefault(condition.name, {})[cell.judge.name] = cell.judge
+            if cell.judge.base == cell.judge.name:
+                judges[CLEAN.name][cell.judge.name] = cell.judge
+    return [Job(conditions[name], tuple(judges[name].values())) for name in conditions]
+
+
+class Runner:
+    """Runs jobs on one model.
+
+    Args:
+        model: [0, 1] images to logits; left as it was found.
+        batches: the test images.
+        scene: whose shots are drawn, one per image.
+        records: where finished pieces are kept, and looked up before anything is computed.
+        seed: of shots, targets, random starts and randomised judges. What is drawn depends on the seed, the batch's
+            index and the names of condition and judge alone, so that any process, or a later one, gets the same.
+        name: stands for the model in records; None is a digest of its weights.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        batches: Batches,
+        scene: Scene,
+        records: Records,
+        *,
+        seed: int = 0,
+        name: str | None = None,
+    ) -> None:
+        if name is None:
+            name = digest(model) if isinstance(model, nn.Module) else "callable"
+        self.model = model
+        self.batches = batches
+        self.scene = scene
+        self.records = records
+        self.seed = seed
+        self.name = name
+        self._contents: dict[int, str] = {}
+
+    def run(self, jobs: Sequence[Job], indices: Iterable[int]) -> Iterator[Job]:
+        """Run jobs on the batches of these indices; yields each job when it is done on one batch.
+
+        Raises:
+            ValueError: labels or logits that cannot be read.
+        """
+        for index in indices:
+            images, labels = self.batches[index]
+            labels = check_labels(labels, len(images), "labels").to(images.device)
+            self._contents[index] = _content(images, labels)
+            targets = None
+            for job in jobs:
+                open_judges = []
+                for judge in job.judges:
+                    if self.key(job.condition, judge, index) not in self.records:
+                        open_judges.append(judge)
+                if open_judges:
+                    if targets is None:
+                        targets = self._targets(images, labels, index)
+                    batch = self._batch(images, labels, targets, index, job.condition)
+                    self.records.append(self._judged(batch, job.condition, open_judges, index))
+                yield job
+
+    def missing(self, jobs: Sequence[Job], indices: Iterable[int]) -> int:
+        """Return how many records are not there."""
+        count = 0
+        for index in indices:
+            for condition, judges in jobs:
+                for judge in judges:
+                    count += self.key(condition, judge, index) not in self.records
+        return count
+
+    def record(self, condition: Condition, judge: Judge, index: int) -> Record:
+        """Return the record of one condition before one judge on one batch."""
+        return self.records[self.key(condition, judge, index)]
+
+    def key(self, condition: Condition, judge: Judge, index: int) -> str:
+        """Return the key of that record."""
+        if index not in self._contents:  # of a batch that another process has done
+            self._contents[index] = _content(*self.batches[index])
+        batch = {"content": self._contents[index], "index": index}
+        return key_of(self._meaning(condition) | {"judge": judge.name, "batch": batch})
+
+    def picture_name(self, condition: Condition) -> str:
+        """Return the name under which what a condition shows is kept."""
+        return self.key(condition, UNDEFENDED, 0)
+
+    def _meaning(self, condition: Condition) -> dict[str, Any]:
+        scene = self.scene if condition.scene is None else condition.scene
+        return {
+            "model": self.name,
+            "scene": scene.to_dict(),
+            "condition": condition.settings() | {"name": condition.name},
+            "seed": self.seed,
+        }
+
+    def _targets(self, images: Tensor, labels: Tensor, index: int) -> Tensor:
+        """Draw another class of the model's for each image."""
+        with evaluating(self.model), torch.no_grad():
+            logits = self.model(images[:1])
+        check_classes(labels[:1], logits, 1)
+        classes = logits.shape[1]
+        if classes < 2:
+            raise ValueError(
+                f"the model must tell at least two classes apart; it returns {classes} logit."
+            )
+        generator = torch.Generator().manual_seed(mix(self.seed, index, 1))
+        offset = torch.randint(1, classes, labels.shape, generator=generator)
+        return (labels + offset.to(labels)) % classes
+
+    def _batch(
+        self, images: Tensor, labels: Tensor, targets: Tensor, index: int, condition: Condition
+    ) -> EvalBatch:
+        scene = self.scene if condition.scene is None else condition.scene
+        draws = torch.Generator().manual_seed(mix(self.seed, index, 0))
+        size = (images.shape[-2], images.shape[-1])
+        shot = scene.sample(len(images), size, draws).to(images.device)
+        own = torch.Generator().manual_seed(mix(self.seed, index, 2, _digits(condition.name)))
+        return EvalBatch(self.model, images, labels, targets, shot, own)
+
+    def _judged(
+        self,
+        batch: EvalBatch,
+        condition: Condition,
+        judges: Sequence[Judge],
+        index: int,
+    ) -> list[Record]:
+        # a randomised model or defence draws from the global generator: the same numbers
+        # wherever this piece is computed
+        with torch.random.fork_rng(), torch.no_grad():
+            torch.manual_seed(mix(self.seed, index, 3, _digits(condition.name)))
+            start = time.perf_counter()
+            shown = _shown(condition, batch)
+            seconds_shown = _wait(shown, start)
+            measured = condition.measure(batch, shown)
+            found = []
+            for judge in judges:
+                both = (_digits(condition.name), _digits(judge.name))
+                torch.manual_seed(mix(self.seed, index, 4, *both))
+                start = time.perf_counter()
+                with evaluating(batch.model):
+                    logits = judge.logits(batch, shown)
+                check_classes(batch.labels, logits, 1)
+                answers = predicted(logits).tolist()  # which waits for the device
+                seconds = seconds_shown + time.perf_counter() - start
+                record = self._record(batch, condition, judge, index)
+                record |= {"predicted": answers, "measured": measured, "seconds": seconds}
+                found.append(record)
+        if index == 0:
+            self.records.keep_picture(self.picture_name(condition), shown)
+        return found
+
+    def _record(self, batch: EvalBatch, condition: Condition, judge: Judge, index: int) -> Record:
+        settings = condition.settings()
+        del settings["scene"]  # the key has it, and a line is to be read
+        return {
+            "key": self.key(condition, judge, index),
+            "model": self.name,
+            "condition": condition.name,
+            "settings": settings,
+            "judge": judge.name,
+            "batch": index,
+            "labels": batch.labels.tolist(),
+            "targets": batch.targets.tolist(),
+        }
+
+
+def _content(images: Tensor, labels: Tensor) -> str:
+    sums = hashlib.sha256(images.detach().cpu().contiguous().numpy().tobytes())
+    sums.update(str(labels.tolist()).encode())
+    return sums.hexdigest()[:16]
+
+
+def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
+    """Show the whole batch at once, or, where the device's memory does not hold it, half and half. The halves then draw
+    their random numbers one after the other: other ones than the whole would, but the same each time."""
+    states = batch.generator.get_state(), torch.get_rng_state()
+    try:
+        return condition.show(batch)
+    except torch.OutOfMemoryError:
+        if len(batch.images) == 1:
+            raise
+    batch.generator.set_state(states[0])
+    torch.set_rng_state(states[1])
+    torch.cuda.empty_cache()  # outside of the handler, whose traceback keeps the tensors alive
+    middle = len(batch.images) // 2
+    halves = [_shown(condition, batch[:middle]), _shown(condition, batch[middle:])]
+    return torch.cat(halves)
+
+
+def _wait(shown: Tensor, start: float) -> float:
+    if shown.is_cuda:
+        torch.cuda.synchronize()
+    return time.perf_counter() - start
+
+
+def _digits(name: str) -> int:
+    """Return a number that stands for a name on every machine."""
+    return zlib.crc32(name.encode())

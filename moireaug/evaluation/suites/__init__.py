@@ -1,0 +1,69 @@
+"""Suites: which tables answer which question, each a short definition.
+
+Rows and columns are laid out so that the controls stand beside the attack that they control: the same shots without
+noise, and with noise of random sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from moireaug.evaluation.suites.adaptive import adaptive, standard, worst_case
+from moireaug.evaluation.suites.ladder import ladder
+from moireaug.evaluation.suites.paper import (
+    budget,
+    defences,
+    factors,
+    jpeg,
+    mean_normalised,
+    noise_position,
+    success,
+    transfer,
+)
+from moireaug.evaluation.suites.scenes import natural, unseen
+from moireaug.evaluation.tables import SuiteConfig, Table
+from moireaug.evaluation.trust import trust
+from moireaug.scene.fields import one_of
+
+SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
+    "ladder": ladder,
+    "success": success,
+    "mean_normalised": mean_normalised,
+    "jpeg": jpeg,
+    "defences": defences,
+    "transfer": transfer,
+    "budget": budget,
+    "factors": factors,
+    "noise_position": noise_position,
+    "threat": natural,
+    "adaptive": adaptive,
+    "standard": standard,
+    "worst_case": worst_case,
+    "unseen": unseen,
+    "trust": trust,
+}
+GROUPS: dict[str, tuple[str, ...]] = {
+    "paper": (
+        "success",
+        "mean_normalised",
+        "jpeg",
+        "defences",
+        "transfer",
+        "budget",
+        "factors",
+        "noise_position",
+        "threat",
+        "adaptive",
+    ),
+    "recipes": ("worst_case", "unseen"),
+}
+
+
+def tables_of(suite: str, config: SuiteConfig) -> list[Table]:
+    """Return the tables of a suite, or of a group of them.
+
+    Raises:
+        ValueError: an unknown suite; the message lists the known ones.
+    """
+    one_of("suite", suite, (*SUITES, *GROUPS))
+    return [SUITES[name](config) for name in GROUPS.get(suite, (suite,))]

@@ -1,0 +1,80 @@
+"""Attackers who know of a defence, search harder, turn the camera, or do not know the pose; and the worst of them."""
+
+from __future__ import annotations
+
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown, turnable
+from moireaug.evaluation.conditions import Condition
+from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.suites.paper import controls, eps_row
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, row_of, worst_of
+
+ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # a codec, a filter, a randomised one
+WORST_EPS = (4 / 255, 8 / 255)
+CAMERA = ("moire", "ma", "adaptive", "pose_unknown")  # what the worst case is the worst of
+
+
+def strong(eps: float, steps: int, knows: str = "", config: SuiteConfig | None = None) -> MoireAttacker:
+    """Return the Moiré Attack that searches harder: APGD by the margin, with two restarts; through a defence where one
+    is named."""
+    defence = config.defences[knows] if config is not None and knows else None
+    variant = f"through_{knows}" if knows else "apgd_margin"
+    return MoireAttacker(
+        eps=eps,
+        steps=steps,
+        variant=variant,
+        rule="halving",
+        loss="margin",
+        restarts=2,
+        knows=knows,
+        defence=defence,
+    )
+
+
+def adaptive(config: SuiteConfig) -> Table:
+    """What an attacker gains who knows of the defence, searches harder, or does not know the pose."""
+    eps, steps = config.middle, config.steps
+    plain = MoireAttacker(eps=eps, steps=steps)
+    columns: dict[str, Condition] = controls(eps) | {
+        "ma": plain,
+        "adaptive": strong(eps, steps),
+        "pose_unknown": PoseUnknown(eps=eps, steps=steps),
+    }
+    parts, why = turnable(config.scene)
+    if parts:
+        columns["turning"] = MoireAttacker(
+            eps=eps, steps=steps, variant="turns_the_camera", optimise=("noise", *parts)
+        )
+    cells = crossed({"undefended": UNDEFENDED}, columns)
+    for name in ADAPTED:
+        judge = config.behind(name)
+        cells += crossed({name: judge}, controls(eps) | {"ma": plain})
+        cells.append(Cell(name, "adaptive", (strong(eps, steps, name, config),), judge))
+    for row in ("undefended", *ADAPTED):
+        cells.append(worst_of(cells, row))
+    return Table("adaptive", tuple(cells), facts={"why_not_turned": why})
+
+
+def standard(config: SuiteConfig) -> Table:
+    """The ensemble that this field expects, on the raw reading, each image at its worst attacker."""
+    raise NotImplementedError
+
+
+def worst_case(config: SuiteConfig) -> Table:
+    """Every attacker in front of the camera, and each image at the worst of them; PGD on pixels stands beside."""
+    cells: list[Cell] = []
+    steps = config.steps
+    for eps in WORST_EPS:
+        row = eps_row(eps)
+        columns: dict[str, Condition] = controls(eps) | {
+            "ma": MoireAttacker(eps=eps, steps=steps),
+            "adaptive": strong(eps, steps),
+            "pose_unknown": PoseUnknown(eps=eps, steps=steps),
+        }
+        cells += row_of(row, columns)
+        cells.append(worst_of(cells, row, CAMERA))
+        cells.append(Cell(row, "pgd", (PixelAttacker(attack="pgd", eps=eps, steps=steps),)))
+    shown = []
+    for cell in cells:
+        if cell.row == eps_row(WORST_EPS[0]) and not cell.worst:
+            shown.append((cell.row, cell.column))
+    return Table("worst_case", tuple(cells), pictures=tuple(shown))

@@ -1,0 +1,35 @@
+"""The ladder: how much of an attack's success is the camera, how much the moiré, how much the noise.
+
+Every rung shows a model the same images through the same shots; each adds one thing to the rung before. The paper's
+tables lack the rungs between clean and attacked: on ImageNet the moiré alone often fools as many images as the attack.
+"""
+
+from __future__ import annotations
+
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.conditions import Clean, Condition, Dimmed, Photo, PhotoWithoutMoire, RandomNoise
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table
+
+ANSWER = "answer"  # the one column
+
+
+def rungs(config: SuiteConfig) -> list[Condition]:
+    """Return the controls first, then the Moiré Attack at each eps, targeted at the middle one, then PGD."""
+    eps = sorted(config.eps)
+    steps = config.steps
+    found: list[Condition] = [Clean(), Dimmed(), PhotoWithoutMoire(), Photo()]
+    found.append(RandomNoise(eps=eps[-1]))
+    for bound in eps:
+        found.append(MoireAttacker(eps=bound, steps=steps))
+    found.append(MoireAttacker(eps=config.middle, steps=steps, targeted=True))
+    found.append(PixelAttacker(attack="pgd", eps=config.middle, steps=steps))
+    return found
+
+
+def ladder(config: SuiteConfig) -> Table:
+    """Lay out the ladder: a row a rung."""
+    cells = []
+    for condition in rungs(config):
+        cells.append(Cell(condition.name, ANSWER, (condition,)))
+    shown = ("clean", "moire", MoireAttacker(eps=config.middle, steps=config.steps).name)
+    return Table("ladder", tuple(cells), pictures=tuple((row, ANSWER) for row in shown))

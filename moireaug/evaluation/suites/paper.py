@@ -1,0 +1,190 @@
+"""The paper's tables and figures, with the controls that they lack."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.conditions import (
+    Clean,
+    Condition,
+    Photo,
+    PhotoWithoutMoire,
+    RandomNoise,
+    Rotated,
+    codes,
+)
+from moireaug.evaluation.judges import UNDEFENDED, Judge, another
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, row_of
+from moireaug.scene.fields import bounds
+from moireaug.scene.scene import Scene
+
+PRINTED_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
+BUDGETS = (4 / 255, 8 / 255, 16 / 255, 32 / 255)
+QUALITIES = (20, 40, 60, 80)
+ROLLS = (0, 5, 10, 15, 30, 45)  # degrees
+
+
+def controls(eps: float) -> dict[str, Condition]:
+    """Return what stands beside every attack: the image, and its photo without and with noise that nobody searched."""
+    return {"clean": Clean(), "moire": Photo(), "random": RandomNoise(eps=eps)}
+
+
+def rivals(config: SuiteConfig) -> dict[str, Condition]:
+    """Return the paper's attacks at one eps."""
+    eps, steps = config.middle, config.steps
+    found: dict[str, Condition] = {"ma": MoireAttacker(eps=eps, steps=steps)}
+    for name in ("bim", "pgd", "cw", "mifgsm"):
+        found[name] = PixelAttacker(attack=name, eps=eps, steps=steps)
+    return found
+
+
+def eps_row(eps: float) -> str:
+    """Return the name of a row that stands for a bound."""
+    return f"eps_{codes(eps)}"
+
+
+def _is_published(config: SuiteConfig) -> bool:
+    """The paper compares at eps = 4/255."""
+    return codes(config.middle) == "4"
+
+
+def success(config: SuiteConfig) -> Table:
+    """Paper, table 1: rotated, rotated and dimmed, targeted and untargeted Moiré Attacks by eps."""
+    cells: list[Cell] = []
+    for eps in PRINTED_EPS:
+        columns: dict[str, Condition] = {
+            "rotated": Rotated(),
+            "rotated_dim": PhotoWithoutMoire(),
+            "moire": Photo(),
+            "random": RandomNoise(eps=eps),
+            "ma": MoireAttacker(eps=eps, steps=config.steps),
+            "ma_targeted": MoireAttacker(eps=eps, steps=config.steps, targeted=True),
+        }
+        cells += row_of(eps_row(eps), columns)
+    shown = [(cell.row, cell.column) for cell in cells if cell.row == "eps_4"]
+    return Table("success", tuple(cells), pictures=tuple(shown))
+
+
+def mean_normalised(config: SuiteConfig) -> Table:
+    """Paper, table 2: the photo's mean brought to the clean image's; and to a fixed mean, as a deployed system can."""
+    judges = {
+        "as_it_is": UNDEFENDED,
+        "restored": Judge("restored", restores_mean=True),
+        "gain": config.behind("gain"),
+    }
+    columns = controls(4 / 255)
+    for eps in PRINTED_EPS:
+        columns[f"ma_{codes(eps)}"] = MoireAttacker(eps=eps, steps=config.steps)
+    return Table("mean_normalised", tuple(crossed(judges, columns)))
+
+
+def jpeg(config: SuiteConfig) -> Table:
+    """Paper, table 3: the attacks after JPEG."""
+    judges = {"undefended": UNDEFENDED}
+    for quality in QUALITIES:
+        judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
+    columns = controls(config.middle) | rivals(config)
+    return Table(
+        "jpeg",
+        tuple(crossed(judges, columns)),
+        pictures=tuple(("undefended", column) for column in columns),
+        published=_is_published(config),
+    )
+
+
+def defences(config: SuiteConfig) -> Table:
+    """Paper, table 4: the attacks after other input transformations."""
+    judges = {"undefended": UNDEFENDED}
+    for name in config.defences:
+        if not name.startswith("jpeg_") and name != "gain":
+            judges[name] = config.behind(name)
+    columns = controls(config.middle) | rivals(config)
+    return Table(
+        "defences",
+        tuple(crossed(judges, columns)),
+        empty=config.without,
+        published=_is_published(config),
+    )
+
+
+def transfer(config: SuiteConfig) -> Table:
+    """Paper, table 6: the attacked model's pictures before other models."""
+    judges = {"attacked": UNDEFENDED}
+    lost = {}
+    for name, model in config.targets.items():
+        if model is None:
+            lost[name] = "weights not at hand"
+        else:
+            judges[name] = another(name, model)
+    columns = controls(config.middle) | rivals(config)
+    return Table(
+        "transfer",
+        tuple(crossed(judges, columns)),
+        empty=lost,
+        published=_is_published(config),
+    )
+
+
+def budget(config: SuiteConfig) -> Table:
+    """Paper, section 4.5 and figure 4: how far, and how visibly, by eps."""
+    cells: list[Cell] = []
+    for eps in BUDGETS:
+        columns: dict[str, Condition] = {
+            "moire": Photo(),
+            "random": RandomNoise(eps=eps),
+            "ma": MoireAttacker(eps=eps, steps=config.steps),
+            "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps),
+        }
+        cells += row_of(eps_row(eps), columns)
+    shown = [(cell.row, cell.column) for cell in cells if cell.column in ("ma", "bim")]
+    return Table("budget", tuple(cells), pictures=tuple(shown))
+
+
+def factors(config: SuiteConfig) -> Table:
+    """Paper, figure 6: rotation, and the factor alpha by which the picture is enlarged on the screen."""
+    scenes = {}
+    for roll in ROLLS:
+        view = dataclasses.replace(config.scene.view, roll=float(roll))
+        scenes[f"roll_{roll}"] = dataclasses.replace(config.scene, view=view)
+    # of odd multiples a point-sampled photo reads one sensor pixel, of even ones the mean of two,
+    # which is a filter
+    alphas = (1, 3, 5) if config.scene.develop.resize == "point" else (1, 2, 3)
+    for alpha in alphas:
+        scenes[f"alpha_{alpha}"] = _enlarged(config.scene, alpha)
+    columns: dict[str, Condition] = {
+        "no_moire": PhotoWithoutMoire(),
+        "moire": Photo(),
+        "random": RandomNoise(eps=config.middle),
+        "ma": MoireAttacker(eps=config.middle, steps=config.steps),
+    }
+    cells: list[Cell] = []
+    for name, scene in scenes.items():
+        cells += row_of(name, {key: c.at(name, scene) for key, c in columns.items()})
+    return Table("factors", tuple(cells), pictures=tuple((name, "moire") for name in scenes))
+
+
+def _enlarged(scene: Scene, alpha: float) -> Scene:
+    """Return a scene whose picture is `alpha` panel pixels wide an image pixel. The sensor grows too, so that a panel
+    pixel stays as many sensor pixels wide."""
+    low, high = bounds(scene.panel.scale)
+    factor = alpha / ((low + high) / 2)
+    panel = dataclasses.replace(scene.panel, scale=(low * factor, high * factor))
+    sensor = dataclasses.replace(scene.sensor, scale=scene.sensor.scale * factor)
+    return dataclasses.replace(scene, panel=panel, sensor=sensor)
+
+
+def noise_position(config: SuiteConfig) -> Table:
+    """Paper, appendix E: noise on the raw reading against noise on the developed photo ("Moiré + BIM")."""
+    eps, steps = config.middle, config.steps
+    columns = controls(eps)
+    columns["ma"] = MoireAttacker(eps=eps, steps=steps)
+    columns["moire_bim"] = MoireAttacker(
+        eps=eps, steps=steps, variant="noise_on_the_photo", noise_at="photo"
+    )
+    judges = {"undefended": UNDEFENDED}
+    for quality in (20, 40):
+        judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
+    return Table(
+        "noise_position", tuple(crossed(judges, columns)), published=_is_published(config)
+    )

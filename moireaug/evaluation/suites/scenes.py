@@ -1,0 +1,63 @@
+"""Nobody attacks: natural moiré of displays and cameras, and of scenes that a model was not trained in."""
+
+from __future__ import annotations
+
+from moireaug.evaluation import threat
+from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, row_of
+from moireaug.scene.presets import PRESETS
+from moireaug.scene.scene import Scene
+
+OWN = "own_scene"
+
+
+def natural(config: SuiteConfig) -> Table:
+    """Paper, section 3.1 and figure 3: displays x cameras x angles."""
+    cells: list[Cell] = []
+    for display, camera in threat.PAIRS:
+        row = f"{display}, {camera}"
+        photos, plain = [], []
+        for angle in threat.ANGLES:
+            place = f"{row}, {angle}"
+            scene = threat.scene(display, camera, angle)
+            photos.append(Photo().at(place, scene))
+            plain.append(PhotoWithoutMoire().at(place, scene))
+            cells.append(Cell(row, f"angle_{angle}", (photos[-1],)))
+        cells.append(Cell(row, "all", tuple(photos)))
+        cells.append(Cell(row, "all_no_moire", tuple(plain)))
+    shown = []
+    for display in threat.DISPLAYS:
+        shown.append((f"{display}, {threat.PAIRS[0][1]}", "angle_90"))
+    for angle in threat.ANGLES:
+        shown.append((", ".join(threat.PAIRS[-1]), f"angle_{angle}"))
+    return Table("threat", tuple(cells), pictures=tuple(shown))
+
+
+def other_scenes(scene: Scene) -> dict[str, Scene]:
+    """Return the presets that are another scene and bring the photo back to the image's frame: one that leaves the
+    picture turned, as the paper's does, shows a model another task beside the moiré."""
+    found = {}
+    for name in PRESETS:
+        preset = Scene.preset(name)
+        if preset.develop.registered and preset != scene:
+            found[name] = preset
+    return found
+
+
+def preset_name(scene: Scene) -> str:
+    """Return the name of the preset that a scene is; empty where it is none."""
+    for name in PRESETS:
+        if Scene.preset(name) == scene:
+            return name
+    return ""
+
+
+def unseen(config: SuiteConfig) -> Table:
+    """Natural moiré in the own scene and in every other, beside the same photos without moiré."""
+    columns: dict[str, Condition] = {"no_moire": PhotoWithoutMoire(), "moire": Photo()}
+    cells = row_of(OWN, columns)
+    for name, scene in other_scenes(config.scene).items():
+        cells += row_of(name, {key: c.at(name, scene) for key, c in columns.items()})
+    shown = [(cell.row, cell.column) for cell in cells if cell.column == "moire"]
+    own = preset_name(config.scene)
+    return Table("unseen", tuple(cells), pictures=tuple(shown), facts={"own": own})
