@@ -1,0 +1,108 @@
+"""Pictures for a report: what conditions showed of the first batch, with what the models said of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from moireaug.attacks import UNDECIDED
+from moireaug.evaluation.conditions import Condition, Photo
+from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.report.page import title_of
+from moireaug.evaluation.runner import CLEAN, Runner
+from moireaug.evaluation.tables import Table
+
+AMPLIFY = 4  # how much an attack's change of the photo is enlarged to be seen
+PHOTO = Photo()
+Example = dict[str, Any]
+
+
+def run_examples(
+    runners: Mapping[str, Runner], attack: Condition, classes: Mapping[int, str]
+) -> list[Example]:
+    """Return each kept image clean, photographed, and attacked on every model, with each attack's change enlarged.
+
+    Args:
+        runners: name of a model to its runner; all have met the same images and shots.
+        attack: whose pictures to show. classes: name of each class.
+    """
+    first = next(iter(runners.values()))
+    kept = first.records.picture(first.picture_name(CLEAN))
+    if kept is None:
+        return []
+    found = []
+    for row in range(len(kept)):
+        label = first.record(CLEAN, UNDEFENDED, 0)["labels"][row]
+        cells = []
+        for condition, title in ((CLEAN, "clean image"), (PHOTO, "photographed")):
+            cells += _cell(runners, first, condition, row, title, classes)
+        for name, runner in runners.items():
+            title = f"attack on {name}, {attack.eps * 255:g}/255"
+            cells += _cell({name: runner}, runner, attack, row, title, classes)
+            cells += _change(runner, attack, row)
+        found.append({"label": classes.get(label, str(label)), "cells": cells})
+    return found
+
+
+def table_examples(table: Table, runner: Runner, classes: Mapping[int, str], name: str) -> list[Example]:
+    """Return a table's pictures of one image, the first that the model has right, with what it says of each."""
+    clean = runner.record(CLEAN, UNDEFENDED, 0)
+    kept = runner.records.picture(runner.picture_name(CLEAN))
+    if kept is None or not table.pictures:
+        return []
+    row = 0
+    for i in range(len(kept) - 1, -1, -1):
+        if clean["predicted"][i] == clean["labels"][i]:
+            row = i
+    cells = []
+    for place in table.pictures:
+        cell = table.cell(*place)
+        if cell is not None:
+            title = _title(table.pictures, place)
+            cells += _cell({name: runner}, runner, cell.conditions[0], row, title, classes)
+    label = clean["labels"][row]
+    return [{"label": classes.get(label, str(label)), "cells": cells}]
+
+
+def _cell(
+    asked: Mapping[str, Runner],
+    source: Runner,
+    condition: Condition,
+    row: int,
+    title: str,
+    classes: Mapping[int, str],
+) -> list[dict[str, Any]]:
+    """Return a picture with the models' answers; none where it was not kept."""
+    kept = source.records.picture(source.picture_name(condition))
+    if kept is None:
+        return []
+    predictions = []
+    for name, runner in asked.items():
+        record = runner.record(condition, UNDEFENDED, 0)
+        answer = record["predicted"][row]
+        said = "no answer" if answer == UNDECIDED else classes.get(answer, str(answer))
+        predictions.append((name, said, answer == record["labels"][row]))
+    return [{"title": title, "image": kept[row], "predictions": predictions}]
+
+
+def _change(runner: Runner, attack: Condition, row: int) -> list[dict[str, Any]]:
+    """Return what the noise changes in the photo, enlarged."""
+    attacked = runner.records.picture(runner.picture_name(attack))
+    photo = runner.records.picture(runner.picture_name(PHOTO))
+    if attacked is None or photo is None:
+        return []
+    change = attacked[row].astype(float) - photo[row]
+    image = np.clip(127.5 + AMPLIFY * change, 0, 255).round().astype(np.uint8)
+    return [{"title": f"its change, × {AMPLIFY}", "image": image, "predictions": []}]
+
+
+def _title(places: Sequence[tuple[str, str]], place: tuple[str, str]) -> str:
+    """Return what tells a picture from its neighbours: its row, its column, or both."""
+    row, column = title_of(place[0], "rows"), title_of(place[1], "columns")
+    if len({other for other, _ in places}) == 1:
+        return column
+    if len({other for _, other in places}) == 1:
+        return row
+    return f"{row}, {column}"

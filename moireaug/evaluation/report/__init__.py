@@ -1,0 +1,109 @@
+"""Reports: one page that needs nothing but itself, Markdown, CSV, and a short form for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from moireaug.evaluation.report import page, plots
+from moireaug.evaluation.report.numbers import finite
+from moireaug.evaluation.report.run_view import name_of, run_view
+from moireaug.evaluation.report.suite_view import suite_view
+from moireaug.evaluation.report.terminal import run_summary, suite_summary
+from moireaug.evaluation.tables import Table
+from moireaug.files import write_text
+
+__all__ = ["run_summary", "suite_summary", "write_run", "write_suite"]
+
+Examples = list[dict[str, Any]]
+
+
+def write_run(path: Path, metrics: Mapping[str, Any], examples: Examples | None = None) -> None:
+    """Write the report of a run; an older one stays whole until the new one is.
+
+    Args:
+        path: of the page; its folder is made where it is missing.
+        metrics: what `metrics.json` holds. Entries may be missing; None and NaN stand for unknown.
+        examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W, 3) uint8} and, where
+            models were asked, "predictions": [(model, class, right)].
+
+    Raises:
+        ValueError: a picture that is not (H, W, 3) uint8.
+    """
+    run = run_view(metrics)
+    facts = {"data": metrics.get("data"), "model": metrics.get("model")}
+    facts |= {"scene": metrics.get("scene_name"), "seed": metrics.get("seed")}
+    text = page.render(
+        "run.html.j2",
+        run=run,
+        metrics=_Loose(metrics),
+        facts=facts,
+        examples=examples or [],
+        curves=_curves(metrics),
+        phases=_phases(metrics),
+    )
+    write_text(path, text)
+
+
+def write_suite(
+    folder: Path,
+    metrics: Mapping[str, Any],
+    tables: Sequence[Table],
+    lines: pd.DataFrame,
+    examples: Mapping[str, Examples],
+) -> str:
+    """Write report.html, tables.md and results.csv into a folder; returns the short form for the terminal.
+
+    Args:
+        metrics: of the evaluation: model, suite, data, scene, steps, n, trust, time, plan, environment, command.
+        tables: what was asked. lines: their rates, as `frame.rates` gives them.
+        examples: name of a table to blocks of pictures, as `write_run` takes them.
+    """
+    suite = suite_view(metrics, tables, lines, examples)
+    loose = _Loose(metrics)
+    facts = {name: metrics.get(name) for name in ("data", "model", "suite", "n", "steps")}
+    facts["scene"] = metrics.get("scene_name")
+    phases = _phases(metrics)
+    results = lines.drop(columns="outcomes").to_csv(index=False, float_format="%.6g")
+    write_text(folder / "results.csv", results)
+    write_text(folder / "tables.md", page.render("suite.md.j2", suite=suite, metrics=loose))
+    html = page.render("suite.html.j2", suite=suite, metrics=loose, facts=facts, phases=phases)
+    write_text(folder / "report.html", html)
+    return suite_summary(metrics, suite)
+
+
+class _Loose(dict[str, Any]):
+    """Metrics of which a template may ask for what is not there."""
+
+    def __missing__(self, key: str) -> None:
+        return None
+
+
+def _curves(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
+    trains = {name_of(metrics): metrics.get("train")}
+    baseline = metrics.get("baseline") or {}
+    if baseline:
+        trains[name_of(baseline)] = baseline.get("train")
+    captions = (
+        "Training loss, epoch by epoch.",
+        "Accuracy on validation images: solid clean, dashed under the adversary that the recipe trains against.",
+    )
+    drawn = plots.curves(trains)
+    found = []
+    for svg, caption in zip(drawn, captions, strict=False):
+        found.append({"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": caption, "caption": caption})
+    return found
+
+
+def _phases(metrics: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the seconds of each phase that was timed, and their sum; None where nothing was."""
+    parts = {}
+    for name, value in (metrics.get("time") or {}).items():
+        seconds = finite(value)
+        if seconds is not None:
+            parts[name] = seconds
+    total = sum(parts.values())
+    return {"parts": parts, "total": total} if total > 0 else None

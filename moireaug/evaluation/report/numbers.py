@@ -1,0 +1,82 @@
+"""Numbers as reports print them; a dash stands for what is not known."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+DASH = "–"
+UNITS = ("%", "points", "=", "s", "min", "h")
+
+
+def finite(value: Any) -> float | None:
+    """Return the number as a float; None where it is missing, not a number or infinite."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def percent(rate: Any, digits: int = 1) -> str:
+    """Return a rate in percent without the sign."""
+    known = finite(rate)
+    return DASH if known is None else f"{100 * known:.{digits}f}"
+
+
+def points(difference: Any, digits: int = 1) -> str:
+    """Return a difference of two rates in percentage points, with its sign."""
+    known = finite(difference)
+    if known is None:
+        return DASH
+    rounded = round(100 * known, digits)
+    if not rounded:
+        return f"{0:.{digits}f}"
+    return f"{rounded:+.{digits}f}".replace("-", "−")
+
+
+def codes(value: Any) -> str:
+    """Return a change in [0, 1] units in units of 1/255."""
+    known = finite(value)
+    return DASH if known is None else f"{255 * known:.3g}"
+
+
+def number(value: Any, digits: int = 1) -> str:
+    """Return a number with so many decimals."""
+    known = finite(value)
+    return DASH if known is None else f"{known:,.{digits}f}"
+
+
+def duration(seconds: Any) -> str:
+    """Return seconds as people say them: 4.2 s, 3 min 30 s, 1 h 5 min."""
+    known = finite(seconds)
+    if known is None:
+        return DASH
+    if known < 59.95:
+        return f"{known:.1f} s"
+    minutes, rest = divmod(round(known), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"
+
+
+def pc(rate: float) -> str:
+    """Return a rate in percent for a style sheet."""
+    return f"{100 * rate:.2f}"
+
+
+def capital(text: str) -> str:
+    """Return a text with its first letter as a capital."""
+    return text[:1].upper() + text[1:]
+
+
+def tied(text: str) -> str:
+    """Return a text whose numbers stay on one line with their units. It is plain text, whatever it was."""
+    text = str.__str__(text)
+    for unit in UNITS:
+        text = re.sub(rf"(?<=[\dn]) {unit}(?!\w)", f"\N{NO-BREAK SPACE}{unit}", text)
+    return text.replace("= ", "=\N{NO-BREAK SPACE}")
+
+
+def short(text: str, width: int) -> str:
+    """Return a text of at most so many letters."""
+    return text if len(text) <= width else text[: width - 1] + "…"

@@ -1,0 +1,89 @@
+"""The templates: their environment, titles and pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import tomllib
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from PIL import Image
+
+from moireaug.evaluation.report import numbers
+
+SHOWN = 165  # small pictures are enlarged to about this many pixels, by a whole factor
+FILTERS = ("percent", "points", "codes", "number", "duration", "pc", "capital", "tied")
+
+
+def render(template: str, **context: Any) -> str:
+    """Return a template filled in; HTML is escaped."""
+    return environment().get_template(template).render(**context)
+
+
+@cache
+def environment() -> Environment:
+    """Return the environment of all templates."""
+    made = Environment(
+        loader=PackageLoader("moireaug.evaluation.report"),
+        autoescape=lambda name: name is not None and name.endswith(".html.j2"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    for name in FILTERS:
+        made.filters[name] = getattr(numbers, name)
+    made.filters["title_of"] = title_of
+    made.filters["shown"] = shown
+    return made
+
+
+@cache
+def _titles() -> dict[str, Any]:
+    package = resources.files("moireaug.evaluation.report")
+    return tomllib.loads(package.joinpath("templates/titles.toml").read_text("utf-8"))
+
+
+def title_of(name: str, section: str) -> str:
+    """Return what people call a table, row or column: see titles.toml."""
+    titles = _titles()
+    if name in titles[section]:
+        return titles[section][name]
+    for pattern in titles["patterns"]:
+        if found := re.fullmatch(pattern["match"], name):
+            return pattern["title"].format(*found.groups())
+    return name
+
+
+def shown(image: Any, title: str) -> dict[str, Any]:
+    """Return a picture for a page: its address, and the size at which it is shown.
+
+    Raises:
+        ValueError: a picture that is not (H, W, 3) uint8.
+    """
+    pixels = np.asarray(image)
+    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
+        raise ValueError(
+            f"The picture {title!r} must be a uint8 array (height, width, 3); got {pixels.dtype} "
+            f"{pixels.shape}. Convert a [0, 1] float image with "
+            "(255 * image).round().astype(numpy.uint8)."
+        )
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG")
+    height, width = pixels.shape[:2]
+    factor = max(1, round(SHOWN / max(height, width)))
+    return {
+        "uri": uri(file.getvalue(), "image/png"),
+        "width": width * factor,
+        "height": height * factor,
+        "enlarged": factor > 1,
+    }
+
+
+def uri(data: bytes, kind: str) -> str:
+    """Return data as an address that holds all of it. SVGs too are images, so that ids in one cannot meet another's."""
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

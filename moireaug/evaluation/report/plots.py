@@ -1,0 +1,97 @@
+"""The plots of a report, as SVG text. Rates are drawn by the page itself, in its tables.
+
+The colours are Okabe and Ito's (2008), told apart by every common kind of colour vision; in print the markers' shapes
+say the same.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from moireaug.evaluation.report.numbers import finite
+
+OURS, THEIRS = "#0072B2", "#D55E00"  # this model, the baseline
+INK, FAINT = "#222222", "#DDDDDD"
+SIZE = (4.6, 3.3)  # inches: readable on a phone, and two abreast on a page
+CLEAN, PERTURBED = "-", (0, (3, 1.5))
+Train = Mapping[str, Any]
+
+
+def curves(trains: Mapping[str, Train | None]) -> list[str]:
+    """Draw loss and validation accuracy per epoch, one plot each; none where no model has a history.
+
+    Args:
+        trains: name to `train` of this model, and of the baseline after it.
+    """
+    styles = [(OURS, "o"), (THEIRS, "D")]
+    loss, rate = Figure(SIZE, layout="constrained"), Figure(SIZE, layout="constrained")
+    losses, rates = loss.subplots(), rate.subplots()
+    last = 0
+    for (name, train), (colour, marker) in zip(trains.items(), styles, strict=False):
+        look = {"color": colour, "marker": marker, "markersize": 3.2}
+        epochs, values = _series(train, "loss")
+        losses.plot(epochs, values, label=name, **look)
+        last = max(last, *epochs, 0)
+        for key, dash, what in (("clean", CLEAN, "clean"), ("perturbed", PERTURBED, "attacked")):
+            epochs, values = _series(train, key)
+            if epochs:
+                heights = [100 * value for value in values]
+                rates.plot(epochs, heights, linestyle=dash, label=f"{name}: {what}", **look)
+                _ring(rates, train, epochs, heights, colour)
+                last = max(last, *epochs)
+    if not last:
+        return []
+    losses.set_ylim(0, None)
+    rates.set_ylim(0, 100)
+    _finish(losses, "training loss, nats", last)
+    _finish(rates, "validation accuracy, %", last)
+    return [_svg(loss), _svg(rate)]
+
+
+def _series(train: Train | None, key: str) -> tuple[list[int], list[float]]:
+    """Return epochs, counted from 1, and the values that are known."""
+    epochs, values = [], []
+    for i, row in enumerate((train or {}).get("history") or []):
+        value = finite(row.get(key))
+        if value is not None:
+            epochs.append(int(finite(row.get("epoch", i)) or 0) + 1)
+            values.append(value)
+    return epochs, values
+
+
+def _ring(
+    ax: Axes, train: Train | None, epochs: Sequence[int], heights: Sequence[float], colour: str
+) -> None:
+    """Mark the epoch whose weights were kept."""
+    kept = finite((train or {}).get("best_epoch"))
+    if kept is not None and kept + 1 in epochs:
+        height = heights[epochs.index(int(kept) + 1)]
+        ring = {"color": colour, "markersize": 10, "fillstyle": "none", "clip_on": False}
+        ax.plot([kept + 1], [height], "o", **ring)
+
+
+def _finish(ax: Axes, label: str, last: int) -> None:
+    ax.set_xlim(1 - 0.04 * last, 1.04 * last)
+    ax.xaxis.get_major_locator().set_params(integer=True, nbins=7)
+    ax.set_xlabel("epoch", size=10, color=INK)
+    ax.set_ylabel(label, size=10, color=INK)
+    ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
+    ax.grid(axis="y", color=FAINT, linewidth=0.7)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.spines[:].set_color("#999999")
+    legend = ax.legend(frameon=False, fontsize=9, labelcolor=INK)
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # a recipe may have a dollar sign in its name
+
+
+def _svg(figure: Figure) -> str:
+    """Return the figure as SVG, its letters as outlines, so that it looks the same where a font is missing."""
+    file = io.StringIO()
+    figure.savefig(file, format="svg", metadata={"Date": None})
+    return file.getvalue()

@@ -1,0 +1,158 @@
+"""What the report of a suite shows: pivots of its frame of rates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from moireaug.evaluation.frame import MEASURES
+from moireaug.evaluation.report.numbers import finite
+from moireaug.evaluation.report.page import render, title_of
+from moireaug.evaluation.report.run_view import Metrics, Rate, name_of
+from moireaug.evaluation.tables import Table
+
+ATTACKS = ("worst", "ma", "ma_4")  # of a table, the strongest first
+# of the tables that nobody attacks in: the column with moiré, and the one without
+UNATTACKED = {"threat": ("all", "all_no_moire"), "unseen": ("moire", "no_moire")}
+CONTROLS = ("clean", "rotated", "rotated_dim", "no_moire", "moire", "random")
+
+
+def suite_view(
+    metrics: Metrics,
+    tables: Sequence[Table],
+    lines: pd.DataFrame,
+    examples: Mapping[str, list[dict[str, Any]]],
+) -> dict[str, Any]:
+    """Return what the templates of a suite ask for.
+
+    Args:
+        metrics: of the evaluation. tables: its tables. lines: their rates.
+        examples: name of a table to its pictures.
+    """
+    views = []
+    explained = True
+    for table in tables:
+        own = lines[lines["table"] == table.name]
+        view = _table_view(table, own) | {"examples": examples.get(table.name, []), "explained": explained}
+        explained = explained and not view["examples"]
+        views.append(view)
+    with_verdict = [view for view in views if view["verdict"]]
+    unanswered = _unanswered(lines)
+    first = with_verdict[0] if with_verdict else None
+    seconds = metrics.get("time") or {}
+    paragraphs = render("suite_lead.j2", first=first, tables=views, unanswered=unanswered, metrics=metrics)
+    return {
+        "name": name_of(metrics),
+        "tables": views,
+        "first": first,
+        "unanswered": unanswered,
+        "paragraphs": [text for text in paragraphs.splitlines() if text.strip()],
+        "took": sum(seconds.values()),
+    }
+
+
+def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
+    cells = {(line["row"], line["column"]): _cell(line) for line in lines.to_dict("records")}
+    rows = []
+    for name in table.rows:
+        own = [cells.get((name, column)) for column in table.columns]
+        there = [cell for cell in own if cell]
+        counts = dict.fromkeys(str(cell["counted"]) for cell in there)
+        seconds = sum(cell["seconds"] for cell in there) if there else None
+        rows.append({"name": name, "cells": own, "counted": " / ".join(counts), "seconds": seconds})
+    return {
+        "name": table.name,
+        "columns": table.columns,
+        "rows": rows,
+        "facts": table.facts,
+        "empty": table.empty,
+        "noise": [cell for cell in cells.values() if cell["psnr"] is not None and cell["judge"] == "model"],
+        "has_paper": any(cell["paper"] is not None for cell in cells.values()),
+        "has_controls": any(cell["control"] for cell in cells.values()),
+        "verdict": verdict(table, cells),
+        "natural": natural(table, cells),
+    }
+
+
+def _cell(line: dict[str, Any]) -> dict[str, Any]:
+    found = {name: line[name] for name in ("row", "column", "counted", "n", "judge", "seconds", "eps")}
+    for name in ("success", "low", "high", "paper", *MEASURES):
+        found[name] = finite(line[name])
+    found["control"] = line["column"] in CONTROLS
+    found["side"] = Rate(found["success"], found["low"], found["high"])
+    return found
+
+
+Cells = Mapping[tuple[str, str], dict[str, Any]]
+
+
+def _success(cells: Cells, row: str, column: str) -> float | None:
+    cell = cells.get((row, column))
+    return cell["success"] if cell else None
+
+
+def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
+    """Return what a table says of the moiré and of the noise, on its row at eps 4, or its first, by the strongest
+    attack that it has; None where it has none beside its photo."""
+    row = "eps_4" if "eps_4" in table.rows else table.rows[0]
+    attack = next((column for column in ATTACKS if column in table.columns), None)
+    if attack is None:
+        return None
+    photo, random, fooled = (_success(cells, row, column) for column in ("moire", "random", attack))
+    if photo is None or random is None or fooled is None:
+        return None
+    cell = cells[row, attack]
+    return {
+        "row": row,
+        "eps": cell["eps"],
+        "photo": photo,
+        "random": random,
+        "attack": fooled,
+        "counted": cell["counted"],
+        # share of the attack's success that its photo has without any noise
+        "photo_share": min(1.0, photo / fooled) if fooled > 0 else None,
+        "others": _others(table, cells, row, attack),
+    }
+
+
+def _others(table: Table, cells: Cells, row: str, attack: str) -> dict[str, Any] | None:
+    """Return what the photo does in the other rows, and where the noise adds most."""
+    photos, added = [], {}
+    for other in table.rows:
+        alone, both = _success(cells, other, "moire"), _success(cells, other, attack)
+        if other != row and alone is not None and both is not None:
+            photos.append(alone)
+            added[other] = max(0.0, both - alone)
+    if not photos:
+        return None
+    most = max(added, key=lambda name: added[name])
+    return {"least": min(photos), "most": max(photos), "added": added[most], "row": most}
+
+
+def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
+    """Return where the moiré alone adds most and least; None for a table with an attacker."""
+    if table.name not in UNATTACKED:
+        return None
+    with_moire, without = UNATTACKED[table.name]
+    found = []
+    for row in table.rows:
+        photo, plain = _success(cells, row, with_moire), _success(cells, row, without)
+        if photo is not None and plain is not None:
+            found.append({"row": row, "photo": photo, "plain": plain})
+    if not found:
+        return None
+    found.sort(key=lambda one: one["photo"] - one["plain"])
+    return {"table": table.name, "most": found[-1], "least": found[0]}
+
+
+def _unanswered(lines: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return how many images had no answer; a cell may stand in several tables."""
+    found = {}
+    for line in lines.to_dict("records"):
+        if line["undecided"]:
+            shown = f"{title_of(line['row'], 'rows')}, {title_of(line['column'], 'columns')}"
+            counts = {"undecided": line["undecided"], "n": line["n"], "shown": shown}
+            found[line["condition"], line["judge"]] = counts
+    return list(found.values())
