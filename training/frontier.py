@@ -1,6 +1,6 @@
 """What robustness costs: every run of a folder, attacked by suite=recipes, in one table and one plot.
 
-    python training/fit.py -m recipe=clean,moire_at,pgd_at seed=0,1,2
+    python training/fit.py -m recipe=baseline,moire_at,pgd_at seed=0,1,2
     python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50    # and so on, run by run
     python training/frontier.py runs
 
@@ -10,33 +10,42 @@ says. A run that was not attacked yet is left out, and the command that attacks 
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import sys
 import textwrap
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
+import pandas as pd
 
-from moireaug.evaluation.store import write_bytes, write_text
-from moireaug.evaluation.words import percent
+from moireaug.evaluation.report.numbers import percent, points
+from moireaug.evaluation.report.page import environment
+from moireaug.evaluation.report.terminal import grid
+from moireaug.files import write_bytes, write_text
 from training.frontier_plot import draw
-from training.points import Found, Point, read
-from training.summaries import RATES, Recipe, summarise
+from training.points import Found, read
+from training.summaries import Recipe, summarise
+
+TEMPLATE = Path(__file__).with_name("frontier.md.j2")
+TITLES = {
+    "clean": "clean",
+    "natural": "natural moiré",
+    "unseen_mean": "unseen scenes, mean",
+    "unseen_worst": "unseen scenes, worst",
+    "worst_4": "worst case 4/255",
+    "worst_8": "worst case 8/255",
+    "pgd_4": "PGD 4/255, no camera",
+}
+HEADS = ("clean", "moiré", "unseen", "worst 4/255 [95 %]", "gain", "8/255", "PGD", "× clean")
 
 
-def caption(recipes: Sequence[Recipe], shared: dict) -> str:
-    """What the figures are of, and what their intervals are."""
-    n, many = shared["n"], [r for r in recipes if len(r.seeds) > 1]
-    intervals = ["over seeds, on the same images (Student’s t)"] if many else []
-    if len(many) < len(recipes):
-        intervals.append(f"{'of a recipe with one seed ' if many else ''}of {n} images (Wilson)")
+def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
+    """Return what the figures are of, and what their intervals are."""
     said = [
         "Accuracy in % of {n} test images: {data}, {model}, scene {scene}, {steps} steps an attack.".format(**shared),
-        f"Intervals of 95 %: {'; '.join(intervals)}.",
+        "Intervals of 95 % hold the choice of seeds and of images (two-way bootstrap).",
         "Worst case: each image at the worst of the photo alone and three Moiré Attacks.",
         "Time is of training alone, on top of the clean weights that a recipe starts from; × clean counts both.",
         "● no other recipe is as robust at 4/255 for less time.",
@@ -48,50 +57,43 @@ def caption(recipes: Sequence[Recipe], shared: dict) -> str:
 
 
 def markdown(recipes: Sequence[Recipe], found: Found) -> str:
-    """The table, its caption, what to beware of, and the commands that would complete it."""
-    times = ["training, s", "its start, s", "× clean", "passes an image", "images/s"]
-    heads = ["recipe", "seeds", *RATES.values(), *times]
-    lines = ["| " + " | ".join(heads) + " |", "|---|" + "---:|" * (len(heads) - 1)]
-    for r in recipes:
-        rates = [f"{percent(e.value)} <sub>{percent(e.low)}–{percent(e.high)}</sub>" for e in r.rates.values()]
-        start = f"{r.start_seconds:.1f}" if r.start_seconds else "–"
-        cost = [f"{r.seconds:.1f}", start, f"{r.relative.value:.2f}", f"{r.passes:.2f}", f"{r.images_per_second:.0f}"]
-        lines.append("| " + " | ".join([_name(r), str(len(r.seeds)), *rates, *cost]) + " |")
-    lines += ["", caption(recipes, found.shared), *(f"\n{text}" for text in found.warnings)]
-    if found.commands:
-        lines += ["", "Left out, because they were not attacked by suite=recipes in their own scene:", ""]
-        lines += [f"    {command}" for command in found.commands]
-    return "\n".join(["# What robustness costs", "", "![accuracy against training time](frontier.png)", "", *lines, ""])
+    """Return the table, its caption, what to beware of, and the commands that would complete it."""
+    made = environment().overlay()
+    made.filters["named"] = name_of
+    return made.from_string(TEMPLATE.read_text("utf-8")).render(
+        recipes=recipes,
+        gained=[recipe for recipe in recipes if recipe.gains],
+        titles=TITLES,
+        caption=caption(recipes, found.shared),
+        warnings=found.warnings,
+        commands=found.commands,
+    )
 
 
 def text(recipes: Sequence[Recipe], found: Found) -> str:
-    """The same for the terminal, in at most 100 columns."""
-    wide = min(26, max(len(_name(r)) for r in recipes))
-    heads = {"clean": 6, "moiré": 7, "unseen": 8, "worst 4/255 [95 %]": 22, "8/255": 7, "PGD": 7, "× clean": 9}
-    lines = [f"{'':{wide}} seeds " + "".join(f"{head:>{width}}" for head, width in heads.items())]
+    """Return the same for the terminal, in at most 100 columns."""
+    rows = [["", "seeds", *HEADS]]
     for r in recipes:
-        mean = {key: percent(e.value) for key, e in r.rates.items()}
         worst = r.rates["worst_4"]
-        ends = f"{mean['worst_4']} [{percent(worst.low)}, {percent(worst.high)}]"
-        cells = f"{mean['clean']:>6}{mean['natural']:>7}{mean['unseen_mean']:>8}{ends:>22}{mean['worst_8']:>7}"
-        lines.append(f"{_name(r)[:wide]:{wide}} {len(r.seeds):>5} {cells}{mean['pgd_4']:>7}{r.relative.value:>9.2f}")
-    lines += ["", *(textwrap.fill(words, 100) for words in (caption(recipes, found.shared), *found.warnings))]
+        rates = [percent(r.rates[name].value) for name in ("clean", "natural", "unseen_mean")]
+        rates.append(f"{percent(worst.value)} [{percent(worst.low)}, {percent(worst.high)}]")
+        rates.append(points(r.gains["worst_4"].value) if r.gains else "")
+        rates += [percent(r.rates[name].value) for name in ("worst_8", "pgd_4")]
+        rows.append([name_of(r)[:26], str(len(r.seeds)), *rates, f"{r.relative.value:.2f}"])
+    lines = [*grid(rows), ""]
+    for words in (caption(recipes, found.shared), *found.warnings):
+        lines.append(textwrap.fill(words, 100))
+    lines.append("Gain: at 4/255, over plain training of as many epochs, in points.")
     if found.commands:
-        lines += ["", "Left out, because they were not attacked yet:", *(f"  {command}" for command in found.commands)]
+        lines += ["", "Left out, because they were not attacked yet:"]
+        lines += [f"  {command}" for command in found.commands]
     return "\n".join(lines)
 
 
-def _name(r: Recipe) -> str:
-    return f"{r.name}{' ●' if r.front else ''}{' †' if r.collapsed else ''}"
-
-
-def to_csv(points: Sequence[Point]) -> str:
-    """A line a run, with the fields of `Point` and its training with its start."""
-    file = io.StringIO()
-    writer = csv.DictWriter(file, [f.name for f in fields(Point)] + ["total_seconds"], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(p) | {"total_seconds": p.total_seconds} for p in points)
-    return file.getvalue()
+def name_of(recipe: Recipe) -> str:
+    """Return a recipe's name with its signs: on the front, collapsed."""
+    front = " ●" if recipe.front else ""
+    return f"{recipe.name}{front}{' †' if recipe.collapsed else ''}"
 
 
 def frontier(root: Path, out: Path) -> list[Recipe]:
@@ -102,20 +104,32 @@ def frontier(root: Path, out: Path) -> list[Recipe]:
     """
     found = read(root)
     recipes = summarise(found.points)
+    lines = [point.to_dict() for point in found.points]
+    whole = {
+        "points": lines,
+        "shared": found.shared,
+        "commands": found.commands,
+        "warnings": found.warnings,
+        "recipes": [_plain(recipe) for recipe in recipes],
+        "caption": caption(recipes, found.shared),
+    }
     write_bytes(out / "frontier.png", draw(recipes, found.shared))
-    write_text(out / "frontier.csv", to_csv(found.points))
+    write_text(out / "frontier.csv", pd.DataFrame(lines).to_csv(index=False))
     write_text(out / "frontier.md", markdown(recipes, found))
-    whole = found._asdict() | {"points": [asdict(p) for p in found.points], "recipes": [_plain(r) for r in recipes]}
-    write_text(out / "frontier.json", json.dumps(whole | {"caption": caption(recipes, found.shared)}, indent=1))
+    write_text(out / "frontier.json", json.dumps(whole, indent=1))
     print(text(recipes, found))
     print(f"Written: {out / 'frontier.md'}")
     return recipes
 
 
-def _plain(r: Recipe) -> dict:
-    """A recipe as plain values, its estimates by name."""
-    rates = {key: e._asdict() for key, e in r.rates.items()}
-    return asdict(r) | {"rates": rates, "relative": r.relative._asdict()}
+def _plain(recipe: Recipe) -> dict[str, Any]:
+    """Return a recipe as plain values, its estimates by name."""
+    plain = asdict(recipe)
+    plain["relative"] = recipe.relative._asdict()
+    for part in ("rates", "gains"):
+        estimates = getattr(recipe, part)
+        plain[part] = {name: estimate._asdict() for name, estimate in estimates.items()}
+    return plain
 
 
 def main(argv: Sequence[str]) -> None:
@@ -123,7 +137,10 @@ def main(argv: Sequence[str]) -> None:
     if len(folders) != 1 or len(argv) > 2:
         raise SystemExit("error: pass one folder of runs, as in: python training/frontier.py runs [out=DIR]")
     root = Path(folders[0])
-    out = next((Path(a.removeprefix("out=")) for a in argv if a.startswith("out=")), root / "frontier")
+    out = root / "frontier"
+    for argument in argv:
+        if argument.startswith("out="):
+            out = Path(argument.removeprefix("out="))
     try:
         frontier(root, out)
     except (ValueError, OSError) as error:

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from moireaug.evaluation.plots import FAINT, INK, OURS, THEIRS
+from moireaug.evaluation.report.plots import FAINT, INK, OURS, THEIRS
 from training.summaries import Recipe, pareto
 
 SIZE, DPI = (10.0, 4.9), 100  # inches: 1000 x 490 pixels

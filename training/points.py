@@ -8,15 +8,28 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import fmean
 from typing import Any, NamedTuple
 
-from moireaug.evaluation.recipes import OWN
-from moireaug.evaluation.words import Metrics
-from training.runs import read_metrics
+import numpy as np
 
-STEPS = 50  # of the re-attack that a run without one is advised to have
+from moireaug.evaluation.suites.scenes import OWN
+from training.files import read_metrics
+
+STEPS, N = 50, 480  # of the re-attack that a run without one is advised to have
 _WHERE = ("root", "workers", "download")  # settings of the data that no image depends on
+Metrics = dict[str, Any]
+
+MEAN, WORST = "mean of the others", "worst of the others"  # of all scenes but the own
+# accuracies of a run, and the cells of suite `recipes` that they are: table, row, column
+RATES = {
+    "clean": ("worst_case", "eps_4", "clean"),
+    "natural": ("unseen", OWN, "moire"),
+    "unseen_mean": ("unseen", MEAN, "moire"),
+    "unseen_worst": ("unseen", WORST, "moire"),
+    "worst_4": ("worst_case", "eps_4", "worst"),
+    "worst_8": ("worst_case", "eps_8", "worst"),
+    "pgd_4": ("worst_case", "eps_4", "pgd"),
+}
 
 
 @dataclass(frozen=True)
@@ -24,85 +37,106 @@ class Point:
     """One run, attacked again in its own scene.
 
     Args:
-        clean, natural, ..., pgd_4: accuracies in [0, 1], all on the same n test images. natural: moiré without noise in
-            the scene of the training; unseen_mean, unseen_worst: over the other presets; worst_4, worst_8: each image
-            at its worst attacker, at 4/255 and 8/255; pgd_4: pixels, no camera.
+        outcomes: name of a rate to (n,) numbers, an image each: 1 where the run is right, 0 where it is wrong, the mean
+            over scenes in between. All runs see the same images.
         seconds: of this run's own training. start_seconds: of the training that made the weights it began with; 0 where
             it began with random ones. clean_seconds: of recipe `clean` with the same seed and settings.
         passes: forward and backward, an image, of its own training. images_per_second: of the same.
         collapsed: whether catastrophic overfitting was seen while it was trained.
+        baseline: the recipe of plain training of equal length; None for plain training itself.
     """
 
     recipe: str
     seed: int
-    n: int
-    clean: float
-    natural: float
-    unseen_mean: float
-    unseen_worst: float
-    worst_4: float
-    worst_8: float
-    pgd_4: float
+    outcomes: dict[str, np.ndarray]
     seconds: float
     start_seconds: float
     clean_seconds: float
     passes: float
     images_per_second: float
     collapsed: bool
+    baseline: str | None
 
     @property
     def total_seconds(self) -> float:
         return self.seconds + self.start_seconds
+
+    def to_dict(self) -> Metrics:
+        """Return a line for a table of runs."""
+        line: Metrics = {"recipe": self.recipe, "seed": self.seed}
+        line["n"] = len(self.outcomes["clean"])
+        for name, outcomes in self.outcomes.items():
+            line[name] = float(outcomes.mean())
+        for name in ("seconds", "start_seconds", "total_seconds", "clean_seconds", "passes"):
+            line[name] = getattr(self, name)
+        for name in ("images_per_second", "collapsed", "baseline"):
+            line[name] = getattr(self, name)
+        return line
 
 
 class Found(NamedTuple):
     """What a folder of runs holds: its points; what they share; commands that attack the other runs; and warnings."""
 
     points: list[Point]
-    shared: dict[str, Any]
+    shared: Metrics
     commands: list[str]
     warnings: list[str]
 
 
 def read(root: Path) -> Found:
-    """Every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its own scene.
+    """Read every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its own scene.
 
     Raises:
         ValueError: no run, none attacked, runs or re-attacks that do not compare, or a file that lacks something.
     """
     root, others = _group(root)
-    trained = {folder: m for folder in _seeds(root) if (m := read_metrics(folder)) and "train" in m}
+    trained = {}
+    for folder in _seeds(root):
+        metrics = read_metrics(folder)
+        if metrics and "train" in metrics:
+            trained[folder] = metrics
     if not trained:
         raise ValueError(
             f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as training/fit.py writes them. "
             "Pass the folder that runs= named, or one of other data or models in it."
         )
     try:
-        settings = _same({folder: _settings(m) for folder, m in trained.items()}, "runs")
-        attacked = {folder: again for folder, m in trained.items() if (again := _again(folder, m))}
-        protocol = _same({folder: _protocol(again) for folder, again in attacked.items()}, "re-attacks")
-        commands = [_command(f, m, protocol) for f, m in trained.items() if f not in attacked]
-        if not attacked:
-            raise ValueError(
-                "\n  ".join([f"no run in {root} was attacked by suite=recipes in its own scene. Run:", *commands])
-            )
-        points = [_point(folder, trained, again) for folder, again in attacked.items()]
-        warnings = _warnings(trained, attacked) + others
+        return _compared(root, trained, others)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
             f"a metrics.json in {root} lacks {error}: another version of this project wrote it. Train and attack again."
         ) from error
+
+
+def _compared(root: Path, trained: Mapping[Path, Metrics], others: list[str]) -> Found:
+    settings = _same({folder: _settings(m) for folder, m in trained.items()}, "runs")
+    attacked = {}
+    for folder, metrics in trained.items():
+        if again := _again(folder, metrics):
+            attacked[folder] = again
+    protocol = _same({folder: _protocol(again) for folder, again in attacked.items()}, "re-attacks")
+    commands = []
+    for folder, metrics in trained.items():
+        if folder not in attacked:
+            commands.append(_command(folder, metrics, protocol))
+    if not attacked:
+        said = f"no run in {root} was attacked by suite=recipes in its own scene. Run:"
+        raise ValueError("\n  ".join([said, *commands]))
+    points = [_point(folder, trained, again) for folder, again in attacked.items()]
     shared = {"data": _data(trained.values()), "model": settings["model"], "scene": settings["scene"]}
-    return Found(points, shared | {k.removeprefix("reattack."): v for k, v in protocol.items()}, commands, warnings)
+    for name, value in protocol.items():
+        shared[name.removeprefix("reattack.")] = value
+    return Found(points, shared, commands, _warnings(trained, attacked) + others)
 
 
 def _seeds(root: Path) -> list[Path]:
-    """The folders <recipe>/seed<k> of a folder that hold a finished run."""
-    return sorted(p.parent for p in root.glob("*/*/metrics.json") if re.fullmatch(r"seed-?\d+", p.parent.name))
+    """Return the folders <recipe>/seed<k> of a folder that hold a finished run."""
+    found = sorted(path.parent for path in root.glob("*/*/metrics.json"))
+    return [folder for folder in found if re.fullmatch(r"seed-?\d+", folder.name)]
 
 
 def _group(root: Path) -> tuple[Path, list[str]]:
-    """The folder whose runs are read, and a note on those of other data or models, which do not compare with them.
+    """Return the folder whose runs are read, and a note on those of other data or models, which do not compare.
 
     Raises:
         ValueError: nothing but groups of runs, of which one must be chosen.
@@ -112,108 +146,146 @@ def _group(root: Path) -> tuple[Path, list[str]]:
         return root, []
     named = ", ".join(shlex.quote(str(path)) for path in groups)
     if _seeds(root):
-        return root, [f"Runs of other data or models are left out; for a table of these pass {named}."]
+        note = f"Runs of other data or models are left out; for a table of these pass {named}."
+        return root, [note]
     if len(groups) == 1:
         return groups[0], []
-    raise ValueError(f"{root} holds runs of several data sets or models, which do not compare: pass one of {named}.")
+    raise ValueError(
+        f"{root} holds runs of several data sets or models, which do not compare: pass one of {named}."
+    )
 
 
 def _data(metrics: Iterable[Metrics]) -> str:
-    """The data set's name; a folder goes by its own, where all runs have the same."""
+    """Return the data set's name; a folder goes by its own, where all runs have the same."""
     sets = [m["config"]["data"] for m in metrics]
     own = {Path(data["root"]).resolve().name for data in sets if data["name"] == "folder"}
     return own.pop() if len(own) == 1 else sets[0]["name"]
 
 
-def _settings(m: Metrics) -> dict[str, Any]:
-    data = {f"data.{k}": v for k, v in m["config"]["data"].items() if k not in _WHERE}
-    parts = {f"scene.{k}": v for k, v in m["scene"].items()}
-    return {"model": m["model"], "scene": m["scene_name"]} | data | parts
+def _settings(metrics: Metrics) -> Metrics:
+    found = {"model": metrics["model"], "scene": metrics["scene_name"]}
+    for name, value in metrics["config"]["data"].items():
+        if name not in _WHERE:
+            found[f"data.{name}"] = value
+    for name, value in metrics["scene"].items():
+        found[f"scene.{name}"] = value
+    return found
 
 
-def _protocol(again: Metrics) -> dict[str, Any]:
-    return {f"reattack.{k}": v for k, v in _attack(again).items()}
+def _protocol(again: Metrics) -> Metrics:
+    return {
+        "reattack.n": again["n"],
+        "reattack.steps": again["steps"],
+        "reattack.seed": again["config"]["reattack"]["seed"],
+    }
 
 
-def _attack(again: Metrics) -> dict[str, Any]:
-    return {"n": again["n"], "steps": again["steps"], "seed": again["config"]["reattack"]["seed"]}
-
-
-def _same(every: Mapping[Path, Mapping[str, Any]], what: str) -> dict[str, Any]:
-    """What all of them share; empty where there are none.
+def _same(every: Mapping[Path, Metrics], what: str) -> Metrics:
+    """Return what all of them share; empty where there are none.
 
     Raises:
         ValueError: one differs from most; it is named, with what differs.
     """
-    shared: dict[str, Any] = {}
-    for key in next(iter(every.values()), ()):
+    shared: Metrics = {}
+    for key in next(iter(every.values()), {}):
         values = {folder: own.get(key) for folder, own in every.items()}
         usual = Counter(map(repr, values.values())).most_common(1)[0][0]
-        odd = next((folder for folder, value in values.items() if repr(value) != usual), None)
-        if odd:
-            raise ValueError(
-                f"{what} with different {key} do not compare: {odd} has {values[odd]!r}, most others have {usual}. "
-                "Make it again with the same, or move it to another folder."
-            )
-        shared[key] = next(iter(values.values()))
+        for folder, value in values.items():
+            if repr(value) != usual:
+                raise ValueError(
+                    f"{what} with different {key} do not compare: {folder} has {value!r}, most others have {usual}. "
+                    "Make it again with the same, or move it to another folder."
+                )
+            shared[key] = value
     return shared
 
 
-def _again(folder: Path, m: Metrics) -> Metrics | None:
-    """The re-attack of a run in its own scene."""
-    found = (read_metrics(path) for path in sorted(folder.glob("reattack/*/recipes")))
-    return next((again for again in found if again and again["scene"] == m["scene"]), None)
+def _again(folder: Path, metrics: Metrics) -> Metrics | None:
+    """Return the re-attack of a run in its own scene; of several that of the most images, then of the most steps."""
+    found = []
+    for path in sorted(folder.glob("reattack/*/recipes")):
+        again = read_metrics(path)
+        if again and again["scene"] == metrics["scene"]:
+            found.append(again)
+    return max(found, key=lambda again: (again["n"], again["steps"]), default=None)
 
 
-def _command(folder: Path, m: Metrics, protocol: Mapping[str, Any]) -> str:
-    """What attacks a run as the others were attacked."""
-    wanted = protocol or {"reattack.steps": STEPS}
-    own = {f"reattack.{k}": v for k, v in m["config"]["reattack"].items()}
-    more = "".join(f" {k}={v}" for k, v in wanted.items() if own.get(k) != v)
+def _command(folder: Path, metrics: Metrics, protocol: Metrics) -> str:
+    """Return what attacks a run as the others were attacked."""
+    wanted = protocol or {"reattack.steps": STEPS, "reattack.n": N}
+    own = metrics["config"]["reattack"]
+    more = ""
+    for key, value in wanted.items():
+        if own.get(key.removeprefix("reattack.")) != value:
+            more += f" {key}={value}"
     return f"python training/reattack.py run={shlex.quote(str(folder))} suite=recipes{more}"
 
 
 def _point(folder: Path, trained: Mapping[Path, Metrics], again: Metrics) -> Point:
-    m, rate = trained[folder], _accuracies(again)
-    natural = {row: value for (row, column), value in rate.items() if column == "moiré, δ = 0" and row[0] != "ε"}
-    train, own = m["train"], natural.pop(OWN)
+    metrics = trained[folder]
+    train = metrics["train"]
     plain = _clean_seconds(folder, trained)
+    baseline = None
+    if metrics["recipe"] not in ("clean", "baseline"):
+        baseline = "baseline" if train["init"] == "clean" else "clean"
     return Point(
-        m["recipe"], m["seed"], again["n"], rate["ε = 4", "clean"], own, fmean(natural.values()), min(natural.values()),
-        rate["ε = 4", "worst case"], rate["ε = 8", "worst case"], rate["ε = 4", "PGD on pixels"],
-        train["seconds"], plain if train["init"] == "clean" else 0.0, plain, train["passes"],
-        train["images_per_second"], train.get("collapsed_at") is not None,
-    )  # fmt: skip
+        metrics["recipe"],
+        metrics["seed"],
+        outcomes={name: _outcomes(again, *cell) for name, cell in RATES.items()},
+        seconds=train["seconds"],
+        start_seconds=plain if train["init"] == "clean" else 0.0,
+        clean_seconds=plain,
+        passes=train["passes"],
+        images_per_second=train["images_per_second"],
+        collapsed=train.get("collapsed_at") is not None,
+        baseline=baseline,
+    )
 
 
-def _accuracies(again: Metrics) -> dict[tuple[str, str], float]:
-    """(row, column) to accuracy, of both tables, whose rows have different names."""
-    return {(r["row"], r["column"]): r["accuracy"] for t in ("worst_case", "unseen") for r in again["tables"][t]}
+def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
+    """Return the outcomes of a cell, an image each; of all scenes but the own their mean, or the worst."""
+    others = row in (MEAN, WORST)
+    found = []
+    for line in again["tables"][table]:
+        wanted = line["row"] != OWN if others else line["row"] == row
+        if wanted and line["column"] == column:
+            found.append(np.array([float(outcome) for outcome in line["outcomes"]]))
+    if not found:
+        raise KeyError(f"{table}, {row}, {column}")
+    if row == WORST:
+        return min(found, key=lambda outcomes: float(outcomes.mean()))
+    return np.mean(found, axis=0)
 
 
 def _clean_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float:
-    """Training time of recipe `clean` with the same seed: as the run kept it, else as the clean run says."""
-    m, twin = trained[folder], folder.parent.parent / "clean" / folder.name
-    source = m if m["recipe"] == "clean" else m.get("baseline") or trained.get(twin)
-    if not source:
-        raise ValueError(
-            f"{folder} does not say how long its clean baseline was trained, and there is no finished run in {twin}: "
-            f"train recipe clean with seed={m['seed']} and the same settings."
-        )
-    return source["train"]["seconds"]
+    """Return the training time of recipe `clean` with the same seed: as the run kept it, else as the clean run says."""
+    metrics = trained[folder]
+    twin = folder.parent.parent / "clean" / folder.name
+    for source in (metrics, metrics.get("start"), metrics.get("baseline"), trained.get(twin)):
+        if source and source["recipe"] == "clean":
+            return source["train"]["seconds"]
+    raise ValueError(
+        f"{folder} does not say how long its clean start was trained, and there is no finished run in {twin}: "
+        f"train recipe clean with seed={metrics['seed']} and the same settings."
+    )
 
 
 def _warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
-    """What a reader must know before he believes the figures."""
-    machines = {_machine(trained[folder]["environment"]) for folder in attacked}
-    said = [f"The runs were trained on different machines ({'; '.join(sorted(machines))}): their times do not compare."]
-    found = said if len(machines) > 1 else []
+    """Return what a reader must know before he believes the figures."""
+    found = []
+    machines = sorted({_machine(trained[folder]["environment"]) for folder in attacked})
+    if len(machines) > 1:
+        named = "; ".join(machines)
+        found.append(f"The runs were trained on different machines ({named}): their times do not compare.")
     for folder, again in attacked.items():
         failed = [check["name"] for check in again.get("trust") or [] if check["verdict"] == "fail"]
-        found += [f"Checks of the attack failed on {folder}: {'; '.join(failed)}."] if failed else []
+        if failed:
+            found.append(f"Checks of the attack failed on {folder}: {'; '.join(failed)}.")
     return found
 
 
 def _machine(environment: Mapping[str, Any]) -> str:
     device = environment["device"]
-    return f"{environment['cpu']}, {environment['threads']} threads" if device == "cpu" else device
+    if device == "cpu":
+        return f"{environment['cpu']}, {environment['threads']} threads"
+    return device

@@ -7,18 +7,12 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import NamedTuple
 
-from moireaug.evaluation.statistics import t_interval, wilson
-from training.points import Point
+import numpy as np
 
-RATES = {
-    "clean": "clean",
-    "natural": "natural moiré",
-    "unseen_mean": "unseen scenes, mean",
-    "unseen_worst": "unseen scenes, worst",
-    "worst_4": "worst case 4/255",
-    "worst_8": "worst case 8/255",
-    "pgd_4": "PGD 4/255, no camera",
-}
+from moireaug.evaluation.statistics import bootstrap, t_interval
+from training.points import RATES, Point
+
+COSTS = ("seconds", "start_seconds", "passes", "images_per_second")
 
 
 class Estimate(NamedTuple):
@@ -34,7 +28,9 @@ class Recipe:
     """All seeds of one recipe.
 
     Args:
-        rates: the keys of `RATES` to accuracies in [0, 1].
+        rates: the names of `RATES` to accuracies in [0, 1].
+        gains: the same minus those of the plainly trained runs of equal length and the same seeds; empty where these
+            were not attacked.
         seconds, start_seconds, passes, images_per_second: means over seeds, as `Point` has them.
         relative: training with its start, over the mean of recipe `clean`.
         collapsed: number of seeds whose training collapsed.
@@ -44,6 +40,7 @@ class Recipe:
     name: str
     seeds: tuple[int, ...]
     rates: dict[str, Estimate]
+    gains: dict[str, Estimate]
     seconds: float
     start_seconds: float
     relative: Estimate
@@ -53,40 +50,84 @@ class Recipe:
     front: bool
 
 
-def rate(values: Sequence[float], n: int) -> Estimate:
-    """An accuracy: by Student's t over seeds; of one seed, what its n images can tell (Wilson)."""
-    mean = fmean(values)
-    low, high = t_interval(values) if len(values) > 1 else wilson(mean * n, n)
-    return Estimate(mean, max(0.0, low), min(1.0, high))
+def rate(points: Sequence[Point], name: str) -> Estimate:
+    """Return a mean accuracy, with an interval of both choices, of seeds and of images."""
+    outcomes = np.stack([point.outcomes[name] for point in points])
+    return Estimate(float(outcomes.mean()), *bootstrap(outcomes))
+
+
+def gain(points: Sequence[Point], plain: Sequence[Point], name: str) -> Estimate:
+    """Return a mean difference of accuracies of the same seeds, on the same images."""
+    by_seed = {point.seed: point for point in plain}
+    rows = []
+    for point in points:
+        if point.seed in by_seed:
+            rows.append(point.outcomes[name] - by_seed[point.seed].outcomes[name])
+    differences = np.stack(rows)
+    return Estimate(float(differences.mean()), *bootstrap(differences))
 
 
 def ratio(values: Sequence[float]) -> Estimate:
-    """A cost: by Student's t over seeds; one seed's says nothing of its scatter."""
+    """Return a mean cost, with Student's interval over seeds; one seed's says nothing of its scatter."""
     low, high = t_interval(values) if len(values) > 1 else (values[0], values[0])
     return Estimate(fmean(values), max(0.0, low), high)
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Which of (cost, gain) no other beats: in one of both, without being worse in the other."""
-    return [not any(c <= cost and g >= gain and (c, g) != (cost, gain) for c, g in points) for cost, gain in points]
+    """Return which of (cost, gain) no other beats: in one of both, without being worse in the other."""
+    found = []
+    for cost, gained in points:
+        beaten = False
+        for other_cost, other_gain in points:
+            other_is_better = other_cost < cost or other_gain > gained
+            beaten = beaten or (other_cost <= cost and other_gain >= gained and other_is_better)
+        found.append(not beaten)
+    return found
 
 
 def summarise(points: Sequence[Point]) -> list[Recipe]:
-    """The recipes, cheapest first."""
+    """Return the recipes, cheapest first."""
     by_name: dict[str, list[Point]] = {}
-    for p in points:
-        by_name.setdefault(p.recipe, []).append(p)
-    own_last = sorted(points, key=lambda p: p.recipe == "clean")  # what clean says of itself goes before a copy
-    unit = fmean({p.seed: p.clean_seconds for p in own_last}.values())
-    costs = {name: ratio([p.total_seconds / unit for p in own]) for name, own in by_name.items()}
-    rates = {
-        name: {key: rate([getattr(p, key) for p in own], own[0].n) for key in RATES} for name, own in by_name.items()
-    }
+    for point in points:
+        by_name.setdefault(point.recipe, []).append(point)
+    unit = clean_seconds(points)
+    rates: dict[str, dict[str, Estimate]] = {}
+    costs: dict[str, Estimate] = {}
+    for name, own in by_name.items():
+        rates[name] = {key: rate(own, key) for key in RATES}
+        costs[name] = ratio([point.total_seconds / unit for point in own])
     fronts = pareto([(costs[name].value, rates[name]["worst_4"].value) for name in by_name])
     found = []
     for (name, own), front in zip(by_name.items(), fronts, strict=True):
-        means = {key: fmean(getattr(p, key) for p in own) for key in
-                 ("seconds", "start_seconds", "passes", "images_per_second")}  # fmt: skip
-        seeds, collapsed = tuple(sorted(p.seed for p in own)), sum(p.collapsed for p in own)
-        found.append(Recipe(name, seeds, rates[name], relative=costs[name], collapsed=collapsed, front=front, **means))
-    return sorted(found, key=lambda r: (r.relative.value, r.name))
+        means = {key: fmean(getattr(point, key) for point in own) for key in COSTS}
+        recipe = Recipe(
+            name,
+            seeds=tuple(sorted(point.seed for point in own)),
+            rates=rates[name],
+            gains=gains(own, by_name),
+            relative=costs[name],
+            collapsed=sum(point.collapsed for point in own),
+            front=front,
+            **means,
+        )
+        found.append(recipe)
+    return sorted(found, key=lambda recipe: (recipe.relative.value, recipe.name))
+
+
+def gains(own: Sequence[Point], by_name: dict[str, list[Point]]) -> dict[str, Estimate]:
+    """Return the gains over the plainly trained runs of equal length; empty where there are none of the same seeds."""
+    plain = by_name.get(own[0].baseline or "", [])
+    if not {point.seed for point in own} & {point.seed for point in plain}:
+        return {}
+    return {key: gain(own, plain, key) for key in RATES}
+
+
+def clean_seconds(points: Sequence[Point]) -> float:
+    """Return the mean training time of recipe `clean`; what a clean run says of itself goes before a copy."""
+    by_seed: dict[int, float] = {}
+    for point in points:
+        if point.recipe == "clean":
+            by_seed[point.seed] = point.clean_seconds
+        else:
+            by_seed.setdefault(point.seed, point.clean_seconds)
+    return fmean(by_seed.values())

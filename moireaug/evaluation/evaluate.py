@@ -84,16 +84,17 @@ def evaluate(
         runner = Runner(model, batches, config.scene, records, seed=seed)
         jobs = jobs_of(tables)
         indices = range(len(batches))
-        for _ in with_bar(runner.run(jobs, indices), len(jobs) * len(batches), progress):
+        done = runner.run(jobs, indices)
+        for _ in with_bar(done, len(jobs) * len(batches), suite, shown=progress):
             pass
         return images_frame(tables, runner, indices)
 
 
-def with_bar(jobs: Iterable[Job], total: int, shown: bool = True) -> Iterable[Job]:
+def with_bar(jobs: Iterable[Job], total: int, title: str, *, shown: bool = True) -> Iterable[Job]:
     """Show a bar of the jobs that are done."""
-    with tqdm(total=total, unit="job", leave=False, disable=not shown) as bar:
+    with tqdm(total=total, desc=title, unit="job", leave=False, disable=not shown) as bar:
         for job in jobs:
-            bar.set_description(job.condition.name[:40])
+            bar.set_postfix_str(job.condition.name[:30], refresh=False)
             bar.update()
             yield job
 

@@ -52,6 +52,19 @@ def another(title: str, model: Model) -> Judge:
     return Judge(f"{title}#{digest(model) if isinstance(model, nn.Module) else ''}", model=model)
 
 
+def behind(name: str, defence: Defence) -> Judge:
+    """Return the attacked model behind a defence. The judge's name changes with what the defence has learned."""
+    learned = [part for part in getattr(defence, "networks", ()) if isinstance(part, nn.Module)]
+    if isinstance(defence, nn.Module):
+        learned.append(defence)
+    bank = getattr(defence, "bank", None)
+    if bank is not None:
+        name += f"#{hashlib.sha256(bank.numpy().tobytes()).hexdigest()[:16]}"
+    for network in learned:
+        name += f"#{digest(network)}"
+    return Judge(name, defence=defence)
+
+
 def digest(model: nn.Module) -> str:
     """Return sixteen hex digits that change with any weight."""
     sums = hashlib.sha256()

@@ -9,14 +9,15 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
+import itertools
 import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Self
 
 import numpy as np
-from filelock import FileLock, Timeout
+from filelock import BaseFileLock, FileLock, Timeout
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from torch import Tensor
@@ -72,44 +73,41 @@ class Records:
 
 
 class RecordFolder(Records):
-    """Records in a folder of JSON-lines files, one per process, to be used in a `with`.
+    """Records in a folder of JSON-lines files, one per process that writes, to be used in a `with`.
 
     Args:
-        folder: made where it is missing. Every process appends to a file of its own and reads all of them.
+        folder: made where it is missing, at the first record. Every process appends to a file of its own and reads all.
     """
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
         self.folder = Path(folder)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self.path, self._lock = self._own_file()
-        self._end_last_line()
+        self._file: IO[bytes] | None = None
+        self._lock: BaseFileLock | None = None
         self.read()
-        self._file = self.path.open("ab")
-
-    def _own_file(self) -> tuple[Path, FileLock]:
-        """Return the first file that no other process writes, locked."""
-        number = 0
-        while True:
-            path = self.folder / f"records-{number}.jsonl"
-            lock = FileLock(path.with_suffix(".lock"))
-            try:
-                lock.acquire(timeout=0)
-                return path, lock
-            except Timeout:
-                number += 1
-
-    def _end_last_line(self) -> None:
-        """Cut off what a process that was killed while it wrote has left of a line."""
-        if not self.path.is_file():
-            return
-        text = self.path.read_bytes()
-        if not text.endswith(b"\n"):
-            os.truncate(self.path, text.rfind(b"\n") + 1)
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
-        self._lock.release()
+        if self._file is not None and self._lock is not None:
+            self._file.close()
+            self._lock.release()
+
+    def _own_file(self) -> IO[bytes]:
+        """Return the first file that no other process writes, locked and ready to be appended to."""
+        if self._file is not None:
+            return self._file
+        self.folder.mkdir(parents=True, exist_ok=True)
+        for number in itertools.count():
+            path = self.folder / f"records-{number}.jsonl"
+            lock = FileLock(self.folder / f".records-{number}.lock", blocking=False)
+            try:
+                lock.acquire()
+            except Timeout:
+                continue
+            break
+        _end_last_line(path)
+        self._lock = lock
+        self._file = path.open("ab")
+        return self._file
 
     def read(self) -> None:
         """Take in what any process has written. A line that cannot be read, because a process is writing it or a disk
@@ -125,9 +123,10 @@ class RecordFolder(Records):
         if not records:
             return
         lines = [json.dumps(record) + "\n" for record in records]
-        self._file.write("".join(lines).encode())
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        file = self._own_file()
+        file.write("".join(lines).encode())
+        file.flush()
+        os.fsync(file.fileno())
         super().append(records)
 
     def keep_picture(self, name: str, shown: Tensor) -> None:
@@ -151,3 +150,12 @@ class RecordFolder(Records):
 
     def _picture_path(self, name: str) -> Path:
         return self.folder / "pictures" / f"{name}.png"
+
+
+def _end_last_line(path: Path) -> None:
+    """Cut off what a process that was killed while it wrote has left of a line."""
+    if not path.is_file():
+        return
+    text = path.read_bytes()
+    if not text.endswith(b"\n"):
+        os.truncate(path, text.rfind(b"\n") + 1)

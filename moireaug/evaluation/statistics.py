@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from statistics import fmean, stdev
 
+import numpy as np
 import torch
 from scipy.special import stdtrit
 from torch import Tensor
@@ -61,3 +62,28 @@ def mix(*parts: int) -> int:
     for part in parts:
         seed = (seed * 1_000_003 + part + 12_289) % (2**63 - 1)
     return seed
+
+
+def bootstrap(outcomes: np.ndarray, draws: int = 4000) -> tuple[float, float]:
+    """Return the 95 % interval of a mean over seeds and images, which holds both choices.
+
+    Args:
+        outcomes: (seeds, images), numbers in [-1, 1], the same images in every row.
+
+    Seeds and images are drawn again with replacement, independently (the two-way bootstrap of Owen, 2007), by a
+    generator of fixed seed. With few seeds the resampled spread of seeds is too small by (S - 1) / S, which is given
+    back; where all outcomes agree, the interval is Wilson's of so many images.
+    """
+    seeds, images = outcomes.shape
+    mean = float(outcomes.mean())
+    if outcomes.std() == 0 and mean in (0.0, 1.0):
+        return wilson(mean * images, images)
+    rng = np.random.default_rng(0)
+    by_image = rng.multinomial(images, np.full(images, 1 / images), draws) / images
+    rows = by_image @ outcomes.T  # (draws, seeds): each seed's mean on the drawn images
+    picked = rng.integers(0, seeds, (draws, seeds))
+    centre = rows.mean(1, keepdims=True)
+    wider = math.sqrt(seeds / (seeds - 1)) if seeds > 1 else 1.0
+    drawn = np.take_along_axis(rows - centre, picked, 1).mean(1) * wider + centre[:, 0]
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return max(-1.0, float(low)), min(1.0, float(high))

@@ -10,7 +10,7 @@ from typing import Any
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.attackers import Defence
 from moireaug.evaluation.conditions import Condition, Model
-from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.judges import UNDEFENDED, Judge, behind
 from moireaug.scene.scene import Scene
 
 
@@ -90,7 +90,7 @@ class SuiteConfig:
 
     def behind(self, name: str) -> Judge:
         """Return the attacked model behind the defence of that name."""
-        return Judge(name, defence=self.defences[name])
+        return behind(name, self.defences[name])
 
 
 def paper_defences() -> dict[str, Defence]:

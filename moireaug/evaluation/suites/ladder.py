@@ -26,6 +26,17 @@ def rungs(config: SuiteConfig) -> list[Condition]:
     return found
 
 
+def main_attack(table: Table) -> Condition:
+    """Return the condition that stands for the ladder: the plain Moiré Attack at the middle eps."""
+    plain = []
+    for cell in table.cells:
+        (condition,) = cell.conditions
+        if condition.kind == "ma" and not condition.targeted:
+            plain.append(condition)
+    plain.sort(key=lambda condition: condition.eps)
+    return plain[len(plain) // 2]
+
+
 def ladder(config: SuiteConfig) -> Table:
     """Lay out the ladder: a row a rung."""
     cells = []
