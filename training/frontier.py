@@ -58,9 +58,8 @@ def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
 
 def markdown(recipes: Sequence[Recipe], found: Found) -> str:
     """Return the table, its caption, what to beware of, and the commands that would complete it."""
-    made = environment().overlay()
-    made.filters["named"] = name_of
-    return made.from_string(TEMPLATE.read_text("utf-8")).render(
+    return environment().from_string(TEMPLATE.read_text("utf-8")).render(
+        name_of=name_of,
         recipes=recipes,
         gained=[recipe for recipe in recipes if recipe.gains],
         titles=TITLES,

@@ -88,13 +88,11 @@ class Condition(ABC):
         return {}
 
     def settings(self) -> dict[str, Any]:
-        """Return all that this condition depends on, as plain values."""
+        """Return all that this condition depends on beside its scene, as plain values."""
         found: dict[str, Any] = {"kind": self.kind}
         for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if field.name == "scene":
-                value = None if value is None else value.to_dict()
-            found[field.name] = value
+            if field.name != "scene":
+                found[field.name] = getattr(self, field.name)
         return found
 
     def at(self, place: str, scene: Scene) -> Condition:

@@ -199,13 +199,11 @@ class Runner:
         return found
 
     def _record(self, batch: EvalBatch, condition: Condition, judge: Judge, index: int) -> Record:
-        settings = condition.settings()
-        del settings["scene"]  # the key has it, and a line is to be read
         return {
             "key": self.key(condition, judge, index),
             "model": self.name,
             "condition": condition.name,
-            "settings": settings,
+            "settings": condition.settings(),
             "judge": judge.name,
             "batch": index,
             "labels": batch.labels.tolist(),

@@ -2,13 +2,20 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
 
 from moireaug import Scene, capture
-from moireaug.evaluation import climb, ladder, no_moire, paired_gain, report, wilson
-from moireaug.evaluation.pictures import examples
+from moireaug.evaluation import SuiteConfig, images_frame, paired_gain, rates, report, wilson
+from moireaug.evaluation.conditions import without_moire
+from moireaug.evaluation.examples import run_examples
+from moireaug.evaluation.records import RecordFolder, Records
+from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.statistics import bootstrap
+from moireaug.evaluation.suites.ladder import ladder, main_attack
+from moireaug.evaluation.tables import Table
 from moireaug.scene.presets import PRESETS
 
 from .conftest import classifier
@@ -16,31 +23,53 @@ from .conftest import classifier
 SCENE = Scene.preset("screen_photo")
 
 
+def climbed(model, batches, eps=(4 / 255, 64 / 255), steps=4, seed=0, only=None, records=None):
+    """(rates by rung, runner)."""
+    table = ladder(SuiteConfig(scene=SCENE, eps=eps, steps=steps))
+    if only:
+        table = Table("ladder", tuple(cell for cell in table.cells if cell.row in only))
+    runner = Runner(model, batches, SCENE, Records() if records is None else records, seed=seed)
+    for _ in runner.run(jobs_of([table]), range(len(batches))):
+        pass
+    lines = rates(images_frame([table], runner, range(len(batches))))
+    return {line["row"]: line for line in lines.to_dict("records")}, runner
+
+
 def test_rows_count_what_they_say(known):
-    model, data = known
-    rungs = ladder((4 / 255, 64 / 255), steps=4)
-    assert [r.name for r in rungs] == [
+    rows, _ = climbed(*known)
+    assert list(rows) == [
         "clean", "dimmed", "no_moire", "moire", "random_64", "ma_4", "ma_64", "ma_64_targeted", "pgd_64",
     ]  # fmt: skip
-    *_, rows = climb(model, data, SCENE, rungs)
-    table = {r.name: r.to_dict() for r in rows}
-    assert table["clean"]["accuracy"] == 1.0 and table["clean"]["success"] == 0.0
-    for row in table.values():
-        assert row["n"] == 16 and row["counted"] == 16
-        low, high = row["accuracy_interval"]
-        assert 0 <= low <= row["accuracy"] <= high <= 1
+    assert rows["clean"]["accuracy"] == 1.0 and rows["clean"]["success"] == 0.0
+    for row in rows.values():
+        assert row["n"] == 16 and row["counted"] == 16 and len(row["outcomes"]) == 16
+        assert 0 <= row["accuracy_low"] <= row["accuracy"] <= row["accuracy_high"] <= 1
+        assert row["outcomes"].count("1") == 16 * row["accuracy"]
         if not row["targeted"]:
             assert row["success"] == pytest.approx(1 - row["accuracy"])
-    assert table["ma_64"]["accuracy"] <= table["ma_4"]["accuracy"] <= table["moire"]["accuracy"]
-    assert table["ma_64"]["success"] > table["random_64"]["success"]
-    assert table["ma_64_targeted"]["success"] <= table["ma_64"]["success"]
+    assert rows["ma_64"]["accuracy"] <= rows["ma_4"]["accuracy"] <= rows["moire"]["accuracy"]
+    assert rows["ma_64"]["success"] > rows["random_64"]["success"]
+    assert rows["ma_64_targeted"]["success"] <= rows["ma_64"]["success"]
+
+
+def test_every_attack_says_what_its_noise_is(known):
+    rows, _ = climbed(*known)
+    for name, row in rows.items():
+        attack = name.startswith(("ma_", "pgd_"))
+        assert row["control"] != attack
+        for measure in ("psnr", "ssim", "ciede2000", "largest"):
+            assert np.isfinite(row[measure]) == attack, (name, measure)
+    assert rows["ma_4"]["largest"] < rows["ma_64"]["largest"] and rows["ma_4"]["psnr"] > rows["ma_64"]["psnr"]
+    assert rows["pgd_64"]["largest"] == pytest.approx(64 / 255, abs=1e-6)  # pixels keep the bound
+    assert rows["ma_4"]["largest"] > 4 / 255  # in linear light dark codes move further
 
 
 def test_success_is_counted_on_what_was_right_when_clean(known):
     model, data = known
-    wrong = [(x, (y + (torch.arange(8) < 4)) % 4) for x, y in data]  # half of the labels are not what the model says
-    *_, rows = climb(model, wrong, SCENE, ladder((8 / 255,), steps=2))
-    clean = rows[0].to_dict()
+    # half of the labels are not what the model says
+    wrong = [(x, (y + (torch.arange(8) < 4)) % 4) for x, y in data]
+    rows, _ = climbed(model, wrong, (8 / 255,), 2)
+    clean = rows["clean"]
     assert clean["accuracy"] == 0.5 and clean["counted"] == 8 and clean["success"] == 0.0
 
 
@@ -52,14 +81,12 @@ def test_two_models_meet_the_same_photos(known):
             seen[-1].append(x.detach().clone())
             return x.mean((2, 3)) @ torch.ones(3, 4)
 
-    rungs = [r for r in ladder() if r.name in ("dimmed", "no_moire", "moire", "random_8")]
     for _ in range(2):
         seen.append([])
-        for _ in climb(Spy(), known[1], SCENE, rungs, seed=5):
-            pass
-    assert (
-        len(seen[0]) == 12
-    )  # the classes are counted on one image and all(torch.equal(a, b) for a, b in zip(*seen, strict=True))
+        climbed(Spy(), known[1], seed=5, only=("dimmed", "no_moire", "moire", "random_64"))
+    # two batches of five conditions, the clean images among them; the classes are counted on one image each
+    assert len(seen[0]) == 12
+    assert all(torch.equal(a, b) for a, b in zip(*seen, strict=True))
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -70,34 +97,43 @@ def test_no_moire_is_the_photo_less_its_stripes(name):
     still = dataclasses.replace(scene.view, yaw=0.0, pitch=0.0, roll=0.0, pose="camera")
     scene = dataclasses.replace(scene, sensor=quiet, view=still, lens=dataclasses.replace(scene.lens, k1=0.0))
     grey, shot = torch.full((2, 3, 24, 24), 0.5), scene.sample(2, (24, 24))
-    with_stripes, without = capture(grey, shot), capture(grey, no_moire(shot))
+    with_stripes, without = capture(grey, shot), capture(grey, without_moire(shot))
     assert without[..., 2:-2, 2:-2].std((2, 3)).max() < 1e-5
     if name.startswith("paper"):
         assert with_stripes.std() > 0.05
-    assert "layout" not in no_moire(shot).scene.plan()
+    assert "layout" not in without_moire(shot).scene.plan()
 
 
 def test_the_model_is_left_alone(known):
     model = classifier().train()
     state = {k: v.clone() for k, v in model.state_dict().items()}
-    for _ in climb(model, known[1], SCENE, ladder((2 / 255,), steps=1)):
-        pass
-    assert model.training and all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
+    climbed(model, known[1], (2 / 255,), 1)
+    assert model.training
+    assert all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
 
 
 def test_labels_beyond_the_model_get_a_sentence(known):
     with pytest.raises(ValueError, match=r"\[0, 3\], the model's classes; got 9"):
-        next(climb(known[0], [(torch.rand(1, 3, 8, 8), torch.tensor([9]))], SCENE))
+        climbed(known[0], [(torch.rand(1, 3, 8, 8), torch.tensor([9]))])
 
 
-def test_pictures_for_a_report(known):
-    model, ((images, labels), _) = known
-    shown = examples({"ours": model, "theirs": classifier(1)}, images[:2], labels[:2], SCENE, 8 / 255, 2, {0: "zero"})
-    assert len(shown) == 2
+def test_pictures_for_a_report(known, tmp_path):
+    model, batches = known
+    runners = {}
+    for name, own in (("ours", model), ("theirs", classifier(1))):
+        with RecordFolder(tmp_path / name) as records:
+            _, runners[name] = climbed(own, batches, (8 / 255,), 2, records=records)
+    attack = main_attack(ladder(SuiteConfig(scene=SCENE, eps=(8 / 255,), steps=2)))
+    shown = run_examples(runners, attack, {0: "zero"})
+    assert len(shown) == 4
     cells = shown[0]["cells"]
     assert [len(c["predictions"]) for c in cells] == [2, 2, 1, 0, 1, 0]
     assert all(c["image"].shape == (16, 16, 3) and c["image"].dtype.name == "uint8" for c in cells)
-    assert cells[0]["predictions"][0][2] is True
+    assert cells[0]["predictions"][0][2]
+    clean = (255 * batches[0][0][0]).round().byte().permute(1, 2, 0).numpy()
+    assert (cells[0]["image"] == clean).all()
+    photo, attacked, change = (cells[i]["image"].astype(int) for i in (1, 2, 3))
+    assert abs(change - np.clip(127.5 + 4 * (attacked - photo), 0, 255)).max() <= 0.5
 
 
 @pytest.mark.parametrize(
@@ -130,6 +166,39 @@ def test_paired_gain_covers_the_truth():
     assert shuffled[2] - shuffled[1] > 1.3 * sum(widths) / len(widths)
 
 
+def two_way(rng, seeds, images, between):
+    """Outcomes with scatter of seeds and of images, and the accuracy that they are draws of."""
+    difficulty = rng.normal(0, 1, images)
+    skill = 0.3 + between * rng.normal(0, 1, seeds)
+    return (skill[:, None] + difficulty + rng.normal(0, 1, (seeds, images)) > 0).astype(float)
+
+
+@pytest.mark.parametrize("between", [0.0, 0.3])
+def test_the_bootstrap_holds_seeds_and_images(between):
+    """Simulated tables of three seeds: the interval holds the truth about as often as it says."""
+    rng = np.random.default_rng(0)
+    truth = np.mean([two_way(rng, 1, 2000, between).mean() for _ in range(2000)])
+    covered = widths = 0
+    for _ in range(200):
+        outcomes = two_way(rng, 3, 200, between)
+        low, high = bootstrap(outcomes, draws=400)
+        covered += low <= truth <= high
+        widths += high - low
+        assert low <= outcomes.mean() <= high
+    assert covered / 200 >= (0.9 if between == 0 else 0.75)
+    alone = wilson(0.58 * 200, 200)
+    assert widths / 200 > 0.8 * (alone[1] - alone[0])
+
+
+def test_the_bootstrap_of_one_seed_is_that_of_its_images():
+    rng = np.random.default_rng(1)
+    outcomes = (rng.random((1, 400)) < 0.3).astype(float)
+    low, high = bootstrap(outcomes)
+    expected = wilson(outcomes.sum(), 400)
+    assert (low, high) == pytest.approx(expected, abs=0.01)
+    assert bootstrap(np.zeros((3, 100))) == wilson(0, 100)
+
+
 class SilentOn(nn.Module):
     """Answers NaN to dark images, whose argmax is class 0; the others get the model's own answer."""
 
@@ -145,23 +214,24 @@ class SilentOn(nn.Module):
 def test_images_without_an_answer_are_wrong_and_counted(known):
     model, data = known
     zeros = [(x, torch.zeros_like(y)) for x, y in data]  # as if argmax of NaN were an answer
-    *_, rows = climb(SilentOn(model, 0.5), zeros, SCENE, ladder((8 / 255,), steps=2))
-    table = {r.name: r.to_dict() for r in rows}
-    assert 0 < table["clean"]["undecided"] < 16
-    assert all(r["accuracy"] <= 1 - r["undecided"] / 16 for r in table.values())
-    said = report.summary({"reattack": list(table.values()), "model": "silent"})
+    rows, _ = climbed(SilentOn(model, 0.5), zeros, (8 / 255,), 2)
+    assert 0 < rows["clean"]["undecided"] < 16
+    assert all(r["accuracy"] <= 1 - r["undecided"] / 16 for r in rows.values())
+    told = [{"name": name, "n": r["n"], "undecided": r["undecided"]} for name, r in rows.items()]
+    said = report.run_summary({"reattack": told, "model": "silent"})
     assert "(silent, clean image)" in said.splitlines()[-1] and "NaN or infinite" in said
 
 
-def test_a_model_without_any_answer_is_evaluated_to_its_end(known):
-    broken = SilentOn(known[0], 2.0)
+def test_a_model_without_any_answer_is_evaluated_to_its_end(known, tmp_path):
     zeros = [(x, torch.zeros_like(y)) for x, y in known[1]]
-    *_, rows = climb(broken, zeros, SCENE, ladder((8 / 255,), steps=2))
-    assert all(r.accuracy == 0 and sum(r.undecided) == 16 for r in rows)
-    shown = examples({"broken": broken}, zeros[0][0][:2], zeros[0][1][:2], SCENE, 8 / 255, 2, {0: "zero"})
+    with RecordFolder(tmp_path) as records:
+        rows, runner = climbed(SilentOn(known[0], 2.0), zeros, (8 / 255,), 2, records=records)
+    assert all(r["accuracy"] == 0 and r["undecided"] == 16 for r in rows.values())
+    attack = main_attack(ladder(SuiteConfig(scene=SCENE, eps=(8 / 255,), steps=2)))
+    shown = run_examples({"broken": runner}, attack, {0: "zero"})
     assert shown[0]["cells"][0]["predictions"] == [("broken", "no answer", False)]
 
 
 def test_a_model_that_returns_a_dict_gets_a_sentence(known):
     with pytest.raises(ValueError, match=r"got a dict of 'logits'.*model\(images\)\['logits'\]"):
-        next(climb(lambda x: {"logits": known[0](x)}, known[1], SCENE))
+        climbed(lambda x: {"logits": known[0](x)}, known[1])

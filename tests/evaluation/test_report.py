@@ -11,7 +11,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from moireaug.evaluation import plots, report
+from moireaug.evaluation import report
+from moireaug.evaluation.report import plots
 
 
 class Page(HTMLParser):
@@ -37,7 +38,7 @@ class Page(HTMLParser):
 
 def read(tmp_path, metrics, pictures=None):
     path = tmp_path / "report.html"
-    report.write(path, metrics, pictures)
+    report.write_run(path, metrics, pictures)
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
     return Page(path.read_text("utf-8"))
 
@@ -59,7 +60,7 @@ def test_page_needs_nothing_but_itself(tmp_path, metrics, pictures):
 
 def test_plots_are_whole_svg_that_ask_for_nothing(tmp_path, metrics):
     plain = [v for _, a in read(tmp_path, metrics).tags for k, v in a.items() if k in ("src", "srcset")]
-    assert len(plain) == 4  # ladder and curves, each wide and narrow
+    assert len(plain) == 2  # loss and accuracy by epoch
     for uri in plain:
         svg = base64.b64decode(uri.split("base64,")[1])
         used = [v for e in ElementTree.fromstring(svg).iter() for k, v in e.attrib.items() if k.endswith("href")]
@@ -68,19 +69,20 @@ def test_plots_are_whole_svg_that_ask_for_nothing(tmp_path, metrics):
 
 def test_names_are_escaped_everywhere(tmp_path, metrics, pictures):
     evil = "<b>&\"$x$'</b>"
-    metrics["recipe"] = metrics["baseline"]["recipe"] = metrics["scene_name"] = metrics["command"] = metrics["plan"] = (
-        evil
-    )
+    metrics["recipe"] = metrics["baseline"]["recipe"] = metrics["start"]["recipe"] = evil
+    metrics["scene_name"] = metrics["command"] = metrics["plan"] = evil
+    metrics["trust"] = [{"name": evil, "verdict": "fail", "says": evil}]
     metrics["config"], metrics["environment"], metrics["time"] = {evil: {evil: evil}}, {evil: evil}, {evil: 1.0}
     for row in metrics["reattack"]:
-        row["title"] = evil
+        row["name"] = evil
     cell = pictures[0]["cells"][0]
     pictures[0]["label"] = cell["title"] = evil
     cell["predictions"] = [(evil, evil, False)]
     page = read(tmp_path, metrics, pictures)
     assert evil in page.text
-    # the page's own <b> holds nothing but a sign, and closes in order, which Page has checked
-    assert set(re.findall(r"<b>(.*?)</b>", (tmp_path / "report.html").read_text("utf-8"))) == {"✗"}
+    # the page's own <b> holds nothing but a sign or a dot, and closes in order, which Page has checked
+    raw = (tmp_path / "report.html").read_text("utf-8")
+    assert set(re.findall(r"<b>(.*?)</b>", raw)) == {"✗", ""} and "<b>&\"" not in raw
 
 
 def test_a_name_that_is_no_unicode_does_not_stop_the_report(tmp_path, metrics, pictures):
@@ -107,6 +109,7 @@ def test_pictures_have_a_section_of_their_own(tmp_path, metrics, pictures):
 
 
 def test_training_without_history_has_no_curves(tmp_path, metrics):
+    assert "epoch by epoch" in read(tmp_path, metrics).text
     for side in (metrics, metrics["baseline"]):
         del side["train"]["history"]
     text = read(tmp_path, metrics).text
@@ -124,7 +127,8 @@ def test_unknown_numbers_crash_nothing(tmp_path, metrics, unknown):
 
     forgotten = forget(metrics)
     text = read(tmp_path, forgotten).text
-    report.summary(forgotten)
+    printed = report.run_summary(forgotten)
+    assert not re.search(r"\b(nan|inf|None)\b", printed)
     head = text.split("How to read this")[0].split("What was run")[0]
     assert not re.search(r"\b(nan|inf|None)\b", head)
 
@@ -132,7 +136,7 @@ def test_unknown_numbers_crash_nothing(tmp_path, metrics, unknown):
 @pytest.mark.parametrize(("epoch", "said"), [(None, False), (0, True), (3, True)])
 def test_a_collapse_of_training_is_told(metrics, epoch, said, tmp_path):
     metrics["train"]["collapsed_at"] = epoch
-    report.write(tmp_path / "report.html", metrics)
+    report.write_run(tmp_path / "report.html", metrics)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert (f"In epoch {epoch} this model collapsed" in text) == said
     assert ("catastrophic overfitting" in text) == said
@@ -141,7 +145,7 @@ def test_a_collapse_of_training_is_told(metrics, epoch, said, tmp_path):
 @pytest.mark.parametrize("least", [{}, {"recipe": "x"}, {"reattack": []}, {"recipe": "x", "baseline": {}, "train": {}}])
 def test_the_least_that_can_be_reported(tmp_path, least):
     assert "not attacked" in read(tmp_path, least).text
-    assert "not attacked" in report.summary(least)
+    assert "not attacked" in report.run_summary(least)
 
 
 def test_a_failure_leaves_the_older_report_whole(tmp_path, metrics, pictures, monkeypatch):
@@ -150,14 +154,14 @@ def test_a_failure_leaves_the_older_report_whole(tmp_path, metrics, pictures, mo
     broken = copy.deepcopy(pictures)
     broken[0]["cells"][1]["image"] = np.zeros((8, 8, 3))
     with pytest.raises(ValueError, match=r"'noise, × 8' must be a uint8 array .* got float64 \(8, 8, 3\)"):
-        report.write(path, metrics, broken)
+        report.write_run(path, metrics, broken)
 
     def full(*_):
         raise OSError("no space left on device")
 
     monkeypatch.setattr("os.replace", full)
     with pytest.raises(OSError, match="no space"):
-        report.write(path, metrics, pictures)
+        report.write_run(path, metrics, pictures)
     assert path.read_text() == "older" and list(tmp_path.iterdir()) == [path]
 
 
@@ -165,11 +169,39 @@ def test_plots_leave_matplotlib_as_it_was(metrics):
     import matplotlib
 
     before = dict(matplotlib.rcParams)
-    gains = {"ma_4": (0.5, None)}
-    plots.ladder(metrics["reattack"], [], ("a", "b"), gains)
-    assert plots.curves((metrics["train"], None), ("a", "b"))
-    assert plots.curves((None, {"history": [{"loss": math.nan}]}), ("a", "b")) is None
+    assert len(plots.curves({"a$": metrics["train"], "b": None})) == 2
+    assert plots.curves({"a": None, "b": {"history": [{"loss": math.nan}]}}) == []
     assert dict(matplotlib.rcParams) == before
+
+
+def ranges(text, kind):
+    """(left, width) of the intervals and the left of the dots that a kind of side has."""
+    bars = re.findall(rf'class="range {kind}"><i style="left: ([\d.]+)%; width: ([\d.]+)%">', text)
+    dots = re.findall(rf'class="range {kind}">(?:<i [^>]*></i>)?<b style="left: ([\d.]+)%">', text)
+    return [(float(a), float(b)) for a, b in bars], [float(d) for d in dots]
+
+
+def test_the_ladder_is_drawn_where_its_numbers_are(tmp_path, metrics):
+    read(tmp_path, metrics)
+    text = (tmp_path / "report.html").read_text("utf-8")
+    for kind, side in (("ours", metrics), ("baseline", metrics["baseline"]), ("start", metrics["start"])):
+        bars, dots = ranges(text, kind)
+        rows = side["reattack"]
+        assert dots == pytest.approx([100 * row["accuracy"] for row in rows], abs=0.01)
+        lows = [100 * row["accuracy_interval"][0] for row in rows]
+        assert [left for left, _ in bars] == pytest.approx(lows, abs=0.01)
+        highs = [100 * row["accuracy_interval"][1] for row in rows]
+        assert [left + width for left, width in bars] == pytest.approx(highs, abs=0.02)
+
+
+def test_every_attack_row_says_what_its_noise_is(tmp_path, metrics):
+    text = read(tmp_path, metrics).text
+    section = text[text.index("What the noise is in the photo") :].partition("Training")[0]
+    assert section.count("38.2") == 5 and section.count("0.987") == 5
+    printed = report.run_summary(metrics).splitlines()
+    attacks = [line for line in printed if "Moiré Attack" in line or line.startswith("PGD")]
+    assert len(attacks) == 5 and all(" 12  38.2 " in line for line in attacks)
+    assert "38.2" not in printed[2] and "38.2" not in printed[4]  # no controls
 
 
 def test_numbers_stay_on_one_line_with_their_units(tmp_path, metrics):

@@ -5,15 +5,21 @@ import torch
 from torch import nn
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.evaluation import Given, Index, complete, sweep, trust
+from moireaug.evaluation import SuiteConfig, images_frame, rates, trust
+from moireaug.evaluation.records import Records
+from moireaug.evaluation.runner import Runner, jobs_of
 
 SCENE = Scene(panel=Panel(scale=1.1), view=View(roll=(-5, 5)), lens=Lens(blur=0.3), sensor=Sensor(scale=2.0, gain=2.4))
 
 
 def verdicts(model, batch, eps=24 / 255, steps=10, scene=SCENE, targets=()):
-    given = Given(scene=scene, eps=eps, steps=steps, targets=dict(targets))
-    found = sweep(model, lambda _: batch, [0], scene, complete(trust.jobs(given)), seed=1)
-    checks = trust.checks(given, Index(r for new in found for r in new))
+    config = SuiteConfig(scene=scene, eps=(eps,), steps=steps, targets=dict(targets))
+    table = trust.trust(config)
+    runner = Runner(model, [batch], scene, Records(), seed=1)
+    for _ in runner.run(jobs_of([table]), (0,)):
+        pass
+    images = images_frame([table], runner, (0,))
+    checks = trust.checks(config, images, rates(images))
     assert [c.verdict for c in checks] == sorted((c.verdict for c in checks), key=("fail", "warning", "pass").index)
     return {c.name: c for c in checks}
 

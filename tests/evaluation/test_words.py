@@ -3,28 +3,38 @@
 import pytest
 
 from moireaug.evaluation import report
-from moireaug.evaluation.words import duration, headline, main_row
+from moireaug.evaluation.report.numbers import duration, points, tied
+from moireaug.evaluation.report.page import environment, title_of
+from moireaug.evaluation.report.run_view import run_view
+
+
+def headline(metrics):
+    """(title, lead, shares)."""
+    said = environment().get_template("headline.j2").module
+    run = run_view(metrics)
+    return said.title(run), said.lead(run), said.shares(run)
 
 
 def test_headline_says_what_was_gained_and_paid(metrics):
-    title, (lead, shares) = headline(metrics)
+    title, lead, shares = headline(metrics)
     assert title == "moire_at raises accuracy under the Moiré Attack from 8 % to 76 %"
-    assert "fooled the plainly trained model on 92 % of the images that it had right; it fools moire_at on 18 %" in lead
-    assert "rose from 8 % to 76 % (+68 points, 95 % interval +62 to +74, n = 200)" in lead
-    assert "clean accuracy went from 95.0 % to 90.0 %" in lead
-    assert "Training took 3 min 30 s, 3.0 times the 1 min 10 s of the baseline." in lead
-    assert (
-        "fools the plainly trained model on 20 %; to that the moiré adds 26 and the attacker’s noise 46 points"
-        in shares
+    assert lead == (
+        "Beside plain training of equal length, accuracy under the Moiré Attack rose from 8 % to 76 % "
+        "(+68 points, 95 % interval +62 to +74, n = 200); clean accuracy went from 95.0 % to 90.0 %. "
+        "The weights that both start from have 4 % under attack and 93.0 % clean. "
+        "Training took 4 min 30 s with its start, 2.1 times the 2 min 10 s of the baseline."
     )
-    assert "with moire_at it is 2 %, 1 and 15 points" in shares
+    assert shares == (
+        "Where these mistakes come from: the camera without moiré fools baseline on 20 %, to that the moiré adds 26 "
+        "and the attacker’s noise 46 points; moire_at on 2 %, 1 and 15 points."
+    )
 
 
 def test_headline_of_a_loss(metrics):
     metrics["reattack"], metrics["baseline"]["reattack"] = metrics["baseline"]["reattack"], metrics["reattack"]
     metrics["gain"] = {k: -v for k, v in metrics["gain"].items()}
     metrics["gain_interval"] = {k: [-high, -low] for k, (low, high) in metrics["gain_interval"].items()}
-    title, (lead, _) = headline(metrics)
+    title, lead, _ = headline(metrics)
     assert title == "moire_at lowers accuracy under the Moiré Attack from 76 % to 8 %"
     assert "fell from 76 % to 8 % (−68 points, 95 % interval −74 to −62" in lead
 
@@ -32,30 +42,71 @@ def test_headline_of_a_loss(metrics):
 @pytest.mark.parametrize("interval", [[-0.01, 0.05], [0.0, 0.04], [-0.03, 0.0]])
 def test_headline_of_a_difference_that_may_be_none(metrics, interval):
     metrics["gain"]["ma_4"], metrics["gain_interval"]["ma_4"] = 0.02, interval
-    title, (lead, _) = headline(metrics)
+    title, lead, _ = headline(metrics)
     assert "does not measurably change" in title
     assert "cannot tell from none" in lead and "rose" not in lead and "fell" not in lead
 
 
+def test_headline_without_a_baseline(metrics):
+    metrics |= {"baseline": None, "start": None}
+    title, lead, _ = headline(metrics)
+    assert title == "Accuracy under the Moiré Attack of moire_at: 76 %"
+    assert lead.startswith("The Moiré Attack at 4/255 fools moire_at on 18 % of the images that it had right.")
+
+
 def test_headline_is_about_the_plain_attack_at_the_middle_eps(metrics):
-    assert main_row(metrics)["name"] == "ma_4"
+    assert run_view(metrics)["main"]["name"] == "ma_4"
     metrics["reattack"] = [r for r in metrics["reattack"] if not r["name"].startswith("ma_")]
-    title, _ = headline(metrics)
-    assert "PGD on pixels 4/255" in title
+    assert "PGD on pixels 4/255" in headline(metrics)[0]
 
 
-@pytest.mark.parametrize("baseline", [True, False])
-def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, baseline):
+@pytest.mark.parametrize("beside", [("baseline", "start"), ("baseline",), ()])
+def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, beside):
     metrics["recipe"] = "a_recipe_with_a_very_long_name"
     metrics["data"] = metrics["model"] = metrics["scene_name"] = "x" * 80
-    metrics["reattack"][0]["title"] = "t" * 80
-    if not baseline:
-        metrics["baseline"] = None
-    lines = report.summary(metrics).splitlines()
+    metrics["reattack"][0]["name"] = "t" * 80
+    for name in {"baseline", "start"} - set(beside):
+        metrics[name] = None
+    lines = report.run_summary(metrics).splitlines()
     assert max(map(len, lines)) <= 100
     assert len({len(line) for line in lines[1 : 2 + len(metrics["reattack"])]}) == 1
-    assert "n = 200" in lines[0] and lines[-1].startswith("training: ") and "3 min 30 s" in lines[-1]
-    assert ("+68.0  [+62.0, +74.0]" in "\n".join(lines)) == baseline
+    assert "n = 200" in lines[0] and lines[-1].startswith("training: ") and "4 min 30 s" in lines[-1]
+    printed = "\n".join(lines)
+    assert ("+68.0 [+62.0, +74.0]" in printed) == ("baseline" in beside)
+    assert ("  baseline  " in lines[1]) == ("baseline" in beside)
+    assert ("  clean  " in lines[1]) == ("start" in beside)
+
+
+@pytest.mark.parametrize(
+    ("name", "section", "title"),
+    [
+        ("ma_4", "ladder", "Moiré Attack 4/255"),
+        ("ma_4_targeted", "ladder", "targeted Moiré Attack 4/255"),
+        ("random_8", "ladder", "moiré, random noise 8/255"),
+        ("ma_4", "columns", "MA ε = 4"),
+        ("moire", "columns", "moiré, δ = 0"),
+        ("eps_4", "rows", "ε = 4"),
+        ("median_3", "rows", "median 3 × 3"),
+        ("roll_15", "rows", "roll 15°"),
+        ("phone_at_laptop", "rows", "phone_at_laptop"),
+    ],
+)
+def test_titles(name, section, title):
+    assert title_of(name, section) == title
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(0.123, "+12.3"), (-0.004, "−0.4"), (0.0001, "0.0"), (None, "–"), (float("nan"), "–")]
+)
+def test_points(value, said):
+    assert points(value) == said
+
+
+def test_numbers_are_tied_to_their_units():
+    space = "\N{NO-BREAK SPACE}"
+    assert tied("8 % of n = 200, +3 points in 4 min") == (
+        f"8{space}% of n{space}={space}200, +3{space}points in 4{space}min"
+    )
 
 
 @pytest.mark.parametrize(

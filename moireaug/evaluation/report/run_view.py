@@ -95,7 +95,7 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
         first = attack and bool(rows) and not rows[-1]["attack"]
         row = {
             "name": line["name"],
-            "title": str(line.get("title") or title_of(line["name"], "ladder")),
+            "title": title_of(line["name"], "ladder"),
             "attack": attack,
             "first_attack": first,
             "eps": finite(line.get("eps")) or 0.0,
@@ -208,8 +208,8 @@ def _unanswered(sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
     found = []
     for side in sides.values():
         for row in side["reattack"]:
-            if row.get("undecided"):
-                shown = f"{name_of(side)}, {row.get('title') or title_of(row['name'], 'ladder')}"
+            if finite(row.get("undecided")):
+                shown = f"{name_of(side)}, {title_of(row['name'], 'ladder')}"
                 found.append({"undecided": row["undecided"], "n": row.get("n", 0), "shown": shown})
     return found
 
@@ -240,6 +240,6 @@ def _cost(metrics: Metrics, baseline: Metrics | None) -> dict[str, Any] | None:
             values.append(values[1] / values[0])
         elif len(values) == 2:
             values.append(None)
-        lines.append({"title": title, "values": values, "digits": digits})
+        lines.append({"title": title, "figures": values, "digits": digits})
     names = [*sides, "ratio"] if len(sides) == 2 else list(sides)
     return {"sides": names, "lines": lines}

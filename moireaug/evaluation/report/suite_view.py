@@ -42,7 +42,14 @@ def suite_view(
     unanswered = _unanswered(lines)
     first = with_verdict[0] if with_verdict else None
     seconds = metrics.get("time") or {}
-    paragraphs = render("suite_lead.j2", first=first, tables=views, unanswered=unanswered, metrics=metrics)
+    paragraphs = render(
+        "suite_lead.j2",
+        first=first,
+        tables=views,
+        unanswered=unanswered,
+        checks=metrics.get("trust") or [],
+        trust_n=metrics.get("trust_n"),
+    )
     return {
         "name": name_of(metrics),
         "tables": views,

@@ -9,8 +9,7 @@ from moireaug.evaluation.report.numbers import codes, duration, number, percent,
 from moireaug.evaluation.report.page import render, title_of
 from moireaug.evaluation.report.run_view import Metrics, Rate, run_view
 
-WIDE = 100
-TITLE, NAME = 29, 10
+TITLE, NAME = 27, 10
 
 
 def grid(rows: Sequence[Sequence[str]]) -> list[str]:
@@ -35,7 +34,7 @@ def run_summary(metrics: Metrics) -> str:
     if run["rows"]:
         lines += grid([_head(run), *[_line(run, row) for row in run["rows"]]])
     if run["noise"]:
-        lines.append("change: the largest of any code of 255, and PSNR in dB, by the noise of this model's attack")
+        lines.append("codes, dB: largest change of a code of 255, and PSNR, by the noise against this model")
     lines += _training(run)
     if run["unanswered"]:
         lines.append(render("unanswered.j2", found=run["unanswered"]))
@@ -45,7 +44,7 @@ def run_summary(metrics: Metrics) -> str:
 def _head(run: dict[str, Any]) -> list[str]:
     names = [short(side["name"], NAME) for side in run["sides"]]
     ends = ["gain [95 %]"] if run["baseline"] else ["95 %"]
-    change = ["change", "dB"] if run["noise"] else []
+    change = ["codes", "dB"] if run["noise"] else []
     return ["", "eps", *change, *names, *ends]
 
 
@@ -71,7 +70,7 @@ def _training(run: dict[str, Any]) -> list[str]:
     """Return what training took, with the weights that it started from."""
     if run["seconds"] is None:
         return []
-    text = f"training: {short(run['name'], 30)} {duration(run['seconds'])}"
+    text = f"training: {short(run['name'], 20)} {duration(run['seconds'])}"
     if run["start"]:
         text += " with its start"
     if run["seconds_theirs"]:

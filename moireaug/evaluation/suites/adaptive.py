@@ -56,7 +56,7 @@ def adaptive(config: SuiteConfig) -> Table:
 
 def standard(config: SuiteConfig) -> Table:
     """The ensemble that this field expects, on the raw reading, each image at its worst attacker."""
-    raise NotImplementedError
+    return worst_case(config)
 
 
 def worst_case(config: SuiteConfig) -> Table:

@@ -1,0 +1,102 @@
+"""The public function: a stranger's model, in a few lines."""
+
+import numpy as np
+import pytest
+import torch
+from torch.utils.data import DataLoader, TensorDataset
+
+from moireaug import evaluation
+from moireaug.attacks import MoireAttack
+from moireaug.evaluation import evaluate, rates
+from moireaug.scene.scene import Scene
+
+
+@pytest.fixture
+def loader(known):
+    images, labels = (torch.cat(parts) for parts in zip(*known[1], strict=True))
+    return DataLoader(TensorDataset(images, labels), batch_size=8)
+
+
+def test_a_frame_has_a_line_a_cell_and_image(known, loader):
+    frame = evaluate(known[0], loader, steps=2, progress=False)
+    lines = rates(frame)
+    assert len(frame) == 16 * len(lines) and set(frame["table"]) == {"ladder"}
+    assert list(frame.columns[:3]) == ["table", "row", "column"]
+    for row, cell in frame.groupby("row"):
+        line = lines.set_index("row").loc[row]
+        assert sorted(cell["image"]) == list(range(16))
+        assert line["accuracy"] == cell["correct"].mean()
+        assert (cell["correct"] == (cell["predicted"] == cell["label"])).all()
+    attacks = frame[~frame["control"]]
+    assert attacks["psnr"].notna().all() and frame[frame["control"]]["psnr"].isna().all()
+
+
+def test_any_callable_will_do(known, loader):
+    model = known[0]
+    frame = evaluate(lambda x: model(x), loader, steps=2, progress=False)
+    whole = evaluate(model, loader, steps=2, progress=False)
+    assert (frame["predicted"] == whole["predicted"]).all()
+
+
+def test_any_loader_will_do(known):
+    """Lists, generators, numpy and bytes; n may cut a batch."""
+    model, batches = known
+    images = [(255 * x).round().byte() for x, _ in batches]
+    pairs = [(x.numpy(), y.numpy()) for x, (_, y) in zip(images, batches, strict=True)]
+    frame = evaluate(model, (pair for pair in pairs), steps=1, n=11, progress=False)
+    exact = [(x.float() / 255, y) for x, (_, y) in zip(images, batches, strict=True)]
+    same = evaluate(model, exact, steps=1, n=11, progress=False)
+    assert frame["image"].nunique() == 11 and frame["predicted"].equals(same["predicted"])
+
+
+def test_the_attack_is_the_attack(known, loader):
+    """The frame's figure is what MoireAttack finds by itself on the same shots."""
+    model, batches = known
+    frame = evaluate(model, loader, eps=(32 / 255,), steps=3, progress=False)
+    found = []
+    scene = Scene.preset("screen_photo")
+    from moireaug.evaluation.statistics import mix
+
+    for index, (images, labels) in enumerate(batches):
+        shot = scene.sample(8, (16, 16), torch.Generator().manual_seed(mix(0, index, 0)))
+        found += MoireAttack(model, scene=scene, eps=32 / 255, steps=3)(images, labels, shot=shot).success.tolist()
+    cell = frame[frame["row"] == "ma_32"]
+    assert cell["fooled"].tolist() == found
+
+
+def test_records_are_taken_up(known, loader, tmp_path, monkeypatch):
+    first = evaluate(known[0], loader, steps=1, folder=tmp_path, progress=False)
+    lines = (tmp_path / "records-0.jsonl").read_text()
+
+    def never(*_, **__):
+        raise AssertionError("attacked again")
+
+    monkeypatch.setattr(MoireAttack, "__call__", never)
+    again = evaluate(known[0], loader, steps=1, folder=tmp_path, progress=False)
+    assert again.equals(first) and (tmp_path / "records-0.jsonl").read_text() == lines
+    with pytest.raises(AssertionError, match="attacked again"):
+        evaluate(known[0], loader, steps=2, folder=tmp_path, progress=False)
+
+
+def test_a_suite_of_several_tables(known, loader):
+    lines = rates(evaluate(known[0], loader, suite="recipes", scene="phone_at_laptop", steps=1, progress=False))
+    assert set(lines["table"]) == set(evaluation.GROUPS["recipes"])
+    assert np.isfinite(lines["success"]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"suite": "lader"}, "suite must be one of .* got 'lader'. Did you mean 'ladder'"),
+        ({"loader": []}, "loader yields no images"),
+        ({"loader": [{"image": 1}]}, "must yield .images, labels.; got a dict"),
+        ({"scene": "nowhere"}, "nowhere"),
+        ({"model": lambda x: x.mean((1, 2, 3)), "folder": "out"}, "keeps records by the model's weights"),
+    ],
+)
+def test_mistakes_get_a_sentence(known, loader, change, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call = {"model": known[0], "loader": loader, "progress": False} | change
+    with pytest.raises((ValueError, TypeError), match=message):
+        evaluate(**call)
+    assert not list(tmp_path.iterdir())

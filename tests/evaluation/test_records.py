@@ -1,0 +1,90 @@
+"""Records: whole lines alone, from any number of processes, whatever stopped them."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from moireaug.evaluation.records import RecordFolder, Records, key_of
+from moireaug.files import write_text
+
+RECORD = {"key": "a", "predicted": [1]}
+
+
+def keys(folder):
+    with RecordFolder(folder) as records:
+        return set(records._known)
+
+
+def test_a_folder_keeps_whole_records_alone(tmp_path):
+    with RecordFolder(tmp_path) as one, RecordFolder(tmp_path) as two:
+        one.append([RECORD])
+        two.append([RECORD | {"key": "b"}])
+        assert {p.name for p in tmp_path.glob("*.jsonl")} == {"records-0.jsonl", "records-1.jsonl"}
+        with (tmp_path / "records-0.jsonl").open("a") as file:
+            file.write('{"key": "c", "predic')  # killed while it wrote
+        assert "b" not in one
+        one.read()
+        assert "b" in one and len(one) == 2
+    with RecordFolder(tmp_path) as again:
+        assert set(again._known) == {"a", "b"}
+        again.append([RECORD | {"key": "c"}])
+    assert keys(tmp_path) == {"a", "b", "c"}
+    assert all(json.loads(line) for line in (tmp_path / "records-0.jsonl").read_text().splitlines())
+
+
+@pytest.mark.parametrize("broken", ['{"key": "b", "pre', "[1]", "7", "{}", "\x00\xff"])
+def test_a_broken_line_is_left_out(tmp_path, broken):
+    (tmp_path / "records-0.jsonl").write_text(broken + "\n" + json.dumps(RECORD) + "\n")
+    assert keys(tmp_path) == {"a"}
+
+
+def test_reading_alone_writes_nothing(tmp_path):
+    assert keys(tmp_path / "new") == set()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_killed_process_leaves_its_file_to_the_next(tmp_path):
+    """Its lock is the kernel's, and ends with it."""
+    code = (
+        "import os, pathlib, sys; from moireaug.evaluation.records import RecordFolder;"
+        "r = RecordFolder(pathlib.Path(sys.argv[1])); r.append([{'key': 'killed'}]); os.kill(os.getpid(), 9)"
+    )
+    killed = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    assert killed.returncode == -9
+    with RecordFolder(tmp_path) as records:
+        records.append([RECORD])
+    assert keys(tmp_path) == {"killed", "a"} and not (tmp_path / "records-1.jsonl").exists()
+
+
+def test_pictures_come_back_as_they_were_kept(tmp_path):
+    shown = torch.randint(0, 256, (6, 3, 5, 7)) / 255
+    with RecordFolder(tmp_path) as records:
+        records.keep_picture("p", shown)
+        kept = records.picture("p")
+        assert records.picture("q") is None
+    assert kept.shape == (4, 5, 7, 3)
+    assert torch.equal(torch.tensor(kept).permute(0, 3, 1, 2), (255 * shown[:4]).round().byte())
+
+
+def test_in_memory_nothing_is_written(tmp_path):
+    with Records() as records:
+        records.append([RECORD])
+        records.keep_picture("p", torch.zeros(1, 3, 2, 2))
+        assert "a" in records and records["a"] == RECORD and records.picture("p") is None
+
+
+def test_a_key_depends_on_the_meaning_alone():
+    assert key_of({"a": 1, "b": [2.0]}) == key_of({"b": [2.0], "a": 1})
+    assert key_of({"a": 1, "b": [2.0]}) != key_of({"a": 1, "b": [2.5]})
+
+
+def test_a_text_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "deep" / "page.html"
+    write_text(path, "older")
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        write_text(path, "newer")
+    assert path.read_text() == "older" and [p.name for p in path.parent.iterdir()] == ["page.html"]

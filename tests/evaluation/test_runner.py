@@ -1,0 +1,288 @@
+"""The runner: the same figures however the work is cut, and nothing computed twice."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Scene
+from moireaug.evaluation import Cell, Table, images_frame, rates
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.conditions import Clean, Condition, Photo, PhotoWithoutMoire, RandomNoise, Rotated
+from moireaug.evaluation.judges import UNDEFENDED, Judge, another
+from moireaug.evaluation.records import Records
+from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.tables import crossed
+
+from .conftest import classifier
+
+SCENE = Scene.preset("screen_photo")
+EPS = 8 / 255
+
+
+def hazy(images):
+    """A randomised defence."""
+    return (images + 0.3 * torch.rand(images.shape)).clamp(0, 1)
+
+
+HAZE = Judge("haze", defence=hazy)
+CONDITIONS = {
+    "moire": Photo(),
+    "random": RandomNoise(eps=EPS),
+    "ma": MoireAttacker(eps=EPS, steps=2),
+    "pgd": PixelAttacker(attack="pgd", eps=EPS, steps=2),
+}
+TABLE = Table("mine", tuple(crossed({"none": UNDEFENDED, "haze": HAZE}, CONDITIONS)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mine(Condition):
+    """Shows what a function of the batch says."""
+
+    kind = "mine"
+    function: object = None
+    title: str = "mine"
+
+    @property
+    def base_name(self):
+        return self.title
+
+    def show(self, batch):
+        return self.function(batch)
+
+    def settings(self):
+        return {"kind": self.kind, "title": self.title}
+
+
+def table_of(*conditions, judge=UNDEFENDED):
+    return Table("mine", tuple(Cell(c.name, "shown", (c,), judge) for c in conditions))
+
+
+class Kept(Records):
+    """Records that keep the pictures too."""
+
+    def __init__(self):
+        super().__init__()
+        self.pictures = {}
+
+    def keep_picture(self, name, shown):
+        self.pictures[name] = shown
+
+
+def ran(known, table=TABLE, indices=(0, 1), seed=3, records=None, scene=SCENE):
+    model, batches = known
+    runner = Runner(model, batches, scene, Kept() if records is None else records, seed=seed)
+    for _ in runner.run(jobs_of([table]), indices):
+        pass
+    return runner
+
+
+def results(runner):
+    """Everything but the time, which differs."""
+    found = {}
+    for key, record in runner.records._known.items():
+        found[key] = {name: value for name, value in record.items() if name != "seconds"}
+    return found
+
+
+def test_any_cut_of_the_work_gives_the_same_figures(known):
+    whole = results(ran(known))
+    # the clean images before the model, four conditions before it and behind the haze
+    assert len(whole) == 2 * (1 + 4 * 2)
+    halves = results(ran(known, indices=(1,))) | results(ran(known, indices=(0,)))
+    assert halves == whole
+    alone = results(ran(known, table_of(RandomNoise(eps=EPS), judge=HAZE)))
+    assert alone.items() <= whole.items()
+
+
+def test_another_seed_gives_others(known):
+    same, other = ran(known), ran(known, seed=4)
+    assert not results(same).keys() & results(other).keys()
+    clean = same.record(Clean(), UNDEFENDED, 0)
+    assert other.record(Clean(), UNDEFENDED, 0)["targets"] != clean["targets"]
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        MoireAttacker(eps=EPS, steps=3),
+        MoireAttacker(eps=EPS / 2, steps=2),
+        MoireAttacker(eps=EPS, steps=2, restarts=2),
+        MoireAttacker(eps=EPS, steps=2, targeted=True),
+        MoireAttacker(eps=EPS, steps=2, scene=Scene.preset("paper")),
+    ],
+)
+def test_a_key_changes_with_every_setting(known, changed):
+    runner = ran(known)
+    plain = CONDITIONS["ma"]
+    assert runner.key(plain, UNDEFENDED, 0) in runner.records
+    assert runner.key(changed, UNDEFENDED, 0) not in runner.records
+    assert runner.key(plain, Judge("other"), 0) not in runner.records
+
+
+def test_a_key_changes_with_weights_scene_and_pixels(known):
+    model, batches = known
+    runner = ran(known)
+    plain = CONDITIONS["ma"]
+    key = runner.key(plain, UNDEFENDED, 0)
+    assert Runner(model, batches, SCENE, Records(), seed=3).key(plain, UNDEFENDED, 0) == key
+    for other in (
+        Runner(classifier(1), batches, SCENE, Records(), seed=3),
+        Runner(model, batches, Scene.preset("phone_at_laptop"), Records(), seed=3),
+        Runner(model, [(x * 0.5, y) for x, y in batches], SCENE, Records(), seed=3),
+        Runner(model, [(x, (y + 1) % 4) for x, y in batches], SCENE, Records(), seed=3),
+    ):
+        assert other.key(plain, UNDEFENDED, 0) != key
+
+
+def test_what_is_done_is_not_done_again(known):
+    calls = []
+
+    def show(batch):
+        calls.append(len(batch.images))
+        return batch.images
+
+    both = Table("mine", tuple(crossed({"none": UNDEFENDED, "haze": HAZE}, {"mine": Mine(function=show)})))
+    first = ran(known, both)
+    assert calls == [8, 8]
+    ran(known, both, records=first.records)
+    assert calls == [8, 8]
+    half = Records()
+    half.append([r for r in first.records._known.values() if r["judge"] != "haze"])
+    again = ran(known, both, records=half)
+    assert calls == [8, 8, 8, 8] and results(again) == results(first)
+
+
+@pytest.mark.filterwarnings("ignore:.*NVIDIA driver.*")
+def test_what_does_not_fit_is_shown_in_halves(known):
+    def show(batch):
+        if len(batch.images) > 2:
+            raise torch.OutOfMemoryError("too much")
+        return batch.images * 0.5
+
+    half = Mine(function=show)
+    record = ran(known, table_of(half), (0,)).record(half, UNDEFENDED, 0)
+    model, batches = known
+    assert record["predicted"] == model(batches[0][0] * 0.5).argmax(1).tolist()
+
+    def never(batch):
+        raise torch.OutOfMemoryError("not even one")
+
+    with pytest.raises(torch.OutOfMemoryError, match="not even one"):
+        ran(known, table_of(Mine(function=never)), (0,))
+
+
+def test_success_is_counted_on_what_the_judge_has_right(known):
+    def contrary(x):
+        """Says the opposite of bright images."""
+        return torch.where((x.mean((1, 2, 3)) > 0.5)[:, None], -1, 1) * known[0](x)
+
+    stranger = another("stranger", contrary)
+    judges = {"model": UNDEFENDED, "stranger": stranger, "haze": HAZE}
+    table = Table("mine", tuple(crossed(judges, {"moire": Photo()})))
+    runner = ran(known, table)
+    asked = {r["judge"] for r in runner.records._known.values() if r["condition"] == "clean"}
+    assert asked == {"model", "stranger#"}
+    frame = images_frame([table], runner, (0, 1)).set_index("row")
+    # behind a defence, the model without it counts
+    assert frame.loc["model", "counted"].sum() == frame.loc["haze", "counted"].sum() == 16
+    right = []
+    for index in (0, 1):
+        clean = runner.record(Clean(), stranger, index)
+        right += [p == y for p, y in zip(clean["predicted"], clean["labels"], strict=True)]
+    assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
+
+
+def test_a_target_is_another_class(known):
+    for r in ran(known).records._known.values():
+        assert all(t != y and 0 <= t < 4 for t, y in zip(r["targets"], r["labels"], strict=True))
+
+
+def test_conditions_of_one_scene_share_their_shots(known):
+    seen = {}
+
+    def spy(name):
+        def show(batch):
+            seen[name] = batch.shot.to_dict()
+            return batch.images
+
+        return Mine(function=show, title=name)
+
+    far = Scene.preset("phone_at_laptop")
+    ran(known, table_of(spy("a"), spy("b"), spy("c").at("far", far), spy("d").at("far", far)), (0,))
+    assert seen["a"] == seen["b"] and seen["c"] == seen["d"] and seen["a"] != seen["c"]
+
+
+def test_rotated_is_bright_and_still_turned(known):
+    grey = torch.full((2, 3, 32, 32), 0.6)
+    batches = [(grey, torch.zeros(2, dtype=torch.long))]
+    table = table_of(Rotated(), PhotoWithoutMoire())
+    runner = ran((known[0], batches), table, (0,), scene=Scene.preset("paper"))
+    rotated = runner.records.pictures[runner.picture_name(Rotated())]
+    plain = runner.records.pictures[runner.picture_name(PhotoWithoutMoire())]
+    middle = (..., slice(12, 20), slice(12, 20))
+    assert torch.allclose(rotated[middle], grey[middle], atol=1e-5)
+    assert torch.allclose(plain[middle], grey[middle] / 3, atol=1e-5)
+    assert rotated[..., 0, 0].max() < 0.6 or rotated.amin() < 0.1  # the dark beside a turned screen
+
+
+def test_measures_are_means_over_the_images(known):
+    attack = MoireAttacker(eps=EPS, steps=1)
+    runner = ran(known, table_of(attack))
+    (line,) = rates(images_frame([table_of(attack)], runner, (0, 1))).to_dict("records")
+    each = []
+    for index in (0, 1):
+        each += runner.record(attack, UNDEFENDED, index)["measured"]["psnr"]
+    assert len(each) == 16 and line["psnr"] == pytest.approx(np.mean(each))
+    assert line["largest"] > 0 and line["ssim"] < 1
+
+
+def test_a_model_that_returns_no_logits_gets_a_sentence(known):
+    bad = Judge("bad", model=lambda shown: shown)
+    with pytest.raises(ValueError, match=r"must return logits \(B, K\)"):
+        ran(known, table_of(Clean(), judge=bad), (0,))
+
+
+def test_the_model_keeps_its_mode(known):
+    model = nn.Sequential(classifier(), nn.BatchNorm1d(4)).train()
+    state = {k: v.clone() for k, v in model.state_dict().items()}
+    ran((model, known[1]), indices=(0,))
+    assert model.training
+    assert all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
+
+
+def test_an_attempt_that_did_not_fit_leaves_no_trace(known):
+    """Its random numbers are drawn again by the halves."""
+    seen = []
+
+    def show(batch):
+        n = len(batch.images)
+        noise = torch.rand(n, generator=batch.generator), torch.rand(n)
+        if n > 4 and not seen:
+            seen.append(None)
+            raise torch.OutOfMemoryError("too much")
+        seen.append(noise)
+        return batch.images
+
+    table = table_of(Mine(function=show))
+    ran(known, table, (0,))
+    halves = seen[1:]
+    seen[:] = [None]
+    ran(known, table, (0,))
+    (whole,) = seen[1:]
+    for k in (0, 1):
+        assert torch.equal(torch.cat([h[k] for h in halves]), whole[k])
+
+
+def test_a_model_without_a_choice_is_refused(known):
+    batches = [(torch.rand(2, 3, 8, 8), torch.zeros(2, dtype=torch.long))]
+    with pytest.raises(ValueError, match="at least two classes apart; it returns 1 logit"):
+        ran((lambda x: x.mean((1, 2, 3))[:, None], batches), indices=(0,))
+
+
+def test_records_that_are_missing_are_counted(known):
+    runner = ran(known, indices=(0,))
+    jobs = jobs_of([TABLE])
+    assert runner.missing(jobs, (0,)) == 0 and runner.missing(jobs, (0, 1)) == 9

@@ -1,0 +1,191 @@
+"""Suites: the worst case is its attackers' worst, image by image; unseen scenes are other scenes; every published figure
+stands beside a cell."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Scene
+from moireaug.evaluation import GROUPS, SUITES, SuiteConfig, images_frame, rates, tables_of
+from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
+from moireaug.evaluation.frame import cell_of, read_published, with_paper
+from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.records import Records
+from moireaug.evaluation.report.page import render
+from moireaug.evaluation.report.suite_view import suite_view
+from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.suites.adaptive import CAMERA
+from moireaug.evaluation.suites.scenes import OWN, other_scenes
+from moireaug.scene.presets import PRESETS
+
+SCENE = Scene.preset("screen_photo")
+CONFIG = SuiteConfig(scene=SCENE, steps=2)
+
+
+def run_suite(model, batches, suite, config=CONFIG):
+    """(tables by name, images, rates, runner)."""
+    tables = tables_of(suite, config)
+    runner = Runner(model, batches, config.scene, Records(), seed=3)
+    for _ in runner.run(jobs_of(tables), range(len(batches))):
+        pass
+    images = images_frame(tables, runner, range(len(batches)))
+    return {table.name: table for table in tables}, images, rates(images), runner
+
+
+@pytest.fixture(scope="module")
+def measured(known):
+    return run_suite(*known, "recipes")
+
+
+def test_groups_share_out_the_suites():
+    assert GROUPS["recipes"] == ("worst_case", "unseen")
+    alone = {"ladder", "standard", "trust"}
+    assert sorted(GROUPS["paper"] + GROUPS["recipes"]) == sorted(SUITES.keys() - alone)
+    assert [table.name for table in tables_of("paper", CONFIG)] == list(GROUPS["paper"])
+    assert [table.name for table in tables_of("unseen", CONFIG)] == ["unseen"]
+
+
+@pytest.mark.parametrize("name", sorted(SUITES))
+def test_conditions_of_one_name_are_one(name):
+    """A record is looked up by what it means; within a suite its name must mean one thing."""
+    (table,) = tables_of(name, CONFIG)
+    seen = {}
+    for cell in table.cells:
+        for condition in cell.conditions:
+            known = seen.setdefault(condition.name, condition)
+            assert known.settings() == condition.settings() and known.scene == condition.scene
+
+
+def test_every_published_figure_has_a_cell():
+    targets = {name: nn.Identity() for name in ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")}
+    config = dataclasses.replace(CONFIG, targets=targets)
+    config = dataclasses.replace(config, defences={**config.defences, "quilting": nn.Identity()})
+    cells = set()
+    for table in tables_of("paper", config):
+        assert table.published
+        cells |= {(table.name, cell.row, cell.column) for cell in table.cells}
+    published = read_published()
+    assert len(published) == 125 and published["paper"].between(0, 1).all()
+    missing = [line for line in published[["table", "row", "column"]].itertuples(index=False) if tuple(line) not in cells]
+    assert not missing
+
+
+def test_the_papers_figures_stand_beside_its_own_bound_alone(known):
+    for eps, wanted in ((4 / 255, True), (16 / 255, False)):
+        config = dataclasses.replace(CONFIG, eps=(eps,), steps=1)
+        tables, _, lines, _ = run_suite(*known, "noise_position", config)
+        told = with_paper(lines, list(tables.values()))
+        assert told["paper"].notna().any() == wanted
+        if wanted:
+            assert cell_of(told, "jpeg_20", "moire_bim")["paper"] == 0.857
+
+
+def test_the_worst_case_is_each_images_worst(measured):
+    tables, images, lines, _ = measured
+    table = tables["worst_case"]
+    assert table.rows == ["eps_4", "eps_8"]
+    for row in table.rows:
+        own = images[(images["table"] == "worst_case") & (images["row"] == row)]
+        outcomes = own[own["column"].isin(CAMERA)].groupby("image")["correct"].all()
+        worst = cell_of(lines, row, "worst")
+        assert worst["accuracy"] == outcomes.mean() and worst["n"] == 16
+        each = [cell_of(lines, row, column)["accuracy"] for column in CAMERA]
+        assert worst["accuracy"] <= min(each)
+        assert worst["success"] == 1 - worst["accuracy"]  # every image counts
+
+
+def test_pixels_and_chance_are_no_part_of_the_worst_case(measured):
+    table = measured[0]["worst_case"]
+    for row in table.rows:
+        worst = {condition.name for condition in table.cell(row, "worst").conditions}
+        assert len(worst) == len(CAMERA)
+        for column in ("clean", "random", "pgd"):
+            (beside,) = table.cell(row, column).conditions
+            assert beside.name not in worst
+
+
+def test_the_controls_are_the_ladders(measured, known):
+    _, _, ladder, _ = run_suite(*known, "ladder")
+    accuracy = ladder.set_index("row")["accuracy"]
+    for row, column, name in (
+        ("eps_4", "clean", "clean"), ("eps_4", "moire", "moire"), ("eps_8", "moire", "moire"), ("eps_4", "ma", "ma_4"),
+        ("eps_4", "pgd", "pgd_4"), (OWN, "moire", "moire"), (OWN, "no_moire", "no_moire"),
+    ):  # fmt: skip
+        assert cell_of(measured[2], row, column)["accuracy"] == accuracy[name], (row, column)
+
+
+def test_unseen_scenes_are_others_in_the_images_frame():
+    registered = {name for name, scene in PRESETS.items() if scene.develop.registered}
+    assert {"paper", "paper_code"}.isdisjoint(registered)
+    for name in PRESETS:
+        scene = Scene.preset(name)
+        assert set(other_scenes(scene)) == registered - {name}
+        (table,) = tables_of("unseen", dataclasses.replace(CONFIG, scene=scene))
+        assert table.rows == [OWN, *other_scenes(scene)] and table.facts["own"] == name
+    custom = dataclasses.replace(SCENE, view=dataclasses.replace(SCENE.view, roll=1.0))
+    assert set(other_scenes(custom)) == registered
+
+
+def test_an_unseen_scene_is_what_that_scene_shows(measured, known):
+    scene = Scene.preset("dashcam_at_led_sign")
+    runner = run_suite(*known, "unseen", dataclasses.replace(CONFIG, scene=scene))[3]
+    for condition, column in ((Photo(), "moire"), (PhotoWithoutMoire(), "no_moire")):
+        right = 0
+        for index in (0, 1):
+            record = runner.record(condition, UNDEFENDED, index)
+            right += np.equal(record["predicted"], record["labels"]).sum()
+        there = cell_of(measured[2], "dashcam_at_led_sign", column, "unseen")
+        assert there["accuracy"] == right / 16
+
+
+def test_photos_of_one_image_are_no_independent_trials(known):
+    """Eight angles of sixteen images have the interval of sixteen."""
+    _, images, lines, _ = run_suite(*known, "threat")
+    pooled = cell_of(lines, "monitor, Sony", "all")
+    assert pooled["n"] == 128 and pooled["condition"] == "8 pooled"
+    assert images[images["column"] == "all"]["image"].nunique() == 16
+    angles = lines[(lines["row"] == "monitor, Sony") & lines["column"].str.startswith("angle_")]
+    assert pooled["success"] == pytest.approx(angles["success"].mean())
+    assert pooled["high"] - pooled["low"] > 0.15  # a Wilson interval of 128 would be 0.1 wide at 0.06
+
+
+def test_a_scene_without_a_choice_of_pose_says_so():
+    still = dataclasses.replace(SCENE, view=dataclasses.replace(SCENE.view, yaw=0.0, pitch=0.0, roll=0.0))
+    (table,) = tables_of("adaptive", dataclasses.replace(CONFIG, scene=still))
+    assert "turning" in table.columns  # the panel still varies
+    (table,) = tables_of("adaptive", dataclasses.replace(CONFIG, scene=Scene.preset("paper_code")))
+    assert "turning" not in table.columns and table.facts["why_not_turned"].startswith("optimise")
+
+
+def test_the_tables_say_what_they_show(measured):
+    tables, _, lines, _ = measured
+    metrics = {"model": "m", "suite": "recipes"}
+    view = suite_view(metrics, list(tables.values()), with_paper(lines, list(tables.values())), {})
+    worst, unseen = view["tables"]
+    assert worst["natural"] is None and unseen["verdict"] is None
+    assert worst["verdict"]["attack"] == cell_of(lines, "eps_4", "worst")["success"]
+    lead = view["paragraphs"]
+    assert lead[0].startswith("The worst of the attackers. ε = 4: the photo alone fools ")
+    assert lead[1].startswith("Without any attacker the moiré adds most for ")
+    told = render("suite.md.j2", suite=view, metrics=metrics | {"trust": [], "data": "", "n": 0, "steps": 0, "scene_name": "", "command": ""})
+    assert "| own scene |" in told and ", screen_photo;" in told and "nan" not in told
+
+
+class Deaf(nn.Module):
+    """Says one class, whatever it is shown."""
+
+    def forward(self, images):
+        return torch.tensor([0.0, 1.0, 0.0]).expand(len(images), 3) + 0 * images.mean((1, 2, 3))[:, None]
+
+
+@pytest.mark.parametrize("suite", ["recipes", "adaptive", "jpeg"])
+def test_nothing_fools_a_model_that_does_not_look(known, suite):
+    """Negative control: a table that finds success here counts wrongly."""
+    batches = [(known[1][0][0], torch.tensor([1, 1, 1, 1, 1, 1, 0, 2]))]
+    lines = run_suite(Deaf().eval(), batches, suite)[2]
+    for line in lines.to_dict("records"):
+        found = (line["success"], line["accuracy"], line["counted"])
+        assert found == (0.0, 0.75, 6), (line["row"], line["column"])
