@@ -87,7 +87,7 @@ def sentences(kept: str) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         again = runs.command([a for a in sys.argv if not a.startswith("resume=")])
-        rank_zero_only(print)(f"\nInterrupted. {kept}; resume with the same command:\n  {again}")
+        rank_zero_only(print)(f"\nInterrupted. {kept}; the same command continues:\n  {again}")
         raise SystemExit(130) from None
     except Exception as error:
         job = _job_of_a_sweep()
