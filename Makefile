@@ -8,7 +8,7 @@ VENV := .venv/bin
 fit: .venv/installed
 	$(VENV)/python training/fit.py recipe=moire_at
 
-test: .venv/installed-dev
+test: .venv/installed-all
 	$(VENV)/ruff check .
 	$(VENV)/ruff format --check .
 	OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(VENV)/python -m pytest -n auto --maxprocesses 8 --dist worksteal
@@ -18,11 +18,11 @@ test: .venv/installed-dev
 	$(PYTHON) -m venv .venv
 
 .venv/installed: .venv/bin/python pyproject.toml
-	$(VENV)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(VENV)/python -m pip install --quiet --disable-pip-version-check --editable ".[train]"
 	touch $@
 
-.venv/installed-dev: .venv/installed
-	$(VENV)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+.venv/installed-all: .venv/installed
+	$(VENV)/python -m pip install --quiet --disable-pip-version-check --editable ".[all]"
 	touch $@
 
 clean:

@@ -1,23 +1,59 @@
-"""Files that are whole or not there."""
+"""Files that are written whole or not at all."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import shutil
 from pathlib import Path
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all; its folder is made where it is missing."""
-    write_bytes(path, text.encode("utf-8", "replace"))  # a folder may name a class in no known encoding
+    """Write a text file in UTF-8, whole or not at all.
+
+    Args:
+        path: its folder is made where it is missing.
+        text: characters that UTF-8 cannot encode, as in the name of a strange folder, become "?".
+
+    Raises:
+        OSError: as `write_bytes`.
+    """
+    write_bytes(path, text.encode("utf-8", "replace"))
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write bytes whole or not at all."""
+def write_bytes(path: Path, data: bytes | memoryview) -> None:
+    """Write a file whole or not at all: beside the old one first, synced to the disk, then in its place.
+
+    Whatever interrupts it, `path` holds either the old content or the new one. A process that is killed while it
+    writes leaves a `.<name>.<pid>.tmp` behind, and nothing else.
+
+    Args:
+        path: its folder is made where it is missing.
+        data: the new content.
+
+    Raises:
+        OSError: the disk is full or not writable; says how many MB are needed and how many are free.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        unfinished.write_bytes(data)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with unfinished.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(unfinished, path)
+    except OSError as error:
+        raise OSError(_sentence(path, len(data), error)) from error
     finally:
-        unfinished.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            unfinished.unlink()
+
+
+def _sentence(path: Path, size: int, error: OSError) -> str:
+    """Say what a file of `size` bytes needs, and what is left of the old one."""
+    sentence = f"{path} could not be written ({error.strerror or error}): it needs {size / 1e6:.1f} MB"
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    free = shutil.disk_usage(folder).free / 1e6
+    sentence += f", and {free:.1f} MB are free."
+    return f"{sentence} An older file there is still whole. Make room, and give the same command again."

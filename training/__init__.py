@@ -1,1 +1,5 @@
-"""Training against the moiré: data, models, recipes and the report."""
+"""Recipes for robust training, and the re-attack of what was trained: `fit.py`, `reattack.py` and `frontier.py`."""
+
+from moireaug.extras import require
+
+require("train", "training")

@@ -11,7 +11,7 @@ from torch.utils.data import DataLoader, Dataset
 from torch.utils.data.distributed import DistributedSampler
 
 from training.data import Splits
-from training.schema import Config
+from training.schema import Adversary, Train
 
 
 class Batch(NamedTuple):
@@ -19,7 +19,7 @@ class Batch(NamedTuple):
 
     Args:
         images: (B, 3, H, W) uint8. labels: (B,) int64.
-        slot: which of the batches that are held. visit: how often it was trained on before.
+        slot: its place among the batches of its window. visit: how often it was trained on before.
     """
 
     images: Tensor
@@ -29,7 +29,7 @@ class Batch(NamedTuple):
 
 
 class Part(DistributedSampler):
-    """A part of a rank's shuffled images an epoch: the next of `parts`, so that as many epochs see each image once.
+    """Yields one part of a rank's shuffled images an epoch, the next of `parts`: as many epochs see each image once.
 
     The order follows from the seed and the epoch alone, on any number of ranks.
     """
@@ -53,7 +53,7 @@ class Part(DistributedSampler):
 
 
 class Replayed:
-    """A loader of which each `window` batches come `replays` times, one round after the other.
+    """Repeats each `window` batches of a loader `replays` times, one round after the other.
 
     Args:
         loader: of (images, labels). replays: rounds. window: batches a round.
@@ -61,7 +61,7 @@ class Replayed:
 
     def __init__(self, loader: DataLoader, replays: int, window: int) -> None:
         self.loader, self.replays, self.window = loader, replays, window
-        self.sampler = loader.sampler  # Lightning tells it the epoch
+        self.sampler = loader.sampler  # Lightning sets its epoch
 
     def __len__(self) -> int:
         return self.replays * len(self.loader)
@@ -79,34 +79,57 @@ class Replayed:
 
 
 class Batches(L.LightningDataModule):
-    """The splits as loaders. Of a recipe that replays its batches an epoch sees one part of the images, as often as
-    there are parts: its optimiser takes as many steps an epoch as any other's.
+    """The splits as loaders. With a recipe that replays its batches, an epoch sees one part of the images as often as
+    there are parts, so that its optimiser takes as many steps an epoch as any other's.
 
     Args:
-        first: the epoch that is begun with.
+        splits: the images.
+        train: gives the batch size, of all devices together.
+        adversary: gives how often batches are replayed, and in which windows.
+        workers: processes of each loader that read images.
+        seed: of the order of the images.
+        first: the epoch that training begins or resumes with.
     """
 
-    def __init__(self, cfg: Config, splits: Splits, first: int = 0) -> None:
+    def __init__(
+        self,
+        splits: Splits,
+        train: Train,
+        adversary: Adversary,
+        *,
+        workers: int,
+        seed: int,
+        first: int = 0,
+    ) -> None:
         super().__init__()
-        self.cfg, self.splits, self.first = cfg, splits, first
+        self.splits, self.batch_size, self.adversary = splits, train.batch_size, adversary
+        self.workers, self.seed, self.first = workers, seed, first
 
     def _ranks(self) -> tuple[int, int]:
-        return (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
+        """Return the number of processes and which of them this is."""
+        if self.trainer is None:
+            return 1, 0
+        return self.trainer.world_size, self.trainer.global_rank
 
     def _loader(self, sampler: DistributedSampler, batch_size: int, drop_last: bool) -> DataLoader:
         size = max(1, batch_size // self._ranks()[0])
-        workers = self.cfg.data.workers
         return DataLoader(
-            sampler.dataset, size, sampler=sampler, num_workers=workers, persistent_workers=workers > 0,
+            sampler.dataset,
+            size,
+            sampler=sampler,
+            num_workers=self.workers,
+            persistent_workers=self.workers > 0,
             drop_last=drop_last and len(sampler) > size,
-        )  # fmt: skip
+        )
 
     def train_dataloader(self) -> Replayed:
-        a = self.cfg.adversary
-        sampler = Part(self.splits.train, *self._ranks(), seed=self.cfg.seed, parts=a.replays)
-        # Lightning starts the workers before it has read which epoch is gone on with
+        replays = self.adversary.replays
+        sampler = Part(self.splits.train, *self._ranks(), seed=self.seed, parts=replays)
+        # Lightning starts the workers before it has read from which epoch training resumes
         sampler.set_epoch(self.first)
-        return Replayed(self._loader(sampler, self.cfg.train.batch_size, True), a.replays, a.window)
+        return Replayed(
+            self._loader(sampler, self.batch_size, True), replays, self.adversary.window
+        )
 
     def val_dataloader(self) -> DataLoader:
         sampler = DistributedSampler(self.splits.val, *self._ranks(), shuffle=False)

@@ -1,18 +1,21 @@
-"""What every number of the schema may be, checked before anything is spent."""
+"""The bounds of every number of the schema, checked before time is spent."""
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from numbers import Real
+from operator import attrgetter
 from typing import Any
 
 import torch
-from omegaconf import OmegaConf
+
+from training.schema import Config, Trainer
 
 SEEDS = 2**32 - 1
 
-# key: the least and the most that it may be, both allowed; None is no bound. Where null is allowed, it is not checked.
+# key: the least and greatest value, both allowed; None is no bound. A null is not checked: the schema's types allow it.
 BOUNDS: dict[str, tuple[float, float | None]] = {
     "seed": (0, SEEDS),
     "data.size": (16, 8192),
@@ -46,17 +49,14 @@ BOUNDS: dict[str, tuple[float, float | None]] = {
 }
 
 
-def check(cfg: Any) -> None:
+def check(cfg: Config) -> None:
     """Refuse a number out of its bounds, and devices that are not there.
-
-    Args:
-        cfg: a `schema.Config`.
 
     Raises:
         ValueError: with what was got and what is allowed.
     """
     for key, (low, high) in BOUNDS.items():
-        _number(key, OmegaConf.select(cfg, key), low, high)
+        _number(key, attrgetter(key)(cfg), low, high)
     _devices(cfg.trainer)
 
 
@@ -65,16 +65,27 @@ def _number(key: str, value: Any, low: float, high: float | None) -> None:
         return
     allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"
     most = math.inf if high is None else high
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value) or not low <= value <= most:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, Real)
+        or not math.isfinite(value)
+        or not low <= value <= most
+    ):
         raise ValueError(f"{key} must be {allowed}; got {value}.")
 
 
-def _devices(trainer: Any) -> None:
-    """A number of devices; -1, "auto" and lists of GPUs are Lightning's to read."""
+def _devices(trainer: Trainer) -> None:
+    """Refuse a number of devices that are not there; -1, "auto" and lists of GPUs are left to Lightning.
+
+    Raises:
+        ValueError: with how many there are.
+    """
     kind, asked = trainer.accelerator, trainer.devices
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if kind in ("gpu", "cuda") and not gpus:
-        raise ValueError(f"trainer.accelerator={kind} needs a GPU that CUDA can use, and there is none: pass cpu.")
+        raise ValueError(
+            f"trainer.accelerator={kind} needs a GPU that CUDA can use, and there is none: pass cpu."
+        )
     on_cpu = kind == "cpu" or (kind == "auto" and not gpus)
     if not on_cpu and kind not in ("auto", "gpu", "cuda"):
         return
@@ -83,7 +94,7 @@ def _devices(trainer: Any) -> None:
     what = "processes (CPU cores)" if on_cpu else "GPUs"
     if isinstance(asked, str) and asked.isdigit():
         asked = int(asked)
-    if asked == -1 or isinstance(asked, str) or OmegaConf.is_list(asked):
+    if asked == -1 or isinstance(asked, Sequence):
         return
     if type(asked) is not int or not 1 <= asked <= there:
         raise ValueError(f"trainer.devices must be 1 to {there} {what}, or auto; got {asked}.")

@@ -9,30 +9,19 @@ from typing import Any
 import lightning as L
 import torch
 import torch.nn.functional as F
-from omegaconf import OmegaConf
 from torch import Tensor, nn
 
-from moireaug.attacks import NoAnswerError, Normalized, predicted
-from moireaug.evaluation import mix
-from moireaug.evaluation.rungs import unless_broken
+from moireaug.attacks import NoAnswerError, predicted
+from moireaug.evaluation.statistics import mix
+from moireaug.scene.scene import Scene
 from training.adversaries import Adversaries, Moment, Shown
 from training.batches import Batch
 from training.data import augment
-from training.models import build
-from training.schema import Adversary, Config, scene_of
+from training.models import as_model as as_model
+from training.schema import Adversary, Train
 from training.tuning import tuning
 
 STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
-
-
-def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = False) -> nn.Module:
-    """A classifier of [0, 1] images: torchvision's models get their ImageNet normalisation put inside.
-
-    Args: as in `models.build`.
-    """
-    # in this layout convolutions are up to twice as fast on CPU
-    model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
-    return model if name == "small_resnet" else Normalized(model)
 
 
 class Classifier(L.LightningModule):
@@ -42,50 +31,72 @@ class Classifier(L.LightningModule):
     same in every epoch; an adversary of fewer than three steps is validated with three, so that a model that only
     defeats single steps (catastrophic overfitting) is seen. `guard.Guard` acts on it.
 
+    Args:
+        model: takes [0, 1] images (B, 3, H, W) and returns logits.
+        train: how it is trained.
+        adversary: what the training images are turned into.
+        scene: where they are photographed.
+        seed: of every draw.
+        augment: of the clean images, one of `data.AUGMENT`.
+        fine: whether the model has given weights, which are fine-tuned.
+
     Raises:
         ValueError: settings of the adversary that cannot be followed.
     """
 
-    def __init__(self, cfg: Config, num_classes: int) -> None:
+    def __init__(
+        self,
+        model: nn.Module,
+        train: Train,
+        adversary: Adversary,
+        scene: Scene,
+        *,
+        seed: int,
+        augment: str = "none",
+        fine: bool = False,
+    ) -> None:
         super().__init__()
-        self.cfg = cfg
-        self.model = as_model(cfg.model, num_classes, cfg.weights)
-        if not cfg.train.channels_last:
+        self.model, self.scene, self.seed = model, scene, seed
+        self.settings, self.threat, self.augment = train, adversary, augment
+        if not train.channels_last:
             self.model.to(memory_format=torch.contiguous_format)
-        if cfg.train.compile:
+        if train.compile:
             self.model.compile()
-        self.a = Adversary(**OmegaConf.to_container(cfg.adversary))  # type: ignore[arg-type]
-        self.adversary = Adversaries(self.model, scene_of(cfg), self.a)
-        own = replace(_strong(self.a), replays=1, worst_of=1, turn=False)
-        self.judge = Adversaries(self.model, scene_of(cfg), own)
-        self.tuning = tuning(cfg)
+        self.adversary = Adversaries(model, scene, adversary)
+        self.validation_adversary = Adversaries(model, scene, _validated(adversary))
+        self.tuning = tuning(train, fine=fine)
         self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
         self._kept: dict[int, tuple[Shown, Tensor]] = {}
         self._loss: list[Tensor] = []
         self._hits: dict[str, list[Tensor]] = {}
         self._began, self._trained = time.perf_counter(), 0.0
-        moving = cfg.weights is None if cfg.train.batch_statistics is None else cfg.train.batch_statistics
-        normal = [m for m in self.model.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)]
-        self._fixed = [] if moving else normal
+        own_statistics = not fine if train.batch_statistics is None else train.batch_statistics
+        normalisations = [
+            m for m in model.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)
+        ]
+        self._fixed = [] if own_statistics else normalisations
         self.train()
 
     def train(self, mode: bool = True) -> Classifier:
-        """Fine-tuning keeps the weights' own statistics: a few images have no better ones, and published weights may
-        have theirs folded into the convolutions."""
+        """Switch the mode of all but batch normalisation with fixed statistics.
+
+        Fine-tuning keeps the statistics of the given weights: a few images have no better ones, and
+        published weights may have theirs folded into the convolutions.
+        """
         super().train(mode)
         for module in self._fixed:
             module.eval()
         return self
 
     def forward(self, images: Tensor) -> Tensor:
-        """[0, 1] images (B, 3, H, W) to logits."""
+        """Return the logits of [0, 1] images (B, 3, H, W)."""
         return self.model(images)
 
     @property
     def few_steps(self) -> bool:
-        """Whether the adversary takes so few steps that a model may learn to defeat these alone."""
-        return self.a.kind in ("moire_attack", "pgd") and self.a.steps < STRONG
+        """Say whether the adversary takes so few steps that a model may learn to defeat these alone."""
+        return self.threat.kind in ("moire_attack", "pgd") and self.threat.steps < STRONG
 
     @property
     def hardened(self) -> bool:
@@ -94,32 +105,34 @@ class Classifier(L.LightningModule):
     def harden(self, epoch: int) -> None:
         """Attack in three steps from now on: the model has collapsed in `epoch`."""
         self.collapsed_at = epoch
-        self.adversary = Adversaries(self.model, scene_of(self.cfg), _strong(self.a))
+        self.adversary = Adversaries(self.model, self.scene, _strong(self.threat))
 
     def on_train_epoch_start(self) -> None:
         self._loss, self._kept, self._began = [], {}, time.perf_counter()
 
     def training_step(self, batch: tuple[Tensor, ...], index: int) -> Tensor:
-        # every draw of a step follows from seed, epoch, batch and rank: a resumed run repeats what it would have been
-        torch.manual_seed(mix(self.cfg.seed, self.current_epoch, index, self.global_rank))
+        # every draw of a step follows from seed, epoch, batch and rank, so that a resumed run repeats them
+        torch.manual_seed(mix(self.seed, self.current_epoch, index, self.global_rank))
         batch = Batch(*batch)
         labels = batch.labels
-        n = round(self.a.share * len(labels)) if self.a.kind != "none" else 0
+        n = round(self.threat.share * len(labels)) if self.threat.kind != "none" else 0
         try:
-            if self.a.replays > 1 and n:
+            if self.threat.replays > 1 and n:
                 shown, images = self._replayed(batch, n)
                 attacked = shown.images()
             else:
                 images = self._augmented(batch)
-                attacked = self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
+                attacked = (
+                    self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
+                )
         except NoAnswerError:
             raise self._diverged("loss became nan", index) from None
         # batches are shuffled: the first n are a random share
         logits = self(torch.cat([attacked, images[n:]]))
-        if self.a.consistency and n:
+        if self.threat.consistency and n:
             loss = self._trades(logits, images, labels, n)
         else:
-            loss = F.cross_entropy(logits, labels, label_smoothing=self.cfg.train.label_smoothing)
+            loss = F.cross_entropy(logits, labels, label_smoothing=self.settings.label_smoothing)
         if not torch.isfinite(loss):
             raise self._diverged(f"loss became {loss.item()}", index)
         self._loss.append(loss.detach())
@@ -129,56 +142,72 @@ class Classifier(L.LightningModule):
     def _diverged(self, what: str, index: int) -> FloatingPointError:
         return FloatingPointError(
             f"the {what} in epoch {self.current_epoch}, batch {index}. Train with a smaller "
-            "train.lr, or with trainer.precision=32-true; the whole epochs before are kept in the run's folder."
+            "train.lr, or with trainer.precision=32-true; the epochs before this one are kept in the run's folder."
         )
 
     def _augmented(self, batch: Batch) -> Tensor:
-        return augment(batch.images.float() / 255, self.cfg.data.augment)
+        return augment(batch.images.float() / 255, self.augment)
 
     def _replayed(self, batch: Batch, n: int) -> tuple[Shown, Tensor]:
-        """The batch's attacked share and its images: photographed and attacked on the first visit, later with the noise
-        moved on by the last visit's gradient, so that neither screen nor network is computed for the noise alone."""
+        """Return the batch's attacked share, and its images.
+
+        They are photographed and attacked on the first visit. Later the noise moves along the last
+        visit's gradient, so that neither screen nor network is computed for the noise alone.
+        """
         moment = self._moment()
         if batch.visit == 0:
             images = self._augmented(batch)
             shown = self.adversary.show(images[:n], batch.labels[:n], moment)
         else:
             shown, images = self._kept[batch.slot]
-            shown = shown.stepped(1.0 if self.a.step_size is None else self.a.step_size, moment.strength * self.a.eps)
+            step = 1.0 if self.threat.step_size is None else self.threat.step_size
+            shown = shown.stepped(step, moment.strength * self.threat.eps)
         self._kept[batch.slot] = shown, images
         return shown, images
 
     def _trades(self, logits: Tensor, images: Tensor, labels: Tensor, n: int) -> Tensor:
-        """The loss on clean images, and beside it how far the attacked ones' answers are from their clean twins'
-        (Zhang et al., 2019, equation 5; the attack is the cross-entropy's)."""
+        """Return the loss on clean images plus the weighted distance of the attacked ones' answers.
+
+        Zhang et al., 2019, equation 5; the attack maximises cross-entropy.
+        """
         plain = self(images[:n])
-        loss = F.cross_entropy(torch.cat([plain, logits[n:]]), labels, label_smoothing=self.cfg.train.label_smoothing)
-        apart = F.kl_div(logits[:n].log_softmax(1), plain.log_softmax(1), reduction="sum", log_target=True)
-        return loss + self.a.consistency * apart / len(labels)
+        loss = F.cross_entropy(
+            torch.cat([plain, logits[n:]]), labels, label_smoothing=self.settings.label_smoothing
+        )
+        apart = F.kl_div(
+            logits[:n].log_softmax(1), plain.log_softmax(1), reduction="sum", log_target=True
+        )
+        return loss + self.threat.consistency * apart / len(labels)
 
     def _moment(self) -> Moment:
-        """Eps and the scene's ranges rise linearly over warm-up and curriculum."""
+        """Return how far eps and the scene's ranges have risen: linearly over warm-up and curriculum."""
         total = self.trainer.estimated_stepping_batches
 
         def risen(share: float) -> float:
             return min(1.0, (self.global_step + 1) / (share * total)) if share else 1.0
 
-        return Moment(risen(self.a.warmup), risen(self.a.curriculum))
+        return Moment(risen(self.threat.warmup), risen(self.threat.curriculum))
 
     def on_train_epoch_end(self) -> None:
         self._kept = {}
 
     def on_validation_epoch_start(self) -> None:
-        self._hits, self._trained = {"clean": [], "perturbed": []}, time.perf_counter() - self._began
+        self._hits, self._trained = (
+            {"clean": [], "perturbed": []},
+            time.perf_counter() - self._began,
+        )
         self._rng = torch.random.get_rng_state()
-        torch.manual_seed(self.cfg.seed)
+        torch.manual_seed(self.seed)
 
     def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
         images, labels = batch
         images = images.float() / 255
         self._hits["clean"].append((predicted(self(images)) == labels).float())
-        if self.a.kind != "none":
-            shown = unless_broken(lambda: self.judge(images, labels), lambda: images)
+        if self.threat.kind != "none":
+            try:
+                shown = self.validation_adversary(images, labels)
+            except NoAnswerError:  # wrong without an adversary
+                shown = images
             self._hits["perturbed"].append((predicted(self(shown)) == labels).float())
 
     def on_validation_epoch_end(self) -> None:
@@ -192,13 +221,22 @@ class Classifier(L.LightningModule):
             self.log(f"val_{name}", value, prog_bar=True, logger=False)
         loss = float(torch.stack(self._loss).mean()) if self._loss else float("nan")
         validation = time.perf_counter() - self._began - self._trained
-        row = {"epoch": self.current_epoch, "loss": loss, "seconds": self._trained, "validation_seconds": validation}
+        row = {
+            "epoch": self.current_epoch,
+            "loss": loss,
+            "seconds": self._trained,
+            "validation_seconds": validation,
+        }
         self.history.append(row | {k: float(v) for k, v in means.items()})
 
     def configure_optimizers(self) -> dict[str, Any]:
-        t = self.cfg.train
+        t = self.settings
         optimizer = torch.optim.SGD(
-            self.parameters(), self.tuning.lr, momentum=t.momentum, weight_decay=t.weight_decay, nesterov=t.momentum > 0
+            self.parameters(),
+            self.tuning.lr,
+            momentum=t.momentum,
+            weight_decay=t.weight_decay,
+            nesterov=t.momentum > 0,
         )
         # five steps would leave the rise of the rate no length, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
@@ -209,7 +247,9 @@ class Classifier(L.LightningModule):
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
     def configure_gradient_clipping(self, optimizer: Any, *_: Any, **__: Any) -> None:
-        self.clip_gradients(optimizer, gradient_clip_val=self.tuning.clip, gradient_clip_algorithm="norm")
+        self.clip_gradients(
+            optimizer, gradient_clip_val=self.tuning.clip, gradient_clip_algorithm="norm"
+        )
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["history"], checkpoint["collapsed_at"] = list(self.history), self.collapsed_at
@@ -220,9 +260,17 @@ class Classifier(L.LightningModule):
             self.harden(checkpoint["collapsed_at"])
 
 
+def _validated(threat: Adversary) -> Adversary:
+    """Return what a recipe is validated against: its own adversary, strong, on one shot and visit of each image."""
+    return replace(_strong(threat), replays=1, worst_of=1, turn=False)
+
+
 def _strong(a: Adversary) -> Adversary:
-    """The same adversary with three steps at least, each within its ball."""
+    """Return the same adversary with at least three steps, from a start within its ball."""
     few = a.steps < STRONG
     return replace(
-        a, steps=max(a.steps, STRONG), step_size=None if few else a.step_size, random_start=min(1.0, a.random_start)
+        a,
+        steps=max(a.steps, STRONG),
+        step_size=None if few else a.step_size,
+        random_start=min(1.0, a.random_start),
     )

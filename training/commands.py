@@ -1,4 +1,4 @@
-"""What every command does with an error: one sentence on a line of its own. A sweep goes on, and lists what failed."""
+"""How every command reports an error: one sentence on its own line. A sweep continues, and lists what failed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _failed: list[str] = []  # jobs of a sweep
 
 
 class Lines:
-    """An output stream that knows whether its last line is over: a progress bar leaves its own open."""
+    """Wraps an output stream and knows whether its last line is complete: a progress bar leaves its own open."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self.unfinished = stream, False
@@ -37,7 +37,7 @@ class Lines:
 
 
 def complain(text: str) -> None:
-    """Print to standard error, on a line of its own."""
+    """Print to standard error, on its own line."""
     for stream in (sys.stdout, sys.stderr):
         if getattr(stream, "unfinished", False):
             print(file=stream, flush=True)
@@ -53,29 +53,41 @@ def run(main: Callable[[], None], schema: type[Config]) -> None:
     sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)  # type: ignore[assignment]
     check_keys(sys.argv[1:], schema)
     if {"-m", "--multirun"} & set(sys.argv[1:]):  # Hydra writes into this folder before any job
-        named = [a.removeprefix("runs=").strip("'\"") for a in sys.argv[1:] if a.startswith("runs=")]
+        named = [
+            a.removeprefix("runs=").strip("'\"") for a in sys.argv[1:] if a.startswith("runs=")
+        ]
         try:
             runs.make(Path(named[-1] if named else schema.runs))
         except ValueError as error:
             raise SystemExit(f"error: {error}") from None
     main()
     if _failed:
-        complain("\n".join([f"error: {len(_failed)} of the sweep's jobs failed:", *(f"  {job}" for job in _failed)]))
+        complain(
+            "\n".join(
+                [
+                    f"error: {len(_failed)} of the sweep's jobs failed:",
+                    *(f"  {job}" for job in _failed),
+                ]
+            )
+        )
         raise SystemExit(1)
 
 
 @contextlib.contextmanager
 def sentences(kept: str) -> Iterator[None]:
-    """Turn what goes wrong in a job into a sentence, and end the command; a sweep goes on with its other jobs.
+    """Report an error in a job as one sentence and end the command; a sweep continues with its other jobs.
 
     Args:
-        kept: what an interruption leaves.
+        kept: what is kept after an interruption, as a clause: "Every complete epoch is kept".
+
+    Raises:
+        SystemExit: 130 after an interruption, 1 after an error.
     """
     try:
         yield
     except KeyboardInterrupt:
         again = runs.command([a for a in sys.argv if not a.startswith("resume=")])
-        rank_zero_only(print)(f"\nInterrupted. {kept}, and the same command goes on:\n  {again}")
+        rank_zero_only(print)(f"\nInterrupted. {kept}; the same command continues:\n  {again}")
         raise SystemExit(130) from None
     except Exception as error:
         job = _job_of_a_sweep()
@@ -83,7 +95,9 @@ def sentences(kept: str) -> Iterator[None]:
             if job is None:
                 raise
             complain(traceback.format_exc())
-        if not isinstance(error, ConnectionError) or rank_zero_only.rank == 0:  # the first process speaks for all
+        if (
+            not isinstance(error, ConnectionError) or rank_zero_only.rank == 0
+        ):  # the first process speaks for all
             complain(f"error: {sentence(error)}")
         if job is None:
             raise SystemExit(1) from None
@@ -91,14 +105,14 @@ def sentences(kept: str) -> Iterator[None]:
 
 
 def _job_of_a_sweep() -> str | None:
-    """The overrides of this job; None outside of a sweep."""
+    """Return the overrides of this job; None outside of a sweep."""
     hydra = HydraConfig.get()
     return " ".join(hydra.overrides.task) if hydra.mode == RunMode.MULTIRUN else None
 
 
 def sentence(error: Exception) -> str:
-    """What an error says, without the traceback that a DataLoader's worker puts around it."""
+    """Return what an error says, without the traceback that a DataLoader's worker puts around it."""
     if isinstance(error, OSError) and error.errno:  # the system's own words
-        return f"{error}. Every whole epoch and record is kept, and the same command goes on once this is mended."
+        return f"{error}. Every complete epoch and record is kept: fix this, and resume with the same command."
     said = str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
     return said or type(error).__name__

@@ -1,4 +1,4 @@
-"""The files of a run's folder, read as data: no code in them runs, and what is torn is said to be."""
+"""The files of a run's folder, read as data: no code in them runs, and damaged ones are refused by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DEEPEST = 32  # levels of its lists and mappings; one of ours has four, and many
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
-    """A Lightning checkpoint, on the CPU.
+    """Read a Lightning checkpoint onto the CPU.
 
     Raises:
         ValueError: a file that is missing or damaged.
@@ -25,7 +25,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         if not all(torch.is_tensor(value) for value in found["state_dict"].values()):
             raise TypeError
         return found
-    except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, RuntimeError, KeyError ...
+    except (
+        Exception
+    ) as error:  # whichever byte was hit: UnpicklingError, EOFError, RuntimeError, KeyError ...
         raise ValueError(
             f"The checkpoint {path} could not be read ({type(error).__name__}). It may be missing or damaged: train "
             "again with resume=false, which moves what is there aside, or name another run."
@@ -33,12 +35,12 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def read_metrics(path: Path) -> dict[str, Any] | None:
-    """The metrics of a whole run, or None where there is none; `metrics.json` is written last."""
+    """Read the metrics of a finished run; None where there is none. `metrics.json` is written last."""
     return read_json(path / "metrics.json")
 
 
 def read_json(path: Path) -> dict[str, Any] | None:
-    """What a file holds, or None where it is missing or damaged."""
+    """Read a JSON file that holds a mapping; None where it is missing or damaged."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -47,7 +49,7 @@ def read_json(path: Path) -> dict[str, Any] | None:
 
 
 def read_settings(path: Path) -> dict[str, Any]:
-    """The settings in a config.yaml as they stand there: plain values, of which none is looked up elsewhere.
+    """Read the settings in a config.yaml as they stand there: plain values, none looked up elsewhere.
 
     Raises:
         ValueError: no YAML mapping, or one with interpolations or aliases, which fit.py never writes.
@@ -68,12 +70,14 @@ def read_settings(path: Path) -> dict[str, Any]:
             "writes them: write out what is meant."
         )
     if not isinstance(values, dict):
-        raise ValueError(f"{path} holds no settings: it must be a YAML mapping, as fit.py writes it.")
+        raise ValueError(
+            f"{path} holds no settings: it must be a YAML mapping, as fit.py writes it."
+        )
     return values
 
 
 def _has_aliases(text: str) -> bool:
-    """Return whether a YAML text refers to itself. Reads no further than an alias or the deepest level allowed.
+    """Say whether a YAML text refers to itself. Reads no further than an alias or the deepest level allowed.
 
     Raises:
         ValueError, yaml.YAMLError: too many levels, or no YAML.

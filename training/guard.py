@@ -1,4 +1,4 @@
-"""Catastrophic overfitting of few-step adversarial training: noticed on validation, and undone."""
+"""Catastrophic overfitting of few-step adversarial training: detected on validation images, and undone."""
 
 from __future__ import annotations
 
@@ -9,26 +9,29 @@ import lightning as L
 from lightning.pytorch.callbacks import WeightAveraging
 from lightning.pytorch.utilities import rank_zero_only
 
-from training import runs
 from training.classifier import Classifier
+from training.files import read_checkpoint
 
 FLOOR = 0.2  # accuracy below which a model has nothing to lose yet
 FALL = 0.5  # share of the best accuracy that counts as a collapse
 
 
 def collapsed(perturbed: list[float]) -> bool:
-    """Whether the last epoch's accuracy under the validation's attack, of three steps or more, has fallen to less than
-    half of the best before it."""
+    """Say whether the last epoch's accuracy under the validation's attack has fallen below half of the best before it.
+
+    Args:
+        perturbed: accuracy of each epoch under an attack of at least three steps, in [0, 1].
+    """
     *before, now = perturbed
     return bool(before) and max(before) > FLOOR and now < FALL * max(before)
 
 
 class Guard(L.Callback):
-    """Takes a model that has collapsed back to its best epoch, and goes on with three steps instead of fewer.
+    """Restores the best epoch of a model that has collapsed, and continues with three steps instead of fewer.
 
     A model that learns against one step may learn to defeat that step alone (catastrophic overfitting, Wong et al.,
-    2020): within an epoch its accuracy under more steps falls to nothing. The event is kept in the run's history, and
-    said when it happens; the schedule of the learning rate goes on.
+    2020): within an epoch its accuracy under more steps falls to nothing. The event is printed and kept in the run's
+    history; the schedule of the learning rate continues.
 
     Args:
         best: the best checkpoint's file.
@@ -41,7 +44,7 @@ class Guard(L.Callback):
         history = [h["perturbed"] for h in module.history if "perturbed" in h]
         if module.hardened or not module.few_steps or not history or not collapsed(history):
             return
-        good = runs.read_checkpoint(self.best)
+        good = read_checkpoint(self.best)
         restore(trainer, module, good)
         module.harden(module.history[-1]["epoch"])
         rank_zero_only(print)(
@@ -51,7 +54,7 @@ class Guard(L.Callback):
 
 
 def restore(trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
-    """Weights, their running average and the optimiser's momentum as in a checkpoint; epoch, rate and draws go on."""
+    """Restore weights, their average and the optimiser's momentum from a checkpoint, but not epoch, rate and draws."""
     module.load_state_dict(checkpoint["state_dict"])
     for callback in trainer.callbacks:  # type: ignore[attr-defined]
         if isinstance(callback, WeightAveraging):

@@ -10,6 +10,8 @@ import torch
 import torchvision
 from torch import Tensor, nn
 
+from moireaug.attacks import Normalized
+
 
 class ResidualBlock(nn.Module):
     """Pre-activation residual block: (B, inputs, H, W) to (B, outputs, H / stride, W / stride), rounded up.
@@ -75,6 +77,16 @@ _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
 # How checkpoints name the state_dict that they hold, and what wrappers put before its names.
 _HOLDERS = ("state_dict", "model_state_dict", "model")
 _WRAPPERS = ("module.", "model.", "_orig_mod.")
+
+
+def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = False) -> nn.Module:
+    """Return a classifier of [0, 1] images: torchvision's models get their ImageNet normalisation put inside.
+
+    Args, Raises: as in `build`.
+    """
+    # in this layout convolutions are up to twice as fast on CPU
+    model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
+    return model if name == "small_resnet" else Normalized(model)
 
 
 def names() -> list[str]:

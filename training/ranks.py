@@ -1,4 +1,4 @@
-"""The processes of a run, one for each device and each worker: where one is lost, all end, and one says so."""
+"""The processes of a run, one a device and one a worker: if one is lost, all end, and one reports it."""
 
 from __future__ import annotations
 
@@ -18,10 +18,13 @@ from torch.distributed import DistError
 from training.commands import complain
 
 LOST = (
-    "another process of this run was lost: it was killed, ran out of memory, or has said above what it met. Every "
-    "whole epoch is kept, and the same command goes on from there."
+    "another process of this run was lost: it was killed, ran out of memory, or failed with the error above. Every "
+    "complete epoch is kept, and the same command resumes from there."
 )
-PERIOD, GRACE = 0.5, 5.0  # seconds between looks, and for a process to notice by itself and clean up
+PERIOD, GRACE = (
+    0.5,
+    5.0,
+)  # seconds between looks, and for a process to notice by itself and clean up
 _SAID = r"gloo|DataLoader worker \(pid"  # by plain RuntimeErrors
 _children: list[subprocess.Popen] = []
 _ending = threading.Event()
@@ -29,7 +32,7 @@ _ending = threading.Event()
 
 @contextlib.contextmanager
 def together(trainer: L.Trainer) -> Iterator[None]:
-    """Train in it: no process outlives the others, or waits for one that is gone.
+    """Tie the processes that train in this context together: none outlives the others, or waits for one that is gone.
 
     Raises:
         ConnectionError: another process was lost.
@@ -47,7 +50,9 @@ def together(trainer: L.Trainer) -> Iterator[None]:
         for child in _children:
             child.kill()
         _children.clear()
-        if isinstance(error, RuntimeError) and (isinstance(error, DistError) or re.search(_SAID, str(error))):
+        if isinstance(error, RuntimeError) and (
+            isinstance(error, DistError) or re.search(_SAID, str(error))
+        ):
             raise ConnectionError(f"{LOST} ({str(error).splitlines()[0]})") from error
         raise
 
@@ -58,7 +63,7 @@ def _observe(children: list[subprocess.Popen]) -> None:
 
 
 def _end_with_children() -> None:
-    """End where a child has failed and this process has not noticed: it may wait for the child, for ever on a GPU."""
+    """End this process if a child has failed and it has not noticed: on a GPU it would wait for the child for ever."""
     while not any(child.poll() for child in _children):
         time.sleep(PERIOD)
     if not _ending.wait(GRACE):

@@ -32,6 +32,8 @@ from training import bounds, commands, overrides, runs, saved
 from training.data import AUGMENT, Splits, load
 from training.models import as_model
 from training.results import (
+    Attacked,
+    Plan,
     Protocol,
     attack,
     compare,
@@ -100,8 +102,8 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
     with runs.held(out):
         if cfg.suite != "ladder":
             return attack_by_suite(cfg, model, splits, protocol, home / "records", out, seconds)
-        attacked = attack(model, "ladder", protocol, home / "records", title=cfg.model)
-        metrics = compare(cfg, attacked, None, None, None)
+        attacked = attack(model, protocol, home / "records", cfg.model)
+        metrics = compare(cfg, describe(attacked), None, None, None)
         return publish(out, metrics, {cfg.model: attacked}, splits.classes, seconds)
 
 
@@ -126,7 +128,7 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
     with runs.held(out):
         if cfg.suite != "ladder":
             return attack_by_suite(cfg, model, splits, protocol, records, out, seconds)
-        attacked = {cfg.recipe: attack(model, "ladder", protocol, records, title=cfg.recipe)}
+        attacked = {cfg.recipe: attack(model, protocol, records, cfg.recipe)}
         start = baseline = None
         if other := saved.start_of(found):
             other.check_classes(splits, cfg.data)
@@ -135,18 +137,18 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
             other.check_classes(splits, cfg.data)
             baseline, attacked[other.cfg.recipe] = beside(other, protocol)
         train = saved.trained(found.folder)
-        metrics = compare(cfg, attacked[cfg.recipe], train, start, baseline)
+        metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
         return publish(out, metrics, attacked, splits.classes, seconds)
 
 
-def beside(run: Saved, protocol: Protocol) -> tuple[Metrics, Any]:
+def beside(run: Saved, protocol: Protocol) -> tuple[Metrics, Attacked]:
     """Attack the start or the baseline of the run that is attacked, in the same way: its metrics, and what was
     shown."""
     cfg = run.cfg
-    attacked = attack(run.model(), "ladder", protocol, run.folder / "records", title=cfg.recipe)
+    attacked = attack(run.model(), protocol, run.folder / "records", cfg.recipe)
     known = {"recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model}
     known["train"] = saved.trained(run.folder)
-    return known | describe(attacked.lines), attacked
+    return known | describe(attacked), attacked
 
 
 def attack_by_suite(
@@ -161,12 +163,12 @@ def attack_by_suite(
     """Attack a model by `cfg.suite`, shared among the processes that the trainer's settings ask for."""
     fabric = fabric_of(cfg.trainer)
     config = suite_config(cfg, protocol, splits, records, fabric)
-    attacked = attack(
-        model, cfg.suite, protocol, records, title=cfg.suite, config=config, fabric=fabric
-    )
-    if attacked is None:
+    plan = Plan(model, cfg.suite, protocol, records, config)
+    plan.run(cfg.suite, fabric.global_rank, fabric.world_size)
+    fabric.barrier()
+    if fabric.global_rank:
         return {}
-    return publish_suite(out, cfg, cfg.suite, attacked, protocol, splits.classes, seconds)
+    return publish_suite(out, cfg, cfg.suite, plan.results(), protocol, splits.classes, seconds)
 
 
 def protocol_name(cfg: Config, n: int, *, with_data: bool) -> str:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import lightning as L
 import pandas as pd
 import torch
 from torch import nn
@@ -84,74 +83,101 @@ class Attacked:
     seconds: dict[str, float]
 
 
-def attack(
-    model: nn.Module,
-    suite: str,
-    protocol: Protocol,
-    records: Path,
-    *,
-    title: str,
-    config: SuiteConfig | None = None,
-    fabric: L.Fabric | None = None,
-) -> Attacked | None:
-    """Attack a model by a suite, or what is left of it, and check whether the figures can be trusted.
+class Plan:
+    """A suite on one model: what is to be done, and by which records it is kept.
+
+    Args:
+        model: [0, 1] images to logits. suite: its name. protocol: how the model is attacked.
+        records: folder where each finished piece is kept.
+        config: what the suite is built from; None is the protocol's.
+    """
+
+    def __init__(
+        self,
+        model: nn.Module,
+        suite: str,
+        protocol: Protocol,
+        records: Path,
+        config: SuiteConfig | None = None,
+    ) -> None:
+        self.config = config or protocol.config()
+        self.suite = suite
+        self.tables = tables_of(suite, self.config)
+        self.trust = trust(self.config)
+        self.trusted = protocol.trusted
+        every = range(len(protocol.batches))
+        self.every = self.trusted if suite == "trust" else every
+        self.phases = {
+            "re-attack": (jobs_of(self.tables), self.every),
+            "checks": (jobs_of([self.trust]), self.trusted),
+        }
+        model = model.to(protocol.batches.device).eval()
+        settings = protocol.settings
+        self.kept = RecordFolder(records)
+        self.runner = Runner(
+            model, protocol.batches, protocol.scene, self.kept, seed=settings.seed
+        )
+        self.seconds: dict[str, float] = {}
+
+    def run(self, title: str, rank: int = 0, world: int = 1) -> None:
+        """Do this process's share of what is not done yet: every `world`-th batch.
+
+        Args:
+            title: of the model, for the progress bar.
+        """
+        with self.kept:
+            for phase, (jobs, indices) in self.phases.items():
+                began = time.perf_counter()
+                mine = indices[rank::world]
+                done = self.runner.run(jobs, mine)
+                total = len(jobs) * len(mine)
+                for _ in with_bar(done, total, f"{title}, {phase}", shown=rank == 0):
+                    pass
+                self.seconds[phase] = time.perf_counter() - began
+
+    def results(self) -> Attacked:
+        """Return the rates and checks, out of every process's records.
+
+        Raises:
+            ValueError: records that another process did not finish.
+        """
+        self.kept.read()
+        require_whole(self.runner, self.phases.values())
+        trusted = images_frame([self.trust], self.runner, self.trusted)
+        images = images_frame(self.tables, self.runner, self.every)
+        lines = with_paper(rates(images), self.tables)
+        found = checks(self.config, trusted, rates(trusted))
+        return Attacked(
+            tables=[table for table in self.tables if table.name != "trust"],
+            lines=lines[lines["table"] != "trust"],
+            checks=[check.to_dict() for check in found],
+            trust_n=int(trusted["image"].nunique()),
+            runner=self.runner,
+            seconds=self.seconds,
+        )
+
+
+def attack(model: nn.Module, protocol: Protocol, records: Path, title: str) -> Attacked:
+    """Attack a model by the ladder, or by what is left of it, and check whether the figures can be trusted.
 
     Args:
         model: [0, 1] images to logits. protocol: how it is attacked.
         records: folder where each finished piece is kept.
         title: of the model, for the progress bar.
-        config: what the suite is built from; None is the protocol's.
-        fabric: the processes that share the batches; None is this one alone.
-
-    Returns:
-        None in all processes but the first.
-
-    Raises:
-        ValueError: records that another process did not finish.
     """
-    config = config or protocol.config()
-    tables = tables_of(suite, config)
-    checked = trust(config)
-    rank, world = (fabric.global_rank, fabric.world_size) if fabric else (0, 1)
-    every = protocol.trusted if suite == "trust" else range(len(protocol.batches))
-    plans = {"re-attack": (jobs_of(tables), every), "checks": (jobs_of([checked]), protocol.trusted)}
-    seconds = {}
-    model = model.to(protocol.batches.device).eval()
-    with RecordFolder(records) as kept:
-        runner = Runner(model, protocol.batches, protocol.scene, kept, seed=protocol.settings.seed)
-        for phase, (jobs, indices) in plans.items():
-            began = time.perf_counter()
-            mine = indices[rank::world]
-            done = runner.run(jobs, mine)
-            for _ in with_bar(done, len(jobs) * len(mine), f"{title}, {phase}", shown=rank == 0):
-                pass
-            seconds[phase] = time.perf_counter() - began
-        if fabric:
-            fabric.barrier()
-        if rank:
-            return None
-        kept.read()
-    require_whole(runner, plans.values())
-    trusted = images_frame([checked], runner, protocol.trusted)
-    lines = with_paper(rates(images_frame(tables, runner, every)), tables)
-    return Attacked(
-        tables=[table for table in tables if table.name != "trust"],
-        lines=lines[lines["table"] != "trust"],
-        checks=[check.to_dict() for check in checks(config, trusted, rates(trusted))],
-        trust_n=int(trusted["image"].nunique()),
-        runner=runner,
-        seconds=seconds,
-    )
+    plan = Plan(model, "ladder", protocol, records)
+    plan.run(title)
+    return plan.results()
 
 
-def require_whole(runner: Runner, plans: Sequence[tuple[list[Job], range]] | Any) -> None:
+def require_whole(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> None:
     """Refuse to make tables where records are missing.
 
     Raises:
         ValueError: with how many, and what to do.
     """
     missing = wanted = 0
-    for jobs, indices in plans:
+    for jobs, indices in phases:
         missing += runner.missing(jobs, indices)
         wanted += len(indices) * sum(len(job.judges) for job in jobs)
     if missing:
@@ -161,10 +187,10 @@ def require_whole(runner: Runner, plans: Sequence[tuple[list[Job], range]] | Any
         )
 
 
-def describe(lines: pd.DataFrame) -> Metrics:
+def describe(attacked: Attacked) -> Metrics:
     """Return the ladder as plain values, with every image's outcome as a string of 0 and 1, for paired comparisons."""
     rows, outcomes = [], {}
-    for line in lines.to_dict("records"):
+    for line in attacked.lines.to_dict("records"):
         row = {name: line[name] for name in ("eps", "steps", "control", "targeted", "accuracy")}
         row = {"name": line["row"]} | row
         row["accuracy_interval"] = [line["accuracy_low"], line["accuracy_high"]]
@@ -177,12 +203,18 @@ def describe(lines: pd.DataFrame) -> Metrics:
                 row[name] = line[name]
         rows.append(row)
         outcomes[line["row"]] = line["outcomes"]
-    return {"clean_accuracy": rows[0]["accuracy"], "reattack": rows, "correct": outcomes}
+    return {
+        "clean_accuracy": rows[0]["accuracy"],
+        "reattack": rows,
+        "correct": outcomes,
+        "trust": attacked.checks,
+        "trust_n": attacked.trust_n,
+    }
 
 
 def compare(
     cfg: Config,
-    attacked: Attacked,
+    described: Mapping[str, Any],
     train: Mapping[str, Any] | None,
     start: Mapping[str, Any] | None,
     baseline: Mapping[str, Any] | None,
@@ -190,7 +222,7 @@ def compare(
     """Return the metrics of a run: its own figures, those of the runs beside it, and what it gained.
 
     Args:
-        attacked: the run, by the ladder. train: what its training cost, where it was trained here.
+        described: the run's own figures. train: what its training cost, where it was trained here.
         start: metrics of the run whose weights it started from. baseline: metrics of the plainly trained run, of as
             many epochs in all, that the gain is against.
     """
@@ -200,9 +232,7 @@ def compare(
         "data": cfg.data.name,
         "model": cfg.model,
         "train": train,
-        **describe(attacked.lines),
-        "trust": attacked.checks,
-        "trust_n": attacked.trust_n,
+        **described,
         **about(cfg),
         "start": _shared(start),
         "baseline": _shared(baseline),

@@ -1,4 +1,4 @@
-"""A run's folder: how far it has come, whose settings it was made with, and who works on it."""
+"""A run's folder: how far the run has come, whose settings it was made with, and which command works on it."""
 
 from __future__ import annotations
 
@@ -19,54 +19,67 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from filelock import FileLock, Timeout
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
 from training.files import read_checkpoint as read_checkpoint
 from training.files import read_json, read_metrics, read_settings
-from training.schema import HOME, RECIPES, Adversary, Config
-
-try:
-    import fcntl
-except ImportError:  # Windows, where nothing is locked
-    fcntl = None  # type: ignore[assignment]
+from training.schema import HOME, RECIPES, Adversary, Config, Data, as_config, as_values
 
 # What a run's result does not depend on.
 _FREE, _FREE_DATA = ("runs", "resume"), ("workers", "download")
+_NO_LOCKS = (
+    errno.ENOSYS,
+    errno.ENOLCK,
+    errno.EOPNOTSUPP,
+    errno.ENOTSUP,
+)  # of a disk that knows none
+PLAIN = ("clean", "baseline")  # recipes without an adversary, which the others are compared with
 
 
-def settings(cfg: DictConfig) -> dict[str, Any]:
-    """The settings that a run's result depends on, as plain values."""
-    plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
-    data = {k: v for k, v in plain["data"].items() if k not in _FREE_DATA}
-    return {k: v for k, v in plain.items() if k not in _FREE} | {"data": data}
+def settings(cfg: DictConfig | Config) -> dict[str, Any]:
+    """Return the settings that a run's result depends on, as plain values."""
+    values = as_values(cfg)
+    for key in _FREE:
+        values.pop(key, None)
+    for key in _FREE_DATA:
+        values["data"].pop(key, None)
+    return values
 
 
 def fingerprint(values: Mapping[str, Any]) -> str:
-    """Twelve hex digits that change with any setting."""
+    """Return twelve hex digits that change with any setting."""
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
-def folder(cfg: DictConfig | Config) -> Path:
-    """Where a run is kept: `runs`/<recipe>/seed<k>, and for other than the default data and model, whose runs do not
-    compare with these, `runs`/<data>-<model>/<recipe>/seed<k>, of which the default one is left out."""
-    return Path(cfg.runs) / group(cfg) / cfg.recipe / f"seed{cfg.seed}"
+def folder(cfg: Config) -> Path:
+    """Return where a run is kept.
+
+    That is `runs`/<recipe>/seed<k> for the default data and model, else `runs`/<data>-<model>/<recipe>/seed<k> without
+    the part that is the default: runs in different groups do not compare.
+    """
+    return Path(cfg.runs) / group(cfg.data, cfg.model) / cfg.recipe / f"seed{cfg.seed}"
 
 
-def group(cfg: DictConfig | Config) -> str:
-    """The runs that compare with this one: "" for the default data and model, else what differs."""
-    data, model = cfg.data.name, cfg.model
-    if data == "folder" and cfg.data.root:
-        own = re.sub(r"[^\w.-]+", "_", Path(cfg.data.root).resolve().name)
-        data = f"folder-{own}"
-    return "-".join(name for name, home in zip((data, model), HOME, strict=True) if name != home)
+def group(data: Data, model: str) -> str:
+    """Return the name of the runs that compare with each other: "" for the default data and model."""
+    name = data.name
+    if name == "folder" and data.root:
+        own = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)
+        name = f"folder-{own}"
+    parts = []
+    for part, home in zip((name, model), HOME, strict=True):
+        if part != home:
+            parts.append(part)
+    return "-".join(parts)
 
 
 def make(path: Path) -> None:
-    """Make a folder, and see that files can be written there, before anything is spent on what goes into it.
+    """Make a folder and check that files can be written there, before time is spent on what goes into it.
 
     Raises:
-        ValueError: a file in its place, or a disk that is full or may not be written.
+        ValueError: there is a file in its place, or the disk is full or not writable.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -79,27 +92,52 @@ def make(path: Path) -> None:
         ) from None
     except OSError as error:
         raise ValueError(
-            f"{path} cannot be written ({error.strerror}): mend that, or pass runs=DIR on another disk."
+            f"{path} cannot be written ({error.strerror}): fix that, or pass runs=DIR on another disk."
         ) from error
 
 
-def plain_twin(cfg: DictConfig) -> DictConfig:
-    """Recipe `clean` with all else as in this run."""
-    plain = OmegaConf.load(RECIPES / "clean.yaml")
-    return OmegaConf.merge(cfg, {"adversary": asdict(Adversary())}, plain, {"recipe": "clean", "resume": None})
+def start_config(cfg: Config) -> Config | None:
+    """Return the settings of the run whose weights this one starts from: recipe `clean`, all else the same.
+
+    None where it starts from random weights, or from those of `weights=`.
+    """
+    return _plain(cfg, "clean") if cfg.train.init == "clean" else None
 
 
-def stage(cfg: DictConfig) -> str:
-    """How far the run of these settings has come in its folder.
+def baseline_config(cfg: Config) -> Config | None:
+    """Return the settings of the plainly trained run that this one is compared with: as many epochs in all.
+
+    That is recipe `baseline` where the run starts from the weights of `clean`, else `clean`; all other settings are
+    the same. None for these two recipes themselves.
+    """
+    if cfg.recipe in PLAIN:
+        return None
+    return _plain(cfg, "baseline" if cfg.train.init == "clean" else "clean")
+
+
+def _plain(cfg: Config, recipe: str) -> Config:
+    """Return the settings of a recipe of `PLAIN`, all else as in `cfg`."""
+    own = OmegaConf.load(RECIPES / f"{recipe}.yaml")
+    no_adversary = {"adversary": asdict(Adversary())}
+    merged = OmegaConf.merge(
+        OmegaConf.structured(cfg), no_adversary, own, {"recipe": recipe, "resume": None}
+    )
+    return as_config(merged)  # type: ignore[arg-type]
+
+
+def stage(cfg: Config) -> str:
+    """Say how far the run of these settings has come in its folder.
 
     Returns:
-        "new"; "begun" where an epoch is over; "trained"; "finished"; "other" where the folder holds another run.
+        "new"; "begun" after the first epoch; "trained"; "finished"; "other" where the folder holds another run.
     """
     path = folder(cfg)
-    best, told = (path / "best.ckpt").is_file(), read_metrics(path)
-    if _mark(path) != fingerprint(settings(cfg)):
-        return "other" if _mark(path) or told or any(path.glob("*.ckpt")) else "new"
-    if best and told:
+    best, metrics = (path / "best.ckpt").is_file(), read_metrics(path)
+    mark = _mark(path)
+    if mark != fingerprint(settings(cfg)):
+        holds_a_run = mark or metrics or any(path.glob("*.ckpt"))
+        return "other" if holds_a_run else "new"
+    if best and metrics:
         return "finished"
     if best and read_json(path / "train.json"):
         return "trained"
@@ -107,7 +145,7 @@ def stage(cfg: DictConfig) -> str:
 
 
 def _mark(path: Path) -> str | None:
-    """The fingerprint of the run that a folder holds."""
+    """Return the fingerprint of the run that a folder holds; None for none, "damaged" where it cannot be read."""
     try:
         return fingerprint(settings(OmegaConf.create(read_settings(path / "config.yaml"))))
     except FileNotFoundError:
@@ -116,90 +154,103 @@ def _mark(path: Path) -> str | None:
         return "damaged"
 
 
-def goes_on(cfg: DictConfig) -> bool:
-    """Whether there is something to go on from, and this is wanted. The same in every process of a run."""
+def can_resume(cfg: Config) -> bool:
+    """Say whether there is something to resume from, and `resume` allows it. The same in every process of a run."""
     return cfg.resume is not False and stage(cfg) in ("begun", "trained")
 
 
-def insist(cfg: DictConfig, *others: DictConfig) -> None:
-    """Refuse `resume=true` of a run that has nothing to go on from, and neither have the others.
+def require_resumable(cfg: Config, *others: Config) -> None:
+    """Refuse `resume=true` where neither this run nor any of the others can be resumed.
 
     Raises:
-        ValueError: no such run, or one that was made with other settings.
+        ValueError: there is no such run, or it was made with other settings.
     """
-    if any(goes_on(c) for c in (cfg, *others)):
-        return
+    for own in (cfg, *others):
+        if can_resume(own):
+            return
     path = folder(cfg)
     if stage(cfg) == "other":
         raise ValueError(
             f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: give those, or leave "
             "resume=true out, and that run is moved aside."
         )
-    raise ValueError(f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to begin.")
+    raise ValueError(
+        f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to begin."
+    )
 
 
-def prepare(cfg: DictConfig) -> None:
-    """Make a run's folder ready: what is not gone on with is moved aside, so that nothing is lost; what would make
-    this run look whole before it is goes."""
+def prepare(cfg: Config) -> None:
+    """Make a run's folder ready: move aside what is not resumed, and remove what would make this run look finished."""
     path, at = folder(cfg), stage(cfg)
     if at == "other" or (cfg.resume is False and at != "new"):
-        name = f"{path.name}-{_mark(path) or 'old'}"
-        names = itertools.chain([name], (f"{name}-{i}" for i in itertools.count(2)))
-        aside = next(p for p in map(path.with_name, names) if not p.exists())
+        aside = _free_name(path.with_name(f"{path.name}-{_mark(path) or 'old'}"))
         os.replace(path, aside)
-        print(f"{path} held {'a run with other settings' if at == 'other' else 'this run'}; it is now {aside}")
+        what = "a run with other settings" if at == "other" else "this run"
+        print(f"{path} held {what}; it is now {aside}")
     path.mkdir(parents=True, exist_ok=True)
     for stale in (path / "metrics.json", path / "report.html", *path.glob(".*.tmp")):
         stale.unlink(missing_ok=True)
 
 
+def _free_name(path: Path) -> Path:
+    """Return the path, or where it exists, with the first number behind its name that makes it new."""
+    numbered = (path.with_name(f"{path.name}-{number}") for number in itertools.count(2))
+    return next(name for name in itertools.chain([path], numbered) if not name.exists())
+
+
 @contextlib.contextmanager
 def held(path: Path) -> Iterator[None]:
-    """Keep a run's folder to this command. The kernel lets go of it when the command ends, however it ends.
+    """Lock a run's folder for this command. The kernel releases the lock when the command ends, however it ends.
 
     Raises:
         ValueError: another command works on it.
     """
-    if fcntl is None or rank_zero_only.rank != 0:
+    if rank_zero_only.rank != 0:
         yield
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_name(f".{path.name}.lock").open("w") as file:  # beside it, for the folder itself may be moved
+    # beside the folder, which may itself be moved; a soft lock would outlive a killed command
+    lock = FileLock(path.with_name(f".{path.name}.lock"), blocking=False, fallback_to_soft=False)
+    with contextlib.ExitStack() as stack:
         try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # flock would live on in a DataLoader's worker
+            stack.enter_context(lock)
+        except Timeout:
+            raise ValueError(
+                f"another command is at work in {path}: wait for it, or give another seed=N or runs=DIR."
+            ) from None
         except OSError as error:
-            if error.errno in (errno.EACCES, errno.EAGAIN):  # else a disk that knows no locks
-                raise ValueError(
-                    f"another command is at work in {path}: wait for it, or give another seed=N or runs=DIR."
-                ) from None
+            if error.errno not in _NO_LOCKS:
+                raise
         yield
 
 
 def environment() -> dict[str, Any]:
-    """Versions and machine, for the record."""
+    """Return versions and machine, for the record."""
     import kornia
     import lightning
     import numpy
     import torchvision
 
-    return {
-        "python": platform.python_version(),
-        **{m.__name__: m.__version__ for m in (torch, torchvision, kornia, lightning, numpy)},
-        "cpu": _cpu(),
-        "threads": torch.get_num_threads(),
-        "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu",
-    }
+    found: dict[str, Any] = {"python": platform.python_version()}
+    for module in (torch, torchvision, kornia, lightning, numpy):
+        found[module.__name__] = module.__version__
+    found["cpu"] = _cpu()
+    found["threads"] = torch.get_num_threads()
+    found["device"] = torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
+    return found
 
 
 def _cpu() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+        return next(
+            line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")
+        )
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
 
 
 def command(argv: list[str] | None = None) -> str:
-    """The command line of this run, as a user would type it."""
+    """Return the command line of this run as a user would type it."""
     argv = sys.argv if argv is None else argv
     return shlex.join(["python", f"training/{Path(argv[0]).name}", *argv[1:]])

@@ -1,6 +1,6 @@
 """A trained run, read as data: its folder may come from anyone.
 
-Nothing that it holds is run, imported or looked up, and it names no file but those of its data set.
+Nothing in it is run, imported or looked up, and it names no files but those of its data set.
 """
 
 from __future__ import annotations
@@ -14,40 +14,42 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torch import Tensor, nn
 
 from moireaug.scene.fields import one_of
 from training import runs
-from training.classifier import as_model
 from training.data import Splits
-from training.models import names
+from training.files import read_checkpoint, read_metrics, read_settings
+from training.models import as_model, names
 from training.overrides import command_line
-from training.schema import DATA, Config, Data, scene_of
+from training.schema import DATA, Config, Data, as_config, scene_of
 
 
 class Saved(NamedTuple):
-    """A run as its folder has it.
+    """A run as it was read from its folder.
 
     Args:
         folder: where it is. cfg: the settings that it was trained with. state: its best weights.
-        classes: of each logit its name; None where the checkpoint does not tell.
+        classes: the name of each logit; None where the checkpoint does not say.
     """
 
     folder: Path
-    cfg: DictConfig
+    cfg: Config
     state: dict[str, Tensor]
     classes: dict[int, str] | None
 
     @property
     def num_classes(self) -> int:
-        """The number of logits; 0 where these are no classifier's weights."""
-        heads = [value for name, value in self.state.items() if name.endswith("weight") and value.dim()]
+        """Return the number of logits; 0 where these are not the weights of a classifier."""
+        heads = [
+            value for name, value in self.state.items() if name.endswith("weight") and value.dim()
+        ]
         return len(heads[-1]) if heads else 0
 
     def model(self) -> nn.Module:
-        """The run's best model, in evaluation mode.
+        """Return the run's best model, in evaluation mode.
 
         Raises:
             ValueError: weights of another model.
@@ -63,23 +65,29 @@ class Saved(NamedTuple):
         return model.eval()
 
     def check_classes(self, splits: Splits, data: Data) -> None:
-        """Refuse data whose classes are not the run's: each of its answers would count as wrong.
+        """Refuse data whose classes are not the run's: every answer would count as wrong.
 
         Raises:
             ValueError: with the first class that differs.
         """
-        hint = "Pass data whose class folders are those that the run was trained on, or another run."
+        hint = (
+            "Pass data whose class folders are those that the run was trained on, or another run."
+        )
         if splits.num_classes != self.num_classes:
             raise ValueError(
                 f"{self.folder} tells {self.num_classes} classes apart, and the data {data.name} has "
                 f"{splits.num_classes}. {hint}"
             )
-        among_published = self.cfg.data.class_index and data.class_index  # then any of the 1000 will do
+        among_published = (
+            self.cfg.data.class_index and data.class_index
+        )  # then any of the 1000 will do
         if self.classes is None or among_published or self.classes == splits.classes:
             return
         odd = min(set(self.classes.items()) ^ set(splits.classes.items()))[0]
         ours, theirs = self.classes.get(odd), splits.classes.get(odd)
-        raise ValueError(f"class {odd} of {self.folder} is {ours!r}, and {theirs!r} in the data {data.name}. {hint}")
+        raise ValueError(
+            f"class {odd} of {self.folder} is {ours!r}, and {theirs!r} in the data {data.name}. {hint}"
+        )
 
 
 def read(folder: Path) -> Saved:
@@ -94,7 +102,7 @@ def read(folder: Path) -> Saved:
             f"{folder} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py writes them."
         )
     cfg = read_config(config)
-    checkpoint = runs.read_checkpoint(best)
+    checkpoint = read_checkpoint(best)
     state = {name.removeprefix("model."): value for name, value in checkpoint["state_dict"].items()}
     saved = Saved(folder, cfg, state, _names(checkpoint.get("classes")))
     if saved.num_classes < 1:
@@ -102,28 +110,30 @@ def read(folder: Path) -> Saved:
     return saved
 
 
-def damage(cfg: DictConfig) -> str | None:
-    """What is wrong with the files of a run that would be reused or gone on with; None where they are whole, or there
-    are none."""
+def damage(cfg: Config) -> str | None:
+    """Say what is wrong with the files of a run that would be reused or resumed.
+
+    None where they are whole, or there are none.
+    """
     folder, at = runs.folder(cfg), runs.stage(cfg)
     if at == "new" or (at == "other" and not (folder / "best.ckpt").is_file()):
         return None
     try:
         read(folder)
         if at == "begun":
-            runs.read_checkpoint(folder / "last.ckpt")
+            read_checkpoint(folder / "last.ckpt")
     except ValueError as error:
         return str(error).split(". ")[0]
     return None
 
 
-def read_config(path: Path) -> DictConfig:
-    """A run's settings: known keys of the schema with values of their types, and nothing that is looked up elsewhere.
+def read_config(path: Path) -> Config:
+    """Read a run's settings: known keys of the schema with values of their types, none looked up elsewhere.
 
     Raises:
         ValueError: with what is wrong, and what a run's settings may be.
     """
-    values = runs.read_settings(path)
+    values = read_settings(path)
     try:
         cfg = OmegaConf.merge(OmegaConf.structured(Config), values)
         for key in sorted(OmegaConf.missing_keys(cfg)):
@@ -139,35 +149,59 @@ def read_config(path: Path) -> DictConfig:
             f"{path} is not a run's settings: {said} A run holds keys of training/schema.py alone, as fit.py of this "
             "version writes them."
         ) from None
-    return cfg  # type: ignore[return-value]
+    return as_config(cfg)  # type: ignore[arg-type]
+
+
+def start_of(run: Saved) -> Saved | None:
+    """Read the run whose weights this one started from, where it is beside it with the same settings.
+
+    None where there is none; a note says why if its folder is there.
+    """
+    return _beside(run, runs.start_config(run.cfg), "start")
 
 
 def baseline_of(run: Saved) -> Saved | None:
-    """The run of recipe `clean` that was trained with the same settings, in the folder where fit.py puts it; None
-    where there is none, and a note says why."""
-    if run.cfg.recipe == "clean":
+    """Read the run that this one is compared with, where it is beside it with the same settings.
+
+    None where there is none; a note says why if its folder is there.
+    """
+    return _beside(run, runs.baseline_config(run.cfg), "baseline")
+
+
+def _beside(run: Saved, wanted: Config | None, role: str) -> Saved | None:
+    """Read the run of these settings from where fit.py puts it, the folder of its recipe beside this run's."""
+    if wanted is None:
         return None
-    folder = Path(os.path.abspath(run.folder)).parent.parent / "clean" / f"seed{run.cfg.seed}"
+    folder = Path(os.path.abspath(run.folder)).parent.parent / wanted.recipe / f"seed{run.cfg.seed}"
     if not (folder / "metrics.json").is_file():
         return None
-    plain = runs.plain_twin(run.cfg)
     try:
-        twin = read(folder)
+        found = read(folder)
     except ValueError as error:
-        plain.runs = str(folder.parent.parent)
-        again = shlex.join(["python", "training/fit.py", *command_line(plain), "resume=false"])
-        print(f"note: no baseline is attacked beside this run. {error}\nThis trains it again:\n  {again}")
+        wanted.runs = str(folder.parent.parent)
+        again = shlex.join(["python", "training/fit.py", *command_line(wanted), "resume=false"])
+        print(
+            f"note: no {role} is attacked beside this run. {error}\nThis trains it again:\n  {again}"
+        )
         return None
-    wanted, there = (runs.settings(cfg) | {"reattack": None} for cfg in (plain, twin.cfg))
-    if wanted != there:
-        print(f"{folder} was trained with other settings: no baseline is attacked beside this run.")
+    if training_settings(found.cfg) != training_settings(wanted):
+        print(
+            f"note: {folder} was trained with other settings: no {role} is attacked beside this run."
+        )
         return None
-    return twin
+    return found
+
+
+def training_settings(cfg: Config) -> dict[str, Any]:
+    """Return the settings that a run's weights depend on, as plain values: all but those of the re-attack."""
+    values = runs.settings(cfg)
+    del values["reattack"]
+    return values
 
 
 def trained(folder: Path) -> dict[str, Any] | None:
-    """What a run's metrics say of its training; None where they are missing, damaged or no such thing."""
-    train = (runs.read_metrics(folder) or {}).get("train")
+    """Read what a run's metrics say of its training; None where they are missing, damaged or not numbers."""
+    train = (read_metrics(folder) or {}).get("train")
     if not isinstance(train, dict) or not isinstance(train.get("history"), list):
         return None
     rows = [train | {"history": 0, "init": 0}, *train["history"]]
@@ -182,4 +216,6 @@ def _names(found: Any) -> dict[int, str] | None:
 
 
 def _is_number(value: Any) -> bool:
-    return value is None or (isinstance(value, Real) and not isinstance(value, bool) and not math.isinf(value))
+    return value is None or (
+        isinstance(value, Real) and not isinstance(value, bool) and not math.isinf(value)
+    )

@@ -5,12 +5,12 @@ Lengths of time are epochs, eps is in [0, 1] units, sizes are pixels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import MISSING, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf
 
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import Scene, as_scene
@@ -21,14 +21,15 @@ RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 @dataclass
 class Data:
     name: str = MISSING
-    root: str | None = None  # folder: holds train/ and test/, or class folders alone (then all of it is test data)
+    root: str | None = (
+        None  # folder: holds train/ and test/, or class folders alone (then all of it is test data)
+    )
     size: int = 32  # images are resized to size x size
     train: int | None = None  # images; null is all there are
     val: int | None = None  # null is a tenth of the training images; for signs, its default
     test: int | None = None
-    class_index: str | None = (
-        None  # folder: CSV of folder (or wnid) and class_index among the 1000 of published weights
-    )
+    # folder: CSV of folder (or wnid) and class_index among the 1000 of published weights
+    class_index: str | None = None
     augment: str = "none"  # "none", "shift" (zero padded, by up to an eighth) or "shift_flip"
     workers: int = 0
     download: bool = False  # torchvision's own sets
@@ -45,7 +46,7 @@ DATA = {
 
 @dataclass
 class Adversary:
-    """What training images are turned into; `adversaries.passes` says what it costs."""
+    """Says what training images are turned into; `adversaries.passes` gives its cost."""
 
     kind: str = "none"  # none, moire (random), moire_attack (adversarial noise on it), pgd (noise on pixels)
     share: float = 1.0  # of each batch; the other images stay clean
@@ -55,24 +56,38 @@ class Adversary:
     warmup: float = 0.0  # share of training over which eps rises from 0
     random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
     replays: int = 1  # times that a batch is trained on, its noise moved on by each time's own gradient; 1 is once
-    window: int = 16  # batches that are replayed in turn, held in memory with their raw readings and noise
+    window: int = (
+        16  # batches that are replayed in turn, held in memory with their photographs and noise
+    )
     worst_of: int = 1  # random shots of each image, of which the one of the greatest loss is used
     turn: bool = False  # the camera is then turned for the worse, by one gradient step
-    consistency: float = 0.0  # weight of KL(clean || attacked) beside the clean images' loss (TRADES); 0 is neither
-    curriculum: float = 0.0  # share of training over which the scene's ranges open from their middles
+    consistency: float = (
+        0.0  # weight of KL(clean || attacked) beside the clean images' loss (TRADES); 0 is neither
+    )
+    curriculum: float = (
+        0.0  # share of training over which the scene's ranges open from their middles
+    )
 
 
 @dataclass
 class Train:
     epochs: int = 12
     batch_size: int = 128  # of all devices together
-    lr: float | None = None  # null: 0.1; with `weights`, 0.002 for a batch of 128, in proportion (tuning.py)
-    momentum: float = 0.95  # the greatest of the one-cycle schedule, which runs from it to 0.1 less and back
+    lr: float | None = (
+        None  # null: 0.1; with `weights`, 0.002 for a batch of 128, in proportion (tuning.py)
+    )
+    momentum: float = (
+        0.95  # the greatest of the one-cycle schedule, which runs from it to 0.1 less and back
+    )
     weight_decay: float = 5e-4
     label_smoothing: float = 0.0
-    init: str = "random"  # or "clean": from the weights of recipe clean with the same settings
-    ema: float | None = None  # decay of the averaged weights a step, which are validated and kept; null: 0.98
-    batch_statistics: bool | None = None  # in batch normalisation; null: unless `weights` are given, whose own stay
+    init: str = "random"  # or "clean": start from the weights of recipe clean, trained with the same settings
+    ema: float | None = (
+        None  # decay of the averaged weights a step, which are validated and kept; null: 0.98
+    )
+    batch_statistics: bool | None = (
+        None  # in batch normalisation; null: unless `weights` are given, whose own stay
+    )
     channels_last: bool = True
     compile: bool = False  # torch.compile of the model
 
@@ -86,7 +101,9 @@ class Trainer:
     num_nodes: int = 1
     strategy: str = "auto"
     precision: Any = "32-true"
-    deterministic: Any = False  # true is refused by CUDA's bilinear resampling; a CPU run is exact anyway
+    deterministic: Any = (
+        False  # true is refused by CUDA's bilinear resampling; a CPU run is exact anyway
+    )
 
 
 @dataclass
@@ -103,7 +120,9 @@ class Config:
     recipe: str = MISSING
     seed: int = 0
     runs: str = "runs"
-    scene: Any = "screen_photo"  # a preset's name, or a mapping of Scene's fields with an optional `preset`
+    scene: Any = (
+        "screen_photo"  # a preset's name, or a mapping of Scene's fields with an optional `preset`
+    )
     model: str = "small_resnet"  # or any torchvision classifier
     weights: str | None = None  # a state_dict file, or torchvision's name of weights
     data: Data = field(default_factory=Data)
@@ -111,16 +130,43 @@ class Config:
     train: Train = field(default_factory=Train)
     trainer: Trainer = field(default_factory=Trainer)
     reattack: Reattack = field(default_factory=Reattack)
-    resume: bool | None = None  # null: go on where the same command stopped; true: or fail; false: train it anew
+    resume: bool | None = (
+        None  # null: resume where possible; true: resume or fail; false: train again
+    )
 
 
 @dataclass
 class ReattackConfig(Config):
     recipe: str = "pretrained"
-    run: str | None = None  # a run's folder; its own settings hold, but for those on the command line
-    suite: str = "ladder"  # or one of evaluation.suites.SUITES, a group ("paper", "recipes"), "trust"
+    run: str | None = (
+        None  # a run's folder; its own settings hold, except for those on the command line
+    )
+    suite: str = (
+        "ladder"  # or one of evaluation.suites.SUITES, a group ("paper", "recipes"), "trust"
+    )
     targets: Any = None  # of transfer: name to a file of weights or a run's folder
-    demoire: str | None = None  # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
+    demoire: str | None = (
+        None  # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
+    )
+
+
+def as_config(cfg: DictConfig | Config) -> Config:
+    """Return the settings as the dataclass that they are declared as: `Config`, or `ReattackConfig`.
+
+    Args:
+        cfg: as Hydra composed it; a dataclass is returned as it is.
+
+    Raises:
+        omegaconf.errors.MissingMandatoryValue: a setting without a value.
+    """
+    return OmegaConf.to_object(cfg) if isinstance(cfg, DictConfig) else cfg  # type: ignore[return-value]
+
+
+def as_values(cfg: DictConfig | Config) -> dict[str, Any]:
+    """Return the settings as plain values: dictionaries, lists, strings and numbers."""
+    if isinstance(cfg, DictConfig):
+        return OmegaConf.to_container(cfg, resolve=True)  # type: ignore[return-value]
+    return asdict(cfg)
 
 
 HOME = ("signs", Config.model)  # data and model whose runs need no folder of their own
@@ -128,8 +174,12 @@ QUIET = {"run": {"dir": "."}, "sweep": {"dir": "${runs}", "subdir": "."}, "outpu
 
 
 def scene_of(cfg: Any) -> Scene:
-    """The configured scene: a preset's name, or a mapping."""
-    return as_scene(OmegaConf.to_container(cfg.scene, resolve=True) if OmegaConf.is_config(cfg.scene) else cfg.scene)
+    """Return the scene that `cfg.scene` names or describes; `cfg` has such an attribute."""
+    return as_scene(
+        OmegaConf.to_container(cfg.scene, resolve=True)
+        if OmegaConf.is_config(cfg.scene)
+        else cfg.scene
+    )
 
 
 def check_keys(overrides: list[str], schema: type[Config]) -> None:
@@ -147,13 +197,19 @@ def check_keys(overrides: list[str], schema: type[Config]) -> None:
             for part in key.split("."):
                 if not OmegaConf.is_dict(node):
                     top = key.split(".")[0]
-                    example = "{resnet18: FILE, ...}" if top == "targets" else "{preset: paper, ...}"
+                    example = (
+                        "{resnet18: FILE, ...}" if top == "targets" else "{preset: paper, ...}"
+                    )
                     raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
                 part = one_of(f"a key in {key!r}", part, map(str, node))
                 node = None if OmegaConf.is_missing(node, part) else node[part]
             if key == "recipe" and schema is ReattackConfig:
-                raise ValueError("recipe= says how a model is trained, and this one is only attacked: leave it out.")
-            known = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}.get(key)
+                raise ValueError(
+                    "recipe= says how a model is trained, and this one is only attacked: leave it out."
+                )
+            known = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}.get(
+                key
+            )
             for name in value.split(",") if known else ():
                 one_of(key, name, sorted(known))
     except ValueError as error:
@@ -161,7 +217,7 @@ def check_keys(overrides: list[str], schema: type[Config]) -> None:
 
 
 def register() -> None:
-    """Make the schema, the data sets and every recipe of `recipes/` known to Hydra."""
+    """Register the schema, the data sets and every recipe of `recipes/` with Hydra."""
     store = ConfigStore.instance()
     store.store(name="schema", node=Config)
     for name, node in DATA.items():
@@ -169,7 +225,10 @@ def register() -> None:
     for path in sorted(RECIPES.glob("*.yaml")):
         node = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
         store.store(group="recipe", name=path.stem, package="_global_", node=node)
-    silent = [{"override hydra/job_logging": "disabled"}, {"override hydra/hydra_logging": "disabled"}]
+    silent = [
+        {"override hydra/job_logging": "disabled"},
+        {"override hydra/hydra_logging": "disabled"},
+    ]
     defaults = ["schema", {"data": HOME[0]}, {"recipe": "clean"}, "_self_"]
     store.store(name="root", node={"defaults": [*defaults, *silent], "hydra": QUIET})
     store.store(name="reattack_schema", node=ReattackConfig)

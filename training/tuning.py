@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from lightning.pytorch.callbacks import EMAWeightAveraging, WeightAveraging
 from torch import Tensor
+
+from training.schema import Train
 
 SCRATCH_LR = 0.1
 FINE_LR = 0.002  # of a batch of 128
@@ -19,7 +21,7 @@ class Tuning(NamedTuple):
 
     Args:
         lr: the greatest learning rate of the schedule. clip: bound of the gradient's norm, or None.
-        ema: decay of the averaged weights a step. rising: whether it rises to that from nothing over the first steps.
+        ema: decay of the averaged weights a step. rising: whether it rises to that from zero over the first steps.
     """
 
     lr: float
@@ -28,20 +30,23 @@ class Tuning(NamedTuple):
     rising: bool
 
 
-def tuning(cfg: Any) -> Tuning:
-    """Return the settings that `train.lr` and `train.ema` stand for; null is chosen here.
+def tuning(train: Train, *, fine: bool) -> Tuning:
+    """Return the settings that `train.lr` and `train.ema` stand for, where null is chosen by what is trained.
 
-    From scratch: lr 0.1, ema 0.98. Fine-tuning (`weights` are given): lr 0.002 for a batch of 128, in proportion to the
-    batch; gradients clipped to norm 1; and an average whose decay rises to 0.98, so that it follows even a few steps.
+    From scratch: lr 0.1, ema 0.98. Fine-tuning: lr 0.002 for a batch of 128, in proportion to the batch; gradients
+    clipped to norm 1; and an average whose decay rises to 0.98, so that it follows even a few steps.
+
+    Args:
+        fine: whether training starts from given weights.
     """
-    fine, t = cfg.weights is not None, cfg.train
-    lr = FINE_LR * t.batch_size / 128 if fine else SCRATCH_LR
-    return Tuning(
-        lr=lr if t.lr is None else t.lr,
-        clip=CLIP if fine else None,
-        ema=EMA if t.ema is None else t.ema,
-        rising=fine and t.ema is None,
-    )
+    lr, ema = SCRATCH_LR, EMA
+    if fine:
+        lr = FINE_LR * train.batch_size / 128
+    if train.lr is not None:
+        lr = train.lr
+    if train.ema is not None:
+        ema = train.ema
+    return Tuning(lr=lr, clip=CLIP if fine else None, ema=ema, rising=fine and train.ema is None)
 
 
 def averaging(chosen: Tuning) -> WeightAveraging:

@@ -3,8 +3,14 @@
 Each is a frozen dataclass, called on images (B, 3, H, W) in [0, 1], with a `title` for tables and `randomised`.
 """
 
+# ruff: noqa: E402  # a missing extra is named before it is imported
+
 from collections.abc import Callable
 from functools import partial
+
+from moireaug.extras import require
+
+require("eval", "moireaug.defenses")
 
 from moireaug.defenses.base import Defence
 from moireaug.defenses.defended import Compose, Defended

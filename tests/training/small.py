@@ -15,7 +15,8 @@ from hydra.core.global_hydra import GlobalHydra
 
 from training import commands, fit, reattack, runs
 from training.data import load
-from training.schema import Config, ReattackConfig
+from training.schema import Config, ReattackConfig, as_config
+from training.train import train_model
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = [
@@ -31,7 +32,7 @@ def start(script, *overrides, cwd):
     """Start a script as a user does, away from the repository."""
     return subprocess.Popen(
         [sys.executable, str(ROOT / "training" / script), *overrides], cwd=cwd,
-        env=os.environ | {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive"},
+        env=os.environ | {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -78,9 +79,10 @@ def wait(process, last, at_least):
 
 
 def configured(*overrides, name="root"):
+    """The typed settings of a command line."""
     GlobalHydra.instance().clear()
     with initialize(version_base="1.3", config_path=None):
-        return compose(name, list(overrides))
+        return as_config(compose(name, list(overrides)))
 
 
 def train(tmp_path, name, *overrides):
@@ -90,8 +92,8 @@ def train(tmp_path, name, *overrides):
     )
     runs.prepare(cfg)
     out = runs.folder(cfg)
-    _, told = fit.train_model(cfg, load(cfg.data), out, start=None)
-    return out, told
+    _, found = train_model(cfg, load(cfg.data))
+    return out, found
 
 
 def weights(path):

@@ -5,6 +5,7 @@ from omegaconf import OmegaConf
 
 from tests.training.small import TINY, configured
 from training import models, runs, signs
+from training.schema import as_values
 
 
 def put(root, *overrides, classes=signs.CLASSES, edit=None):
@@ -16,7 +17,7 @@ def put(root, *overrides, classes=signs.CLASSES, edit=None):
     cfg = configured("recipe=clean", *TINY, f"runs={root}", *overrides)
     folder = runs.folder(cfg)
     folder.mkdir(parents=True)
-    text = OmegaConf.to_yaml(cfg, resolve=True)
+    text = OmegaConf.to_yaml(OmegaConf.create(as_values(cfg)))
     (folder / "config.yaml").write_text(edit(text) if edit else text)
     torch.manual_seed(0)
     state = models.build("small_resnet", len(classes)).state_dict()

@@ -16,6 +16,7 @@ from training.adversaries import Adversaries, Moment, Shown, check, narrowed, pa
 from training.batches import Batch
 from training.classifier import Classifier
 from training.schema import RECIPES, Adversary
+from training.train import classifier_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -47,7 +48,7 @@ def batch(n=4):
 @pytest.mark.parametrize("recipe", [p.stem for p in RECIPES.glob("*.yaml")])
 def test_every_recipe_turns_images_into_images(recipe):
     cfg = configured(f"recipe={recipe}", *TINY)
-    model = Classifier(cfg, 16)
+    model = classifier_of(cfg, 16)
     images, labels = batch()
     shown = model.adversary(images, labels)
     assert shown.shape == images.shape and shown.min() >= 0 and shown.max() <= 1
@@ -143,7 +144,7 @@ def test_a_curriculum_draws_ranges_in_to_their_middles(width):
 
 
 def test_eps_and_ranges_rise_linearly(monkeypatch):
-    model = Classifier(configured("recipe=moire_at", *TINY, "adversary.warmup=0.5", "adversary.curriculum=0.25"), 16)
+    model = classifier_of(configured("recipe=moire_at", *TINY, "adversary.warmup=0.5", "adversary.curriculum=0.25"), 16)
     model._trainer = type("Trainer", (), {"estimated_stepping_batches": 40})
     moments = []
     for step in (0, 4, 9, 19, 30):
@@ -164,7 +165,7 @@ def stepped(model, *args, **kwargs):
 def test_consistency_is_the_loss_of_the_paper(share, monkeypatch):
     cfg = configured("recipe=moire_trades", *TINY, f"adversary.share={share}", "adversary.consistency=2.5")
     monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
-    model = Classifier(cfg, 16).double()
+    model = classifier_of(cfg, 16).double()
     model.eval()  # so that both batches of images are normalised by the same statistics
     images, labels = torch.randint(0, 256, (6, 3, 24, 24), dtype=torch.uint8), torch.arange(6)
     n = round(share * 6)
@@ -181,7 +182,7 @@ def test_consistency_is_the_loss_of_the_paper(share, monkeypatch):
 def test_a_replayed_batch_is_photographed_once(monkeypatch):
     cfg = configured("recipe=moire_free", *TINY)
     monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
-    model = Classifier(cfg, 16)
+    model = classifier_of(cfg, 16)
     taken = []
     problem = MoireAttack.problem
     monkeypatch.setattr(MoireAttack, "problem", lambda *a: taken.append(1) or problem(*a))

@@ -43,7 +43,7 @@ def test_loaders_draw_the_same_images_for_one_rank_and_two():
     splits = type("Splits", (), {"train": TensorDataset(torch.arange(60), torch.arange(60)), "val": None})
 
     def drawn(ranks, rank):
-        data = Batches(cfg, splits)
+        data = Batches(splits, cfg.train, cfg.adversary, workers=0, seed=cfg.seed)
         data.trainer = type("Trainer", (), {"world_size": ranks, "global_rank": rank})
         loader = data.train_dataloader()
         loader.sampler.set_epoch(1)

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from tests.training.small import configured
 from training import bounds, fit
-from training.schema import Config
+from training.schema import Config, as_values
 
 NUMBERS = ("int", "float")
 
@@ -29,14 +29,14 @@ def test_every_number_of_the_schema_has_bounds():
 
 
 def test_every_default_and_recipe_is_within_them():
-    for recipe in ("clean", "moire_at", "moire_free", "moire_worst", "pgd_fast"):
+    for recipe in ("clean", "baseline", "moire_at", "moire_free", "moire_worst", "pgd_fast"):
         for data in ("signs", "cifar10", "folder"):
             assert fit.check(configured(f"recipe={recipe}", f"data={data}")) is None
 
 
 @pytest.fixture(scope="module")
 def untyped():
-    return OmegaConf.to_container(configured())
+    return as_values(configured())
 
 
 @pytest.mark.parametrize("key", bounds.BOUNDS)

@@ -78,7 +78,7 @@ def test_a_disk_that_takes_nothing_is_found_before_the_work(number, job, tmp_pat
     for module in (fit, reattack, suites):
         monkeypatch.setattr(module, "load", lambda *args: pytest.fail("time was spent"), raising=False)
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
-    with pytest.raises(ValueError, match=rf"cannot be written \({os.strerror(number)}\): mend that, or pass runs="):
+    with pytest.raises(ValueError, match=rf"cannot be written \({os.strerror(number)}\): fix that, or pass runs="):
         if job == "fit":
             fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'new'}"))
         else:
@@ -87,7 +87,7 @@ def test_a_disk_that_takes_nothing_is_found_before_the_work(number, job, tmp_pat
 
 def test_a_disk_that_fills_while_an_attack_is_written_gets_a_sentence():
     full = commands.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
-    assert "runs/report.html" in full and "the same command goes on" in full
+    assert "runs/report.html" in full and "resume with the same command" in full
 
 
 def test_a_probe_leaves_nothing_behind(tmp_path):

@@ -1,6 +1,7 @@
 """The recipes through their real commands, small: files, figures, resuming, and sentences for what goes wrong."""
 
 import json
+import shutil
 
 import pytest
 import torch
@@ -10,7 +11,9 @@ from tests.training.small import BRIEF, TINY, command, configured, inside, train
 from training import fit, reattack, runs, saved
 from training.classifier import Classifier
 from training.data import augment, load
-from training.schema import Config, ReattackConfig, check_keys
+from training.results import compare
+from training.schema import Config, ReattackConfig, as_values, check_keys
+from training.train import classifier_of, train_model
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -26,7 +29,7 @@ def whole(tmp_path_factory):
 
 def test_a_run_leaves_what_it_promises(whole):
     cwd, done = whole
-    for recipe in ("clean", "moire_at"):
+    for recipe in ("clean", "baseline", "moire_at"):
         folder = cwd / "runs" / recipe / "seed0"
         assert {p.name for p in folder.iterdir()} == {
             "report.html",
@@ -34,6 +37,7 @@ def test_a_run_leaves_what_it_promises(whole):
             "best.ckpt",
             "last.ckpt",
             "config.yaml",
+            "records",
         }
     m = json.loads((cwd / "runs/moire_at/seed0/metrics.json").read_text())
     assert (m["recipe"], m["seed"], m["data"], m["model"]) == ("moire_at", 0, "signs", "small_resnet")
@@ -59,34 +63,107 @@ def test_a_run_leaves_what_it_promises(whole):
         low, high = m["gain_interval"][row["name"]]
         assert low <= m["gain"][row["name"]] <= high
     assert m["clean_accuracy"] == m["reattack"][0]["accuracy"]
-    assert m["baseline"]["recipe"] == "clean"
+    assert m["baseline"]["recipe"] == "baseline" and m["start"]["recipe"] == "clean"
     printed = done.stdout.splitlines()
     assert printed[-1] == "Report: runs/moire_at/seed0/report.html"
     assert any(line.startswith("Moiré Attack 4/255") for line in printed)
+    assert sum(line.startswith("training: moire_at ") for line in printed) == 1
     assert "Warning" not in done.stderr, done.stderr
 
 
-def test_the_baseline_is_reused_only_where_its_settings_fit(whole, capsys):
+def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole):
+    cwd, _ = whole
+    m = json.loads((cwd / "runs/moire_at/seed0/metrics.json").read_text())
+    clean, base = (json.loads((cwd / f"runs/{r}/seed0/metrics.json").read_text()) for r in ("clean", "baseline"))
+    for ours, theirs in ((m["start"], clean), (m["baseline"], base)):
+        assert set(ours) == {"recipe", "seed", "data", "model", "clean_accuracy", "train", "reattack"}
+        assert ours == {key: theirs[key] for key in ours}
+    epochs = {side["recipe"]: (side["train"]["epochs"], side["train"]["total_epochs"]) for side in (clean, base, m)}
+    assert epochs == {"clean": (2, 2), "baseline": (2, 4), "moire_at": (2, 4)}
+    start = clean["train"]["seconds"]
+    for side in (base, m):
+        assert side["train"]["total_seconds"] == pytest.approx(side["train"]["seconds"] + start)
+    assert clean["train"]["total_seconds"] == start
+    assert (clean["start"], clean["baseline"], base["baseline"]) == (None, None, None)
+    assert base["start"] == m["start"] and base["gain"] == {}
+    # the gain is against the baseline, not against the start, whose rows are others
+    outcomes = {name: (cwd / f"runs/{name}/seed0/best.ckpt").read_bytes() for name in ("clean", "baseline")}
+    assert outcomes["clean"] != outcomes["baseline"]
+    assert base["train"]["init"] == "clean" and clean["train"]["init"] == "random"
+
+
+def test_the_gain_is_against_the_baseline_and_not_against_the_start():
+    right, wrong = {"clean": "1" * 8}, {"clean": "0" * 8}
+    cfg = configured("recipe=moire_at", *TINY)
+    side = {"recipe": "x", "seed": 0, "data": "signs", "model": "small_resnet", "clean_accuracy": 0.0, "train": None,
+            "reattack": []}  # fmt: skip
+    own = side | {"correct": {"clean": "1" * 8}}
+    for start, baseline, gain in ((right, wrong, 1.0), (wrong, right, 0.0)):
+        m = compare(cfg, own, None, side | {"correct": start}, side | {"correct": baseline})
+        assert m["gain"] == {"clean": gain}
+    assert compare(cfg, own, None, side | {"correct": wrong}, None)["gain"] == {}
+
+
+def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     cwd, _ = whole
     cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}")
-    twin = runs.plain_twin(cfg)
-    before = (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns
-    assert fit.trained_twin(twin)["recipe"] == "clean"
-    assert (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns == before
-    assert "reused" in capsys.readouterr().out
-    other = configured("recipe=moire_aug", *TINY, "data.train=80")
-    assert runs.fingerprint(runs.settings(runs.plain_twin(other))) != runs.fingerprint(runs.settings(twin))
+    folders = [cwd / f"runs/{recipe}/seed0" for recipe in ("clean", "baseline")]
+    before = [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders]
+    start, baseline = fit.plain_runs(cfg, load(cfg.data))
+    assert (start["recipe"], baseline["recipe"]) == ("clean", "baseline")
+    assert [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders] == before
+    said = capsys.readouterr().out
+    assert f"The start is reused from {folders[0]}" in said and f"The baseline is reused from {folders[1]}" in said
+    other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
+    for wanted in (runs.start_config(other), runs.baseline_config(other)):
+        assert fit.reused(wanted, None, role="baseline") is None, "its settings are others"
+        assert runs.stage(wanted) == "other"
 
 
 def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, capsys):
     cwd, _ = whole
     cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1")
-    before = (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns
-    known = fit.trained_twin(runs.plain_twin(cfg))
-    assert "weights are reused" in capsys.readouterr().out
+    path = cwd / "runs/baseline/seed0"
+    before = (path / "best.ckpt").stat().st_mtime_ns
+    known = fit.reused(runs.baseline_config(cfg), load(cfg.data), role="baseline")
+    assert "The baseline's weights are reused" in capsys.readouterr().out
     assert [r["n"] for r in known["reattack"]] == [6] * len(known["reattack"]) and known["train"]["epochs"] == 2
-    assert (cwd / "runs/clean/seed0/best.ckpt").stat().st_mtime_ns == before
-    assert runs.read_metrics(cwd / "runs/clean/seed0")["reattack"][0]["n"] == 24  # its own report stays
+    assert (path / "best.ckpt").stat().st_mtime_ns == before
+    assert runs.read_metrics(path)["reattack"][0]["n"] == 24  # its own report stays
+
+
+PLANS = [
+    (["recipe=clean"], None, None),
+    (["recipe=baseline"], "clean", None),
+    (["recipe=moire_at"], "clean", "baseline"),
+    (["recipe=moire_at", "train.init=random"], None, "clean"),
+    (["recipe=pgd_fast", "weights=FILE", "train.lr=0.01", "scene={preset: paper}"], "clean", "baseline"),
+]
+
+
+@pytest.mark.parametrize(("given", "start", "baseline"), PLANS, ids=[" ".join(p[0][:2]) for p in PLANS])
+def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
+    cfg = configured(*given, *TINY[:4])
+    for other, recipe in ((runs.start_config(cfg), start), (runs.baseline_config(cfg), baseline)):
+        if recipe is None:
+            assert other is None
+            continue
+        ours, theirs, own = (runs.settings(c) for c in (cfg, other, configured(f"recipe={recipe}")))
+        assert theirs["recipe"] == recipe and theirs["adversary"] == own["adversary"]
+        assert theirs["train"] == ours["train"] | {"init": own["train"]["init"]}
+        assert {k: v for k, v in theirs.items() if k not in ("recipe", "adversary", "train")} == {
+            k: v for k, v in ours.items() if k not in ("recipe", "adversary", "train")
+        }
+
+
+def test_a_baseline_of_other_settings_is_not_attacked_beside_a_run(whole, tmp_path, capsys):
+    shutil.copytree(whole[0] / "runs", tmp_path / "runs")
+    run = saved.read(tmp_path / "runs/moire_at/seed0")
+    assert saved.baseline_of(run).cfg.recipe == "baseline" and saved.start_of(run).cfg.recipe == "clean"
+    path = tmp_path / "runs/baseline/seed0/config.yaml"
+    path.write_text(path.read_text().replace("epochs: 2", "epochs: 3"))
+    assert saved.baseline_of(run) is None and saved.start_of(run) is not None
+    assert "was trained with other settings: no baseline is attacked beside this run" in capsys.readouterr().out
 
 
 def test_reattack_of_a_run(whole):
@@ -94,10 +171,12 @@ def test_reattack_of_a_run(whole):
     given = ["run=runs/moire_at/seed0", "scene=paper_code", "reattack.n=12", "reattack.eps=[0.02]"]
     done = inside("reattack.py", *given, cwd=cwd)
     assert done.returncode == 0, done.stderr
-    m = json.loads((cwd / "runs/moire_at/seed0/reattack/paper_code/metrics.json").read_text())
+    (path,) = (cwd / "runs/moire_at/seed0/reattack").glob("paper_code-n12-steps2-*/ladder/metrics.json")
+    m = json.loads(path.read_text())
     assert m["scene_name"] == "paper_code" and m["reattack"][0]["n"] == 12
-    assert m["baseline"]["recipe"] == "clean" and m["baseline"]["reattack"][0]["n"] == 12
-    assert (cwd / "runs/moire_at/seed0/reattack/paper_code/report.html").is_file()
+    assert m["baseline"]["recipe"] == "baseline" and m["baseline"]["reattack"][0]["n"] == 12
+    assert m["start"]["recipe"] == "clean" and m["start"]["reattack"][0]["n"] == 12
+    assert path.with_name("report.html").is_file()
 
 
 def test_reattack_of_weights_on_a_folder(tmp_path):
@@ -120,8 +199,9 @@ def test_reattack_of_weights_on_a_folder(tmp_path):
         "reattack.steps=1", "reattack.batch_size=2", f"runs={tmp_path / 'runs'}", name="reattack",
     )  # fmt: skip
     metrics = reattack.reattack(cfg, [])
-    assert metrics["baseline"] is None and metrics["reattack"][0]["n"] == 4
-    assert (tmp_path / "runs/reattack/squeezenet1_1/report.html").is_file()
+    assert metrics["baseline"] is None and metrics["start"] is None and metrics["reattack"][0]["n"] == 4
+    (page,) = (tmp_path / "runs/reattack/squeezenet1_1").glob("folder-images-paper_code-n4-steps1-*/ladder/report.html")
+    assert page.stat().st_size > 10_000
 
 
 def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):
@@ -183,14 +263,16 @@ def test_a_recipe_is_not_given_to_an_attack():
         check_keys(["recipe=moire_at"], ReattackConfig)
 
 
-def test_an_interrupted_baseline_is_resumed_and_then_its_recipe_begins(tmp_path, monkeypatch):
+def test_an_interrupted_start_is_resumed_and_then_its_recipe_begins(tmp_path, capsys):
     cfg = configured("recipe=moire_aug", *TINY, *BRIEF, "train.epochs=1", f"runs={tmp_path}")
-    twin = runs.plain_twin(cfg)
-    runs.prepare(twin)
-    fit.train_model(twin, load(twin.data), runs.folder(twin), start=None)
+    start = runs.start_config(cfg)
+    runs.prepare(start)
+    train_model(start, load(start.data))
     cfg.resume = True
     metrics = fit.fit(cfg)
-    assert metrics["recipe"] == "moire_aug" and metrics["baseline"]["recipe"] == "clean"
+    assert "Training is complete: the weights are read from" in capsys.readouterr().out
+    assert metrics["recipe"] == "moire_aug" and metrics["baseline"]["recipe"] == "baseline"
+    assert metrics["start"]["recipe"] == "clean" and metrics["train"]["total_epochs"] == 2
 
 
 def test_untrained_weights_are_not_attacked():
@@ -200,8 +282,6 @@ def test_untrained_weights_are_not_attacked():
 
 @pytest.mark.parametrize("damage", ["cut", "noise", "gone"])
 def test_a_damaged_checkpoint_gets_a_sentence(damage, whole, tmp_path):
-    import shutil
-
     run = tmp_path / "runs/moire_at/seed0"
     shutil.copytree(whole[0] / "runs/moire_at/seed0", run)
     best = run / "best.ckpt"
@@ -234,9 +314,12 @@ def test_augmentation_moves_whole_images(kind):
     assert torch.equal(augment(images, "none"), images)
 
 
-def test_config_files_are_read_back():
-    cfg = configured("recipe=moire_at", "scene={preset: paper, view: {roll: [-3, 3]}}")
-    assert OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True)) == cfg
+def test_config_files_are_read_back(tmp_path):
+    cfg = configured("recipe=moire_at", "scene={preset: paper, view: {roll: [-3, 3]}}", f"runs={tmp_path}")
+    path = runs.folder(cfg) / "config.yaml"
+    path.parent.mkdir(parents=True)
+    path.write_text(OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
+    assert saved.read_config(path) == cfg
 
 
 def test_ranks_and_steps_draw_differently(monkeypatch):
@@ -248,7 +331,7 @@ def test_ranks_and_steps_draw_differently(monkeypatch):
         monkeypatch.setattr(Classifier, "global_rank", property(lambda self: rank))
         monkeypatch.setattr(Classifier, "log", lambda *args, **kwargs: None)
         torch.manual_seed(0)
-        model = Classifier(cfg, 16)
+        model = classifier_of(cfg, 16)
         monkeypatch.setattr(model, "_moment", lambda: None)
         monkeypatch.setattr(model, "adversary", lambda images, *rest: seen.append(torch.rand(3)) or images)
         model.training_step(batch, index)

@@ -27,7 +27,8 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 def test_models_and_data_do_not_share_a_folder(given, path):
     cfg = configured(*given)
     assert str(runs.folder(cfg)) == path
-    assert runs.folder(runs.plain_twin(cfg)).parent.parent == runs.folder(cfg).parent.parent
+    for other in (runs.start_config(cfg), runs.baseline_config(cfg)):
+        assert other is None or runs.folder(other).parent.parent == runs.folder(cfg).parent.parent
 
 
 def test_a_frontier_is_of_one_group_of_runs(tmp_path):
@@ -45,24 +46,25 @@ def test_a_frontier_is_of_one_group_of_runs(tmp_path):
 
 
 @pytest.mark.parametrize("torn", ["best.ckpt", "config.yaml", "nothing"])
-def test_a_damaged_baseline_is_trained_again(torn, tmp_path, monkeypatch, capsys):
-    twin = configured("recipe=clean", *TINY, f"runs={tmp_path}")
-    folder = put(tmp_path)
+@pytest.mark.parametrize(("role", "recipe"), [("start", "clean"), ("baseline", "baseline")])
+def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monkeypatch, capsys):
+    wanted = configured(f"recipe={recipe}", *TINY, f"runs={tmp_path}")
+    folder = put(tmp_path, f"recipe={recipe}")
     (folder / "metrics.json").write_text('{"config": {}}')
     (folder / "last.ckpt").write_bytes((folder / "best.ckpt").read_bytes())
-    assert saved.damage(twin) is None
+    assert saved.damage(wanted) is None
     if torn != "nothing":
         path = folder / torn
         path.write_bytes(path.read_bytes()[:40])
     trained = []
-    monkeypatch.setattr(fit, "fit", lambda cfg: trained.append(cfg) or {})
-    fit.trained_twin(twin)
+    monkeypatch.setattr(fit, "one_run", lambda cfg, *rest: trained.append(cfg) or {})
+    fit.plain_run(wanted, None, None, role=role)
     assert len(trained) == 1
     if torn == "nothing":
         assert trained[0].resume is None
         return
-    assert "The baseline is damaged and trained again: " in capsys.readouterr().out
-    assert trained[0].resume is False and trained[0].recipe == "clean"
+    assert f"The {role} is damaged and trained again: " in capsys.readouterr().out
+    assert trained[0].resume is False and trained[0].recipe == recipe
     runs.prepare(trained[0])
     assert not any(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 1, "nothing is lost"
 

@@ -8,8 +8,8 @@ from torch import nn
 from tests.training.small import TINY, configured
 from training import guard
 from training.batches import Batches
-from training.classifier import Classifier
 from training.models import build
+from training.train import classifier_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -43,14 +43,14 @@ def trained(tmp_path, *overrides):
 
     cfg = configured("recipe=moire_fast", *TINY, "train.init=random", "train.epochs=3", *overrides)
     L.seed_everything(0, verbose=False)
-    model, loud = Classifier(cfg, 16), Loud()
+    model, loud = classifier_of(cfg, 16), Loud()
     best = ModelCheckpoint(dirpath=tmp_path, filename="best", monitor="epoch", mode="min", enable_version_counter=False)
     trainer = L.Trainer(
         max_epochs=3, accelerator="cpu", logger=False, num_sanity_val_steps=0, use_distributed_sampler=False,
         callbacks=[EMAWeightAveraging(decay=0.5), best, guard.Guard(tmp_path / "best.ckpt"), loud],
         enable_model_summary=False, enable_progress_bar=False,
     )  # fmt: skip
-    trainer.fit(model, Batches(cfg, load(cfg.data)))
+    trainer.fit(model, Batches(load(cfg.data), cfg.train, cfg.adversary, workers=0, seed=cfg.seed))
     return model, loud, torch.load(tmp_path / "best.ckpt", weights_only=True)
 
 
@@ -64,7 +64,7 @@ def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(t
     # the collapse outlives the process
     kept: dict = {}
     model.on_save_checkpoint(kept)
-    resumed = Classifier(model.cfg, 16)
+    resumed = classifier_of(configured("recipe=moire_fast", *TINY), 16)
     resumed.on_load_checkpoint(kept)
     assert resumed.hardened and resumed.adversary.cfg.steps == 3 and resumed.adversary.cfg.random_start == 1.0
 

@@ -12,8 +12,10 @@ import torch
 from lightning.pytorch.plugins.environments import SLURMEnvironment
 
 from tests.training.small import BRIEF, LONG, TINY, command, configured, start, wait
-from training import fit, ranks, runs
+from training import ranks, runs
 from training.data import load
+from training.train import train_model, trainer_of
+from training.tuning import tuning
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -30,7 +32,7 @@ def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
 
     done = command("fit.py", *given, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "of them are over" in done.stdout or "Training is over" in done.stdout
+    assert "Resuming from" in done.stdout or "Training is complete" in done.stdout
     m = json.loads((tmp_path / "runs/moire_fast/seed0/metrics.json").read_text())
     assert m["train"]["epochs"] == 3 and m["reattack"][0]["n"] == 6
     assert done.stdout.count("Report: runs/moire_fast/seed0/report.html") == 1
@@ -47,7 +49,7 @@ def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
     cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
     runs.prepare(cfg)
     with pytest.raises(ConnectionError, match=r"another process of this run was lost.*(exited unexpectedly|is killed)"):
-        fit.train_model(cfg, load(cfg.data)._replace(train=Fatal()), runs.folder(cfg), start=None)
+        train_model(cfg, load(cfg.data)._replace(train=Fatal()))
 
 
 @pytest.mark.parametrize("code", [-9, 1])
@@ -59,7 +61,7 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
     monkeypatch.setattr(ranks, "_ending", threading.Event())
     monkeypatch.setattr(ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost])
     ranks._end_with_children()
-    assert ended == [1] and left == [1] and "the same command goes on" in capsys.readouterr().err
+    assert ended == [1] and left == [1] and "the same command resumes" in capsys.readouterr().err
     ranks._ending.set()  # it has noticed by itself, and says so
     ranks._end_with_children()
     assert ended == [1] and not capsys.readouterr().err
@@ -70,5 +72,7 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
 def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
     for name, value in {"NTASKS": "1", "PROCID": "0", "LOCALID": "0", "NODEID": "0", "JOB_ID": "1"}.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
-    environment = fit.trainer_of(configured(*TINY), tmp_path, {})._accelerator_connector.cluster_environment
+    cfg = configured(*TINY)
+    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
+    environment = trainer._accelerator_connector.cluster_environment
     assert isinstance(environment, SLURMEnvironment) and not environment.auto_requeue

@@ -6,17 +6,24 @@ import os
 import resource
 import shutil
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 import torch
+from filelock import FileLock
 from lightning.pytorch.callbacks import ModelCheckpoint
 from torchvision.io import write_png
 
+from moireaug import files
 from tests.conftest import THREADS
-from tests.training.small import BRIEF, LONG, TINY, configured, epoch, inside, same, start, train, wait, weights
+from tests.training.small import BRIEF, LONG, ROOT, TINY, configured, epoch, inside, same, start, train, wait, weights
 from training import checkpoints, commands, fit, runs
+from training import train as training
 from training.classifier import Classifier
 from training.data import load
+from training.train import train_model
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -58,18 +65,65 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     torch.set_num_threads(1)  # as the commands before
     done = inside("fit.py", *given, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert f"{kept + 1} of them are over" in done.stdout
+    assert f"last.ckpt after {kept + 1} epochs." in done.stdout
     found = json.loads((folder / "metrics.json").read_text())
     assert [h["epoch"] for h in found["train"]["history"]] == list(range(24))
     whole = configured(*given, f"runs={tmp_path / 'whole'}")
     runs.prepare(whole)
-    fit.train_model(whole, load(whole.data), runs.folder(whole), start=None)
+    train_model(whole, load(whole.data))
     assert same(folder, runs.folder(whole))
+
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+import torch
+from torch.utils.data import DataLoader, TensorDataset
+from training import runs
+with runs.held(Path(sys.argv[1])):
+    data = TensorDataset(torch.zeros(8))
+    batches = iter(DataLoader(data, 1, num_workers=1, persistent_workers=True, multiprocessing_context="fork"))
+    next(batches)
+    print("held", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_killed_command_gives_up_its_folder_at_once_though_its_workers_live_on(tmp_path):
+    folder = tmp_path / "runs/clean/seed0"
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(folder)], env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE
+    )
+    assert process.stdout.readline() == b"held\n"
+    workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    with pytest.raises(ValueError, match="another command is at work"), runs.held(folder):
+        pass
+    process.kill()
+    process.wait(LONG)
+    with runs.held(folder):
+        alive = [pid for pid in workers if Path(f"/proc/{pid}").exists()]
+    assert alive, "the worker ended before the folder was taken: this shows nothing"
+    process.stdout.close()
+
+
+def test_a_disk_without_locks_is_worked_on_without_one(tmp_path, monkeypatch):
+    def refuse(number):
+        def acquire(self):
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(FileLock, "_acquire", acquire)
+
+    refuse(errno.ENOLCK)
+    with runs.held(tmp_path / "seed0"):
+        pass
+    refuse(errno.EROFS)
+    with pytest.raises(OSError, match="Read-only"), runs.held(tmp_path / "seed0"):
+        pass
 
 
 def test_the_systems_own_errors_say_how_to_go_on():
     full = commands.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
-    assert "No space left" in full and "runs/report.html" in full and "the same command goes on" in full
+    assert "No space left" in full and "runs/report.html" in full and "resume with the same command" in full
     assert commands.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n")) == "this."
     assert commands.sentence(ValueError("this.")) == "this."
 
@@ -82,23 +136,23 @@ def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         real(file)
 
-    monkeypatch.setattr(checkpoints.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(
         OSError, match=r"ckpt could not be written \(No space left on device\): it needs .* MB are free"
     ):
         train(tmp_path, "runs")
     folder = tmp_path / "runs/moire_fast/seed0"
     assert epoch(folder / "last.ckpt") == 1 and not list(folder.glob(".*"))
-    monkeypatch.setattr(checkpoints.os, "fsync", real)
+    monkeypatch.setattr(files.os, "fsync", real)
     shutil.move(folder, tmp_path / "elsewhere/moire_fast/seed0")  # a larger disk
-    out, told = train(tmp_path, "elsewhere")
+    out, found = train(tmp_path, "elsewhere")
     assert same(out, straight[0])
-    assert [h["loss"] for h in told["history"]] == [h["loss"] for h in straight[1]["history"]]
+    assert [h["loss"] for h in found["history"]] == [h["loss"] for h in straight[1]["history"]]
 
 
 def test_a_file_that_may_not_grow_is_not_left_half_written(tmp_path):
     """The kernel itself refuses to write on."""
-    path, io = tmp_path / "last.ckpt", checkpoints.WholeFiles()
+    path, io = tmp_path / "last.ckpt", checkpoints.AtomicCheckpointIO()
     io.save_checkpoint({"state": torch.zeros(10)}, path)
     _, hard = limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, hard))
@@ -157,12 +211,12 @@ def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, mo
     monkeypatch.setattr(fit, "attack_again", interrupt)
     with pytest.raises(KeyboardInterrupt):
         fit.fit(cfg)
-    told = json.loads((folder / "train.json").read_text())
+    train_json = json.loads((folder / "train.json").read_text())
     assert runs.stage(cfg) == "trained"
     monkeypatch.setattr(fit, "attack_again", attack)
-    monkeypatch.setattr(fit, "trainer_of", lambda *args: pytest.fail("trained again"))
+    monkeypatch.setattr(training, "trainer_of", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
-    assert done["train"] == told and done["time"]["train"] == told["wall_seconds"]
+    assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()
 
     monkeypatch.setattr(fit, "attack_again", interrupt)
@@ -186,20 +240,20 @@ def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
         asides.append(aside)
     cfg.resume = None
     runs.prepare(cfg)
-    assert runs.goes_on(cfg) and len(list(folder.parent.glob("seed0*"))) == 3
+    assert runs.can_resume(cfg) and len(list(folder.parent.glob("seed0*"))) == 3
     (folder / "config.yaml").write_text("recipe: [")
     runs.prepare(cfg)
     assert (folder.parent / "seed0-damaged/best.ckpt").is_file()
 
 
-def test_resume_true_insists(tmp_path, straight):
+def test_resume_true_requires_something_to_resume(tmp_path, straight):
     shutil.copytree(straight[0], tmp_path / "moire_fast/seed0")
     given = ["recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", "resume=true", f"runs={tmp_path}"]
-    runs.insist(configured(*given))
+    runs.require_resumable(configured(*given))
     with pytest.raises(ValueError, match="was made with other settings"):
-        runs.insist(configured(*given, "train.lr=0.05"))
+        runs.require_resumable(configured(*given, "train.lr=0.05"))
     with pytest.raises(ValueError, match="does not exist: leave it out"):
-        runs.insist(configured(*given, "seed=1"))
+        runs.require_resumable(configured(*given, "seed=1"))
 
 
 def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):
@@ -219,9 +273,9 @@ def test_the_best_score_is_known_in_a_folder_that_was_moved(tmp_path):
         new.load_state_dict(old.state_dict())
         return new.best_k_models
 
-    keep = after(lambda folder, **settings: checkpoints.Keep(folder, "best", **settings))
+    keep = after(lambda folder, **settings: checkpoints.RunCheckpoint(folder, "best", **settings))
     assert keep == {str(tmp_path / "new/best.ckpt"): torch.tensor(0.9)}
-    assert after(ModelCheckpoint) == {}, "Lightning can do this by itself now: drop Keep.load_state_dict"
+    assert after(ModelCheckpoint) == {}, "Lightning can do this by itself now: drop RunCheckpoint.load_state_dict"
 
 
 def test_what_does_not_change_a_result_does_not_tell_runs_apart():

@@ -10,7 +10,7 @@ import yaml
 
 from tests.training.small import TINY, command, configured
 from tests.training.strangers import images, put
-from training import overrides, reattack, runs, saved, signs, suites
+from training import overrides, reattack, results, runs, saved, signs
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -25,7 +25,7 @@ def attack(folder, *given):
 @pytest.fixture
 def nothing_attacked(monkeypatch):
     """No time may be spent."""
-    for module, name in ((reattack, "climb"), (suites, "sweep"), (reattack, "load")):
+    for module, name in ((results.Plan, "run"), (reattack, "load")):
         monkeypatch.setattr(module, name, lambda *args, **settings: pytest.fail("time was spent"))
 
 
@@ -94,20 +94,24 @@ class Bomb:
 
 
 @pytest.mark.parametrize("kind", ["bomb", "list", "no tensors", "numbers"])
-@pytest.mark.parametrize("where", ["run", "target", "baseline"])
+@pytest.mark.parametrize("where", ["run", "target", "start", "baseline"])
 def test_a_checkpoint_is_tensors_alone(kind, where, tmp_path, capsys):
     run = put(tmp_path, "recipe=moire_aug")
-    bad = {"run": run, "target": tmp_path / "clean/seed1", "baseline": tmp_path / "clean/seed0"}[where]
+    recipe = "baseline" if where == "baseline" else "clean"
+    bad = run if where == "run" else tmp_path / recipe / f"seed{int(where == 'target')}"
     if where != "run":
-        put(tmp_path, f"seed={bad.name[-1]}")
+        put(tmp_path, f"recipe={recipe}", f"seed={bad.name[-1]}")
         (bad / "metrics.json").write_text("{}")
     content = {"bomb": Bomb(tmp_path / "burst"), "list": [1], "no tensors": {"state_dict": {}, "epoch": 0},
                "numbers": {"state_dict": {"head.weight": 3}, "epoch": 0}}[kind]  # fmt: skip
     torch.save(content, bad / "best.ckpt")
-    if where == "baseline":
-        assert saved.baseline_of(saved.read(run)) is None
+    if where in ("start", "baseline"):
+        find = {"start": saved.start_of, "baseline": saved.baseline_of}[where]
+        assert find(saved.read(run)) is None
         said = capsys.readouterr().out
-        assert f"python training/fit.py recipe=clean 'runs='\"'\"'{tmp_path}'\"'\"''" in said and "resume=false" in said
+        assert f"no {where} is attacked beside this run" in said
+        again = f"python training/fit.py recipe={recipe} 'runs='\"'\"'{tmp_path}'\"'\"''"
+        assert again in said and "resume=false" in said
     else:
         given = [f"targets={{other: {bad}}}", "suite=transfer"] if where == "target" else []
         with pytest.raises(ValueError, match=r"best.ckpt (could not be read|holds no classifier's weights)"):
@@ -188,7 +192,7 @@ def test_data_of_other_classes_is_refused(trained_on, classes, message, tmp_path
     folder = put(tmp_path / "runs", "data=folder", "data.size=24", "data.root=gone", classes=tuple(trained_on))
     root = images(tmp_path / "images", *classes)
     seen = []
-    monkeypatch.setattr(suites, "_fabric", lambda cfg: seen.append(cfg) or pytest.skip("reached"))
+    monkeypatch.setattr(reattack, "suite_config", lambda cfg, *_: seen.append(cfg) or pytest.skip("reached"))
     given = ["data=folder", f"data.root={root}", "suite=jpeg", "data.val=1"]
     if message:
         with pytest.raises(ValueError, match=message):

@@ -16,14 +16,13 @@ from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
 from moireaug.evaluation import GROUPS
-from moireaug.evaluation.grids import CONTROLS, FIELDS
-from moireaug.evaluation.published import PUBLISHED
-from moireaug.evaluation.rungs import CLEAN
-from moireaug.evaluation.sweep import MODEL
-from training import models, reattack, suites
-from training.data import load
-from training.places import Places
-from training.schema import check_keys
+from moireaug.evaluation.frame import read_published
+from moireaug.evaluation.report.suite_view import CONTROLS
+from training import models, reattack
+from training.data import Splits, load
+from training.eval_batches import EvalBatches
+from training.results import Plan, protocol_of
+from training.schema import Reattack, as_config, check_keys
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -40,7 +39,7 @@ def weights(tmp_path_factory):
     torch.manual_seed(0)
     path, model = tmp_path_factory.mktemp("weights") / "small.pt", models.build("small_resnet", 16).eval()
     cfg = configured()
-    images, labels = Places(load(cfg.data), cfg, torch.device("cpu"))[0]
+    images, labels = protocol_of(as_config(cfg), load(cfg.data)).batches[0]
     with torch.no_grad():
         logits, label = model(images)[0], labels[0]
         model.head.bias[label] += logits.max() - logits[label] + 1e-3
@@ -59,6 +58,18 @@ def suite(name, weights, runs, *more):
     return reattack.reattack(cfg, [])
 
 
+def folder_of(runs, name, n=6):
+    """Where a suite of n images wrote its report."""
+    (found,) = (runs / "reattack/small_resnet").glob(f"signs-*-n{n}-steps1-*/{name}")
+    return found
+
+
+def records_of(runs):
+    """The one file of records."""
+    (found,) = (runs / "reattack/small_resnet/records").glob("records-*.jsonl")
+    return found
+
+
 @pytest.fixture(scope="module")
 def whole(weights, tmp_path_factory):
     """The suite of all, with a target that is at hand and one that is not."""
@@ -66,7 +77,7 @@ def whole(weights, tmp_path_factory):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = suite("paper", weights, runs, f"targets={{small_resnet: {weights}, resnet34: null}}", "reattack.n=3")
-    return found, runs / "reattack/small_resnet/screen_photo"
+    return found, folder_of(runs, "paper", 3).parent
 
 
 def cells(metrics):
@@ -87,21 +98,22 @@ def test_the_paper_suite_has_every_table(whole):
         pooled = 8 if column.startswith("all") else 1
         assert cell["n"] == 3 * pooled and cell["counted"] <= cell["n"], (name, row, column)
         assert 0 <= cell["low"] <= (cell["success"] or 0) <= cell["high"] <= 1
+        assert len(cell["outcomes"]) == cell["n"]
     for name in GROUPS["paper"]:
         columns = {c for n, _, c in found if n == name}
-        assert columns & set(CONTROLS) or (name == "threat" and "all, no moiré" in columns), name
-    known = {(n, r, c) for n, entries in PUBLISHED.items() for r, c in entries}
-    absent = {key for key in known - found.keys() if key[0] != "transfer"}
+        assert columns & set(CONTROLS) or (name == "threat" and "all_no_moire" in columns), name
+    known = {tuple(line[:3]): line[3] for line in read_published().itertuples(index=False)}
+    absent = {key for key in known.keys() - found.keys() if key[0] != "transfer"}
     assert not absent, "the paper's figures must stand beside cells that exist"
-    for key in known & found.keys():
-        assert found[key]["paper"] == PUBLISHED[key[0]][key[1:]]
-    assert ("transfer", "small_resnet", "MA") in found and ("transfer", "resnet34", "MA") not in found
+    for key in known.keys() & found.keys():
+        assert found[key]["paper"] == known[key]
+    assert ("transfer", "small_resnet", "ma") in found and ("transfer", "resnet34", "ma") not in found
 
 
 def test_a_group_is_one_report(weights, tmp_path):
     found = suite("recipes", weights, tmp_path, "reattack.n=3")
     assert list(found["tables"]) == list(GROUPS["recipes"])
-    folder = tmp_path / "reattack/small_resnet/screen_photo/recipes"
+    folder = folder_of(tmp_path, "recipes", 3)
     page, text = (folder / "report.html").read_text(), (folder / "tables.md").read_text()
     for title in ("The worst of the attackers", "Natural moiré in other scenes", "Verdict: what is the moiré"):
         assert title in page
@@ -113,7 +125,7 @@ def test_the_worst_case_is_no_better_than_any_of_its_row(whole):
     rows = whole[0]["tables"]["adaptive"]
     for name in {r["row"] for r in rows}:
         rates = {r["column"]: r["success"] for r in rows if r["row"] == name and r["column"] != "clean"}
-        assert rates.pop("worst case") >= max(rates.values())
+        assert rates.pop("worst") >= max(rates.values())
 
 
 def test_every_form_of_the_tables_is_written(whole):
@@ -121,12 +133,14 @@ def test_every_form_of_the_tables_is_written(whole):
     folder = out / "paper"
     assert {p.name for p in folder.iterdir()} == {"report.html", "metrics.json", "tables.md", "results.csv"}
     page = (folder / "report.html").read_text()
-    for text in ("Verdict: what is the moiré, what the noise", "Can it be trusted?", "Weights not at hand: resnet34"):
+    for text in ("Verdict: what is the moiré, what the noise", "Can it be trusted?", "Resnet34: weights not at hand"):
         assert text in page
     assert page.index("Verdict") < page.index("Success of the Moiré Attack (paper, table 1)</h2>")
     with (folder / "results.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
-    assert tuple(lines[0]) == FIELDS and len(lines) == len(cells(metrics))
+    wanted = {"table", "row", "column", "condition", "eps", "steps", "success", "low", "high", "accuracy", "paper", "psnr"}
+    assert wanted <= lines[0].keys() and len(lines) == len(cells(metrics))
+    assert {line["table"] for line in lines} == set(GROUPS["paper"])
     words = (folder / "tables.md").read_text()
     assert words.count("\n## ") == len(GROUPS["paper"]) + 1 and "| resnet34 | – |" in words and "nan" not in words
     assert json.loads((folder / "metrics.json").read_text())["trust"] == metrics["trust"]
@@ -134,47 +148,59 @@ def test_every_form_of_the_tables_is_written(whole):
 
 
 def test_another_suite_takes_what_is_there(whole, weights):
-    _, out = whole
-    (records,) = out.glob("records-*/records-0.jsonl")
+    runs = whole[1].parents[2]
+    records = records_of(runs)
     before = records.read_bytes()
-    again = suite("jpeg", weights, out.parents[2], "reattack.n=3")
+    again = suite("jpeg", weights, runs, "reattack.n=3")
     assert cells(again) == {key: cell for key, cell in cells(whole[0]).items() if key[0] == "jpeg"}
     assert records.read_bytes() == before
 
 
-def test_pictures_that_an_earlier_suite_did_not_keep_are_drawn(weights, tmp_path):
+def test_a_smoke_test_leaves_a_long_evaluation_alone(whole, weights):
+    folder = whole[1] / "jpeg"
+    runs = whole[1].parents[2]
+    suite("jpeg", weights, runs, "reattack.n=3")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for other in ("reattack.n=2", "reattack.steps=2", "reattack.seed=5", "reattack.eps=[0.01]"):
+        suite("noise_position", weights, runs, *dict.fromkeys(["reattack.n=3", other]))
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert len(list(folder.parents[1].glob("*/noise_position"))) == 4
+
+
+def test_the_ladder_is_a_suite_like_any_other(weights, tmp_path):
+    first = suite("ladder", weights, tmp_path)
+    records = records_of(tmp_path)
+    before = records.read_bytes()
+    again = suite("ladder", weights, tmp_path)
+    assert records.read_bytes() == before
+    assert [r["accuracy"] for r in again["reattack"]] == [r["accuracy"] for r in first["reattack"]]
+    assert (folder_of(tmp_path, "ladder") / "report.html").is_file()
+
+
+def test_pictures_of_another_suite_are_shown_again(weights, tmp_path):
     suite("noise_position", weights, tmp_path, "reattack.n=3")
     suite("jpeg", weights, tmp_path, "reattack.n=3")
-    later = (tmp_path / "reattack/small_resnet/screen_photo/jpeg/report.html").read_text()
+    later = (folder_of(tmp_path, "jpeg", 3) / "report.html").read_text()
     suite("jpeg", weights, tmp_path / "first", "reattack.n=3")
-    first = (tmp_path / "first/reattack/small_resnet/screen_photo/jpeg/report.html").read_text()
+    first = (folder_of(tmp_path / "first", "jpeg", 3) / "report.html").read_text()
     assert later.count('<div class="cell"') == first.count('<div class="cell"') == 8
 
 
 def test_a_scene_without_a_choice_of_pose_says_so(weights, tmp_path):
-    found = suite(
-        "adaptive",
-        weights,
-        tmp_path,
-        "scene={preset: screen_photo, view: {yaw: 0, pitch: 0, roll: 0, fov: 40}}",
-        "reattack.n=3",
-    )
-    assert "MA turns the camera" in {r["column"] for r in found["tables"]["adaptive"]}  # the panel still varies
     still = suite("adaptive", weights, tmp_path, "scene=paper_code", "reattack.n=3")
-    assert "MA turns the camera" not in {r["column"] for r in still["tables"]["adaptive"]}
-    page = next(tmp_path.glob("reattack/small_resnet/paper_code/adaptive/report.html")).read_text()
+    assert "turning" not in {r["column"] for r in still["tables"]["adaptive"]}
+    page = (folder_of(tmp_path, "adaptive", 3) / "report.html").read_text()
     assert "No attacker turns the camera: optimise" in page
 
 
-def test_the_papers_figures_stand_beside_its_own_bound_alone(weights, tmp_path):
-    found = suite("noise_position", weights, tmp_path, "reattack.eps=[0.0627]", "reattack.n=3")
-    assert all(r["paper"] is None for r in found["tables"]["noise_position"])
-
-
-def test_records_that_are_missing_are_not_passed_over():
-    jobs = [suites.Job(CLEAN, (MODEL,))]
-    with pytest.raises(ValueError, match="2 of 2 records are missing"):
-        suites._whole([(jobs, range(2))], suites.Index())
+def test_records_that_are_missing_are_not_passed_over(weights, tmp_path):
+    """Of two processes one alone has run."""
+    cfg = as_config(configured("model=small_resnet", f"weights={weights}"))
+    model = models.as_model(cfg.model, 16, cfg.weights, whole=True)
+    plan = Plan(model, "unseen", protocol_of(cfg, load(cfg.data)), tmp_path)
+    plan.run("one of two", rank=0, world=2)
+    with pytest.raises(ValueError, match=r"\d+ of \d+ records are missing: other processes did not finish"):
+        plan.results()
 
 
 def run(cwd, weights, *more, **options):
@@ -186,7 +212,7 @@ def run(cwd, weights, *more, **options):
 
 
 def metrics_of(cwd, name):
-    return json.loads((cwd / f"runs/reattack/small_resnet/screen_photo/{name}/metrics.json").read_text())
+    return json.loads((folder_of(cwd / "runs", name) / "metrics.json").read_text())
 
 
 def test_a_killed_evaluation_goes_on_where_it_was(weights, tmp_path):
@@ -194,20 +220,20 @@ def test_a_killed_evaluation_goes_on_where_it_was(weights, tmp_path):
     process = run(tmp_path, weights, "suite=noise_position")
     until, kept = time.time() + 120, 0
     while time.time() < until and kept < 4 and process.poll() is None:
-        found = list(tmp_path.glob("runs/reattack/small_resnet/*/records-*/records-0.jsonl"))
+        found = list(tmp_path.glob("runs/reattack/small_resnet/records/records-0.jsonl"))
         kept = len(found[0].read_text().splitlines()) if found else 0
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.communicate()
     assert kept >= 4 and not list(tmp_path.rglob("metrics.json"))
-    (records,) = tmp_path.glob("runs/reattack/small_resnet/*/records-*/records-0.jsonl")
+    records = records_of(tmp_path / "runs")
     text = records.read_text()
     before = text[: text.rfind("\n") + 1]
-    records.write_text(text + '{"place": 0, "rung": "mo')  # what a kill in the middle of a write leaves
+    records.write_text(text + '{"key": "0a", "mo')  # what a kill in the middle of a write leaves
     stopped = suite("noise_position", weights, tmp_path / "runs")
     assert records.read_text().startswith(before)
     lines = [json.loads(line) for line in records.read_text().splitlines()]
-    assert len({(r["place"], r["rung"], r["judge"]) for r in lines}) == len(lines)  # nothing was done twice
+    assert len({r["key"] for r in lines}) == len(lines)  # nothing was done twice
     assert cells(stopped) == cells(suite("noise_position", weights, tmp_path / "other"))
 
 
@@ -217,22 +243,22 @@ def test_processes_share_the_work(weights, tmp_path):
     out, err = process.communicate(timeout=240)
     assert process.returncode == 0, err
     assert out.count("Report: ") == 1
-    (folder,) = tmp_path.glob("runs/reattack/small_resnet/*/records-*")
-    places = [
-        {json.loads(line)["place"] for line in path.read_text().splitlines()} for path in sorted(folder.glob("*.jsonl"))
-    ]
-    assert places == [{0}, {1}]
+    folder = tmp_path / "runs/reattack/small_resnet/records"
+    batches = []
+    for path in sorted(folder.glob("*.jsonl")):
+        batches.append({json.loads(line)["batch"] for line in path.read_text().splitlines()})
+    assert sorted(batches, key=min) == [{0}, {1}]
     assert cells(metrics_of(tmp_path, "noise_position")) == cells(suite("noise_position", weights, tmp_path / "one"))
 
 
 def test_a_network_against_moire_is_a_defence(weights, tmp_path):
     found = suite("defences", weights, tmp_path, "demoire=torch.nn.functional:relu", "reattack.n=3")
     rows = {r["row"] for r in found["tables"]["defences"]}
-    assert {"relu", "quilting", "TVM"} <= rows
-    same = [
-        {r["column"]: r["success"] for r in found["tables"]["defences"] if r["row"] == n}
-        for n in ("relu", "no defence")
-    ]
+    relu = "torch.nn.functional:relu"
+    assert {relu, "quilting", "tvm"} <= rows
+    same = []
+    for row in (relu, "undefended"):
+        same.append({r["column"]: r["success"] for r in found["tables"]["defences"] if r["row"] == row})
     assert same[0] == same[1]  # relu changes nothing in [0, 1]
 
 
@@ -262,8 +288,7 @@ def test_a_target_on_its_own_says_how_to_pass_it():
 
 @pytest.mark.parametrize(("size", "batch"), [(24, 96), (224, 25), (299, 14), (4000, 1)])
 def test_batches_fit_the_memory_unless_given(size, batch):
-    cfg = configured(f"data.size={size}", "reattack.n=200", "reattack.batch_size=null")
     data = torch.utils.data.TensorDataset(torch.zeros(300, 1), torch.zeros(300))
-    splits = reattack.Splits(data, data, data, {}, 1)
-    assert Places(splits, cfg, torch.device("cpu")).size == batch
-    assert len(Places(splits, cfg, torch.device("cpu")).others(splits)) == 100
+    splits = Splits(data, data, data, {}, 1)
+    batches = EvalBatches(splits, Reattack(n=200), size, torch.device("cpu"))
+    assert batches.size == batch and len(batches.others(splits)) == 100

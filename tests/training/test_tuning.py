@@ -6,9 +6,11 @@ import torch.nn.functional as F
 from torch.utils.data import TensorDataset
 
 from tests.training.small import configured
-from training import fit, models, runs
+from training import models, runs
 from training.classifier import Classifier
 from training.data import Splits
+from training.schema import Train
+from training.train import classifier_of, train_model
 from training.tuning import averaging, tuning
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -25,11 +27,12 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
     ],
 )
 def test_null_is_chosen_and_what_is_given_stays(given, lr, clip, ema, rising):
-    assert tuning(configured(*given)) == (pytest.approx(lr), clip, ema, rising)
+    cfg = configured(*given)
+    assert tuning(cfg.train, fine=cfg.weights is not None) == (pytest.approx(lr), clip, ema, rising)
 
 
 def test_a_rising_average_follows_few_steps_and_then_keeps_its_decay():
-    average = averaging(tuning(configured("weights=x")))._kwargs["avg_fn"]
+    average = averaging(tuning(Train(), fine=True))._kwargs["avg_fn"]
     old, new = torch.tensor(1.0), torch.tensor(0.0)
     kept = [average(old, new, torch.tensor(n)).item() for n in (1, 4, 40, 10_000)]
     assert kept == pytest.approx([2 / 11, 5 / 14, 41 / 50, 0.98])
@@ -61,10 +64,10 @@ def tuned(tmp_path, name, batch, size, *more):
         f"train.batch_size={batch}", "train.epochs=2", "trainer.accelerator=cpu", f"runs={tmp_path / 'runs'}", *more,
     )  # fmt: skip
     data = learnt(16, size)
-    before = loss_of(Classifier(cfg, 2), data)
+    before = loss_of(classifier_of(cfg, 2), data)
     runs.prepare(cfg)
-    model, _ = fit.train_model(cfg, Splits(data, data, data, {}, 2), runs.folder(cfg), start=None)
-    last = Classifier(cfg, 2)
+    model, _ = train_model(cfg, Splits(data, data, data, {}, 2))
+    last = classifier_of(cfg, 2)
     last.load_state_dict(runs.read_checkpoint(runs.folder(cfg) / "last.ckpt")["state_dict"])
     return before, loss_of(last, data), model.history
 

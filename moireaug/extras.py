@@ -1,0 +1,35 @@
+"""Optional dependencies: one sentence that says what to install, wherever one is missing."""
+
+from __future__ import annotations
+
+import importlib.util
+
+# extra of pyproject.toml to the modules that its part of the package imports
+MODULES = {
+    "eval": ("filelock", "jinja2", "matplotlib", "pandas", "pywt", "scipy", "skimage", "tqdm"),
+    "train": ("hydra", "omegaconf", "yaml"),
+}
+INCLUDED = {"eval": (), "train": ("eval",)}  # extras that an extra brings with it
+
+
+def require(extra: str, what: str) -> None:
+    """Refuse to go on where a module of an extra is not installed; imports none of them.
+
+    Args:
+        extra: "eval" or "train".
+        what: what needs it, as the sentence's subject: "moireaug.evaluation".
+
+    Raises:
+        ModuleNotFoundError: with the modules that are missing and the command that installs them.
+    """
+    missing = []
+    for name in (extra, *INCLUDED[extra]):
+        for module in MODULES[name]:
+            if importlib.util.find_spec(module) is None:
+                missing.append(module)
+    if not missing:
+        return
+    raise ModuleNotFoundError(
+        f"{what} needs {', '.join(missing)}, not installed here. Install with: pip install 'moireaug[{extra}]'",
+        name=missing[0],
+    )

@@ -1,0 +1,62 @@
+"""Optional dependencies: the core imports without them, and what needs one says how to install it."""
+
+import importlib.util
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from moireaug import extras
+
+ROOT = Path(__file__).resolve().parents[2]
+DISTRIBUTIONS = {"skimage": "scikit-image", "pywt": "PyWavelets", "hydra": "hydra-core", "yaml": "pyyaml",
+                 "omegaconf": "hydra-core"}  # fmt: skip
+
+WITHOUT = """
+import sys
+hidden = set(sys.argv[1].split(","))
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in hidden:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+import importlib.util
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name in hidden else found(name, *rest)
+sys.meta_path.insert(0, Hidden())
+import moireaug, moireaug.attacks, moireaug.transforms
+print("core imported")
+import importlib
+importlib.import_module(sys.argv[2])
+"""
+
+
+@pytest.mark.parametrize(
+    ("package", "hidden", "extra"),
+    [("moireaug.defenses", "skimage,pandas,matplotlib,tqdm", "eval"), ("training", "hydra,omegaconf", "train")],
+)
+def test_a_missing_extra_is_named_and_the_core_does_without_it(package, hidden, extra):
+    program = [sys.executable, "-c", WITHOUT, hidden, package]
+    done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, timeout=240)
+    assert done.stdout == "core imported\n", done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    names = ", ".join(sorted(hidden.split(",")))
+    assert f"{package} needs {names}, not installed here." in last
+    assert last.endswith(f"Install with: pip install 'moireaug[{extra}]'")
+
+
+def test_nothing_is_asked_for_where_everything_is_installed(monkeypatch):
+    asked = []
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: asked.append(name) or object())
+    assert extras.require("train", "training") is None
+    assert set(asked) == {*extras.MODULES["train"], *extras.MODULES["eval"]}
+
+
+def test_every_module_that_is_asked_for_is_installed_by_its_extra():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    for extra, modules in extras.MODULES.items():
+        wanted = project["optional-dependencies"][extra]
+        names = {requirement.split(">=")[0] for requirement in wanted}
+        for module in modules:
+            assert DISTRIBUTIONS.get(module, module) in names, f"{module} is not in [{extra}]"

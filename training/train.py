@@ -1,0 +1,174 @@
+"""Training of one run: begun, resumed, or read back where it is complete."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import torch
+from lightning.pytorch.callbacks import TQDMProgressBar
+from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
+from lightning.pytorch.utilities import rank_zero_only
+from omegaconf import OmegaConf
+
+from moireaug.files import write_text
+from training import ranks, runs
+from training.adversaries import passes
+from training.batches import Batches
+from training.checkpoints import AtomicCheckpointIO, ClassNames, RunCheckpoint
+from training.classifier import Classifier
+from training.data import Splits
+from training.files import read_checkpoint, read_json
+from training.guard import Guard
+from training.models import as_model
+from training.schema import Config, Trainer, as_values, scene_of
+from training.tuning import Tuning, averaging
+
+
+def train_model(
+    cfg: Config, splits: Splits, before: Mapping[str, Any] | None = None
+) -> tuple[Classifier, dict[str, Any]]:
+    """Train, and return the averaged weights that did best on validation images, with what training cost.
+
+    Args:
+        cfg: the run's settings. splits: its images.
+        before: `train` in the metrics of the run whose weights it starts from, for the totals.
+
+    Raises:
+        ValueError: a checkpoint that is missing or damaged.
+        ConnectionError: another process of this run was lost.
+        FloatingPointError: the loss became nan or infinite.
+        OSError: a disk that is full or not writable.
+        KeyboardInterrupt: Ctrl-C or SIGTERM; every complete epoch is kept.
+    """
+    L.seed_everything(cfg.seed, verbose=False)
+    out, start = runs.folder(cfg), runs.start_config(cfg)
+    last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
+    classifier = classifier_of(cfg, splits.num_classes)
+    resumed = runs.can_resume(cfg)
+    if resumed and (train := read_json(train_json)):
+        classifier.load_state_dict(read_checkpoint(best)["state_dict"])
+        print(f"Training is complete: the weights are read from {best}.")
+        return classifier.eval(), with_totals(train, before)
+    if start and not resumed:
+        classifier.load_state_dict(read_checkpoint(runs.folder(start) / "best.ckpt")["state_dict"])
+    done = read_checkpoint(last)["history"] if resumed else []
+    if rank_zero_only.rank == 0:
+        write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
+    announce(cfg, classifier.tuning.lr, before)
+    if done:
+        rank_zero_only(print)(f"Resuming from {last} after {len(done)} epochs.")
+    batches = Batches(
+        splits, cfg.train, cfg.adversary, workers=cfg.data.workers, seed=cfg.seed, first=len(done)
+    )
+    trainer = trainer_of(cfg.trainer, classifier.tuning, cfg.train.epochs, out, splits.classes)
+    began = time.perf_counter()
+    try:
+        with ranks.together(trainer):
+            trainer.fit(classifier, batches, ckpt_path=str(last) if resumed else None)
+    except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
+        raise KeyboardInterrupt from None
+    wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
+    state = read_checkpoint(best)
+    classifier.load_state_dict(state["state_dict"])
+    train = {
+        **cost(classifier, len(splits.train)),  # type: ignore[arg-type]
+        "wall_seconds": wall,
+        "best_epoch": int(state["epoch"]),
+        "init": cfg.train.init,
+        "passes": passes(cfg.adversary),
+    }
+    train = with_totals(train, before)
+    if rank_zero_only.rank == 0:
+        write_text(train_json, json.dumps(train))
+    return classifier.eval(), train
+
+
+def classifier_of(cfg: Config, num_classes: int) -> Classifier:
+    """Return the classifier of these settings, with random weights or those of `weights=`."""
+    return Classifier(
+        as_model(cfg.model, num_classes, cfg.weights),
+        cfg.train,
+        cfg.adversary,
+        scene_of(cfg),
+        seed=cfg.seed,
+        augment=cfg.data.augment,
+        fine=cfg.weights is not None,
+    )
+
+
+def announce(cfg: Config, lr: float, before: Mapping[str, Any] | None) -> None:
+    """Print what is trained, for how long and at which rate."""
+    epochs = f"{cfg.train.epochs} epochs"
+    if before:
+        epochs += f" after the {before['epochs']} of its start"
+    rank_zero_only(print)(
+        f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}: {epochs}, lr {lr:g}"
+    )
+
+
+def cost(classifier: Classifier, images: int) -> dict[str, Any]:
+    """Return the history of a training, and its time without validation."""
+    history = classifier.history
+    seconds = sum(h["seconds"] for h in history)
+    return {
+        "seconds": seconds,
+        "epochs": len(history),
+        "images_per_second": images * len(history) / max(seconds, 1e-9),
+        "collapsed_at": classifier.collapsed_at,
+        "history": history,
+    }
+
+
+def with_totals(train: Mapping[str, Any], before: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Add the epochs and seconds of a training and its start together.
+
+    Args:
+        train: `train` of a run's metrics. before: that of the run whose weights it started from, if any.
+    """
+    epochs, seconds = train["epochs"], train["seconds"]
+    if before:
+        epochs += before["epochs"]
+        seconds += before["seconds"]
+    return {**train, "total_epochs": epochs, "total_seconds": seconds}
+
+
+def trainer_of(
+    settings: Trainer, tuning: Tuning, epochs: int, out: Path, classes: dict[int, str]
+) -> L.Trainer:
+    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
+
+    Args:
+        settings: passed on as they are. tuning: how the weights are averaged.
+        out: the run's folder. classes: the name of each logit.
+    """
+    given = asdict(settings)
+    if given["accelerator"] == "auto" and not torch.cuda.is_available():
+        given["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
+    plugins: list[Any] = [AtomicCheckpointIO()]
+    if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
+        plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself
+    callbacks = [
+        averaging(tuning),
+        RunCheckpoint(out, "best", monitor="val_score", mode="max"),
+        Guard(out / "best.ckpt"),
+        RunCheckpoint(out, "last"),
+        ClassNames(classes),
+        TQDMProgressBar(leave=False),
+    ]
+    return L.Trainer(
+        **given,
+        max_epochs=epochs,
+        callbacks=callbacks,
+        plugins=plugins,
+        logger=False,
+        num_sanity_val_steps=0,
+        enable_model_summary=False,
+        use_distributed_sampler=False,
+        benchmark=False,
+    )
