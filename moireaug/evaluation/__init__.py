@@ -1,5 +1,11 @@
 """Evaluation: models attacked again, with the controls that tell the moiré from the noise."""
 
+# ruff: noqa: E402  # a missing extra is named before it is imported
+
+from moireaug.extras import require
+
+require("eval", "moireaug.evaluation")
+
 from moireaug.evaluation.evaluate import evaluate
 from moireaug.evaluation.frame import images_frame, rates
 from moireaug.evaluation.statistics import paired_gain, wilson

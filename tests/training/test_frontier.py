@@ -12,7 +12,7 @@ from PIL import Image
 from scipy import stats
 
 from moireaug import Scene
-from moireaug.evaluation.recipes import OWN, others
+from moireaug.evaluation.suites.scenes import OWN, other_scenes
 from training import frontier as command
 from training.frontier_plot import draw, figure
 from training.points import read
@@ -22,8 +22,10 @@ SCENE = Scene.preset("screen_photo")
 ENVIRONMENT = {"device": "cpu", "cpu": "a slow one", "threads": 2}
 
 
-def cell(row, column, accuracy):
-    return {"row": row, "column": column, "accuracy": accuracy}
+def cell(row, column, accuracy, n):
+    """A cell of which the first images are right."""
+    right = round(accuracy * n)
+    return {"row": row, "column": column, "outcomes": "1" * right + "0" * (n - right)}
 
 
 def put(
@@ -52,19 +54,23 @@ def put(
     init = "random" if recipe == "clean" else init
     where = Scene.preset(scene).to_dict()
     train = {"seconds": seconds, "images_per_second": 600.0, "init": init, "passes": 2.5, "collapsed_at": collapsed}
-    baseline = None if recipe == "clean" else {"recipe": "clean", "train": {"seconds": start}}
+    plain = {"recipe": "clean", "train": {"seconds": start}}
+    started = init == "clean"
+    baseline = None if recipe in ("clean", "baseline") else {"recipe": "baseline", "train": {"seconds": 1.0}}
+    if baseline and not started:
+        baseline = plain
     config = {"data": {"name": data, "size": size, "root": at}, "reattack": {"n": 480, "steps": 20, "seed": 1234}}
     metrics = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet", "train": train, "config": config,
-               "baseline": baseline, "scene_name": scene, "scene": where, "environment": device}  # fmt: skip
+               "baseline": baseline, "start": plain if started else None, "scene_name": scene, "scene": where, "environment": device}  # fmt: skip
     write(folder, metrics)
     if attacked:
-        rows = [cell(f"ε = {e}", "worst case", w) for e, w in zip((4, 8), worst, strict=True)]
-        rows += [cell("ε = 4", "clean", 0.9), cell("ε = 4", "PGD on pixels", 0.4), cell("ε = 4", "moiré, δ = 0", 0.7)]
-        photos = [cell(OWN, "moiré, δ = 0", 0.7), cell(OWN, "no moiré", 0.8)]
-        photos += [cell(name, "moiré, δ = 0", unseen + 0.1 * i) for i, name in enumerate(others(SCENE))]
+        rows = [cell(f"eps_{e}", "worst", w, n) for e, w in zip((4, 8), worst, strict=True)]
+        rows += [cell("eps_4", "clean", 0.9, n), cell("eps_4", "pgd", 0.4, n), cell("eps_4", "moire", 0.7, n)]
+        photos = [cell(OWN, "moire", 0.7, n), cell(OWN, "no_moire", 0.8, n)]
+        photos += [cell(name, "moire", unseen + 0.1 * i, n) for i, name in enumerate(other_scenes(SCENE))]
         again = {"n": n, "steps": steps, "scene": where, "config": config, "trust": list(trust),
                  "tables": {"worst_case": rows, "unseen": photos}}  # fmt: skip
-        write(folder / "reattack" / scene / "recipes", again)
+        write(folder / "reattack" / f"{scene}-n{n}-steps{steps}" / "recipes", again)
     return folder
 
 
@@ -98,16 +104,40 @@ def test_the_figures_of_the_table(root):
     assert lone.collapsed == 1 and lone.relative.low == lone.relative.high == lone.relative.value
 
 
-def test_intervals_are_students_over_seeds_and_wilsons_of_one(root):
-    values = [0.3, 0.32, 0.34]
-    low, high = stats.t.interval(0.95, 2, loc=0.32, scale=stats.sem(values))
-    assert rate(values, 200) == pytest.approx((0.32, low, high))
+def test_intervals_hold_seeds_and_images(root):
+    points = read(root).points
+    lone = [point for point in points if point.recipe == "lone"]
     one = stats.binomtest(100, 200).proportion_ci(0.95, method="wilson")
-    assert rate([0.5], 200) == pytest.approx((0.5, one.low, one.high), abs=1e-6)
-    assert rate([0.0, 0.1], 200).low == 0  # no accuracy is below 0
-    words = command.caption(summarise(read(root).points), {k: 1 for k in ("n", "data", "model", "scene", "steps")})
-    assert "over seeds, on the same images (Student’s t); of a recipe with one seed of 1 images (Wilson)" in words
-    assert "lone in 1 of 1 seeds" in words
+    assert rate(lone, "worst_4") == pytest.approx((0.5, one.low, one.high), abs=0.01)
+    good = [point for point in points if point.recipe == "good"]
+    value, low, high = rate(good, "worst_4")
+    alone = stats.binomtest(64, 200).proportion_ci(0.95, method="wilson")
+    assert value == pytest.approx(0.32) and low < value < high
+    # as wide as that of the images alone, and more: three seeds on the same images are not six hundred
+    assert high - low > 0.95 * (alone.high - alone.low)
+    clean = [point for point in points if point.recipe == "clean"]
+    assert rate(clean, "worst_8").low == 0  # no accuracy is below 0
+    shared = {k: 1 for k in ("n", "data", "model", "scene", "steps")}
+    words = command.caption(summarise(points), shared)
+    assert "hold the choice of seeds and of images" in words and "lone in 1 of 1 seeds" in words
+
+
+def test_gains_are_over_plain_training_of_equal_length(tmp_path):
+    for seed in range(3):
+        put(tmp_path, "clean", seed, worst=(0.0, 0.0))
+        put(tmp_path, "baseline", seed, worst=(0.1 + 0.05 * seed, 0.0))
+        put(tmp_path, "good", seed, worst=(0.3 + 0.05 * seed, 0.2))
+        put(tmp_path, "scratch", seed, worst=(0.4, 0.2), init="random")
+    put(tmp_path, "good", 7, worst=(1.0, 1.0))  # no baseline of its seed
+    found = read(tmp_path)
+    recipes = {r.name: r for r in summarise(found.points)}
+    assert recipes["clean"].gains == recipes["baseline"].gains == {}
+    gain = recipes["good"].gains["worst_4"]
+    # the same images are right in each pair, so that the difference is the same for every seed
+    assert gain.value == pytest.approx(0.2) and gain.low <= 0.2 <= gain.high and gain.low > 0.1
+    assert recipes["scratch"].gains["worst_4"].value == pytest.approx(0.4)  # over clean, which is as long
+    text = command.markdown(list(recipes.values()), found)
+    assert "Gain over plain training of as many epochs" in text and "| good" in text and "+20.0" in text
 
 
 def test_the_front_is_what_nothing_dominates():
@@ -134,8 +164,10 @@ def test_every_file_is_whole(root, capsys):
                                "steps": 50, "seed": 1234}  # fmt: skip
     words = (out / "frontier.md").read_text()
     assert "| good ● | 3 |" in words and "| slow | 3 |" in words and "| lone ● † | 1 |" in words and "nan" not in words
-    rows = [line for line in words.splitlines() if line.startswith("|")]
-    assert len({line.count("|") for line in rows}) == 1
+    tables = [part for part in words.split("\n\n") if part.startswith("|")]
+    assert len(tables) == 2
+    for table in tables:
+        assert len({line.count("|") for line in table.splitlines()}) == 1
     with Image.open(out / "frontier.png") as image:
         image.load()
         assert image.size == (1000, 490)
@@ -191,7 +223,7 @@ def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path
 
 def test_an_attack_in_another_scene_does_not_count(tmp_path):
     folder = put(tmp_path, "good", 0)
-    (folder / "reattack/screen_photo").rename(folder / "reattack/elsewhere")
+    (folder / "reattack/screen_photo-n200-steps50").rename(folder / "reattack/elsewhere")
     assert len(read(tmp_path).points) == 1  # whatever its folder is called
     path = folder / "reattack/elsewhere/recipes/metrics.json"
     again = json.loads(path.read_text())
@@ -224,7 +256,7 @@ def test_mistakes_get_a_sentence(tmp_path):
             command.main(argv)
     folder = put(tmp_path, "good", 0)
     metrics = json.loads((folder / "metrics.json").read_text())
-    write(folder, metrics | {"baseline": None})
+    write(folder, metrics | {"baseline": None, "start": None})
     with pytest.raises(ValueError, match="train recipe clean with seed=0 and the same settings"):
         read(tmp_path)
     del metrics["train"]["passes"]
