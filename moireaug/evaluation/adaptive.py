@@ -42,7 +42,7 @@ def _in_turn(show: Callable[[Bout], Tensor], n: int) -> Callable[[Bout], Tensor]
 
 def strong(eps: float, steps: int, name: str = "margin, halving, 2 restarts") -> Rung:
     """The Moiré Attack that searches harder: by the margin, with halved steps (as APGD's) and two restarts."""
-    return moire_attack(eps, steps, name=name, rule="halving", loss="margin", restarts=2)
+    return moire_attack(eps, steps, name=name, rule="apgd", loss="margin", restarts=2)
 
 
 def blind(eps: float, steps: int) -> Rung:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import torch
 from torch import Tensor
@@ -53,23 +53,23 @@ class ShotRecord:
     def device(self) -> torch.device:
         return self.seed.device
 
-    def _map(self, f: Any) -> ShotRecord:
+    def _map(self, f: Any) -> Self:
         parts = {}
         for name in PARTS:
             part = getattr(self, name)
             parts[name] = dataclasses.replace(part, **{k: f(getattr(part, k)) for k in ranged_fields(part)})
         return dataclasses.replace(self, **parts, seed=f(self.seed))
 
-    def to(self, device: torch.device | str) -> ShotRecord:
+    def to(self, device: torch.device | str) -> Self:
         """Return the same shot on another device."""
         return self if torch.device(device) == self.device else self._map(lambda t: t.to(device))
 
-    def __getitem__(self, rows: Any) -> ShotRecord:
+    def __getitem__(self, rows: Any) -> Self:
         """Return the shots of some rows: a slice, a mask, an index tensor or list, or one integer (a batch of one)."""
         rows = [rows] if isinstance(rows, int) else rows
         return self._map(lambda t: t[rows])
 
-    def repeat(self, n: int) -> ShotRecord:
+    def repeat(self, n: int) -> Self:
         """Return the whole batch n times, one after another."""
         return self._map(lambda t: t.repeat(n))
 
