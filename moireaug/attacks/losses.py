@@ -1,4 +1,4 @@
-"""What an attack ascends: per-image losses of logits (B, K), greater where the model is nearer to the attacker's goal."""
+"""What an attack ascends: per-image losses of logits (B, K), greater where the attack is nearer to its goal."""
 
 from __future__ import annotations
 

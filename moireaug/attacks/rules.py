@@ -101,9 +101,22 @@ class APGD(Rule):
         - The best point here is that of the greatest loss; what an attack returns is that of the greatest margin.
     """
 
+    # of each image, (B,): its step, its loss at the point before, its best one and the best at the last checkpoint, how
+    # often the loss rose since then, and whether the step was halved there
+    size: Tensor
+    last: Tensor
+    best: Tensor
+    best_then: Tensor
+    rises: Tensor
+    halved: Tensor
+    # (B, ...): the point before, the best one and the gradient there
+    before: Tensor
+    best_x: Tensor
+    best_gradient: Tensor
+
     def __init__(self, ball: Ball) -> None:
         super().__init__(ball)
-        self.k = 0
+        self.k = self.since = 0
         self.checks = checkpoints(ball.steps)
 
     @staticmethod
@@ -135,7 +148,6 @@ class APGD(Rule):
         self.best_x = self.before = x
         self.best_gradient = gradient
         self.rises = torch.zeros_like(loss)
-        self.since = 0
         self.halved = torch.zeros_like(loss, dtype=torch.bool)
 
     def _look_back(self, x: Tensor, gradient: Tensor) -> tuple[Tensor, Tensor]:

@@ -86,14 +86,21 @@ class ShotRecord:
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
         """(k1, k2) where the plan has a lens that distorts, else None."""
-        return (self.lens.k1, self.lens.k2) if "lens" in self.plan else None
+        if "lens" not in self.plan:
+            return None
+        return self._drawn("lens", "k1"), self._drawn("lens", "k2")
+
+    def _drawn(self, part: str, field: str) -> Tensor:
+        """Return a drawn number, (B,); the parts' own types speak of a scene, where it is a range."""
+        return getattr(getattr(self, part), field)
 
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64. Differentiable in every View
         field that the scene's pose reads."""
         view = {k: getattr(self.view, k) for k in ranged_fields(self.view)}
         pose, fit, scale = self.scene.view.pose, self.scene.view.fit, self.scene.sensor.scale
-        return homography(view, self.lens.k1, self.lens.k2, self.size, scale, pose=pose, fit=fit)
+        k1, k2 = self._drawn("lens", "k1"), self._drawn("lens", "k2")
+        return homography(view, k1, k2, self.size, scale, pose=pose, fit=fit)
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""

@@ -118,7 +118,9 @@ def misled(x):
 def test_several_targets_find_what_one_direction_misses(loss, kind):
     images, labels = torch.full((2, 3, 8, 8), 0.5), torch.zeros(2, dtype=torch.long)
     settings = {"eps": 0.03, "steps": 10, "rule": "apgd", "loss": loss}
-    attack = PGD(misled, random_start=0.0, **settings) if kind == "pgd" else MoireAttack(misled, scene=PLAIN, **settings)
+    attack = MoireAttack(misled, scene=PLAIN, **settings)
+    if kind == "pgd":
+        attack = PGD(misled, random_start=0.0, **settings)
     assert not attack(images, labels).success.any()
     assert not MultiTargeted(attack, targets=1)(images, labels).success.any()
     found = MultiTargeted(attack, targets=2)(images, labels)

@@ -50,7 +50,7 @@ def published(value_and_slope, x, steps, low=-1.0, high=1.0):
     while p[-1] < 1:
         marks.append(math.ceil(p[-1] * steps - 1e-9))
         p.append(p[-1] + max(p[-1] - p[-2] - 0.03, 0.06))
-    path, values, best = [x], [], -math.inf
+    path, values, best, before = [x], [], -math.inf, x
     eta, rises, mark, halved, best_then = 2.0, 0, 0, False, None
     for k in range(steps):
         value, slope = value_and_slope(x)
@@ -81,7 +81,7 @@ def published(value_and_slope, x, steps, low=-1.0, high=1.0):
 @pytest.mark.parametrize("steps", [1, 9, 40, 100])
 @pytest.mark.parametrize("boxed", [False, True])
 def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
-    """Beside a plain transcription, image by image, on waves with many summits; inside [0, 1], too, where it is felt."""
+    """Beside a plain transcription, image by image, on waves with many summits; with the bounds of [0, 1], too."""
     g = torch.Generator().manual_seed(5)
     waves, phase = torch.randn(6, 7, 4, generator=g).double() * 4, torch.rand(6, 7, generator=g).double() * 6
 
