@@ -1,5 +1,5 @@
 # make fit   train a classifier against the Moiré Attack, attack it again, write a report
-# make test  lint and run the tests
+# make test  lint, check types and run the tests
 PYTHON ?= python3
 VENV := .venv/bin
 
@@ -11,6 +11,7 @@ fit: .venv/installed
 test: .venv/installed-all
 	$(VENV)/ruff check .
 	$(VENV)/ruff format --check .
+	$(VENV)/mypy
 	OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(VENV)/python -m pytest -n auto --maxprocesses 8 --dist worksteal
 
 .venv/bin/python:

@@ -139,7 +139,8 @@ class Plan:
 @torch.no_grad()
 def make_plan(scene: SceneRecord) -> Plan:
     """Judge every effect by a scene's ranges; see `Scene.plan`."""
-    steps, chosen = [], {}
+    steps: list[Step] = []
+    chosen: dict[str, list[Effect]] = {}
     for stage, effects in (("exposing", EXPOSE), ("developing", DEVELOP)):
         chosen[stage] = []
         for effect in effects:

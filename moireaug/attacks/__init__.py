@@ -6,6 +6,7 @@ from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import LOSSES, margin
 from moireaug.attacks.model import Normalized, evaluating
 from moireaug.attacks.moire import MoireAttack
+from moireaug.attacks.multitargeted import MultiTargeted
 from moireaug.attacks.photographed import Photographed
 from moireaug.attacks.pixel import BIM, CW, MIFGSM, PGD
 from moireaug.attacks.problem import Result
@@ -32,6 +33,7 @@ __all__ = [
     "UNDECIDED",
     "Attack",
     "MoireAttack",
+    "MultiTargeted",
     "NoAnswerError",
     "Normalized",
     "Photographed",

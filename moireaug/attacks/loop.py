@@ -33,10 +33,10 @@ class Attack(ABC):
             after the attack as before, also when it raises.
         eps: bound of the noise in [0, 1] units; a list gives one Result per value, in order.
         steps: gradient steps.
-        step_size: in units of eps; None is min(1, 2.5 / steps), or, of the rule "halving", 2, and of "printed",
+        step_size: in units of eps; None is min(1, 2.5 / steps), or, of the rule "apgd", 2, and of "printed",
             1 / steps.
-        rule: a key of `attacks.RULES`, which say what a step is: "sign", "momentum", "halving" or "printed".
-        loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr".
+        rule: a key of `attacks.RULES`, which say what a step is: "sign", "momentum", "apgd" or "printed".
+        loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr", which is the targeted one where there are targets.
         random_start: radius of the uniform random start, in units of eps; 0 starts from no noise. Above 1, only with a
             single step, the noise may end outside the ball: N-FGSM (de Jorge et al., 2022).
         restarts: the attack is run so often, later runs from a random start, and the best per image is kept.
@@ -107,9 +107,35 @@ class Attack(ABC):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
-            if isinstance(self.eps, (list, tuple)):
-                return [self._best(problem, images, labels, targets, float(e), generator) for e in self.eps]
-            return self._best(problem, images, labels, targets, float(self.eps), generator)
+            if isinstance(self.eps, (int, float)):
+                return self._best(problem, images, labels, targets, targets, float(self.eps), generator)
+            results = []
+            for eps in self.eps:
+                results.append(self._best(problem, images, labels, targets, targets, float(eps), generator))
+            return results
+
+    def toward(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        classes: Tensor,
+        *,
+        shot: Shot | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Result:
+        """Attack a batch by steps toward one class an image, where any wrong class is a success.
+
+        Args:
+            classes: (B,) int64, by which the loss steers, as by the `targets` of a call; what is kept, and what counts,
+                is as without targets.
+            others: as in a call, with its errors; `eps` must be one number.
+        """
+        images, eps = check_images(images), self.one_eps()
+        with evaluating(self.model):
+            images = images.detach().clone()
+            labels, aims = check_goals(images, labels, classes)
+            problem = self.problem(images, shot, generator)
+            return self._best(problem, images, labels, None, aims, eps, generator)
 
     def walk(self, images: Tensor, labels: Tensor, *, shot: Shot | None = None,
              generator: torch.Generator | None = None) -> tuple[Problem, Point]:  # fmt: skip
@@ -119,7 +145,7 @@ class Attack(ABC):
         with evaluating(self.model):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
-            problem, eps = self.problem(images, shot, generator), float(self.eps)  # type: ignore[arg-type]
+            problem, eps = self.problem(images, shot, generator), self.one_eps()
             point = self._start(problem, eps, 0, images, generator)
             return problem, self._ascend(problem, point, labels, None, eps, generator, None)
 
@@ -129,6 +155,12 @@ class Attack(ABC):
         problem, point = self.walk(images, labels, shot=shot, generator=generator)
         with torch.no_grad():
             return problem.render(**point).detach()
+
+    def one_eps(self) -> float:
+        """Return eps where it is one number, and refuse a list."""
+        if not isinstance(self.eps, (int, float)):
+            raise ValueError(f"eps must be one number here; got {self.eps!r}. Make an attack of each.")
+        return float(self.eps)
 
     def _start(
         self, problem: Problem, eps: float, restart: int, images: Tensor, generator: torch.Generator | None
@@ -146,15 +178,11 @@ class Attack(ABC):
                 point["pose"] = fresh.to(images.device)
         return point
 
-    def _objective(self, logits: Tensor, labels: Tensor, targets: Tensor | None) -> Tensor:
-        loss = LOSSES[self.loss]
-        return loss(logits, labels) if targets is None else -loss(logits, targets)
-
     def _rules(self, problem: Problem, eps: float) -> dict[str, Rule]:
         """A rule for each variable that moves."""
         # noise that starts outside the ball (N-FGSM) is stepped on, and not pulled back
-        balls = {"noise": Ball(eps, eps if self.random_start <= 1 else math.inf, self.steps, self.step_size)}
-        balls["noise"] = balls["noise"]._replace(base=problem.base)
+        bound = eps if self.random_start <= 1 else math.inf
+        balls = {"noise": Ball(eps, bound, self.steps, self.step_size, problem.base, problem.felt)}
         if problem.pose is not None:
             balls["pose"] = Ball(1.0, 1.0, self.steps, self.step_size)
         return {name: RULES[self.rule](ball) for name, ball in balls.items() if name not in problem.still}
@@ -164,21 +192,21 @@ class Attack(ABC):
         problem: Problem,
         point: Point,
         labels: Tensor,
-        targets: Tensor | None,
+        aims: Tensor | None,
         eps: float,
         generator: torch.Generator | None,
         watch: Callable[[Point, Tensor], None] | None,
     ) -> Point:
         rules = self._rules(problem, eps)
-        many = labels.repeat(problem.views), None if targets is None else targets.repeat(problem.views)
+        many = labels.repeat(problem.views), None if aims is None else aims.repeat(problem.views)
         for k in range(self.steps):
             point = {name: x.detach().requires_grad_(True) for name, x in point.items()}
             logits = self.model(problem.rehearse(**point))
             if k == 0:
-                check_classes(labels if targets is None else torch.maximum(labels, targets), logits, problem.views)
+                check_classes(labels if aims is None else torch.maximum(labels, aims), logits, problem.views)
                 check_answers(logits, self.model, problem.images)
                 check_gradient(logits)
-            objective = self._objective(logits, *many)
+            objective = LOSSES[self.loss](logits, *many)
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(objective.sum(), list(point.values()), allow_unused="pose" in point)
             point = {name: x.detach() for name, x in point.items()}
@@ -197,6 +225,7 @@ class Attack(ABC):
         images: Tensor,
         labels: Tensor,
         targets: Tensor | None,
+        aims: Tensor | None,
         eps: float,
         generator: torch.Generator | None,
     ) -> Result:
@@ -204,7 +233,7 @@ class Attack(ABC):
         for restart in range(self.restarts):
             best.losses = []
             point = self._start(problem, eps, restart, images, generator)
-            point = self._ascend(problem, point, labels, targets, eps, generator, best.watch)
+            point = self._ascend(problem, point, labels, aims, eps, generator, best.watch)
             with torch.no_grad():
                 best.watch(point, self.model(problem.rehearse(**point)))
         with torch.no_grad():
@@ -225,10 +254,12 @@ class _Best:
         self.losses: list[Tensor] = []
 
     def watch(self, point: Point, logits: Tensor) -> None:
-        goal = (self.labels if self.targets is None else self.targets).repeat(self.views)
+        labels = self.labels.repeat(self.views)
+        targets = None if self.targets is None else self.targets.repeat(self.views)
+        goal = labels if targets is None else targets
         if not self.losses:
             check_classes(goal, logits, 1)
-        score = margin(logits.float(), goal) * (1 if self.targets is None else -1)
+        score = margin(logits.float(), labels, targets)
         # no answer is a wrong one, and never the target
         score = torch.where(decided(logits), score, math.inf if self.targets is None else -math.inf)
         score = score.view(self.views, len(self.labels)).mean(0)

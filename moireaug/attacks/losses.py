@@ -1,57 +1,89 @@
-"""What an attack ascends: per-image losses of logits (B, K) and labels (B,), greater where the model is more wrong."""
+"""What an attack ascends: per-image losses of logits (B, K), greater where the attack is nearer to its goal."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Protocol
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 
-def _without(logits: Tensor, labels: Tensor) -> Tensor:
-    """The logits with the labelled class's at minus infinity."""
-    return logits.scatter(1, labels[:, None], float("-inf"))
+class Loss(Protocol):
+    """Logits (B, K), true classes (B,) int64 and, of a targeted attack, the classes (B,) to reach, to losses (B,).
 
-
-def margin(logits: Tensor, labels: Tensor) -> Tensor:
-    """Best other logit minus the labelled one, (B,): positive where, and only where, the label is not predicted.
-
-    A tie counts as predicted wrongly only if argmax says so; see `Attack`.
+    Differentiable in the logits. Without targets it rises as the true class is left, with them as the target is neared.
     """
-    return _without(logits, labels).amax(1) - logits.gather(1, labels[:, None])[:, 0]
+
+    def __call__(self, logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor: ...
 
 
-def cross_entropy(logits: Tensor, labels: Tensor) -> Tensor:
-    """Cross-entropy's direction without its vanishing length: the log-odds against the label, (B,).
+def _without(logits: Tensor, classes: Tensor) -> Tensor:
+    """Put minus infinity in the place of one class's logit of each row."""
+    return logits.scatter(1, classes[:, None], float("-inf"))
+
+
+def _of(logits: Tensor, classes: Tensor) -> Tensor:
+    """Pick one class's logit of each row, (B,)."""
+    return logits.gather(1, classes[:, None])[:, 0]
+
+
+def margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
+    """Return the best other logit minus the labelled one, (B,); with targets, the target's minus the best other one.
+
+    It is positive where, and only where, the attack is there. A tie counts as there only if argmax says so; see
+    `Attack`.
+    """
+    if targets is not None:
+        return -margin(logits, targets)
+    return _without(logits, labels).amax(1) - _of(logits, labels)
+
+
+def cross_entropy(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
+    """Return cross-entropy's direction without its vanishing length: the log-odds against the label, (B,); with
+    targets, those for the target.
 
     -log p_y = softplus(logsumexp of the other logits - z_y). Both have the same gradient up to the factor 1 - p_y,
     which is 0 in float32 for a confident model; the sign steps of an attack only need the direction.
     """
-    return torch.logsumexp(_without(logits, labels), 1) - logits.gather(1, labels[:, None])[:, 0]
+    if targets is not None:
+        return -cross_entropy(logits, targets)
+    return torch.logsumexp(_without(logits, labels), 1) - _of(logits, labels)
 
 
-def difference_of_logits_ratio(logits: Tensor, labels: Tensor) -> Tensor:
-    """The margin over the difference of the greatest and the third greatest logit (DLR, Croce & Hein 2020, equation 6),
-    (B,): the same for a model whose logits are all multiplied by a number.
+def difference_of_logits_ratio(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
+    """Return the difference of logits ratio, DLR (Croce & Hein, 2020, equation 6), (B,), or, with targets, the targeted
+    one (equation 7).
 
-    Where the label itself is third, the ratio is 1 whatever that logit is. Its gradient is then that of the margin
-    alone, so that an attack which wants to raise the label, a targeted one, is not stuck there.
+    With the logits sorted as z_1 >= z_2 >= ..., they are -(z_y - best other) / (z_1 - z_3) and
+    -(z_y - z_t) / (z_1 - (z_3 + z_4) / 2): the same for a model whose logits are all multiplied by a number. Where all
+    these logits tie, the denominator is the least that the dtype tells from 0 at 1, and both are finite with their
+    gradients.
+
+    Where the label itself is third, the untargeted ratio is 1 whatever its logit is. Its gradient, 0 in the paper, is
+    then that of the margin alone, so that an attack goes on from there.
 
     Raises:
-        ValueError: logits of fewer than three classes.
+        ValueError: logits of fewer than three classes, or, with targets, four.
     """
-    if logits.shape[1] < 3:
+    needed, kind = (3, "") if targets is None else (4, ", targeted,")
+    if logits.shape[1] < needed:
         raise ValueError(
-            f"the loss 'dlr' needs a model of at least 3 classes; got logits of {logits.shape[1]}. Use 'margin'."
+            f"the loss 'dlr'{kind} needs a model of at least {needed} classes; got logits of {logits.shape[1]}. Use "
+            "'margin'."
         )
-    top, places = logits.topk(3, 1)
-    spread = top[:, 0] - top[:, 2]
-    spread = torch.where(places[:, 2] == labels, spread.detach(), spread)
-    return margin(logits, labels) / spread.clamp(min=torch.finfo(logits.dtype).eps)
+    top, places = logits.topk(needed, 1)
+    if targets is None:
+        ahead = margin(logits, labels)
+        spread = top[:, 0] - top[:, 2]
+        spread = torch.where(places[:, 2] == labels, spread.detach(), spread)
+    else:
+        ahead = _of(logits, targets) - _of(logits, labels)
+        spread = top[:, 0] - (top[:, 2] + top[:, 3]) / 2
+    return ahead / spread.clamp(min=torch.finfo(logits.dtype).eps)
 
 
-LOSSES: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
+LOSSES: dict[str, Loss] = {
     "ce": cross_entropy,
     "margin": margin,
     "dlr": difference_of_logits_ratio,
@@ -59,5 +91,11 @@ LOSSES: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
 
 
 def reported(logits: Tensor, labels: Tensor) -> Tensor:
-    """Mean cross-entropy, as a curve of it is usually shown."""
+    """Return the mean cross-entropy, as a curve of it is usually shown."""
     return F.cross_entropy(logits.detach().float(), labels)
+
+
+def likeliest(logits: Tensor, labels: Tensor, k: int) -> Tensor:
+    """Return the k classes of the greatest logits beside the label's, the greatest first: (B, k) int64, or (B, K - 1)
+    where the model has fewer."""
+    return _without(logits, labels).topk(min(k, logits.shape[1] - 1), 1).indices

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,8 +16,9 @@ from moireaug.capture import develop, expose
 from moireaug.numeric import clip
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import Scene, Shot, as_scene
+from moireaug.scene.shot import ShotRecord
 
-Stage = Callable[[Tensor, Shot], Tensor]
+Stage = Callable[[Tensor, ShotRecord], Tensor]
 
 # where noise is added: what comes before it, and what after
 NOISE_AT: dict[str, tuple[Stage, Stage]] = {
@@ -70,7 +72,7 @@ class MoireAttack(Attack):
                 f"optimise must be a tuple of different names, like ('noise', 'view'); got {self.optimise!r}."
             )
         object.__setattr__(self, "optimise", tuple(self.optimise))
-        moved_fields(self.scene, self.optimise)
+        moved_fields(as_scene(self.scene), self.optimise)
         if self.rule == "printed" and (self.eot > 1 or self.optimise != ("noise",)):
             raise ValueError(
                 "the rule 'printed' adds to the reading of one shot: it needs eot = 1 and optimise = ('noise',); got "
@@ -78,23 +80,24 @@ class MoireAttack(Attack):
             )
 
     def problem(self, images: Tensor, shot: Shot | None, generator: torch.Generator | None) -> Problem:
-        size = tuple(images.shape[-2:])
+        scene, size = as_scene(self.scene), (images.shape[-2], images.shape[-1])
         if shot is None:
-            shot = self.scene.sample(len(images), size, generator)
+            shot = scene.sample(len(images), size, generator)
         before, after = NOISE_AT[self.noise_at]
         with torch.no_grad():
             base = before(images, shot)
         fields = moved_fields(shot.scene, self.optimise)
-        shot = shot.to(images.device) if fields else shot
+        drawn = shot.to(images.device) if fields else shot
+        several = self.eot > 1
 
         def render(noise: Tensor, pose: Tensor | None = None) -> Tensor:
             if pose is None:
-                return after(base + noise, shot).to(images.dtype)
-            posed = aim(shot, fields, pose)
+                return after(base + noise, drawn).to(images.dtype)
+            posed = aim(drawn, fields, pose)
             return after(before(images, posed) + noise, posed).to(images.dtype)
 
         def rehearse(noise: Tensor, pose: Tensor | None = None) -> Tensor:
-            draws = self.scene.sample(self.eot * len(images), size, generator)
+            draws = scene.sample(self.eot * len(images), size, generator)
             if pose is not None:
                 draws = aim(draws.to(images.device), fields, pose.repeat(self.eot, 1))
             fresh = before(images.repeat(self.eot, 1, 1, 1), draws)
@@ -102,13 +105,22 @@ class MoireAttack(Attack):
 
         return Problem(
             render,
-            render if self.eot == 1 else rehearse,
+            rehearse if several else render,
             tuple(base.shape),
             images,
             views=self.eot,
-            shot=shot,
-            base=base,
-            pose=pose_of(shot, fields) if fields else None,
-            aim=(lambda pose: aim(shot, fields, pose)) if fields else None,
+            shot=drawn,
+            base=None if several or fields else base,
+            felt=_felt(self.noise_at, drawn),
+            pose=pose_of(drawn, fields) if fields else None,
+            aim=(lambda pose: aim(drawn, fields, pose)) if fields else None,
             still=() if "noise" in self.optimise else ("noise",),
         )
+
+
+def _felt(noise_at: str, shot: ShotRecord) -> tuple[float, float]:
+    """Return beyond which values noise changes nothing: a finished photo's ends, or a full well. Below 0 a reading is
+    felt, since demosaicing mixes it with others."""
+    if noise_at == "photo":
+        return 0.0, 1.0
+    return -math.inf, 1.0 if "saturate" in shot.plan else math.inf

@@ -43,7 +43,8 @@ class PGD(Attack):
         def render(noise: Tensor) -> Tensor:
             return clip(images + noise).to(images.dtype)
 
-        return Problem(render, render, tuple(images.shape), images)
+        base = images if images.dtype == torch.float64 else images.float()
+        return Problem(render, render, tuple(images.shape), images, base=base, felt=(0.0, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)

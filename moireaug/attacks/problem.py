@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -57,6 +58,7 @@ class Problem(NamedTuple):
         views: see `rehearse`.
         shot: of the photos, or None.
         base: (B, ...) what the noise is added to, or None where that differs from step to step.
+        felt: the least and the greatest value of base + noise beyond which more noise changes no photo.
         pose: (B, F) where the search of a pose starts, in [-1, 1], or None.
         aim: the shot of a pose.
         still: variables that no step moves.
@@ -69,6 +71,7 @@ class Problem(NamedTuple):
     views: int = 1
     shot: Shot | None = None
     base: Tensor | None = None
+    felt: tuple[float, float] = (-math.inf, math.inf)
     pose: Tensor | None = None
     aim: Callable[[Tensor], Shot] | None = None
     still: tuple[str, ...] = ()

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 DECAY = 1.0  # of the momentum, Dong et al. (2018)
-INERTIA = 0.75  # share of a halving step that is new, the rest repeats the step before: Croce & Hein (2020)
-OFTEN = 0.75  # share of the steps that must raise the loss between two checkpoints: Croce & Hein (2020)
+ALPHA = 0.75  # share of an APGD step that is new, the rest repeats the step before: Croce & Hein (2020)
+RHO = 0.75  # share of the steps that must raise the loss between two checkpoints: Croce & Hein (2020)
 
 
 class Ball(NamedTuple):
@@ -23,6 +23,8 @@ class Ball(NamedTuple):
         steps: how many will be taken.
         step_size: of the first step, in units of the radius; None is the rule's own.
         base: (B, ...) what the noise is added to, or None where that differs from step to step.
+        felt: the least and the greatest value of base + noise beyond which more noise changes nothing, and so has no
+            gradient: where base is given, the noise is kept inside.
     """
 
     radius: float
@@ -30,6 +32,7 @@ class Ball(NamedTuple):
     steps: int
     step_size: float | None = None
     base: Tensor | None = None
+    felt: tuple[float, float] = (-math.inf, math.inf)
 
 
 class Rule(ABC):
@@ -38,6 +41,9 @@ class Rule(ABC):
 
     def __init__(self, ball: Ball) -> None:
         self.ball = ball
+        self.room: tuple[Tensor, Tensor] | None = None
+        if ball.base is not None and ball.felt != (-math.inf, math.inf):
+            self.room = ball.felt[0] - ball.base, ball.felt[1] - ball.base
         self.step = ball.radius * (self.usual(ball.steps) if ball.step_size is None else ball.step_size)
 
     @staticmethod
@@ -46,8 +52,9 @@ class Rule(ABC):
         return min(1.0, 2.5 / max(1, steps))
 
     def confine(self, x: Tensor) -> Tensor:
-        """Pull back into the ball."""
-        return x.clamp(-self.ball.bound, self.ball.bound)
+        """Pull back into the ball, and to where noise is felt."""
+        x = x.clamp(-self.ball.bound, self.ball.bound)
+        return x if self.room is None else x.clamp(*self.room)
 
     @abstractmethod
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor: ...
@@ -74,52 +81,86 @@ class Momentum(Rule):
         return self.confine(x + self.step * self.past.sign())
 
 
-class Halving(Rule):
-    """In the manner of APGD (Croce & Hein, 2020, Algorithm 1): bold first steps of 2 radii with inertia. At each
-    checkpoint an image's step is halved, and its search goes on from the best point so far, where its loss rose in
-    fewer than `OFTEN` of the steps since the last checkpoint, or where neither step nor best loss changed since.
+class APGD(Rule):
+    """Auto-PGD (Croce & Hein, 2020, section 3 and Algorithm 1): first steps of 2 radii, with momentum.
 
-    Unlike in the paper, a search that starts again from the best point has no inertia there.
+    z = P(x_k + step sign(gradient)), x_{k+1} = P(x_k + ALPHA (z - x_k) + (1 - ALPHA) (x_k - x_{k-1})), where P pulls
+    back, and the first step is z itself. At each of the `checkpoints` an image's step is halved, and its search goes on
+    from the best point so far, on either of two conditions: its loss rose in fewer than RHO of the steps since the last
+    checkpoint; or its step was not halved there and its best loss is no better than it was there.
+
+    What the paper leaves open, or is otherwise here:
+        - Every image of a batch has its own step and best point, as in the authors' code.
+        - A checkpoint w_j is looked at before the step from x_{w_j}, as in the authors' code. The printed order takes
+          that step first, and throws it away where the search goes back: a gradient less, the same points.
+        - Their code halves at a share of exactly RHO, too, counts checkpoints by whole numbers of steps rounded down,
+          and does not test the second condition at the first of them. Here all three are as printed.
+        - After a search went back, its momentum points from the point before the checkpoint to the best one, as in
+          both; and the next loss is compared with the best one, as in the paper.
+        - Noise on a raw reading is bounded by eps alone: a reading may go below 0, where it is felt.
+        - The best point here is that of the greatest loss; what an attack returns is that of the greatest margin.
     """
+
+    # of each image, (B,): its step, its loss at the point before, its best one and the best at the last checkpoint, how
+    # often the loss rose since then, and whether the step was halved there
+    size: Tensor
+    last: Tensor
+    best: Tensor
+    best_then: Tensor
+    rises: Tensor
+    halved: Tensor
+    # (B, ...): the point before, the best one and the gradient there
+    before: Tensor
+    best_x: Tensor
+    best_gradient: Tensor
 
     def __init__(self, ball: Ball) -> None:
         super().__init__(ball)
-        self.k, self.checks = 0, checkpoints(ball.steps)
+        self.k = self.since = 0
+        self.checks = checkpoints(ball.steps)
 
     @staticmethod
     def usual(steps: int) -> float:
         return 2.0
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
+        loss = loss.nan_to_num(-math.inf, posinf=math.inf, neginf=-math.inf)  # no loss is never the best
         if self.k == 0:
-            self.size = torch.full_like(loss, self.step)
-            self.best = self.last = self.best_then = loss
-            self.best_x = self.before = x
-            self.best_gradient = gradient
-            self.rose, self.since = torch.zeros_like(loss), 0
-            self.halved = torch.ones_like(loss, dtype=torch.bool)
+            self._begin(x, gradient, loss)
         better = loss > self.best
         self.best = torch.where(better, loss, self.best)
         self.best_x = choose(better, x, self.best_x)
         self.best_gradient = choose(better, gradient, self.best_gradient)
-        self.rose = self.rose + (loss > self.last)
+        self.rises = self.rises + (loss > self.last)
         self.last = loss
         if self.k in self.checks:
-            x, gradient = self._check(x, gradient)
+            x, gradient = self._look_back(x, gradient)
         aim = self.confine(x + _per_image(self.size, x) * gradient.sign())
-        inertia = INERTIA if self.k else 1.0
-        after = self.confine(x + inertia * (aim - x) + (1 - inertia) * (x - self.before))
-        self.before, self.k, self.since = x, self.k + 1, self.since + 1
+        momentum = (1 - ALPHA) * (x - self.before) if self.k else 0.0
+        after = self.confine(x + (ALPHA if self.k else 1.0) * (aim - x) + momentum)
+        self.before = x
+        self.k += 1
         return after
 
-    def _check(self, x: Tensor, gradient: Tensor) -> tuple[Tensor, Tensor]:
-        stuck = (self.rose < OFTEN * self.since) | (~self.halved & (self.best <= self.best_then))
-        self.size = torch.where(stuck, self.size / 2, self.size)
-        self.last = torch.where(stuck, self.best, self.last)
-        self.before = choose(stuck, self.best_x, self.before)
-        self.halved, self.best_then = stuck, self.best
-        self.rose, self.since = torch.zeros_like(self.rose), 0
-        return choose(stuck, self.best_x, x), choose(stuck, self.best_gradient, gradient)
+    def _begin(self, x: Tensor, gradient: Tensor, loss: Tensor) -> None:
+        self.size = torch.full_like(loss, self.step, dtype=x.dtype)
+        self.best = self.last = self.best_then = loss
+        self.best_x = self.before = x
+        self.best_gradient = gradient
+        self.rises = torch.zeros_like(loss)
+        self.halved = torch.zeros_like(loss, dtype=torch.bool)
+
+    def _look_back(self, x: Tensor, gradient: Tensor) -> tuple[Tensor, Tensor]:
+        """Halve steps at a checkpoint, and go back to the best points there."""
+        steps = self.k - self.since
+        seldom = self.rises < RHO * steps
+        stuck = ~self.halved & (self.best <= self.best_then)
+        back = seldom | stuck
+        self.size = torch.where(back, self.size / 2, self.size)
+        self.last = torch.where(back, self.best, self.last)
+        self.halved, self.best_then = back, self.best
+        self.rises, self.since = torch.zeros_like(self.rises), self.k
+        return choose(back, self.best_x, x), choose(back, self.best_gradient, gradient)
 
 
 class Printed(Rule):
@@ -141,16 +182,19 @@ class Printed(Rule):
         return 1.0 / max(1, steps)
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
-        self.delta = self.confine(self.delta + self.step * gradient.sign())
-        return (self.ball.base + x + self.delta).clamp(0, 1) - self.ball.base
+        base, bound = self.ball.base, self.ball.bound
+        if base is None:
+            raise ValueError("the rule 'printed' needs the reading that noise is added to; got Ball(base=None).")
+        self.delta = (self.delta + self.step * gradient.sign()).clamp(-bound, bound)
+        return (base + x + self.delta).clamp(0, 1) - base
 
 
-RULES: dict[str, type[Rule]] = {"sign": Sign, "momentum": Momentum, "halving": Halving, "printed": Printed}
+RULES: dict[str, type[Rule]] = {"sign": Sign, "momentum": Momentum, "apgd": APGD, "printed": Printed}
 
 
 def checkpoints(steps: int) -> set[int]:
-    """The steps at which "halving" looks back: ceil(p_j steps), with p_0 = 0, p_1 = 0.22 and
-    p_{j+1} = p_j + max(p_j - p_{j-1} - 0.03, 0.06) (Croce & Hein, 2020, section 4)."""
+    """Return the steps w_j = ceil(p_j steps) at which APGD looks back, j >= 1, with p_0 = 0, p_1 = 0.22 and
+    p_{j+1} = p_j + max(p_j - p_{j-1} - 0.03, 0.06) (Croce & Hein, 2020, section 3.2)."""
     before, p, found = 0.0, 0.22, set()
     while p < 1:
         found.add(math.ceil(p * steps - 1e-9))

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.checks import check_answers, check_classes
+from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.rules import choose
@@ -59,7 +60,7 @@ class SquareMoire(MoireAttack):
         problem: Problem,
         point: Point,
         labels: Tensor,
-        targets: Tensor | None,
+        aims: Tensor | None,
         eps: float,
         generator: torch.Generator | None,
         watch: Callable[[Point, Tensor], None] | None,
@@ -69,11 +70,11 @@ class SquareMoire(MoireAttack):
             for k in range(self.steps):
                 logits = self.model(problem.rehearse(**tried))
                 if k == 0:
-                    check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+                    check_classes(labels if aims is None else torch.maximum(labels, aims), logits, 1)
                     check_answers(logits, self.model, problem.images)
                 if watch:
                     watch(tried, logits)
-                loss = self._objective(logits, labels, targets)
+                loss = LOSSES[self.loss](logits, labels, aims)
                 better = torch.ones_like(loss, dtype=torch.bool) if best_loss is None else loss > best_loss
                 best_loss = loss if best_loss is None else torch.where(better, loss, best_loss)
                 best = {"noise": choose(better, tried["noise"], best["noise"])}

@@ -7,7 +7,7 @@ import json
 import os
 import tempfile
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sized
 from pathlib import Path
 
 import numpy as np
@@ -104,10 +104,12 @@ def _draw(images: Tensor | Iterable[Tensor], patches: int, patch: int, seed: int
 
 def _content(images: Tensor | Iterable[Tensor]) -> str:
     if isinstance(images, Tensor):
-        numbers = images.detach().cpu().contiguous().view(torch.uint8).numpy() if images.numel() else b""
-        return f"{tuple(images.shape)} {images.dtype} {hashlib.sha256(numbers).hexdigest()}"
+        digest = hashlib.sha256()
+        if images.numel():
+            digest.update(images.detach().cpu().contiguous().view(torch.uint8).flatten().numpy().data)
+        return f"{tuple(images.shape)} {images.dtype} {digest.hexdigest()}"
     parts = (images, getattr(images, "dataset", None))
-    return " ".join(f"{type(p).__name__} {len(p) if hasattr(p, '__len__') else '?'}" for p in parts if p is not None)
+    return " ".join(f"{type(p).__name__} {len(p) if isinstance(p, Sized) else '?'}" for p in parts if p is not None)
 
 
 def _read(file: Path, key: str) -> Tensor | None:

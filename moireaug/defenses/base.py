@@ -80,7 +80,8 @@ def check_whole(name: str, value: object, low: int, high: int | None = None) -> 
     allowed = f"a whole number of at least {low}" if high is None else f"a whole number from {low} to {high}"
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
-    if value < low or (high is not None and value > high):
+    whole = int(value)
+    if whole < low or (high is not None and whole > high):
         raise ValueError(f"{name} must be {allowed}; got {value!r}.")
 
 
@@ -89,5 +90,6 @@ def check_real(name: str, value: object, low: float, high: float = math.inf) -> 
     allowed = f"a finite number above {low:g}" + (f", at most {high:g}" if high < math.inf else "")
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
-    if not (math.isfinite(value) and low < value <= high):
+    number = float(value)
+    if not (math.isfinite(number) and low < number <= high):
         raise ValueError(f"{name} must be {allowed}; got {value!r}.")

@@ -37,10 +37,8 @@ class Compose(Defence):
             if not callable(defence) or isinstance(defence, type):
                 raise TypeError(f"a defence must be callable on images; got {defence!r}. Is it DEFENSES[name]()?")
         object.__setattr__(self, "defences", tuple(self.defences))
-
-    @property
-    def randomised(self) -> bool:
-        return any(getattr(d, "randomised", False) for d in self.defences)
+        drawing = [d for d in self.defences if getattr(d, "randomised", False)]
+        object.__setattr__(self, "randomised", bool(drawing))
 
     @property
     def title(self) -> str:
@@ -72,7 +70,8 @@ class Compose(Defence):
 
 def _title(defence: object) -> str:
     """A defence's title; of a function its name, of a network its class's."""
-    return getattr(defence, "title", None) or getattr(defence, "__name__", type(defence).__name__)
+    title = getattr(defence, "title", None)
+    return str(title or getattr(defence, "__name__", type(defence).__name__))
 
 
 class Defended(nn.Module):

@@ -22,9 +22,8 @@ class Subpixels(WithinExposure):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         panel, method = scene.panel, exposure_of(scene)
-        name = panel.layout
-        if not isinstance(name, str):
-            name = f"a cell of {len(panel.layout.subpixels)} subpixels"
+        layout = panel.layout
+        name = layout if isinstance(layout, str) else f"a cell of {len(layout.subpixels)} subpixels"
         if is_solid(scene):
             return left_out(f"{name}: every panel pixel emits all over")
         if isinstance(method, Mean):

@@ -125,7 +125,8 @@ def mipmap(image: Tensor, variance: Tensor, levels: int) -> Tensor:
     A pyramid of `levels` halvings; between two of them the mix whose variance is right. What lies beyond the last has
     its variance.
     """
-    x, y = grids.pixel_centres(image.shape[-2:], image.device).expand(len(image), -1, -1, -1).unbind(-1)
+    n, _, h, w = image.shape
+    x, y = grids.pixel_centres((h, w), image.device).expand(n, -1, -1, -1).unbind(-1)
     small, out, below = image, image, 0.0
     for j in range(1, levels + 1):
         small = halved(small)

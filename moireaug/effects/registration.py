@@ -34,7 +34,7 @@ def register(photo: Tensor, matrix: Tensor, lens: grids.Lens | None) -> Tensor:
         matrix: (B, 3, 3) from image to ideal photo coordinates.
         lens: radial distortion, or None.
     """
-    size = photo.shape[-2:]
+    size = photo.shape[-2], photo.shape[-1]
     points = grids.pixel_centres(size, photo.device).expand(len(photo), -1, -1, -1)
     seen = grids.image_to_photo(points.flatten(1, 2), matrix, size, lens).reshape(points.shape)
     x, y = seen.unbind(-1)

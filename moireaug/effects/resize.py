@@ -22,7 +22,8 @@ class Resize(Effect):
         return called(f"{scene.develop.resize}, {scale:g} sensor pixels a photo pixel")
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
-        return resize(photo, *shot.sampled_pixels(), shot.scene.develop.resize)
+        rows, cols = shot.sampled_pixels()
+        return resize(photo, rows, cols, shot.scene.develop.resize)
 
 
 def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) -> Tensor:

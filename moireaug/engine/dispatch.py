@@ -8,6 +8,7 @@ import importlib.util
 import math
 import os
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -16,8 +17,10 @@ from moireaug import pipeline
 from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
 from moireaug.numeric import is_transformed
-from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
+
+if TYPE_CHECKING:
+    from moireaug.scene.scene import Scene
 
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
 EXPOSURES = ("spectral", "mean", "point")
@@ -35,7 +38,7 @@ def reference() -> Iterator[None]:
         _forced_off = before
 
 
-def explain(scene: SceneRecord) -> str:
+def explain(scene: Scene) -> str:
     """Return which execution a scene gets on the CPU without a gradient in image or shot, and why: a line each for
     exposing and developing."""
     lines = []
@@ -117,7 +120,7 @@ def _without_numba() -> str:
     return ""
 
 
-def _no_exposing(scene: SceneRecord) -> str:
+def _no_exposing(scene: Scene) -> str:
     method = scene.plan().method
     if "exposure" not in scene.plan():
         return "nothing is exposed"
@@ -126,7 +129,7 @@ def _no_exposing(scene: SceneRecord) -> str:
     return ""
 
 
-def _no_developing(scene: SceneRecord) -> str:
+def _no_developing(scene: Scene) -> str:
     if "denoise" in scene.plan():
         return f"denoising by {scene.develop.denoise!r} is the reference's alone"
     if not any(step in scene.plan() for step in ("demosaic", "resize", "register", "encode")):

@@ -4,6 +4,7 @@ every photo, so it is worked out in numpy."""
 from __future__ import annotations
 
 import functools
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -19,6 +20,9 @@ from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import REACH, ShotRecord, sampled_by
+
+if TYPE_CHECKING:
+    from moireaug.scene.scene import Scene
 
 KEPT = 64  # scenes and sizes whose tables are held
 
@@ -58,6 +62,9 @@ def development_of(shot: ShotRecord) -> Development:
         gains[:, 0], gains[:, 2] = drawn["develop.red"], drawn["develop.blue"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
+    levels = np.float32(0)
+    if "bits" in plan and sensor.bits is not None:
+        levels = np.float32(2**sensor.bits - 1)
     views = np.empty((0, 3, 3))
     if "register" in plan:
         views = _homography_of(shot, drawn)
@@ -68,7 +75,7 @@ def development_of(shot: ShotRecord) -> Development:
         rows=rows,
         cols=cols,
         saturates="saturate" in plan,
-        levels=np.float32(2**sensor.bits - 1 if "bits" in plan else 0),
+        levels=levels,
         gains=gains,
         coded="encode" in plan,
         brighten=brighten,
@@ -114,8 +121,9 @@ def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
         "shot": drawn["sensor.shot_noise"] if noisy else zero,
         "vignetting": drawn["lens.vignetting"] if "vignetting" in plan else zero,
     }
-    scales = tuple(pixels.scale for pixels in shot.sampled_pixels())
-    return lowering.lower_cameras(pose.inverse(_homography_of(shot, drawn), shot.size), shot.size, scales, fields)
+    rows, cols = shot.sampled_pixels()
+    back = pose.inverse(_homography_of(shot, drawn), shot.size)
+    return lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
 
 
 def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -144,9 +152,10 @@ def _flicker_of(shot: ShotRecord) -> np.ndarray:
     """Return what each sensor row gets of the mean light, (B, rows) float64, or (B, 0)."""
     if "flicker" not in shot.plan:
         return np.empty((len(shot), 0))
-    panel, sensor = shot.panel, shot.sensor
+    drawn = shot.numbers()
     rows = shot.sampled_pixels()[0].positions() / shot.size[0]
-    bands = flicker(rows, panel.pwm, panel.duty, panel.phase, sensor.shutter, sensor.readout)
+    pulses = drawn["panel.pwm"], drawn["panel.duty"], drawn["panel.phase"]
+    bands = flicker(rows, *pulses, drawn["sensor.shutter"], drawn["sensor.readout"])
     return bands.detach().contiguous().numpy()
 
 
@@ -157,7 +166,7 @@ def _kinds(scene: SceneRecord) -> list:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _cell(scene: SceneRecord) -> Cell:
+def _cell(scene: Scene) -> Cell:
     layout, method = as_layout(scene.panel.layout), scene.plan().method
     if method.name == "mean":
         subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]

@@ -148,7 +148,7 @@ class Stencil(NamedTuple):
     weight: np.ndarray
     offset: np.ndarray
     first: np.ndarray
-    count: np.ndarray
+    count: np.ndarray  # type: ignore[assignment]  # nobody asks a stencil how often it holds a value
 
 
 class Resize(NamedTuple):
@@ -167,7 +167,7 @@ class Resize(NamedTuple):
     taps: np.ndarray
     first: np.ndarray
     last: np.ndarray
-    index: np.ndarray
+    index: np.ndarray  # type: ignore[assignment]  # nobody asks a resize where it holds a value
     weight: np.ndarray
     back_index: np.ndarray
     back_weight: np.ndarray
@@ -193,7 +193,7 @@ class Development(NamedTuple):
     rows: Resize
     cols: Resize
     saturates: bool
-    levels: float
+    levels: np.float32
     gains: np.ndarray
     coded: bool
     brighten: np.ndarray

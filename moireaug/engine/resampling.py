@@ -91,7 +91,8 @@ def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int, unit:
             for a sensor without colour filters.
         cells: in a row. unit: the multiple to which rows are padded.
     """
-    weights, offsets = [], []
+    weights: list[float] = []
+    offsets: list[int] = []
     first, count = np.zeros((4, 3, 3), np.int64), np.zeros((4, 3, 3), np.int64)
     wide = _ceil(cells, unit) + unit
     for site, channel, dy, taps in _taps(demosaic) if demosaic else ():

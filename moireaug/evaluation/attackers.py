@@ -10,7 +10,14 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError, SquareMoire
+from moireaug.attacks import (
+    ATTACKS,
+    MoireAttack,
+    MultiTargeted,
+    NoAnswerError,
+    SquareMoire,
+    evaluating,
+)
 from moireaug.attacks.pose import moved_fields
 from moireaug.capture import capture
 from moireaug.defenses import Defended
@@ -107,6 +114,39 @@ class MoireAttacker(Attacker):
         found = super().settings()
         del found["defence"]  # `knows` stands for it
         return found
+
+
+class TargetedApgd(Attacker):
+    """APGD-T on the raw reading: APGD toward each of the nine likeliest other classes in turn, by the targeted DLR loss;
+    a model of fewer than four classes has no such loss, and is attacked by the margin."""
+
+    kind = "apgd_t"
+
+    @property
+    def base_name(self) -> str:
+        return f"apgd_t_{codes(self.eps)}"
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        with evaluating(batch.model), torch.no_grad():
+            classes = batch.model(batch.images[:1]).shape[1]
+        attack = MoireAttack(
+            model=batch.model,
+            scene=batch.shot.scene,
+            eps=self.eps,
+            steps=self.steps,
+            rule="apgd",
+            loss="dlr" if classes >= 4 else "margin",
+        )
+        try:
+            result = MultiTargeted(attack)(
+                batch.images, batch.labels, shot=batch.shot, generator=batch.generator
+            )
+        except NoAnswerError:
+            return capture(batch.images, batch.shot)
+        return result.images
+
+    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
+        return visibility(shown, capture(batch.images, batch.shot))
 
 
 class PoseUnknown(Attacker):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 import math
 from abc import abstractmethod
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import torch
@@ -198,7 +199,9 @@ def look_at_panel(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.d
     return Sight(position, step * alpha[..., None].to(accuracy) / scale)
 
 
-def extent(subpixel: Subpixel, period: tuple[int, int], axis: int, width: Tensor, height: Tensor) -> tuple:
+def extent(
+    subpixel: Subpixel, period: tuple[int, int], axis: int, width: Tensor, height: Tensor
+) -> tuple[Tensor, Tensor]:
     """Return a subpixel's width along one axis and the variance that its slant adds, in cells; (B,) each."""
     edges = [(subpixel.across[axis] * width).abs() / period[axis], (subpixel.down[axis] * height).abs() / period[axis]]
     return torch.maximum(*edges), torch.minimum(*edges).square() / 12
@@ -209,15 +212,16 @@ def along_axis(axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Si
     taps, dtype = screen.taps, screen.light.dtype
     cells = (sight.position[..., axis] - subpixel.centre[axis]) / period[axis]
     nearest = cells.detach().round()
-    shown = (torch.ones_like(t) for t in emitting_share(shot.panel))
-    if subpixel is not WHOLE_PIXEL:
-        shown = emitting_share(shot.panel)
-    width, slant = (t.to(sight.step.dtype)[:, None, None] for t in extent(subpixel, period, axis, *shown))
+    across, down = emitting_share(shot.panel)
+    if subpixel is WHOLE_PIXEL:
+        across, down = torch.ones_like(across), torch.ones_like(down)
+    width, slant = extent(subpixel, period, axis, across, down)
+    width, slant = (t.to(sight.step.dtype)[:, None, None] for t in (width, slant))
     seen = content.footprint(sight.step[..., axis, :] / period[axis], optics_of(shot))
     seen = Footprint(seen.box, seen.variance + slant)
     kept, lost = content.fitted(seen, width, taps)
-    found = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
-    share = content.normalised([s.to(dtype) for s in found])
+    shares = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
+    share = content.normalised([s.to(dtype) for s in shares])
     found = AlongAxis(cells, nearest, kept, width, share, None)
     if shot.scene.develop.registered:
         return found
@@ -236,7 +240,12 @@ def covered(along: AlongAxis) -> Tensor:
     """Return the share of a view that subpixels fill along one axis, (B, h, w); the tails past the taps, too."""
     every = 4 * len(along.share) + 1
     from_nearest = (along.cells - along.nearest).to(along.width.dtype)
-    return sum(content.shares(from_nearest, along.seen, along.width, every)).to(along.share[0].dtype)
+    return _added(content.shares(from_nearest, along.seen, along.width, every)).to(along.share[0].dtype)
+
+
+def _added(terms: Iterable[Tensor]) -> Tensor:
+    """Return the sum of one tensor or more, each let go as it was added."""
+    return functools.reduce(torch.add, terms)
 
 
 def panel_pixels(screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period) -> Tensor:
@@ -250,10 +259,9 @@ def panel_pixels(screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpi
         (along.nearest - screen.taps // 2) * period[axis] + math.floor(subpixel.pixel[axis])
         for axis, along in enumerate((x, y))
     )
-    shown, total = screen.look(channel, column, row, period), 0.0
-    for j, in_row in enumerate(down):
-        line = 0.0
-        for i, in_column in enumerate(across):
-            line = line + in_column * shown[j][i]
-        total = total + in_row * line
-    return total
+    shown = screen.look(channel, column, row, period)
+
+    def line(j: int) -> Tensor:
+        return _added(in_column * shown[j][i] for i, in_column in enumerate(across))
+
+    return _added(in_row * line(j) for j, in_row in enumerate(down))

@@ -7,7 +7,7 @@ image to ideal (pinhole) photo coordinates. Everything is float64, differentiabl
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -20,8 +20,9 @@ STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 BORDER = [(x, y) for x in STEPS for y in STEPS if max(abs(x), abs(y)) == 1]  # of a picture, in halves of its sides
 
 
-def _matrix(rows: list[list[Tensor | float]], like: Tensor) -> Tensor:
-    zero, entries = torch.zeros_like(like), []
+def _matrix(rows: Sequence[Sequence[Tensor | float]], like: Tensor) -> Tensor:
+    zero = torch.zeros_like(like)
+    entries: list[Tensor] = []
     for row in rows:
         entries += [entry if isinstance(entry, Tensor) else zero + entry for entry in row]
     return torch.stack(entries, -1).unflatten(-1, (len(rows), len(rows[0])))

@@ -9,7 +9,9 @@ from moireaug.scene.layout import Subpixel
 
 def cell_of(subpixel: Subpixel, period: tuple[int, int], x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     """Return which copy of a subpixel is nearest to panel position (x, y): whole cells along both axes."""
-    return tuple(((p - c) / n).round() for p, c, n in zip((x, y), subpixel.centre, period, strict=True))
+    across = ((x - subpixel.centre[0]) / period[0]).round()
+    down = ((y - subpixel.centre[1]) / period[1]).round()
+    return across, down
 
 
 def emits(subpixel: Subpixel, period: tuple[int, int], x: Tensor, y: Tensor, width: Tensor, height: Tensor) -> Tensor:

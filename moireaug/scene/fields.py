@@ -46,6 +46,7 @@ class Part:
     """
 
     ranged: ClassVar[tuple[str, ...]] = ()
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]  # every part is a dataclass
 
     def __init_subclass__(cls) -> None:
         declared = [name for name, value in vars(cls).items() if isinstance(value, Field)]

@@ -60,7 +60,8 @@ class Scene(SceneRecord):
 
     def capture(self, images: torch.Tensor, generator: torch.Generator | None = None) -> torch.Tensor:
         """Draw a shot for `images` (B, 3, H, W) and return their photos, of the same shape."""
-        return capture(images, self.sample(images.shape[0], tuple(images.shape[-2:]), generator))
+        n, _, h, w = images.shape
+        return capture(images, self.sample(n, (h, w), generator))
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Scene:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import torch
 from torch import Tensor
@@ -53,23 +53,23 @@ class ShotRecord:
     def device(self) -> torch.device:
         return self.seed.device
 
-    def _map(self, f: Any) -> ShotRecord:
+    def _map(self, f: Any) -> Self:
         parts = {}
         for name in PARTS:
             part = getattr(self, name)
             parts[name] = dataclasses.replace(part, **{k: f(getattr(part, k)) for k in ranged_fields(part)})
         return dataclasses.replace(self, **parts, seed=f(self.seed))
 
-    def to(self, device: torch.device | str) -> ShotRecord:
+    def to(self, device: torch.device | str) -> Self:
         """Return the same shot on another device."""
         return self if torch.device(device) == self.device else self._map(lambda t: t.to(device))
 
-    def __getitem__(self, rows: Any) -> ShotRecord:
+    def __getitem__(self, rows: Any) -> Self:
         """Return the shots of some rows: a slice, a mask, an index tensor or list, or one integer (a batch of one)."""
         rows = [rows] if isinstance(rows, int) else rows
         return self._map(lambda t: t[rows])
 
-    def repeat(self, n: int) -> ShotRecord:
+    def repeat(self, n: int) -> Self:
         """Return the whole batch n times, one after another."""
         return self._map(lambda t: t.repeat(n))
 
@@ -86,14 +86,21 @@ class ShotRecord:
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
         """(k1, k2) where the plan has a lens that distorts, else None."""
-        return (self.lens.k1, self.lens.k2) if "lens" in self.plan else None
+        if "lens" not in self.plan:
+            return None
+        return self._drawn("lens", "k1"), self._drawn("lens", "k2")
+
+    def _drawn(self, part: str, field: str) -> Tensor:
+        """Return a drawn number, (B,); the parts' own types speak of a scene, where it is a range."""
+        return getattr(getattr(self, part), field)
 
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64. Differentiable in every View
         field that the scene's pose reads."""
         view = {k: getattr(self.view, k) for k in ranged_fields(self.view)}
         pose, fit, scale = self.scene.view.pose, self.scene.view.fit, self.scene.sensor.scale
-        return homography(view, self.lens.k1, self.lens.k2, self.size, scale, pose=pose, fit=fit)
+        k1, k2 = self._drawn("lens", "k1"), self._drawn("lens", "k2")
+        return homography(view, k1, k2, self.size, scale, pose=pose, fit=fit)
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
         """Return which sensor rows and columns this photo reads."""

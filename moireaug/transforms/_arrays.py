@@ -16,7 +16,9 @@ def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None)
     return apply_to_all([image], shot, noise)[0]
 
 
-def apply_to_all(images: Sequence[np.ndarray], shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
+def apply_to_all(
+    images: Sequence[np.ndarray] | np.ndarray, shot: Shot, noise: torch.Tensor | None = None
+) -> np.ndarray:
     """The photos of N images by one shot of a single draw, stacked; of attacker's noise, each has its own."""
     if not len(images):
         return np.asarray(images)

@@ -33,7 +33,8 @@ def moves(scene: Scene) -> bool:
 
 def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
     """The same shot of images of another size (height, width): every drawn number is relative to the picture."""
-    return shot if shot.size == tuple(size) else dataclasses.replace(shot, size=tuple(size))
+    h, w = size
+    return shot if shot.size == (h, w) else dataclasses.replace(shot, size=(h, w))
 
 
 def describe(scene: Scene) -> str:
@@ -100,7 +101,7 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
         TypeError, ValueError: another dtype or number of channels; a float image that cannot be a picture in [0, 1].
     """
     check_format(images)
-    shot = at_size(shot, images.shape[-2:])
+    shot = at_size(shot, (images.shape[-2], images.shape[-1]))
     if images.dtype == torch.uint8 and images.shape[-3] == 3 and dispatch.exposes(images, shot) and noise is None:
         return as_given(develop(dispatch.expose(images, shot), shot), images)  # the engine reads bytes as they are
     return as_given(capture(as_shown(images), shot, noise), images)

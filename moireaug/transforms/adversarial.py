@@ -15,7 +15,7 @@ from torchvision.tv_tensors import Video
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import check_labels
-from moireaug.scene.scene import Scene
+from moireaug.scene.scene import Scene, as_scene
 from moireaug.transforms._convert import as_given, as_shown, check_probability, describe, moves
 from moireaug.transforms.torchvision import CARRIED, SHOWN, wrap
 
@@ -85,7 +85,7 @@ class AdversarialMoire(v2.Transform):
 
     def _place_of_images(self, flat: list[Any], labels: Any) -> int:
         """Which leaf of a sample is the batch of images."""
-        if moves(self.attack.scene) and any(isinstance(x, CARRIED) for x in flat):
+        if moves(as_scene(self.attack.scene)) and any(isinstance(x, CARRIED) for x in flat):
             raise ValueError(
                 "masks, boxes and key points would not move with the images, because this scene's photo stays in the "
                 "camera's frame (Develop(registered=False)). Set registered=True, or leave them out."
@@ -118,7 +118,7 @@ class AdversarialMoire(v2.Transform):
     def extra_repr(self) -> str:
         a = self.attack
         return (
-            f"scene={describe(a.scene)}, eps={a.eps}, steps={a.steps}, loss={a.loss!r}, "
+            f"scene={describe(as_scene(a.scene))}, eps={a.eps}, steps={a.steps}, loss={a.loss!r}, "
             f"random_start={a.random_start}, p={self.p}"
         )
 

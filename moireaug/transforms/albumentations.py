@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, cast
 
 # albumentations asks a server for its newest version when it is imported, which hangs where there is no network
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
@@ -17,7 +17,7 @@ from albumentations.core.composition import BaseCompose
 from albumentations.core.transforms_interface import BasicTransform, DualTransform
 from albumentations.core.type_definitions import ALL_TARGETS
 
-from moireaug.attacks import MoireAttack
+from moireaug.attacks import MoireAttack, Result
 from moireaug.scene.scene import Scene, Shot, as_scene
 from moireaug.transforms._arrays import apply_shot, apply_to_all, move_bboxes, move_keypoints, move_mask, planes
 from moireaug.transforms._convert import as_shown, check_probability, moves
@@ -203,13 +203,13 @@ class AdversarialMoire(RandomMoire):
         pictures, first = _pictures(data)
         if not pictures:
             return drawn
-        result = self.attack(
+        result = self.attack(  # of one eps
             torch.cat([as_shown(planes(picture)) for picture in pictures]).to(device),
             torch.full((len(pictures),), label),
             shot=Shot.from_dict(drawn["shot"]).repeat(len(pictures)),
             generator=generator,
         )
-        return drawn | {"noise": result.noise.cpu().tolist(), "first": first}
+        return drawn | {"noise": cast(Result, result).noise.cpu().tolist(), "first": first}
 
     def _label(self, data: dict[str, Any]) -> int:
         if self.label_key not in data:
@@ -227,7 +227,8 @@ class AdversarialMoire(RandomMoire):
 
 def _pictures(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]:
     """The pictures of a call, and the place of each target's first one."""
-    pictures, first = [], {}
+    pictures: list[np.ndarray] = []
+    first: dict[str, int] = {}
     for target, levels in (("image", 0), ("images", 1), ("volume", 1), ("volumes", 2)):
         if data.get(target) is None:
             continue
@@ -243,7 +244,7 @@ def _noise_of(
     target: str, n: int, noise: list | None = None, first: dict[str, int] | None = None, **params: Any
 ) -> torch.Tensor | None:
     """An attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
-    if noise is None:
+    if noise is None or first is None:
         return None
     return torch.tensor(noise[first[target] : first[target] + n])
 
@@ -256,8 +257,12 @@ def seed_worker(worker_id: int) -> None:
 
     Raises:
         ValueError: no transform is found among the data set's attributes, nor those of the data sets that it wraps.
+        RuntimeError: it is called outside a worker.
     """
-    dataset = torch.utils.data.get_worker_info().dataset
+    worker = torch.utils.data.get_worker_info()
+    if worker is None:
+        raise RuntimeError("seed_worker is for the workers of a DataLoader: pass it as DataLoader(worker_init_fn=...).")
+    dataset = worker.dataset
     found = list(_transforms_of(dataset))
     if not found:
         raise ValueError(

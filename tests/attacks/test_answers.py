@@ -13,7 +13,7 @@ from tests.attacks.common import EPS, SCENE
 
 ATTACKS = {
     "ma": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2),
-    "ma halving": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, rule="halving", restarts=2),
+    "ma apgd": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, rule="apgd", restarts=2),
     "ma eot": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, eot=2),
     "ma turned": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, optimise=("noise", "view")),
     "pgd": lambda m: PGD(m, eps=EPS, steps=2),

@@ -145,7 +145,7 @@ def test_what_others_find_in_the_ball_is_what_we_find(learnt, attack):
     assert x.min() >= 0 and x.max() <= 1 and (x - expose(images, shot)).abs().max() <= EPS * 1.001
     theirs = predicted(model, develop(x, shot)) != labels  # judged with all rows in order
     assert torch.equal(theirs, predicted(camera, x) != labels)
-    ours = MoireAttack(model, scene=SCENE, eps=EPS, steps=40, rule="halving", loss="margin", restarts=2)
+    ours = MoireAttack(model, scene=SCENE, eps=EPS, steps=40, rule="apgd", loss="margin", restarts=2)
     ours = ours(images, labels, shot=shot).success
     assert 0.1 < ours.float().mean() < 1
     assert (ours.sum() - theirs.sum()).abs() <= 2

@@ -22,7 +22,7 @@ BOX = dataclasses.replace(SCENE, sensor=dataclasses.replace(SCENE.sensor, exposu
 ALL = ("noise", *PARTS)
 TABLE = {
     "view": (SCENE, {"optimise": ("view",)}),
-    "view halving": (SCENE, {"optimise": ("view",), "rule": "halving"}),
+    "view apgd": (SCENE, {"optimise": ("view",), "rule": "apgd"}),
     "view momentum": (SCENE, {"optimise": ("view",), "rule": "momentum"}),
     "view restarts": (SCENE, {"optimise": ("view",), "restarts": 3}),
     "all": (SCENE, {"optimise": ALL}),
@@ -84,7 +84,7 @@ def test_brightness_goes_to_its_end():
     def model(x):
         return torch.stack([-x.mean((1, 2, 3)), x.mean((1, 2, 3))], 1)
 
-    for rule in ("sign", "momentum", "halving"):
+    for rule in ("sign", "momentum", "apgd"):
         attack = MoireAttack(model, scene=scene, steps=8, optimise=("sensor", "develop"), rule=rule)
         result = attack(torch.full((3, 3, 8, 8), 0.4), torch.zeros(3, dtype=torch.long))
         assert result.shot.sensor.gain.tolist() == [2.0] * 3 and result.shot.develop.brighten.tolist() == [0.1] * 3

@@ -21,7 +21,7 @@ class Linear(nn.Module):
         return x.flatten(1) @ self.weight.T.to(x)
 
 
-@pytest.mark.parametrize("rule", ["sign", "momentum", "halving"])
+@pytest.mark.parametrize("rule", ["sign", "momentum", "apgd"])
 @pytest.mark.parametrize("loss", ["ce", "margin"])
 @pytest.mark.parametrize("steps", [1, 5])
 def test_a_linear_model_is_attacked_optimally(loss, steps, rule):

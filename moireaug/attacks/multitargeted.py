@@ -1,0 +1,130 @@
+"""An attack that is run toward several classes in turn: MultiTargeted, and with that AutoAttack's APGD-T."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from moireaug.attacks.answers import predicted
+from moireaug.attacks.checks import check_classes, check_goals
+from moireaug.attacks.loop import Attack
+from moireaug.attacks.losses import likeliest, margin
+from moireaug.attacks.model import evaluating
+from moireaug.attacks.problem import Problem, Result
+from moireaug.checks import check_images
+from moireaug.scene.fields import ranged_fields
+from moireaug.scene.parts import PARTS
+from moireaug.scene.scene import Shot
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultiTargeted:
+    """Run an attack toward each of the likeliest wrong classes of the unattacked photo in turn (Gowal et al., 2019).
+
+    Any wrong class is a success. An image is done with its first one; of the others the greatest margin is kept. With
+    the rule "apgd" and the loss "dlr" it is APGD-T, the second attack of AutoAttack (Croce & Hein, 2020, section 5):
+    `MultiTargeted(MoireAttack(model, rule="apgd", loss="dlr", steps=100))`.
+
+    Args:
+        attack: a MoireAttack, PGD or another `Attack`, whose loss steers toward the class.
+        targets: how many classes, the likeliest first; where the model has no more than that, all but the label.
+
+    Raises:
+        TypeError, ValueError: to construct it with another kind of attack, or targets that are no integer >= 1.
+    """
+
+    attack: Attack = field(kw_only=False)
+    targets: int = 9
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.attack, Attack):
+            raise TypeError(
+                f"MultiTargeted runs an attack whose steps have a target, like MoireAttack or PGD; got {self.attack!r}."
+            )
+        if isinstance(self.targets, bool) or not isinstance(self.targets, int) or self.targets < 1:
+            raise ValueError(f"targets must be an integer >= 1, the classes to go toward; got {self.targets!r}.")
+
+    def __call__(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        *,
+        shot: Shot | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Result | list[Result]:
+        """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
+
+        Photos that are wrong unattacked are given back as they are. `loss` in the Result is of the last class that was
+        tried, over the images that were left.
+        """
+        images = check_images(images)
+        eps = self.attack.eps
+        with evaluating(self.attack.model):
+            images = images.detach().clone()
+            labels, _ = check_goals(images, labels, None)
+            problem = self.attack.problem(images, shot, generator)
+            if isinstance(eps, (int, float)):
+                return self._run(self.attack, problem, labels, generator)
+            ladder = [dataclasses.replace(self.attack, eps=e) for e in eps]
+            return [self._run(attack, problem, labels, generator) for attack in ladder]
+
+    def _run(self, attack: Attack, problem: Problem, labels: Tensor, generator: torch.Generator | None) -> Result:
+        images, shot = problem.images, problem.shot
+        found, logits = _unattacked(attack, problem, labels)
+        best = margin(logits.float(), labels)
+        classes = likeliest(logits, labels, self.targets)
+        for toward in classes.T:
+            rows = (~found.success).nonzero()[:, 0]  # those that are still right
+            if not len(rows):
+                break
+            part = None if shot is None else shot[rows.to(shot.device)]
+            result = attack.toward(images[rows], labels[rows], toward[rows], shot=part, generator=generator)
+            with torch.no_grad():
+                reached = margin(attack.model(result.images).float(), labels[rows])
+            better = result.success | (reached > best[rows])
+            best[rows] = torch.where(better, reached, best[rows])
+            found = _with_rows(found, rows[better], result, better)
+        return found
+
+
+def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Result, Tensor]:
+    """Return the photos of no noise at the drawn pose as a Result, and their logits (B, K)."""
+    images = problem.images
+    noise = torch.zeros(problem.shape, dtype=torch.float64 if images.dtype == torch.float64 else torch.float32)
+    point = {"noise": noise.to(images.device)}
+    if problem.pose is not None:
+        point["pose"] = problem.pose
+    with torch.no_grad():
+        photo = problem.render(**point)
+        logits = attack.model(photo)
+    check_classes(labels, logits, 1)
+    eps = attack.one_eps()
+    return Result(photo, predicted(logits) != labels, point["noise"], torch.zeros(0), eps, problem.shot), logits
+
+
+def _with_rows(found: Result, rows: Tensor, other: Result, picked: Tensor) -> Result:
+    """Put the picked rows of another result, a mask, in the place of `rows` of one."""
+    shot = found.shot
+    if shot is not None and other.shot is not None:
+        shot = _shot_with_rows(shot, rows.to(shot.device), other.shot[picked.to(other.shot.device)])
+    return Result(
+        found.images.index_copy(0, rows, other.images[picked]),
+        found.success.index_copy(0, rows, other.success[picked]),
+        found.noise.index_copy(0, rows, other.noise[picked]),
+        other.loss,
+        found.eps,
+        shot,
+    )
+
+
+def _shot_with_rows(shot: Shot, rows: Tensor, other: Shot) -> Shot:
+    """Put the numbers that were drawn for another shot in the place of some rows of one."""
+    other, parts = other.to(shot.device), {}
+    for name in PARTS:
+        part, new = getattr(shot, name), getattr(other, name)
+        numbers = {k: getattr(part, k).index_copy(0, rows, getattr(new, k)) for k in ranged_fields(part)}
+        parts[name] = dataclasses.replace(part, **numbers)
+    return dataclasses.replace(shot, **parts)

@@ -1,0 +1,252 @@
+"""APGD and APGD-T: as strong as an independent implementation, right about what they give back, calm in hard cases."""
+
+import warnings
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Scene, Sensor, attacks, capture
+from moireaug.attacks import CW, LOSSES, PGD, MoireAttack, MultiTargeted, Photographed, SquareMoire
+from tests.attacks.common import EPS, SCENE, predicted
+
+N = 48
+PLAIN = Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0))  # its photo is the image
+
+
+@pytest.fixture
+def theirs():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its imports' own
+        return pytest.importorskip("torchattacks")
+
+
+@pytest.fixture(scope="module")
+def learnt(trained):
+    """A model of five classes, images, labels and the shot whose photos it has learnt."""
+    g = torch.Generator().manual_seed(0)
+    images, labels = torch.rand(N, 3, 16, 16, generator=g), torch.arange(N) % 5
+    images[torch.arange(N), 0, :, labels * 3] *= 0.3  # the class is where a column is dark
+    shot = SCENE.sample(N, (16, 16), g)
+    return trained(capture(images, shot), labels), images, labels, shot
+
+
+def ours_of(loss, attack):
+    """The attack of that row of AutoAttack."""
+    return MultiTargeted(attack) if loss == "targeted dlr" else attack
+
+
+def theirs_of(library, loss, model, eps):
+    if loss == "targeted dlr":
+        return library.APGDT(model, eps=eps, steps=10, n_restarts=1, n_classes=5)
+    return library.APGD(model, eps=eps, steps=10, n_restarts=1, loss=loss)
+
+
+LOSS_NAMES = {"ce": "ce", "dlr": "dlr", "targeted dlr": "dlr"}
+
+
+@pytest.mark.parametrize("loss", LOSS_NAMES)
+@pytest.mark.parametrize("saturated", [False, True])
+def test_no_more_readings_stay_right_than_under_torchattacks(loss, saturated, learnt, theirs):
+    """On the raw reading, of 48 images at most one more; on logits times 1e4, where softmax is 0 and 1, as few."""
+    small, images, labels, shot = learnt
+    model = nn.Sequential(small, Times(1e4)).eval() if saturated else small
+    camera = Photographed(model, images, shot)
+    with torch.enable_grad():
+        x = theirs_of(theirs, loss, camera, EPS)(camera.clean, labels)
+    left_by_them = (predicted(camera, x) == labels).sum()
+    attack = MoireAttack(model, scene=SCENE, eps=EPS, steps=10, rule="apgd", loss=LOSS_NAMES[loss])
+    result = ours_of(loss, attack)(images, labels, shot=shot)
+    left_by_us = (predicted(camera, (camera.clean + result.noise)) == labels).sum()
+    assert left_by_us == (~result.success).sum()
+    assert 5 < left_by_us <= left_by_them + 1
+    assert left_by_us + 10 < (predicted(camera, camera.clean) == labels).sum()
+
+
+class Times(nn.Module):
+    def __init__(self, factor):
+        super().__init__()
+        self.factor = factor
+
+    def forward(self, logits):
+        return logits * self.factor
+
+
+@pytest.mark.parametrize("loss", LOSS_NAMES)
+def test_no_more_images_stay_right_than_under_torchattacks(loss, learnt, theirs):
+    """Of PGD on pixels, some of which are black or white."""
+    model, images, labels, shot = learnt
+    photos = capture(images, shot).mul(2).sub(0.5).clamp(0, 1)
+    labels = predicted(model, photos)
+    assert ((photos == 0) | (photos == 1)).float().mean() > 0.05
+    with torch.enable_grad():
+        x = theirs_of(theirs, loss, model, EPS)(photos, labels)
+    left_by_them = (predicted(model, x) == labels).sum()
+    attack = PGD(model, eps=EPS, steps=10, rule="apgd", loss=LOSS_NAMES[loss])
+    generator = torch.Generator().manual_seed(0)
+    left_by_us = (~ours_of(loss, attack)(photos, labels, generator=generator).success).sum()
+    assert 2 < left_by_us <= left_by_them + 1 < 40
+
+
+def test_noise_stays_where_pixels_can_go():
+    """A white pixel that was pushed outward comes back when the gradient turns: the noise is kept inside [0, 1]."""
+
+    def model(x):
+        far = (x.mean((1, 2, 3)) - 0.99).abs()
+        return torch.stack([-far, far - 0.015, far * 0 - 9], 1)
+
+    images = torch.full((1, 3, 4, 4), 0.999)
+    for attack in (PGD(model, eps=EPS, steps=20, step_size=0.5), PGD(model, eps=EPS, steps=20, rule="apgd")):
+        _, point = attack.walk(images, torch.tensor([1]))
+        shown = images + point["noise"]
+        assert shown.max() <= 1 and shown.min() > 0.9
+        start = torch.Generator().manual_seed(1)
+        assert (attack(images, torch.tensor([1]), generator=start).images.mean() - 0.99).abs() < 0.005
+
+
+DECOY = torch.tensor([[0.0, 0.03, -1.0, 0.0, 0.0], [0.0, -0.1, -2.0, -9.0, -9.0]])
+
+
+def misled(x):
+    """Logits in one number s in [-3, 3]: the second class is near and never reached, the third is the way out."""
+    s = (x.mean((1, 2, 3)) - 0.5)[:, None] * 100
+    return 20 * (s * DECOY[0] + DECOY[1])
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("kind", ["ma", "pgd"])
+def test_several_targets_find_what_one_direction_misses(loss, kind):
+    images, labels = torch.full((2, 3, 8, 8), 0.5), torch.zeros(2, dtype=torch.long)
+    settings = {"eps": 0.03, "steps": 10, "rule": "apgd", "loss": loss}
+    attack = MoireAttack(misled, scene=PLAIN, **settings)
+    if kind == "pgd":
+        attack = PGD(misled, random_start=0.0, **settings)
+    assert not attack(images, labels).success.any()
+    assert not MultiTargeted(attack, targets=1)(images, labels).success.any()
+    found = MultiTargeted(attack, targets=2)(images, labels)
+    assert found.success.all() and predicted(misled, found.images).tolist() == [2, 2]
+
+
+SETTINGS = {
+    "ma": {},
+    "photo": {"noise_at": "photo"},
+    "turned": {"optimise": ("noise", "view")},
+    "eot": {"eot": 2},
+    "restarts": {"restarts": 2},
+    "signs": {"rule": "sign"},
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_a_result_is_what_it_says(name, learnt):
+    model, images, labels, shot = learnt
+    settings = {"rule": "apgd", "loss": "dlr"} | SETTINGS[name]
+    attack = MultiTargeted(MoireAttack(model, scene=SCENE, eps=EPS, steps=3, **settings), targets=2)
+    result = attack(images, labels, shot=shot, generator=torch.Generator().manual_seed(0))
+    assert torch.equal(result.success, predicted(model, result.images) != labels)
+    assert 0.2 < result.success.float().mean() < 1
+    assert result.noise.abs().max() <= EPS * (1 + 1e-5) and result.loss.shape == (3,) and result.eps == EPS
+    if name == "photo":
+        shown = (capture(images, result.shot) + result.noise).clamp(0, 1)
+    else:
+        shown = capture(images, result.shot, result.noise)
+    assert torch.allclose(shown, result.images, atol=1e-5)
+    turned = (result.shot.view.roll != shot.view.roll).any()
+    assert turned == (name == "turned")
+    with torch.no_grad():
+        before, after = (attacks.margin(model(x), labels) for x in (capture(images, shot), result.images))
+    assert (after >= before - 1e-5)[~result.success].all() and after.mean() > before.mean() + 0.1
+    wrong = before > 0
+    assert wrong.any() and (result.noise[wrong] == 0).all()  # was wrong unattacked, and is given back as it was
+
+
+def test_more_targets_never_leave_more_right(learnt):
+    model, images, labels, shot = learnt
+    attack = MoireAttack(model, scene=SCENE, eps=EPS, steps=4, rule="apgd", loss="dlr")
+    found = [MultiTargeted(attack, targets=k)(images, labels, shot=shot).success for k in (1, 2, 9)]
+    assert (found[1] | ~found[0]).all() and (found[2] | ~found[1]).all()
+
+
+def test_what_is_done_is_not_asked_again(learnt):
+    """Four targets of five classes, and in each only the images that are still right: one query and three of steps,
+    one that judges, one that measures."""
+    model, images, labels, shot = learnt
+    asked = []
+
+    def counting(x):
+        asked.append(len(x))
+        return model(x)
+
+    attack = MoireAttack(counting, scene=SCENE, eps=EPS, steps=3, rule="apgd", loss="dlr")
+    result = MultiTargeted(attack)(images, labels, shot=shot)
+    assert asked[0] == N and len(asked) == 1 + 4 * 6
+    rounds = asked[1::6]
+    assert rounds == sorted(rounds, reverse=True) and N > rounds[0] > rounds[-1] >= (~result.success).sum()
+
+
+def test_a_list_of_eps_gives_a_list(learnt):
+    model, images, labels, shot = learnt
+    attack = MoireAttack(model, scene=SCENE, eps=[0, EPS, 1.0], steps=4, rule="apgd", loss="dlr")
+    results = MultiTargeted(attack)(images, labels, shot=shot)
+    rates = [r.success.float().mean().item() for r in results]
+    assert [r.eps for r in results] == [0, EPS, 1.0]
+    assert rates == sorted(rates) and rates[0] < 0.2 and rates[-1] == 1
+
+
+def test_other_attacks_steer_toward_a_class_too(learnt):
+    model, images, labels, shot = learnt
+    attack = SquareMoire(model, scene=SCENE, eps=3 * EPS, steps=20)
+    result = MultiTargeted(attack, targets=2)(images, labels, shot=shot)
+    assert result.success.sum() > (predicted(model, capture(images, shot)) != labels).sum() + 5
+
+
+def constant(x):
+    """All logits tie, and no gradient says more."""
+    return 0 * x.mean((2, 3)).repeat(1, 2)
+
+
+def deaf(x):
+    """Sure of the first class, whatever is shown; its gradients are 0."""
+    return torch.tensor([3.0, 2.0, 1.0, 0.0, -1.0, -2.0]) + constant(x)
+
+
+@pytest.mark.parametrize("model", [constant, deaf])
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("targeted", [False, True])
+def test_a_model_without_a_slope_is_left_alone(model, loss, targeted):
+    images, labels = torch.rand(3, 3, 8, 8), torch.tensor([0, 0, 1])
+    attack = MoireAttack(model, scene=PLAIN, eps=EPS, steps=25, rule="apgd", loss=loss)
+    result = (MultiTargeted(attack) if targeted else attack)(images, labels)
+    assert result.success.tolist() == [False, False, True]
+    assert not result.noise.any() and torch.equal(result.images, PLAIN.capture(images))
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_batches_of_none_and_one(n, learnt):
+    model, images, labels, shot = learnt
+    attack = MoireAttack(model, scene=SCENE, eps=EPS, steps=2, rule="apgd", loss="dlr")
+    result = MultiTargeted(attack)(images[:n], labels[:n], shot=shot[:n])
+    assert result.images.shape == (n, 3, 16, 16) and len(result.success) == len(result.noise) == n
+
+
+BAD = [
+    (lambda m: MultiTargeted(m), "runs an attack whose steps have a target, like MoireAttack or PGD; got"),
+    (lambda m: MultiTargeted(CW(m)), "runs an attack whose steps have a target"),
+    (lambda m: MultiTargeted(PGD(m), targets=0), "targets must be an integer >= 1, the classes to go toward; got 0."),
+    (lambda m: MultiTargeted(PGD(m), targets=True), "got True."),
+    (lambda m: PGD(m, eps=[0.1]).toward(torch.rand(1, 3, 16, 16), *torch.tensor([[1], [2]])), "one number here; got"),
+]
+
+
+@pytest.mark.parametrize(("do", "sentence"), BAD, ids=[b[1][:28] for b in BAD])
+def test_wrong_settings_get_a_sentence(do, sentence, model):
+    with pytest.raises((ValueError, TypeError)) as error:
+        do(model)
+    assert sentence in str(error.value)
+
+
+def test_three_classes_have_no_targeted_ratio(model, batch):
+    images, _ = batch
+    attack = PGD(lambda x: model.eval()(x)[:, :3], steps=1, rule="apgd", loss="dlr")
+    with pytest.raises(ValueError, match="'dlr', targeted, needs a model of at least 4 classes; got logits of 3"):
+        MultiTargeted(attack)(images, predicted(attack.model, images))
