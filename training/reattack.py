@@ -1,14 +1,16 @@
-"""Attack any classifier: a run's best checkpoint, or a torchvision model with given weights on a folder of images.
+"""Attack any classifier: a run's best checkpoint, or a torchvision model with given weights.
 
     python training/reattack.py run=runs/moire_at/seed0
     python training/reattack.py run=runs/moire_at/seed0 scene=dashcam_at_led_sign reattack.n=1600
-    python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR data.class_index=CSV \\
-        data.size=224 scene=paper_code suite=paper targets='{resnet18: FILE, resnet50: FILE}'
+    python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR \\
+        data.class_index=CSV data.size=224 scene=paper_code suite=paper \\
+        targets='{resnet18: FILE, resnet50: FILE}'
 
-Writes report.html and metrics.json: with `run=` into <run>/reattack/<scene>/, else into runs/reattack/<model>/. The
-start and the baseline of a run are attacked beside it where their folders hold them with the same settings. A suite
-(see moireaug/evaluation/suites.py) writes tables.md and results.csv too, into a folder of its name; it keeps what it
-has computed, and the same command resumes it.
+Writes report.html and metrics.json: with `run=` into <run>/reattack/<scene>/, else into
+runs/reattack/<model>/. The start and the baseline of a run are attacked beside it where their
+folders hold them with the same settings. A suite (see moireaug/evaluation/suites.py) writes
+tables.md and results.csv too, into a folder of its name; it keeps what it has computed, and the
+same command resumes it.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from moireaug.evaluation.suites import GROUPS, SUITES
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
 from training import bounds, commands, overrides, runs, saved
-from training.data import AUGMENT, Splits, load
+from training.data import AUGMENT, load
 from training.models import as_model
 from training.results import Protocol, attack_again, compare, describe, device, protocol_of, publish
 from training.saved import Saved
@@ -73,8 +75,8 @@ def attack_weights(cfg: ReattackConfig) -> dict[str, Any]:
     check(cfg)
     if cfg.weights is None:
         raise ValueError(
-            "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE (or torchvision's "
-            "name of weights, such as DEFAULT)."
+            "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE "
+            "(or torchvision's name of weights, such as DEFAULT)."
         )
     out = Path(cfg.runs) / "reattack" / cfg.model
     runs.make(out)
@@ -88,7 +90,7 @@ def attack_weights(cfg: ReattackConfig) -> dict[str, Any]:
     if cfg.data.class_index:
         splits = splits._replace(classes=published_names(cfg.model) or splits.classes)
     if cfg.suite != "ladder":
-        return run_suite(model, splits, cfg, out / scene_name(cfg.scene))
+        return evaluate(model, splits, OmegaConf.structured(cfg), out / scene_name(cfg.scene))
     seconds = {"data": time.perf_counter() - began}
     began = time.perf_counter()
     protocol = protocol_of(cfg, splits)
@@ -107,14 +109,15 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> dict[str, Any]:
     runs.make(out)
     if not (found.folder / "metrics.json").is_file():
         print(
-            f"note: the run in {found.folder} is not finished; its best checkpoint so far is attacked."
+            f"note: the run in {found.folder} is not finished; "
+            "its best checkpoint so far is attacked."
         )
     began = time.perf_counter()
     splits = load(cfg.data)
     found.check_classes(splits, cfg.data)
     model = found.model()
     if cfg.suite != "ladder":
-        return run_suite(model, splits, cfg, out)
+        return evaluate(model, splits, OmegaConf.structured(cfg), out)
     seconds = {"data": time.perf_counter() - began}
     protocol, models = protocol_of(cfg, splits), {cfg.recipe: model}
     start = baseline = None
@@ -140,11 +143,6 @@ def attacked(run: Saved, model: nn.Module, protocol: Protocol) -> dict[str, Any]
     return known | describe(attack_again(model, protocol, title=cfg.recipe))
 
 
-def run_suite(model: nn.Module, splits: Splits, cfg: ReattackConfig, out: Path) -> dict[str, Any]:
-    """Run `cfg.suite` and return its metrics."""
-    return evaluate(model, splits, OmegaConf.structured(cfg), out)
-
-
 def scene_name(scene: Any) -> str:
     """Return a preset's name, or one that changes with any field.
 
@@ -157,7 +155,7 @@ def scene_name(scene: Any) -> str:
 
 
 def published_names(model: str) -> dict[int, str]:
-    """Return the class names that a torchvision model was published with; empty for a model of our own."""
+    """Return the class names that a torchvision model was published with; empty for our own."""
     if model not in torchvision.models.list_models():
         return {}
     return dict(

@@ -1,4 +1,4 @@
-"""What a trained model is worth: attacked again, compared with the runs beside it, and written to its folder."""
+"""What a trained model is worth: attacked again, compared, and reported."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SHOWN = 4  # images of the report's pictures
 
 
 class Protocol(NamedTuple):
-    """How every model of a comparison is attacked: on which images, in which scene, how strongly."""
+    """Says how every model of a comparison is attacked: on which images, where, how strongly."""
 
     places: Places
     scene: Scene
@@ -97,7 +97,7 @@ def pictures(
 
 
 def describe(rows: list[Row]) -> dict[str, Any]:
-    """Return the rows as plain values, with every image's outcome as a string of 0 and 1, for paired comparisons."""
+    """Return the rows as plain values, and every image's outcome as 0 or 1, for paired gains."""
     outcomes = {r.name: "".join(str(int(c)) for c in r.correct) for r in rows}
     return {
         "clean_accuracy": rows[0].accuracy,
@@ -113,12 +113,12 @@ def compare(
     start: Mapping[str, Any] | None,
     baseline: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
-    """Return the metrics of a run: its own figures, those of the runs beside it, and what it gained.
+    """Return the metrics of a run: its own figures, those of the runs beside it, and the gain.
 
     Args:
         rows: of the run's re-attack. train: what its training cost, where it was trained here.
-        start: metrics of the run whose weights it started from. baseline: metrics of the plainly trained run, of as
-            many epochs in all, that the gain is against.
+        start: metrics of the run whose weights it started from. baseline: metrics of the plainly
+            trained run, of as many epochs in all, that the gain is against.
     """
     scene, settings = scene_of(cfg), runs.settings(cfg)
     metrics = {
@@ -180,7 +180,7 @@ def publish(
     classes: dict[int, str],
     seconds: Mapping[str, float],
 ) -> dict[str, Any]:
-    """Write report.html, then metrics.json, and print the summary. Returns the metrics with what was added.
+    """Write report.html, then metrics.json, and print the summary; returns the whole metrics.
 
     Args:
         models: by name, for the pictures; the run's own comes first.
