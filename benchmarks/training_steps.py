@@ -21,16 +21,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 
 import torch
 from hydra import compose, initialize
-from omegaconf import DictConfig
 from PIL import Image
 
 from benchmarks import measure
 from benchmarks.problems import images
 from training.adversaries import WHOLE, passes
 from training.batches import Batch, Batches
-from training.classifier import Classifier
 from training.data import load
-from training.schema import RECIPES, register
+from training.schema import RECIPES, Config, as_config, register
+from training.train import classifier_of
 
 # models: name, batch, side of its images
 FULL = {"models": (("small_resnet", 128, 48), ("resnet18", 8, 224)), "repeats": 9, "files": 192, "sides": (48, 256),
@@ -74,7 +73,7 @@ def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
     visits."""
     names, rows = sorted(p.stem for p in RECIPES.glob("*.yaml")), []
     for model, batch, side in settings["models"]:
-        configured = {name: compose("root", [f"recipe={name}", f"model={model}"]) for name in names}
+        configured = {name: configure(f"recipe={name}", f"model={model}") for name in names}
         calls = {name: step(cfg, batch, side) for name, cfg in configured.items()}
         rounds = {name: cfg.adversary.replays for name, cfg in configured.items()}
         several = {n: lambda f=f, k=rounds[n]: [f() for _ in range(k)] for n, f in calls.items()}
@@ -94,7 +93,7 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
     for model, batch, side in settings["models"]:
         chosen = {k: v for k, v in OPTIONS.items() if settings["compile"] or "compile" not in k}
         recipe = ["recipe=moire_at", f"model={model}"]
-        calls = {name: step(compose("root", [*recipe, *given]), batch, side) for name, given in chosen.items()}
+        calls = {name: step(configure(*recipe, *given), batch, side) for name, given in chosen.items()}
         times = measure.timed_together(calls, settings["repeats"], warmup=2)
         plain = times["as it is"].median
         rows += [
@@ -104,10 +103,15 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def step(cfg: DictConfig, batch: int, side: int) -> Callable[[], None]:
+def configure(*overrides: str) -> Config:
+    """Return the settings that these overrides of fit.py give."""
+    return as_config(compose("root", list(overrides)))
+
+
+def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
     """A step of training away from Lightning's loop; each call is the next visit of one batch."""
     torch.manual_seed(0)
-    model = Classifier(cfg, 16)
+    model = classifier_of(cfg, 16)
     type(model).current_epoch = property(lambda self: 0)  # type: ignore[assignment]
     model._moment, model.log = (lambda: WHOLE), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
     optimizer = torch.optim.SGD(model.parameters(), 1e-3, momentum=0.9)
@@ -131,12 +135,14 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
     for side in settings["sides"]:
         model, batch, size = settings["models"][0 if side < 100 else -1]
         given = ["recipe=clean", f"model={model}", f"data.size={size}", "data=folder", f"train.batch_size={batch}"]
-        trained = batch / measure.timed(step(compose("root", given), batch, size), settings["repeats"]).median
+        trained = batch / measure.timed(step(configure(*given), batch, size), settings["repeats"]).median
         with tempfile.TemporaryDirectory() as root:
             write_folder(Path(root), settings["files"], side)
             for workers in (0, 2):
-                cfg = compose("root", [*given, f"data.root={root}", f"data.workers={workers}", "data.val=2"])
-                loader = Batches(cfg, load(cfg.data)).train_dataloader()
+                cfg = configure(*given, f"data.root={root}", f"data.workers={workers}", "data.val=2")
+                loader = Batches(
+                    load(cfg.data), cfg.train, cfg.adversary, workers=workers, seed=cfg.seed
+                ).train_dataloader()
                 n = len(loader) * min(batch, settings["files"])
                 taken = measure.timed(lambda loader=loader: list(loader), 3 if settings["repeats"] > 1 else 1).median
                 rows.append({"side": side, "model": model, "workers": workers, "loaded": n / taken,

@@ -30,6 +30,7 @@ def require(extra: str, what: str) -> None:
     if not missing:
         return
     raise ModuleNotFoundError(
-        f"{what} needs {', '.join(missing)}, not installed here. Install with: pip install 'moireaug[{extra}]'",
+        f"{what} needs {', '.join(missing)}, not installed here. "
+        f"Install with: pip install 'moireaug[{extra}]'",
         name=missing[0],
     )

@@ -22,17 +22,18 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
-    """Write a file whole or not at all: beside the old one first, synced to the disk, then in its place.
+    """Write a file whole or not at all: beside the old one, synced to the disk, then in its place.
 
-    Whatever interrupts it, `path` holds either the old content or the new one. A process that is killed while it
-    writes leaves a `.<name>.<pid>.tmp` behind, and nothing else.
+    Whatever interrupts it, `path` holds either the old content or the new one. A process that is
+    killed while it writes leaves a `.<name>.<pid>.tmp` behind, and nothing else.
 
     Args:
         path: its folder is made where it is missing.
         data: the new content.
 
     Raises:
-        OSError: the disk is full or not writable; says how many MB are needed and how many are free.
+        OSError: the disk is full or not writable; says how many MB are needed and how many are
+            free.
     """
     path = Path(path)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -52,8 +53,10 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
 
 def _sentence(path: Path, size: int, error: OSError) -> str:
     """Say what a file of `size` bytes needs, and what is left of the old one."""
-    sentence = f"{path} could not be written ({error.strerror or error}): it needs {size / 1e6:.1f} MB"
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     free = shutil.disk_usage(folder).free / 1e6
-    sentence += f", and {free:.1f} MB are free."
-    return f"{sentence} An older file there is still whole. Make room, and give the same command again."
+    return (
+        f"{path} could not be written ({error.strerror or error}): it needs {size / 1e6:.1f} MB, and "
+        f"{free:.1f} MB are free. An older file there is still whole. Make room, and give the same "
+        "command again."
+    )

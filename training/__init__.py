@@ -1,4 +1,4 @@
-"""Recipes for robust training, and the re-attack of what was trained: `fit.py`, `reattack.py` and `frontier.py`."""
+"""Recipes for robust training: `fit.py` trains, `reattack.py` attacks, `frontier.py` compares."""
 
 from moireaug.extras import require
 

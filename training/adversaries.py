@@ -1,4 +1,4 @@
-"""What training images are turned into: kinds of adversaries by name, and what a pass with each costs."""
+"""What training images are turned into: kinds of adversaries by name, and what each costs."""
 
 from __future__ import annotations
 
@@ -21,13 +21,17 @@ from moireaug.scene.scene import Scene, Shot
 from training.schema import Adversary
 
 KINDS = ("none", "moire", "moire_attack", "pgd")
-TURNED = ("panel", "view")  # what a turned camera changes: where it stands, and how large the picture is shown
+TURNED = (
+    "panel",
+    "view",
+)  # what a turned camera changes: where it stands, and how large the picture is shown
 STEP = 0.5  # of the turned camera, in units of half a range
 FORWARD = 1 / 3  # of a forward and backward pass
+STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
 
 
 class Moment(NamedTuple):
-    """How far training has come: the share of eps in force, and of the scene's ranges, both in [0, 1]."""
+    """How far training has come: the shares of eps and of the ranges in force, in [0, 1]."""
 
     strength: float = 1.0
     width: float = 1.0
@@ -52,13 +56,15 @@ class Shown:
         return self.render(self.noise.requires_grad_(True))
 
     def stepped(self, step: float, eps: float) -> Shown:
-        """The same images after a sign step along the last backward pass's gradient, within eps.
+        """Return the same images after a sign step along the last gradient, within eps.
 
         Raises:
             RuntimeError: `images` was not followed by a backward pass.
         """
         if self.noise.grad is None:
-            raise RuntimeError("the noise has no gradient: call backward on a loss of images() before stepped().")
+            raise RuntimeError(
+                "the noise has no gradient: call backward on a loss of images() before stepped()."
+            )
         moved = self.noise.detach() + step * eps * self.noise.grad.sign()
         return replace(self, noise=moved.clamp(-eps, eps))
 
@@ -82,7 +88,7 @@ class Adversaries:
         self.attack = _attack(model, scene, cfg)
 
     def __call__(self, images: Tensor, labels: Tensor, moment: Moment = WHOLE) -> Tensor:
-        """(B, 3, H, W) in [0, 1] to the same, without gradient."""
+        """Turn images (B, 3, H, W) in [0, 1] into attacked ones of that shape, without gradient."""
         if self.cfg.kind == "none":
             return images
         shot = self.shot(images, labels, moment)
@@ -91,12 +97,17 @@ class Adversaries:
         return self._now(moment).last(images, labels, shot=shot)
 
     def show(self, images: Tensor, labels: Tensor, moment: Moment) -> Shown:
-        """The attacked images as `Shown`, for recipes that replay them."""
-        problem, point = self._now(moment).walk(images, labels, shot=self.shot(images, labels, moment))
+        """Return the attacked images as `Shown`, for recipes that replay them."""
+        problem, point = self._now(moment).walk(
+            images, labels, shot=self.shot(images, labels, moment)
+        )
         return Shown(problem.render, point["noise"])
 
     def shot(self, images: Tensor, labels: Tensor, moment: Moment) -> Shot | None:
-        """Each image's shot: a draw, or the worst of several, turned one step for the worse; None without a camera."""
+        """Return each image's shot; None without a camera.
+
+        It is a draw, or the worst of several, turned one step for the worse where `turn` is set.
+        """
         if self.cfg.kind == "pgd":
             return None
         b, size = len(images), tuple(images.shape[-2:])
@@ -105,13 +116,19 @@ class Adversaries:
             shot = self._worst(images, labels, shot)
         if self.turned:
             # of the shot and the turned one it keeps the worse
-            camera = MoireAttack(model=self.model, scene=self.scene, eps=0.0, steps=1, step_size=STEP,
-                                 optimise=self.turned)  # fmt: skip
+            camera = MoireAttack(
+                model=self.model,
+                scene=self.scene,
+                eps=0.0,
+                steps=1,
+                step_size=STEP,
+                optimise=self.turned,
+            )
             shot = camera(images, labels, shot=shot).shot  # type: ignore[union-attr]
         return shot
 
     def _worst(self, images: Tensor, labels: Tensor, shots: Shot) -> Shot:
-        """Of several shots of each image, the one of the greatest loss."""
+        """Return the shot of each image with the greatest loss, of several."""
         k, b = self.cfg.worst_of, len(images)
         with torch.no_grad(), evaluating(self.model):
             logits = self.model(capture(images.repeat(k, 1, 1, 1), shots))
@@ -123,7 +140,12 @@ class Adversaries:
 
 
 def _attack(model: nn.Module, scene: Scene, cfg: Adversary) -> Attack | None:
-    steps = {"eps": cfg.eps, "steps": cfg.steps, "step_size": cfg.step_size, "random_start": cfg.random_start}
+    steps = {
+        "eps": cfg.eps,
+        "steps": cfg.steps,
+        "step_size": cfg.step_size,
+        "random_start": cfg.random_start,
+    }
     if cfg.kind == "moire_attack":
         return MoireAttack(model=model, scene=scene, **steps)
     return PGD(model=model, **steps) if cfg.kind == "pgd" else None
@@ -146,28 +168,49 @@ def check(cfg: Adversary) -> None:
         raise ValueError(f"adversary.consistency must be a weight >= 0; got {cfg.consistency}.")
     if cfg.replays > 1 and cfg.kind not in ("moire_attack", "pgd"):
         raise ValueError(
-            f"adversary.replays={cfg.replays} replays an attack's noise; the kind {cfg.kind!r} has none. "
-            "Use moire_attack or pgd, or replays=1."
+            f"adversary.replays={cfg.replays} replays an attack's noise; the kind {cfg.kind!r} has "
+            "none. Use moire_attack or pgd, or replays=1."
         )
     if (cfg.worst_of > 1 or cfg.turn) and cfg.kind not in ("moire", "moire_attack"):
         raise ValueError(
-            f"adversary.worst_of and adversary.turn choose among a camera's shots; the kind {cfg.kind!r} has none. "
-            "Use moire or moire_attack."
+            "adversary.worst_of and adversary.turn choose among a camera's shots; "
+            f"the kind {cfg.kind!r} has none. Use moire or moire_attack."
         )
 
 
+def validated(threat: Adversary) -> Adversary:
+    """Return what a recipe is validated against: its adversary, strong, on one shot an image."""
+    return replace(strengthened(threat), replays=1, worst_of=1, turn=False)
+
+
+def strengthened(a: Adversary) -> Adversary:
+    """Return the same adversary with at least three steps, from a start within its ball."""
+    few = a.steps < STRONG
+    return replace(
+        a,
+        steps=max(a.steps, STRONG),
+        step_size=None if few else a.step_size,
+        random_start=min(1.0, a.random_start),
+    )
+
+
 def passes(cfg: Adversary) -> float:
-    """Forward and backward passes an image and training step; a forward pass alone counts as a third."""
+    """Return the forward and backward passes an image of a training step.
+
+    A forward pass alone counts as a third.
+    """
     if cfg.kind == "none":
         return 1.0
     steps = cfg.steps if cfg.kind in ("moire_attack", "pgd") else 0
-    choosing = (cfg.worst_of if cfg.worst_of > 1 else 0) * FORWARD + (1 + 2 * FORWARD if cfg.turn else 0)
+    choosing = (cfg.worst_of if cfg.worst_of > 1 else 0) * FORWARD + (
+        1 + 2 * FORWARD if cfg.turn else 0
+    )
     beside = 1 if cfg.consistency else 0
     return 1 + cfg.share * ((steps + choosing) / cfg.replays + beside)
 
 
 def narrowed(shot: Shot, width: float) -> Shot:
-    """The shot with each drawn number moved towards the middle of its range.
+    """Return the shot with each drawn number moved towards the middle of its range.
 
     Args:
         width: share of each range that is used, in [0, 1]; 1 returns the shot itself.
@@ -187,17 +230,21 @@ def narrowed(shot: Shot, width: float) -> Shot:
 
 
 def _turned(scene: Scene) -> tuple[str, ...]:
-    """Those of `TURNED` that have a range in this scene.
+    """Return those of `TURNED` that have a range in this scene.
 
     Raises:
         ValueError: none has one, or no gradient turns this camera.
     """
     parts = {name: getattr(scene, name) for name in TURNED}
-    open_ = [n for n, part in parts.items() if any(isinstance(getattr(part, f), tuple) for f in ranged_fields(part))]
+    open_ = [
+        n
+        for n, part in parts.items()
+        if any(isinstance(getattr(part, f), tuple) for f in ranged_fields(part))
+    ]
     if not open_:
         raise ValueError(
-            f"adversary.turn searches the ranges of {' and '.join(TURNED)}, and the scene has none: give one of their "
-            "fields a (low, high) pair, or leave adversary.turn out."
+            f"adversary.turn searches the ranges of {' and '.join(TURNED)}, and the scene has "
+            "none: give one of their fields a (low, high) pair, or leave adversary.turn out."
         )
     moved_fields(scene, tuple(open_))
     return tuple(open_)

@@ -1,4 +1,4 @@
-"""The splits as loaders, the same order of images on any number of ranks; batches that are replayed."""
+"""The splits as loaders, in the same order on any number of ranks; batches that are replayed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Batch(NamedTuple):
 
 
 class Part(DistributedSampler):
-    """Yields one part of a rank's shuffled images an epoch, the next of `parts`: as many epochs see each image once.
+    """Yields one part of a rank's shuffled images an epoch: `parts` epochs see each image once.
 
     The order follows from the seed and the epoch alone, on any number of ranks.
     """
@@ -79,8 +79,10 @@ class Replayed:
 
 
 class Batches(L.LightningDataModule):
-    """The splits as loaders. With a recipe that replays its batches, an epoch sees one part of the images as often as
-    there are parts, so that its optimiser takes as many steps an epoch as any other's.
+    """Serves the splits as loaders.
+
+    With a recipe that replays its batches, an epoch sees one part of the images as often as there
+    are parts, so that its optimiser takes as many steps an epoch as any other's.
 
     Args:
         splits: the images.

@@ -15,7 +15,8 @@ from training.schema import Config, Trainer
 
 SEEDS = 2**32 - 1
 
-# key: the least and greatest value, both allowed; None is no bound. A null is not checked: the schema's types allow it.
+# key: the least and the greatest value, both allowed; None is no bound.
+# A null is not checked: the schema's types say where it is allowed.
 BOUNDS: dict[str, tuple[float, float | None]] = {
     "seed": (0, SEEDS),
     "data.size": (16, 8192),
@@ -75,7 +76,7 @@ def _number(key: str, value: Any, low: float, high: float | None) -> None:
 
 
 def _devices(trainer: Trainer) -> None:
-    """Refuse a number of devices that are not there; -1, "auto" and lists of GPUs are left to Lightning.
+    """Refuse more devices than there are; -1, "auto" and lists of GPUs are left to Lightning.
 
     Raises:
         ValueError: with how many there are.
@@ -84,7 +85,8 @@ def _devices(trainer: Trainer) -> None:
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if kind in ("gpu", "cuda") and not gpus:
         raise ValueError(
-            f"trainer.accelerator={kind} needs a GPU that CUDA can use, and there is none: pass cpu."
+            f"trainer.accelerator={kind} needs a GPU that CUDA can use, and there is none: "
+            "pass cpu."
         )
     on_cpu = kind == "cpu" or (kind == "auto" and not gpus)
     if not on_cpu and kind not in ("auto", "gpu", "cuda"):

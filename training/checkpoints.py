@@ -17,7 +17,8 @@ from moireaug.files import write_bytes
 class AtomicCheckpointIO(TorchCheckpointIO):
     """Writes a checkpoint beside the previous one, then puts it in its place.
 
-    Lightning's own passes through the temporary folder, which is often another disk: a copy that can be cut short.
+    Lightning's own passes through the temporary folder, which is often another disk: a copy that
+    can be cut short.
     """
 
     def save_checkpoint(
@@ -48,7 +49,7 @@ class RunCheckpoint(ModelCheckpoint):
         )
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        # the state names files by whole paths; in a folder that was moved, Lightning would forget the best score
+        # the state holds absolute paths: in a moved folder, Lightning would forget the best score
         def here(path: str) -> str:
             return path and str(Path(self.dirpath) / Path(path).name)  # type: ignore[arg-type]
 

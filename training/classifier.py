@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from typing import Any
 
 import lightning as L
@@ -14,22 +13,21 @@ from torch import Tensor, nn
 from moireaug.attacks import NoAnswerError, predicted
 from moireaug.evaluation.statistics import mix
 from moireaug.scene.scene import Scene
-from training.adversaries import Adversaries, Moment, Shown
+from training.adversaries import STRONG, Adversaries, Moment, Shown, strengthened, validated
 from training.batches import Batch
 from training.data import augment
 from training.models import as_model as as_model
 from training.schema import Adversary, Train
 from training.tuning import tuning
 
-STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
-
 
 class Classifier(L.LightningModule):
     """Trains a model on images that an adversary has turned against it.
 
-    Validation scores the mean of clean accuracy and accuracy under the recipe's own adversary, on draws that are the
-    same in every epoch; an adversary of fewer than three steps is validated with three, so that a model that only
-    defeats single steps (catastrophic overfitting) is seen. `guard.Guard` acts on it.
+    Validation scores the mean of clean accuracy and accuracy under the recipe's own adversary, on
+    draws that are the same in every epoch; an adversary of fewer than three steps is validated with
+    three, so that a model that only defeats single steps (catastrophic overfitting) is seen.
+    `guard.Guard` acts on it.
 
     Args:
         model: takes [0, 1] images (B, 3, H, W) and returns logits.
@@ -63,7 +61,7 @@ class Classifier(L.LightningModule):
         if train.compile:
             self.model.compile()
         self.adversary = Adversaries(model, scene, adversary)
-        self.validation_adversary = Adversaries(model, scene, _validated(adversary))
+        self.validation_adversary = Adversaries(model, scene, validated(adversary))
         self.tuning = tuning(train, fine=fine)
         self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
@@ -95,7 +93,7 @@ class Classifier(L.LightningModule):
 
     @property
     def few_steps(self) -> bool:
-        """Say whether the adversary takes so few steps that a model may learn to defeat these alone."""
+        """Say whether a model may learn to defeat the few steps of its adversary alone."""
         return self.threat.kind in ("moire_attack", "pgd") and self.threat.steps < STRONG
 
     @property
@@ -105,13 +103,13 @@ class Classifier(L.LightningModule):
     def harden(self, epoch: int) -> None:
         """Attack in three steps from now on: the model has collapsed in `epoch`."""
         self.collapsed_at = epoch
-        self.adversary = Adversaries(self.model, self.scene, _strong(self.threat))
+        self.adversary = Adversaries(self.model, self.scene, strengthened(self.threat))
 
     def on_train_epoch_start(self) -> None:
         self._loss, self._kept, self._began = [], {}, time.perf_counter()
 
     def training_step(self, batch: tuple[Tensor, ...], index: int) -> Tensor:
-        # every draw of a step follows from seed, epoch, batch and rank, so that a resumed run repeats them
+        # all draws follow from seed, epoch, batch and rank, so that a resumed run repeats them
         torch.manual_seed(mix(self.seed, self.current_epoch, index, self.global_rank))
         batch = Batch(*batch)
         labels = batch.labels
@@ -142,7 +140,8 @@ class Classifier(L.LightningModule):
     def _diverged(self, what: str, index: int) -> FloatingPointError:
         return FloatingPointError(
             f"the {what} in epoch {self.current_epoch}, batch {index}. Train with a smaller "
-            "train.lr, or with trainer.precision=32-true; the epochs before this one are kept in the run's folder."
+            "train.lr, or with trainer.precision=32-true; the epochs before this one are kept in "
+            "the run's folder."
         )
 
     def _augmented(self, batch: Batch) -> Tensor:
@@ -180,7 +179,7 @@ class Classifier(L.LightningModule):
         return loss + self.threat.consistency * apart / len(labels)
 
     def _moment(self) -> Moment:
-        """Return how far eps and the scene's ranges have risen: linearly over warm-up and curriculum."""
+        """Return how far eps and the scene's ranges have risen, linearly over their periods."""
         total = self.trainer.estimated_stepping_batches
 
         def risen(share: float) -> float:
@@ -241,9 +240,14 @@ class Classifier(L.LightningModule):
         # five steps would leave the rise of the rate no length, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
         schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, self.tuning.lr, total_steps=total, pct_start=0.2, cycle_momentum=t.momentum > 0,
-            max_momentum=t.momentum, base_momentum=max(0.0, t.momentum - 0.1),
-        )  # fmt: skip
+            optimizer,
+            self.tuning.lr,
+            total_steps=total,
+            pct_start=0.2,
+            cycle_momentum=t.momentum > 0,
+            max_momentum=t.momentum,
+            base_momentum=max(0.0, t.momentum - 0.1),
+        )
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
     def configure_gradient_clipping(self, optimizer: Any, *_: Any, **__: Any) -> None:
@@ -258,19 +262,3 @@ class Classifier(L.LightningModule):
         self.history = list(checkpoint["history"])
         if checkpoint["collapsed_at"] is not None:
             self.harden(checkpoint["collapsed_at"])
-
-
-def _validated(threat: Adversary) -> Adversary:
-    """Return what a recipe is validated against: its own adversary, strong, on one shot and visit of each image."""
-    return replace(_strong(threat), replays=1, worst_of=1, turn=False)
-
-
-def _strong(a: Adversary) -> Adversary:
-    """Return the same adversary with at least three steps, from a start within its ball."""
-    few = a.steps < STRONG
-    return replace(
-        a,
-        steps=max(a.steps, STRONG),
-        step_size=None if few else a.step_size,
-        random_start=min(1.0, a.random_start),
-    )

@@ -1,4 +1,4 @@
-"""How every command reports an error: one sentence on its own line. A sweep continues, and lists what failed."""
+"""How every command reports an error: one sentence on its own line; a sweep lists what failed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _failed: list[str] = []  # jobs of a sweep
 
 
 class Lines:
-    """Wraps an output stream and knows whether its last line is complete: a progress bar leaves its own open."""
+    """Wraps an output stream, and knows whether its last line is complete: a bar's is not."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self.unfinished = stream, False
@@ -75,7 +75,7 @@ def run(main: Callable[[], None], schema: type[Config]) -> None:
 
 @contextlib.contextmanager
 def sentences(kept: str) -> Iterator[None]:
-    """Report an error in a job as one sentence and end the command; a sweep continues with its other jobs.
+    """Report an error in a job as one sentence and end the command; a sweep continues.
 
     Args:
         kept: what is kept after an interruption, as a clause: "Every complete epoch is kept".
@@ -111,8 +111,11 @@ def _job_of_a_sweep() -> str | None:
 
 
 def sentence(error: Exception) -> str:
-    """Return what an error says, without the traceback that a DataLoader's worker puts around it."""
+    """Return what an error says, without the traceback that a DataLoader's worker adds."""
     if isinstance(error, OSError) and error.errno:  # the system's own words
-        return f"{error}. Every complete epoch and record is kept: fix this, and resume with the same command."
+        advice = (
+            "All complete epochs and records are kept: fix this, and resume with the same command."
+        )
+        return f"{error}. {advice}"
     said = str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
     return said or type(error).__name__

@@ -1,4 +1,4 @@
-"""The files of a run's folder, read as data: no code in them runs, and damaged ones are refused by name."""
+"""The files of a run's folder, read as data: no code in them runs, damaged ones are refused."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 import yaml
 
 LONGEST = 1_000_000  # bytes of a config.yaml; one of ours has two thousand
-DEEPEST = 32  # levels of its lists and mappings; one of ours has four, and many cost the square of their number
+DEEPEST = 32  # levels of its lists and mappings; one of ours has four; time grows as their square
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -29,13 +29,14 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         Exception
     ) as error:  # whichever byte was hit: UnpicklingError, EOFError, RuntimeError, KeyError ...
         raise ValueError(
-            f"The checkpoint {path} could not be read ({type(error).__name__}). It may be missing or damaged: train "
-            "again with resume=false, which moves what is there aside, or name another run."
+            f"The checkpoint {path} could not be read ({type(error).__name__}). "
+            "It may be missing or damaged: train again with resume=false, "
+            "which moves what is there aside, or name another run."
         ) from error
 
 
 def read_metrics(path: Path) -> dict[str, Any] | None:
-    """Read the metrics of a finished run; None where there is none. `metrics.json` is written last."""
+    """Read the metrics of a finished run, which are written last; None where there are none."""
     return read_json(path / "metrics.json")
 
 
@@ -49,10 +50,10 @@ def read_json(path: Path) -> dict[str, Any] | None:
 
 
 def read_settings(path: Path) -> dict[str, Any]:
-    """Read the settings in a config.yaml as they stand there: plain values, none looked up elsewhere.
+    """Read the settings in a config.yaml: plain values, none looked up elsewhere.
 
     Raises:
-        ValueError: no YAML mapping, or one with interpolations or aliases, which fit.py never writes.
+        ValueError: no YAML mapping, or one with interpolations or aliases.
         OSError: a file that cannot be read.
     """
     if path.stat().st_size > LONGEST:
@@ -66,8 +67,8 @@ def read_settings(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path} could not be read as YAML ({type(error).__name__}).") from error
     if aliases or "${" in plain:
         raise ValueError(
-            f"{path} holds a YAML alias or an interpolation (${{...}}). A run's settings are plain values, as fit.py "
-            "writes them: write out what is meant."
+            f"{path} holds a YAML alias or an interpolation (${{...}}). A run's settings are plain "
+            "values, as fit.py writes them: write out what is meant."
         )
     if not isinstance(values, dict):
         raise ValueError(
@@ -77,7 +78,7 @@ def read_settings(path: Path) -> dict[str, Any]:
 
 
 def _has_aliases(text: str) -> bool:
-    """Say whether a YAML text refers to itself. Reads no further than an alias or the deepest level allowed.
+    """Say whether a YAML text refers to itself; reads on to the first alias or a level too deep.
 
     Raises:
         ValueError, yaml.YAMLError: too many levels, or no YAML.

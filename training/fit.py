@@ -1,16 +1,17 @@
-"""Train a classifier against the Moiré Attack, attack it again, and report what was gained and what it cost.
+"""Train a classifier against the Moiré Attack, attack it again, and report gain and cost.
 
     python training/fit.py recipe=moire_at
     python training/fit.py -m recipe=baseline,moire_at seed=0,1
     python training/fit.py recipe=moire_fast data=folder data.root=DIR train.epochs=30
 
-Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with report.html,
-metrics.json, best.ckpt, last.ckpt and config.yaml; with other data or another model than the default the folder is
-runs/<data>-<model>/<recipe>/seed<k>/.
+Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with
+report.html, metrics.json, best.ckpt, last.ckpt and config.yaml; with other data or another model
+than the default the folder is runs/<data>-<model>/<recipe>/seed<k>/.
 
-Most recipes start from the weights of recipe `clean` and are compared with recipe `baseline`, plain training that
-starts from the same weights and takes as many epochs. Both are trained first, with the same settings, or reused where
-they were trained before. A run that was interrupted, however it was, is resumed by the same command.
+Most recipes start from the weights of recipe `clean` and are compared with recipe `baseline`, plain
+training that starts from the same weights and takes as many epochs. Both are trained first, with
+the same settings, or reused where they were trained before. A run that was interrupted, however it
+was, is resumed by the same command.
 """
 
 from __future__ import annotations
@@ -38,10 +39,11 @@ Metrics = dict[str, Any]
 
 
 def fit(cfg: DictConfig | Config) -> Metrics:
-    """Train and report a run and the runs that it is compared with, or what is left of them. Returns its metrics.
+    """Train and report a run and those it is compared with, or what is left; returns its metrics.
 
     Raises:
-        TypeError, ValueError: settings that cannot be followed, before time is spent; or as `train_model`.
+        TypeError, ValueError: settings that cannot be followed, before time is spent.
+        ConnectionError, FloatingPointError, OSError: as `train_model`.
     """
     cfg = as_config(cfg)
     check(cfg)
@@ -80,7 +82,7 @@ def check(cfg: Config) -> None:
 
 
 def plain_runs(cfg: Config, splits: Splits) -> tuple[Metrics | None, Metrics | None]:
-    """Return the metrics of the start and of the baseline, each trained where it is not there yet; None for none."""
+    """Return the metrics of the start and the baseline, reused or trained; None for none."""
     start = baseline = None
     if wanted := runs.start_config(cfg):
         start = plain_run(wanted, splits, None, role="start")
@@ -112,9 +114,10 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
 
 
 def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
-    """Return the metrics of a run that is finished with the same settings; None where there is none.
+    """Return the metrics of a run that is finished with these settings; None for no such run.
 
-    Where only the re-attack's settings differ, its weights are attacked again; its own report stays.
+    Where only the re-attack's settings differ, its weights are attacked again; its own report
+    stays.
     """
     out = runs.folder(cfg)
     known = runs.read_metrics(out)
@@ -142,7 +145,7 @@ def one_run(
     baseline: Metrics | None,
     spent: Mapping[str, float],
 ) -> Metrics:
-    """Train, attack, compare and report one run. Returns its metrics, {} in all processes but the first.
+    """Train, attack, compare and report one run; returns its metrics, {} in all but one process.
 
     Args:
         start, baseline: metrics of the runs beside it. spent: seconds so far, by phase.

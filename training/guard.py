@@ -1,4 +1,4 @@
-"""Catastrophic overfitting of few-step adversarial training: detected on validation images, and undone."""
+"""Catastrophic overfitting of few-step adversarial training: detected on validation, undone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FALL = 0.5  # share of the best accuracy that counts as a collapse
 
 
 def collapsed(perturbed: list[float]) -> bool:
-    """Say whether the last epoch's accuracy under the validation's attack has fallen below half of the best before it.
+    """Say whether accuracy in the last epoch has fallen below half of the best before it.
 
     Args:
         perturbed: accuracy of each epoch under an attack of at least three steps, in [0, 1].
@@ -27,11 +27,11 @@ def collapsed(perturbed: list[float]) -> bool:
 
 
 class Guard(L.Callback):
-    """Restores the best epoch of a model that has collapsed, and continues with three steps instead of fewer.
+    """Restores the best epoch of a collapsed model, and continues with three steps.
 
-    A model that learns against one step may learn to defeat that step alone (catastrophic overfitting, Wong et al.,
-    2020): within an epoch its accuracy under more steps falls to nothing. The event is printed and kept in the run's
-    history; the schedule of the learning rate continues.
+    A model that learns against one step may learn to defeat that step alone (catastrophic
+    overfitting, Wong et al., 2020): within an epoch its accuracy under more steps falls to nothing.
+    The event is printed and kept in the run's history; the schedule of the learning rate continues.
 
     Args:
         best: the best checkpoint's file.
@@ -40,7 +40,9 @@ class Guard(L.Callback):
     def __init__(self, best: Path) -> None:
         self.best = best
 
-    def on_train_epoch_start(self, trainer: L.Trainer, module: Classifier) -> None:  # type: ignore[override]
+    def on_train_epoch_start(  # type: ignore[override]
+        self, trainer: L.Trainer, module: Classifier
+    ) -> None:
         history = [h["perturbed"] for h in module.history if "perturbed" in h]
         if module.hardened or not module.few_steps or not history or not collapsed(history):
             return
@@ -48,13 +50,14 @@ class Guard(L.Callback):
         restore(trainer, module, good)
         module.harden(module.history[-1]["epoch"])
         rank_zero_only(print)(
-            f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three steps fell to "
-            f"{history[-1]:.0%} from {max(history):.0%}. Back to epoch {good['epoch']}, and on with three steps."
+            f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three "
+            f"steps fell to {history[-1]:.0%} from {max(history):.0%}. "
+            f"Back to epoch {good['epoch']}, and on with three steps."
         )
 
 
 def restore(trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:
-    """Restore weights, their average and the optimiser's momentum from a checkpoint, but not epoch, rate and draws."""
+    """Restore weights, their average and momentum; epoch, learning rate and draws continue."""
     module.load_state_dict(checkpoint["state_dict"])
     for callback in trainer.callbacks:  # type: ignore[attr-defined]
         if isinstance(callback, WeightAveraging):

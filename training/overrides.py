@@ -1,4 +1,4 @@
-"""What a command line may ask of an attack, what a run decides itself, and settings as a command line."""
+"""What a command line may ask of an attack, and settings as a command line."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
         if top in TRAINING or key == "data.augment":
             hint = " reattack.seed is the attack's." if top == "seed" else ""
             raise ValueError(
-                f"{key}= says how a model is trained, and this one is only attacked: leave it out.{hint}"
+                f"{key}= says how a model is trained, and this one is only attacked: "
+                f"leave it out.{hint}"
             )
         if top in WEIGHTS and cfg.run is not None:
             own = "its own model" if top in ("model", "weights") else "a report into its own folder"
@@ -52,14 +53,15 @@ def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
             )
         if top in USES and getattr(cfg, top) is not None and cfg.suite not in USES[top]:
             raise ValueError(
-                f"{top}= is for suite={' or '.join(USES[top])}; suite={cfg.suite} has no use for it."
+                f"{top}= is for suite={' or '.join(USES[top])}; "
+                f"suite={cfg.suite} has no use for it."
             )
         if top == "trainer" and _has_no_effect(
             key.removeprefix("trainer."), cfg.trainer, cfg.suite
         ):
             raise ValueError(
-                f"{key}= has no effect here: an attack is computed in float32, and suite=ladder by one process. Leave "
-                "it out."
+                f"{key}= has no effect here: an attack is computed in float32, "
+                "and suite=ladder by one process. Leave it out."
             )
 
 

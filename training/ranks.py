@@ -1,4 +1,4 @@
-"""The processes of a run, one a device and one a worker: if one is lost, all end, and one reports it."""
+"""The processes of a run: if one is lost, all end, and one reports it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from torch.distributed import DistError
 from training.commands import complain
 
 LOST = (
-    "another process of this run was lost: it was killed, ran out of memory, or failed with the error above. Every "
-    "complete epoch is kept, and the same command resumes from there."
+    "another process of this run was lost: it was killed, ran out of memory, or failed with the "
+    "error above. Every complete epoch is kept, and the same command resumes from there."
 )
 PERIOD, GRACE = (
     0.5,
@@ -32,7 +32,7 @@ _ending = threading.Event()
 
 @contextlib.contextmanager
 def together(trainer: L.Trainer) -> Iterator[None]:
-    """Tie the processes that train in this context together: none outlives the others, or waits for one that is gone.
+    """Tie the processes that train in it together: none outlives the others or waits for them.
 
     Raises:
         ConnectionError: another process was lost.
@@ -63,7 +63,7 @@ def _observe(children: list[subprocess.Popen]) -> None:
 
 
 def _end_with_children() -> None:
-    """End this process if a child has failed and it has not noticed: on a GPU it would wait for the child for ever."""
+    """End this process if it has not noticed that a child failed: a GPU would wait for ever."""
     while not any(child.poll() for child in _children):
         time.sleep(PERIOD)
     if not _ending.wait(GRACE):

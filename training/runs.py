@@ -1,4 +1,4 @@
-"""A run's folder: how far the run has come, whose settings it was made with, and which command works on it."""
+"""A run's folder: how far the run has come, with which settings, and who works on it."""
 
 from __future__ import annotations
 
@@ -8,23 +8,21 @@ import hashlib
 import itertools
 import json
 import os
-import platform
 import re
-import shlex
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import torch
 from filelock import FileLock, Timeout
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
 from training.files import read_checkpoint as read_checkpoint
 from training.files import read_json, read_metrics, read_settings
+from training.machine import command as command
+from training.machine import environment as environment
 from training.schema import HOME, RECIPES, Adversary, Config, Data, as_config, as_values
 
 # What a run's result does not depend on.
@@ -56,14 +54,15 @@ def fingerprint(values: Mapping[str, Any]) -> str:
 def folder(cfg: Config) -> Path:
     """Return where a run is kept.
 
-    That is `runs`/<recipe>/seed<k> for the default data and model, else `runs`/<data>-<model>/<recipe>/seed<k> without
-    the part that is the default: runs in different groups do not compare.
+    That is `runs`/<recipe>/seed<k> for the default data and model, else
+    `runs`/<data>-<model>/<recipe>/seed<k> without the part that is the default: runs in different
+    groups do not compare.
     """
     return Path(cfg.runs) / group(cfg.data, cfg.model) / cfg.recipe / f"seed{cfg.seed}"
 
 
 def group(data: Data, model: str) -> str:
-    """Return the name of the runs that compare with each other: "" for the default data and model."""
+    """Return the name of runs that compare with each other: "" for the default data and model."""
     name = data.name
     if name == "folder" and data.root:
         own = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)
@@ -76,7 +75,7 @@ def group(data: Data, model: str) -> str:
 
 
 def make(path: Path) -> None:
-    """Make a folder and check that files can be written there, before time is spent on what goes into it.
+    """Make a folder and check that files can be written there, before time is spent.
 
     Raises:
         ValueError: there is a file in its place, or the disk is full or not writable.
@@ -88,16 +87,18 @@ def make(path: Path) -> None:
             file.flush()
     except (FileExistsError, NotADirectoryError):
         raise ValueError(
-            f"{path} cannot be a folder: there is a file of that name, or of one above it. Move it, or pass runs=DIR."
+            f"{path} cannot be a folder: there is a file of that name, or of one above it. "
+            "Move it, or pass runs=DIR."
         ) from None
     except OSError as error:
         raise ValueError(
-            f"{path} cannot be written ({error.strerror}): fix that, or pass runs=DIR on another disk."
+            f"{path} cannot be written ({error.strerror}): fix that, "
+            "or pass runs=DIR on another disk."
         ) from error
 
 
 def start_config(cfg: Config) -> Config | None:
-    """Return the settings of the run whose weights this one starts from: recipe `clean`, all else the same.
+    """Return the settings of the run whose weights this one starts from: those of recipe `clean`.
 
     None where it starts from random weights, or from those of `weights=`.
     """
@@ -105,10 +106,10 @@ def start_config(cfg: Config) -> Config | None:
 
 
 def baseline_config(cfg: Config) -> Config | None:
-    """Return the settings of the plainly trained run that this one is compared with: as many epochs in all.
+    """Return the settings of the plain run of as many epochs that this one is compared with.
 
-    That is recipe `baseline` where the run starts from the weights of `clean`, else `clean`; all other settings are
-    the same. None for these two recipes themselves.
+    That is recipe `baseline` where the run starts from the weights of `clean`, else `clean`; all
+    other settings are the same. None for these two recipes themselves.
     """
     if cfg.recipe in PLAIN:
         return None
@@ -129,7 +130,7 @@ def stage(cfg: Config) -> str:
     """Say how far the run of these settings has come in its folder.
 
     Returns:
-        "new"; "begun" after the first epoch; "trained"; "finished"; "other" where the folder holds another run.
+        "new"; "begun" after the first epoch; "trained"; "finished"; "other" for another run.
     """
     path = folder(cfg)
     best, metrics = (path / "best.ckpt").is_file(), read_metrics(path)
@@ -145,7 +146,7 @@ def stage(cfg: Config) -> str:
 
 
 def _mark(path: Path) -> str | None:
-    """Return the fingerprint of the run that a folder holds; None for none, "damaged" where it cannot be read."""
+    """Return the fingerprint of the run in a folder; None for none, "damaged" if unreadable."""
     try:
         return fingerprint(settings(OmegaConf.create(read_settings(path / "config.yaml"))))
     except FileNotFoundError:
@@ -155,7 +156,7 @@ def _mark(path: Path) -> str | None:
 
 
 def can_resume(cfg: Config) -> bool:
-    """Say whether there is something to resume from, and `resume` allows it. The same in every process of a run."""
+    """Say whether a run can be resumed, and `resume` allows it; the same in all its processes."""
     return cfg.resume is not False and stage(cfg) in ("begun", "trained")
 
 
@@ -171,8 +172,8 @@ def require_resumable(cfg: Config, *others: Config) -> None:
     path = folder(cfg)
     if stage(cfg) == "other":
         raise ValueError(
-            f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: give those, or leave "
-            "resume=true out, and that run is moved aside."
+            f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: "
+            "give those, or leave resume=true out, and that run is moved aside."
         )
     raise ValueError(
         f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to begin."
@@ -180,7 +181,10 @@ def require_resumable(cfg: Config, *others: Config) -> None:
 
 
 def prepare(cfg: Config) -> None:
-    """Make a run's folder ready: move aside what is not resumed, and remove what would make this run look finished."""
+    """Make a run's folder ready: nothing in it is lost, and nothing makes the run look finished.
+
+    What is not resumed is moved aside.
+    """
     path, at = folder(cfg), stage(cfg)
     if at == "other" or (cfg.resume is False and at != "new"):
         aside = _free_name(path.with_name(f"{path.name}-{_mark(path) or 'old'}"))
@@ -193,14 +197,14 @@ def prepare(cfg: Config) -> None:
 
 
 def _free_name(path: Path) -> Path:
-    """Return the path, or where it exists, with the first number behind its name that makes it new."""
+    """Return the path, with a number behind its name where it exists."""
     numbered = (path.with_name(f"{path.name}-{number}") for number in itertools.count(2))
     return next(name for name in itertools.chain([path], numbered) if not name.exists())
 
 
 @contextlib.contextmanager
 def held(path: Path) -> Iterator[None]:
-    """Lock a run's folder for this command. The kernel releases the lock when the command ends, however it ends.
+    """Lock a run's folder for this command; the kernel releases it however the command ends.
 
     Raises:
         ValueError: another command works on it.
@@ -216,41 +220,10 @@ def held(path: Path) -> Iterator[None]:
             stack.enter_context(lock)
         except Timeout:
             raise ValueError(
-                f"another command is at work in {path}: wait for it, or give another seed=N or runs=DIR."
+                f"another command is at work in {path}: wait for it, "
+                "or give another seed=N or runs=DIR."
             ) from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise
         yield
-
-
-def environment() -> dict[str, Any]:
-    """Return versions and machine, for the record."""
-    import kornia
-    import lightning
-    import numpy
-    import torchvision
-
-    found: dict[str, Any] = {"python": platform.python_version()}
-    for module in (torch, torchvision, kornia, lightning, numpy):
-        found[module.__name__] = module.__version__
-    found["cpu"] = _cpu()
-    found["threads"] = torch.get_num_threads()
-    found["device"] = torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
-    return found
-
-
-def _cpu() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(
-            line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")
-        )
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
-
-
-def command(argv: list[str] | None = None) -> str:
-    """Return the command line of this run as a user would type it."""
-    argv = sys.argv if argv is None else argv
-    return shlex.join(["python", f"training/{Path(argv[0]).name}", *argv[1:]])

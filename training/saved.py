@@ -75,7 +75,8 @@ class Saved(NamedTuple):
         )
         if splits.num_classes != self.num_classes:
             raise ValueError(
-                f"{self.folder} tells {self.num_classes} classes apart, and the data {data.name} has "
+                f"{self.folder} tells {self.num_classes} classes apart, "
+                f"and the data {data.name} has "
                 f"{splits.num_classes}. {hint}"
             )
         among_published = (
@@ -86,7 +87,8 @@ class Saved(NamedTuple):
         odd = min(set(self.classes.items()) ^ set(splits.classes.items()))[0]
         ours, theirs = self.classes.get(odd), splits.classes.get(odd)
         raise ValueError(
-            f"class {odd} of {self.folder} is {ours!r}, and {theirs!r} in the data {data.name}. {hint}"
+            f"class {odd} of {self.folder} is {ours!r}, and {theirs!r} in the data {data.name}. "
+            f"{hint}"
         )
 
 
@@ -99,7 +101,8 @@ def read(folder: Path) -> Saved:
     config, best = folder / "config.yaml", folder / "best.ckpt"
     if not config.is_file() or not best.is_file():
         raise ValueError(
-            f"{folder} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py writes them."
+            f"{folder} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py "
+            "writes them."
         )
     cfg = read_config(config)
     checkpoint = read_checkpoint(best)
@@ -128,7 +131,7 @@ def damage(cfg: Config) -> str | None:
 
 
 def read_config(path: Path) -> Config:
-    """Read a run's settings: known keys of the schema with values of their types, none looked up elsewhere.
+    """Read a run's settings: known keys with values of their types, none looked up elsewhere.
 
     Raises:
         ValueError: with what is wrong, and what a run's settings may be.
@@ -146,14 +149,14 @@ def read_config(path: Path) -> Config:
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         said = str(error).splitlines()[0]
         raise ValueError(
-            f"{path} is not a run's settings: {said} A run holds keys of training/schema.py alone, as fit.py of this "
-            "version writes them."
+            f"{path} is not a run's settings: {said} A run holds keys of training/schema.py alone, "
+            "as fit.py of this version writes them."
         ) from None
     return as_config(cfg)  # type: ignore[arg-type]
 
 
 def start_of(run: Saved) -> Saved | None:
-    """Read the run whose weights this one started from, where it is beside it with the same settings.
+    """Read the run whose weights this one started from, if it is there with the same settings.
 
     None where there is none; a note says why if its folder is there.
     """
@@ -169,7 +172,7 @@ def baseline_of(run: Saved) -> Saved | None:
 
 
 def _beside(run: Saved, wanted: Config | None, role: str) -> Saved | None:
-    """Read the run of these settings from where fit.py puts it, the folder of its recipe beside this run's."""
+    """Read the run of these settings from where fit.py puts it, beside this one."""
     if wanted is None:
         return None
     folder = Path(os.path.abspath(run.folder)).parent.parent / wanted.recipe / f"seed{run.cfg.seed}"
@@ -181,26 +184,22 @@ def _beside(run: Saved, wanted: Config | None, role: str) -> Saved | None:
         wanted.runs = str(folder.parent.parent)
         again = shlex.join(["python", "training/fit.py", *command_line(wanted), "resume=false"])
         print(
-            f"note: no {role} is attacked beside this run. {error}\nThis trains it again:\n  {again}"
+            f"note: no {role} is attacked beside this run. {error}\n"
+            f"This trains it again:\n  {again}"
         )
         return None
-    if training_settings(found.cfg) != training_settings(wanted):
+    ours, theirs = (runs.settings(cfg) | {"reattack": None} for cfg in (wanted, found.cfg))
+    if ours != theirs:
         print(
-            f"note: {folder} was trained with other settings: no {role} is attacked beside this run."
+            f"note: {folder} was trained with other settings: "
+            f"no {role} is attacked beside this run."
         )
         return None
     return found
 
 
-def training_settings(cfg: Config) -> dict[str, Any]:
-    """Return the settings that a run's weights depend on, as plain values: all but those of the re-attack."""
-    values = runs.settings(cfg)
-    del values["reattack"]
-    return values
-
-
 def trained(folder: Path) -> dict[str, Any] | None:
-    """Read what a run's metrics say of its training; None where they are missing, damaged or not numbers."""
+    """Read what a run's metrics say of its training; None if they are missing or damaged."""
     train = (read_metrics(folder) or {}).get("train")
     if not isinstance(train, dict) or not isinstance(train.get("history"), list):
         return None

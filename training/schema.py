@@ -1,4 +1,4 @@
-"""Every setting of a run, with its type and default. A recipe in `recipes/` holds only what differs.
+"""Every setting of a run, its type and its default; recipes in `recipes/` hold what differs.
 
 Lengths of time are epochs, eps is in [0, 1] units, sizes are pixels.
 """
@@ -48,14 +48,16 @@ DATA = {
 class Adversary:
     """Says what training images are turned into; `adversaries.passes` gives its cost."""
 
-    kind: str = "none"  # none, moire (random), moire_attack (adversarial noise on it), pgd (noise on pixels)
+    # none, moire (random), moire_attack (adversarial noise on it) or pgd (noise on pixels)
+    kind: str = "none"
     share: float = 1.0  # of each batch; the other images stay clean
     eps: float = 0.0
     steps: int = 0
     step_size: float | None = None  # in units of eps; null is min(1, 2.5 / steps)
     warmup: float = 0.0  # share of training over which eps rises from 0
     random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
-    replays: int = 1  # times that a batch is trained on, its noise moved on by each time's own gradient; 1 is once
+    # times that a batch is trained on, its noise moved by the gradient of the time before
+    replays: int = 1
     window: int = (
         16  # batches that are replayed in turn, held in memory with their photographs and noise
     )
@@ -81,7 +83,8 @@ class Train:
     )
     weight_decay: float = 5e-4
     label_smoothing: float = 0.0
-    init: str = "random"  # or "clean": start from the weights of recipe clean, trained with the same settings
+    # "random", or "clean": start from the weights of recipe clean, trained with the same settings
+    init: str = "random"
     ema: float | None = (
         None  # decay of the averaged weights a step, which are validated and kept; null: 0.98
     )
@@ -151,7 +154,7 @@ class ReattackConfig(Config):
 
 
 def as_config(cfg: DictConfig | Config) -> Config:
-    """Return the settings as the dataclass that they are declared as: `Config`, or `ReattackConfig`.
+    """Return the settings as the dataclass they are declared as, `Config` or `ReattackConfig`.
 
     Args:
         cfg: as Hydra composed it; a dataclass is returned as it is.
@@ -159,7 +162,9 @@ def as_config(cfg: DictConfig | Config) -> Config:
     Raises:
         omegaconf.errors.MissingMandatoryValue: a setting without a value.
     """
-    return OmegaConf.to_object(cfg) if isinstance(cfg, DictConfig) else cfg  # type: ignore[return-value]
+    if isinstance(cfg, DictConfig):
+        return OmegaConf.to_object(cfg)  # type: ignore[return-value]
+    return cfg
 
 
 def as_values(cfg: DictConfig | Config) -> dict[str, Any]:
@@ -205,7 +210,8 @@ def check_keys(overrides: list[str], schema: type[Config]) -> None:
                 node = None if OmegaConf.is_missing(node, part) else node[part]
             if key == "recipe" and schema is ReattackConfig:
                 raise ValueError(
-                    "recipe= says how a model is trained, and this one is only attacked: leave it out."
+                    "recipe= says how a model is trained, and this one is only attacked: leave it "
+                    "out."
                 )
             known = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}.get(
                 key

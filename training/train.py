@@ -33,7 +33,7 @@ from training.tuning import Tuning, averaging
 def train_model(
     cfg: Config, splits: Splits, before: Mapping[str, Any] | None = None
 ) -> tuple[Classifier, dict[str, Any]]:
-    """Train, and return the averaged weights that did best on validation images, with what training cost.
+    """Train, and return the averaged weights that did best on validation, with what it cost.
 
     Args:
         cfg: the run's settings. splits: its images.
@@ -60,9 +60,14 @@ def train_model(
     done = read_checkpoint(last)["history"] if resumed else []
     if rank_zero_only.rank == 0:
         write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
-    announce(cfg, classifier.tuning.lr, before)
+    say = rank_zero_only(print)
+    epochs = f"{cfg.train.epochs} epochs"
+    if before:
+        epochs += f" after the {before['epochs']} of its start"
+    what = f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}"
+    say(f"{what}: {epochs}, lr {classifier.tuning.lr:g}")
     if done:
-        rank_zero_only(print)(f"Resuming from {last} after {len(done)} epochs.")
+        say(f"Resuming from {last} after {len(done)} epochs.")
     batches = Batches(
         splits, cfg.train, cfg.adversary, workers=cfg.data.workers, seed=cfg.seed, first=len(done)
     )
@@ -102,16 +107,6 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
     )
 
 
-def announce(cfg: Config, lr: float, before: Mapping[str, Any] | None) -> None:
-    """Print what is trained, for how long and at which rate."""
-    epochs = f"{cfg.train.epochs} epochs"
-    if before:
-        epochs += f" after the {before['epochs']} of its start"
-    rank_zero_only(print)(
-        f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}: {epochs}, lr {lr:g}"
-    )
-
-
 def cost(classifier: Classifier, images: int) -> dict[str, Any]:
     """Return the history of a training, and its time without validation."""
     history = classifier.history
@@ -129,7 +124,8 @@ def with_totals(train: Mapping[str, Any], before: Mapping[str, Any] | None) -> d
     """Add the epochs and seconds of a training and its start together.
 
     Args:
-        train: `train` of a run's metrics. before: that of the run whose weights it started from, if any.
+        train: `train` of a run's metrics.
+        before: that of the run whose weights it started from, if any.
     """
     epochs, seconds = train["epochs"], train["seconds"]
     if before:

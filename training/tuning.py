@@ -1,4 +1,4 @@
-"""Defaults of training that depend on what it starts from: random weights, or given ones that are fine-tuned."""
+"""Defaults that depend on what training starts from: random weights, or given ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ class Tuning(NamedTuple):
 
     Args:
         lr: the greatest learning rate of the schedule. clip: bound of the gradient's norm, or None.
-        ema: decay of the averaged weights a step. rising: whether it rises to that from zero over the first steps.
+        ema: decay of the averaged weights a step.
+        rising: whether the decay rises from zero over the first steps.
     """
 
     lr: float
@@ -31,10 +32,11 @@ class Tuning(NamedTuple):
 
 
 def tuning(train: Train, *, fine: bool) -> Tuning:
-    """Return the settings that `train.lr` and `train.ema` stand for, where null is chosen by what is trained.
+    """Return the settings that `train.lr` and `train.ema` stand for; null is chosen here.
 
-    From scratch: lr 0.1, ema 0.98. Fine-tuning: lr 0.002 for a batch of 128, in proportion to the batch; gradients
-    clipped to norm 1; and an average whose decay rises to 0.98, so that it follows even a few steps.
+    From scratch: lr 0.1, ema 0.98. Fine-tuning: lr 0.002 for a batch of 128, in proportion to the
+    batch; gradients clipped to norm 1; and an average whose decay rises to 0.98, so that it follows
+    even a few steps.
 
     Args:
         fine: whether training starts from given weights.

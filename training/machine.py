@@ -1,0 +1,43 @@
+"""What made a result: the command, the versions of its libraries, and the machine."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+import torch
+
+
+def environment() -> dict[str, Any]:
+    """Return versions and machine, for the record."""
+    import kornia
+    import lightning
+    import numpy
+    import torchvision
+
+    found: dict[str, Any] = {"python": platform.python_version()}
+    for module in (torch, torchvision, kornia, lightning, numpy):
+        found[module.__name__] = module.__version__
+    found["cpu"] = _cpu()
+    found["threads"] = torch.get_num_threads()
+    found["device"] = torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
+    return found
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(
+            line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")
+        )
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def command(argv: list[str] | None = None) -> str:
+    """Return the command line of this run as a user would type it."""
+    argv = sys.argv if argv is None else argv
+    return shlex.join(["python", f"training/{Path(argv[0]).name}", *argv[1:]])
