@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from benchmarks import accuracy_vs_time, checkouts, effects_cost, measure, released
+from benchmarks import accuracy_vs_time, attack_budget, checkouts, effects_cost, measure, released
 from benchmarks.colour import ciede2000, visible_difference
 from benchmarks.runs import WITHOUT
 from moireaug import Lens, Panel, Scene, Sensor, View, capture, expose
@@ -125,6 +125,29 @@ def test_training_steps(ran):
     assert {row["option"] for row in written["options"]} >= {"as it is", "train.channels_last=false"}
     assert all(row["loaded"] > 0 and row["share"] > 0 for row in written["loading"])
     assert "images/s loaded" in out
+
+
+def test_attack_budget(ran):
+    out, written, folder = ran("attack_budget")
+    assert (folder / "attack_budget.png").stat().st_size > 10_000
+    (rows,) = written["results"].values()
+    assert {(row["attacker"], row["steps"]) for row in rows} == {
+        (name, steps) for steps in attack_budget.QUICK["steps"] for name in attack_budget.attackers(1)
+    }
+    assert all(0 <= row["accuracy"] <= 1 and row["seconds_per_image"] > 0 for row in rows)
+    (best,) = written["recommended"].values()
+    assert best["accuracy"] <= min(row["accuracy"] for row in rows) + 0.25 + 1e-9  # an image of four
+    assert f"Within a point of the least for the least time: {best['attacker']}" in out
+
+
+def test_the_recommended_budget_is_the_cheapest_that_is_near():
+    rows = [
+        {"attacker": "quick", "steps": 1, "accuracy": 0.5, "n": 100, "seconds_per_image": 1.0},
+        {"attacker": "near", "steps": 5, "accuracy": 0.31, "n": 100, "seconds_per_image": 2.0},
+        {"attacker": "best", "steps": 50, "accuracy": 0.30, "n": 100, "seconds_per_image": 9.0},
+    ]
+    assert attack_budget.recommended(rows)["attacker"] == "near"
+    assert attack_budget.recommended([rows[0], rows[2]])["attacker"] == "best"
 
 
 @pytest.mark.parametrize("name", PRESETS)

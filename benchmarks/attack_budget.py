@@ -1,0 +1,165 @@
+"""What the accuracy of an evaluation costs: robust accuracy against the steps, restarts and seconds of each attacker.
+
+    python benchmarks/attack_budget.py runs/baseline/seed0 runs/moire_at/seed0
+
+Attacks runs of training/fit.py on the raw reading of their own scene, at one eps, with every attacker at every budget,
+all on the same images and shots. Prints a table per run and the cheapest budget whose accuracy is within a point of the
+least that anybody reached; writes results/attack_budget.json and attack_budget.png.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
+
+import torch
+from matplotlib.figure import Figure
+from torch import nn
+
+from benchmarks import measure
+from moireaug.evaluation import Cell, Table, images_frame, rates
+from moireaug.evaluation.attackers import (
+    Attacker,
+    MoireAttacker,
+    PoseUnknown,
+    SquareAttacker,
+    TargetedApgd,
+)
+from moireaug.evaluation.records import Records
+from moireaug.evaluation.runner import Batches, Runner, jobs_of
+from moireaug.scene.scene import Scene
+from training import saved
+from training.data import load
+from training.results import protocol_of
+
+STEPS = (1, 2, 5, 10, 20, 50, 100)
+FULL: dict[str, Any] = {"steps": STEPS, "n": 160}
+QUICK: dict[str, Any] = {"steps": (1, 2), "n": 4}
+EPS = 4 / 255
+QUERIES = 20  # of Square, for each step of the others
+NEAR = 0.01  # a point
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+MARKERS = "oDs^vP"
+
+
+def attackers(steps: int) -> dict[str, Attacker]:
+    """Return every attacker at one budget."""
+    return {
+        "MA": MoireAttacker(eps=EPS, steps=steps),
+        "APGD-CE": MoireAttacker(eps=EPS, steps=steps, variant="apgd_ce", rule="apgd"),
+        "APGD, margin, 2 restarts": MoireAttacker(
+            eps=EPS, steps=steps, variant="apgd_margin", rule="apgd", loss="margin", restarts=2
+        ),
+        "APGD-T": TargetedApgd(eps=EPS, steps=steps),
+        "Square": SquareAttacker(eps=EPS, steps=QUERIES * steps),
+        "MA, pose unknown": PoseUnknown(eps=EPS, steps=steps),
+    }
+
+
+def measured(model: nn.Module, batches: Batches, scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return accuracy and seconds an image of every attacker at every budget."""
+    found = []
+    for steps in settings["steps"]:
+        cells = [Cell(name, str(steps), (attack,)) for name, attack in attackers(steps).items()]
+        table = Table("budget", tuple(cells))
+        runner = Runner(model, batches, scene, Records(), seed=0)
+        for _ in runner.run(jobs_of([table]), range(len(batches))):
+            pass
+        lines = rates(images_frame([table], runner, range(len(batches))))
+        for line in lines.to_dict("records"):
+            row = {"attacker": line["row"], "steps": steps}
+            for name in ("accuracy", "accuracy_low", "accuracy_high", "n"):
+                row[name] = line[name]
+            row["seconds_per_image"] = line["seconds"] / line["n"]
+            found.append(row)
+    return found
+
+
+def recommended(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the cheapest row that is within a point, or an image, of the least accuracy that anybody reached."""
+    least = min(row["accuracy"] for row in rows)
+    slack = max(NEAR, 1 / rows[0]["n"])
+    enough = [row for row in rows if row["accuracy"] <= least + slack + 1e-9]
+    return min(enough, key=lambda row: row["seconds_per_image"])
+
+
+def drawn(results: dict[str, list[dict[str, Any]]], n: int) -> Figure:
+    """Return a panel per model: accuracy against seconds an image, a line per attacker."""
+    figure = Figure(figsize=(10, 4.6), layout="constrained", facecolor="white")
+    panels = figure.subplots(1, len(results), sharey=False, squeeze=False)[0]
+    for ax, (name, rows) in zip(panels, results.items(), strict=True):
+        for attacker, colour, marker in zip(attackers(1), COLOURS, MARKERS, strict=True):
+            own = [row for row in rows if row["attacker"] == attacker]
+            seconds = [row["seconds_per_image"] for row in own]
+            accuracy = [100 * row["accuracy"] for row in own]
+            ax.plot(seconds, accuracy, marker=marker, color=colour, markersize=5, label=attacker)
+        ax.set_xscale("log")
+        ax.set_xlabel("seconds an image (log scale)")
+        ax.set_title(name, loc="left", size=11, parse_math=False)
+        ax.grid(color="#DDDDDD", linewidth=0.7)
+        ax.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel(f"accuracy under attack, % of {n} images")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    steps = ", ".join(str(s) for s in dict.fromkeys(row["steps"] for row in next(iter(results.values()))))
+    title = f"What an evaluation's accuracy costs: eps 4/255 on the raw reading; {steps} steps, Square 20 queries each"
+    figure.suptitle(title, size=11.5)
+    return figure
+
+
+def models_of(folders: list[str], n: int) -> dict[str, tuple[nn.Module, Batches, Scene]]:
+    """Return the runs' models with their test images and scene."""
+    found: dict[str, tuple[nn.Module, Batches, Scene]] = {}
+    for folder in folders:
+        run = saved.read(Path(folder))
+        run.cfg.reattack.n = n
+        protocol = protocol_of(run.cfg, load(run.cfg.data))
+        found[run.cfg.recipe] = (run.model(), protocol.batches, protocol.scene)
+    return found
+
+
+def quick_model(n: int) -> dict[str, tuple[nn.Module, Batches, Scene]]:
+    """Return a small model that nobody trained, with labels that it has right."""
+    torch.manual_seed(0)
+    model = nn.Sequential(nn.AdaptiveAvgPool2d(4), nn.Flatten(), nn.Linear(48, 5)).eval()
+    images = torch.rand(n, 3, 16, 16)
+    with torch.no_grad():
+        labels = model(images).argmax(1)
+    return {"untrained": (model, [(images, labels)], Scene.preset("screen_photo"))}
+
+
+def main() -> None:
+    parser = measure.arguments(__doc__)
+    parser.add_argument("runs", nargs="*", help="folders of runs; none with --quick")
+    args = parser.parse_args()
+    if not args.runs and not args.quick:
+        parser.error("name folders of runs, as in runs/baseline/seed0 runs/moire_at/seed0")
+    torch.set_num_threads(args.threads)
+    facts = measure.metadata()
+    settings = QUICK if args.quick else FULL
+    n = settings["n"]
+    print(measure.told(facts), end="\n\n")
+    results = {}
+    models = models_of(args.runs, n) if args.runs else quick_model(n)
+    for name, (model, batches, scene) in models.items():
+        rows = measured(model, batches, scene, settings)
+        results[name] = rows
+        lines = []
+        for row in rows:
+            percent = f"{100 * row['accuracy']:.1f}"
+            lines.append([row["attacker"], row["steps"], percent, f"{1000 * row['seconds_per_image']:.1f}"])
+        print(f"{name}, {rows[0]['n']} images")
+        print(measure.table(["attacker", "steps", "accuracy, %", "ms an image"], lines))
+        best = recommended(rows)
+        print(f"Within a point of the least for the least time: {best['attacker']}, {best['steps']} steps\n")
+    chosen = {name: recommended(rows) for name, rows in results.items()}
+    written = {"metadata": facts, "eps": EPS, "results": results, "recommended": chosen}
+    measure.write_json(args.out / "attack_budget.json", written)
+    drawn(results, n).savefig(args.out / "attack_budget.png", dpi=100, pil_kwargs={"optimize": True})
+
+
+if __name__ == "__main__":
+    main()
