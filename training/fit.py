@@ -47,18 +47,19 @@ def fit(cfg: DictConfig | Config) -> Metrics:
     """
     cfg = as_config(cfg)
     check(cfg)
-    out = runs.folder(cfg)
+    run = runs.run_of(cfg)
+    out = run.folder
     if rank_zero_only.rank == 0:
         runs.make(out)
     with runs.held(out):
-        if cfg.resume is not False and runs.stage(cfg) == "finished":
+        if cfg.resume is not False and run.stage() == "finished":
             known = runs.read_metrics(out) or {}
             print(report.summary(known))
             print(f"{out} is already finished; resume=false trains it again.")
             return known
-        others = [other for other in (runs.start_config(cfg), runs.baseline_config(cfg)) if other]
         if cfg.resume and rank_zero_only.rank == 0:
-            runs.require_resumable(cfg, *others)
+            plain = (runs.start_config(cfg), runs.baseline_config(cfg))
+            runs.require_resumable(run, *[runs.run_of(other) for other in plain if other])
         began = time.perf_counter()
         splits = load(cfg.data)
         spent = {"data": time.perf_counter() - began}
@@ -99,7 +100,7 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         role: "start" or "baseline", for what is printed.
     """
     say = rank_zero_only(print)
-    if damage := saved.damage(cfg):
+    if damage := saved.damage(runs.run_of(cfg)):
         say(f"The {role} is damaged and trained again: {damage}.")
         cfg = replace(cfg, resume=False)
     elif known := reused(cfg, splits, role=role):
@@ -149,9 +150,9 @@ def one_run(
     Args:
         start, baseline: metrics of the runs beside it. spent: seconds so far, by phase.
     """
-    out, first = runs.folder(cfg), rank_zero_only.rank == 0
+    run, first = runs.run_of(cfg), rank_zero_only.rank == 0
     if first:
-        runs.prepare(cfg)
+        run.prepare()
     model, train = train_model(cfg, splits, before=start["train"] if start else None)
     if not first:
         return {}
@@ -167,8 +168,8 @@ def one_run(
     models = {cfg.recipe: model}
     if other := runs.baseline_config(cfg):
         models[other.recipe] = saved.read(runs.folder(other)).model()
-    metrics = publish(out, metrics, models, protocol, splits.classes, seconds)
-    (out / "train.json").unlink(missing_ok=True)  # metrics.json holds it
+    metrics = publish(run.folder, metrics, models, protocol, splits.classes, seconds)
+    (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it
     return metrics
 
 

@@ -117,7 +117,7 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (runs.start_config(other), runs.baseline_config(other)):
         assert fit.reused(wanted, None, role="baseline") is None, "its settings are others"
-        assert runs.stage(wanted) == "other"
+        assert runs.run_of(wanted).stage() == "other"
 
 
 def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, capsys):
@@ -264,7 +264,7 @@ def test_a_recipe_is_not_given_to_an_attack():
 def test_an_interrupted_start_is_resumed_and_then_its_recipe_begins(tmp_path, capsys):
     cfg = configured("recipe=moire_aug", *TINY, *BRIEF, "train.epochs=1", f"runs={tmp_path}")
     start = runs.start_config(cfg)
-    runs.prepare(start)
+    runs.run_of(start).prepare()
     train_model(start, load(start.data))
     cfg.resume = True
     metrics = fit.fit(cfg)
