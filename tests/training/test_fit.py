@@ -92,6 +92,22 @@ def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole
     assert base["train"]["init"] == "clean" and clean["train"]["init"] == "random"
 
 
+def test_a_run_trained_for_another_is_checked_when_it_is_asked_for_itself(whole, tmp_path, monkeypatch):
+    shutil.copytree(whole[0] / "runs", tmp_path / "runs")
+    before = runs.read_metrics(tmp_path / "runs/clean/seed0")
+    assert "trust" not in before and "checks" not in before["time"]
+    assert "trust" in runs.read_metrics(tmp_path / "runs/moire_at/seed0")
+    monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
+    found = fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'runs'}"))
+    assert found["trust"] and found["time"]["checks"] > 0
+    kept = runs.read_metrics(tmp_path / "runs/clean/seed0")
+    for metrics in (found, kept):
+        assert {k: metrics[k] for k in ("train", "reattack", "config")} == {
+            k: before[k] for k in ("train", "reattack", "config")
+        }
+    assert kept["trust"] == found["trust"]
+
+
 def test_the_gain_is_against_the_baseline_and_not_against_the_start():
     right, wrong = {"clean": "1" * 8}, {"clean": "0" * 8}
     cfg = configured("recipe=moire_at", *TINY)

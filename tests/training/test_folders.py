@@ -57,7 +57,7 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
         path = folder / torn
         path.write_bytes(path.read_bytes()[:40])
     trained = []
-    monkeypatch.setattr(fit, "one_run", lambda cfg, *rest: trained.append(cfg) or {})
+    monkeypatch.setattr(fit, "one_run", lambda cfg, *rest, **options: trained.append(cfg) or {})
     fit.plain_run(wanted, None, None, role=role)
     assert len(trained) == 1
     if torn == "nothing":
