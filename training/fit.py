@@ -31,7 +31,15 @@ from moireaug.evaluation import report
 from moireaug.scene.fields import one_of
 from training import adversaries, commands, reattack, runs, saved
 from training.data import Splits, load
-from training.results import attack, compare, describe, protocol_of, publish
+from training.results import (
+    Attacked,
+    Protocol,
+    attack,
+    compare,
+    describe,
+    protocol_of,
+    publish,
+)
 from training.schema import Config, as_config, register
 from training.train import train_model
 
@@ -47,23 +55,40 @@ def fit(cfg: DictConfig | Config) -> Metrics:
     """
     cfg = as_config(cfg)
     check(cfg)
-    out = runs.folder(cfg)
+    run = runs.run_of(cfg)
     if rank_zero_only.rank == 0:
-        runs.make(out)
-    with runs.held(out):
-        if cfg.resume is not False and runs.stage(cfg) == "finished":
-            known = runs.read_metrics(out) or {}
-            print(report.run_summary(known))
-            print(f"{out} is already finished; resume=false trains it again.")
-            return known
-        others = [other for other in (runs.start_config(cfg), runs.baseline_config(cfg)) if other]
+        runs.make(run.folder)
+    with runs.held(run.folder):
+        if cfg.resume is not False and run.stage() == "finished":
+            return finished(cfg)
         if cfg.resume and rank_zero_only.rank == 0:
-            runs.require_resumable(cfg, *others)
+            plain = (runs.start_config(cfg), runs.baseline_config(cfg))
+            runs.require_resumable(run, *[runs.run_of(other) for other in plain if other])
         began = time.perf_counter()
         splits = load(cfg.data)
         spent = {"data": time.perf_counter() - began}
         start, baseline = plain_runs(cfg, splits)
         return one_run(cfg, splits, start, baseline, spent)
+
+
+def finished(cfg: Config) -> Metrics:
+    """Print the summary of a finished run and return its metrics.
+
+    One that was trained as the start or baseline of another run was reported without the checks of
+    its attack, which are made now.
+    """
+    out = runs.folder(cfg)
+    known = runs.read_metrics(out) or {}
+    if "trust" in known or rank_zero_only.rank != 0:
+        print(report.run_summary(known))
+    else:
+        splits = load(cfg.data)
+        attacked = again(cfg, protocol_of(cfg, splits), check=True)
+        known |= describe(attacked)
+        spent = known.get("time") or {}
+        known = publish(out, known, {cfg.recipe: attacked}, splits.classes, spent)
+    print(f"{out} is already finished; resume=false trains it again.")
+    return known
 
 
 def check(cfg: Config) -> None:
@@ -99,7 +124,7 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         role: "start" or "baseline", for what is printed.
     """
     say = rank_zero_only(print)
-    if damage := saved.damage(cfg):
+    if damage := saved.damage(runs.run_of(cfg)):
         say(f"The {role} is damaged and trained again: {damage}.")
         cfg = replace(cfg, resume=False)
     elif known := reused(cfg, splits, role=role):
@@ -110,7 +135,7 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
     if rank_zero_only.rank == 0:
         runs.make(out)
     with runs.held(out):
-        return one_run(cfg, splits, start, None, {})
+        return one_run(cfg, splits, start, None, {}, check=False)
 
 
 def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
@@ -133,9 +158,14 @@ def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
     say(f"The {role}'s weights are reused from {out} and attacked again: reattack.* has changed.")
     if rank_zero_only.rank != 0:
         return known
-    model = saved.read(out).model()
-    attacked = attack(model, protocol_of(cfg, splits), out / "records", cfg.recipe)
-    return known | describe(attacked)
+    return known | describe(again(cfg, protocol_of(cfg, splits)))
+
+
+def again(cfg: Config, protocol: Protocol, *, check: bool = False) -> Attacked:
+    """Attack a trained run again; what its records hold is not computed again."""
+    folder = runs.folder(cfg)
+    model = saved.read(folder).model()
+    return attack(model, protocol, folder / "records", cfg.recipe, check=check)
 
 
 def one_run(
@@ -144,29 +174,31 @@ def one_run(
     start: Metrics | None,
     baseline: Metrics | None,
     spent: Mapping[str, float],
+    *,
+    check: bool = True,
 ) -> Metrics:
     """Train, attack, compare and report one run; returns its metrics, {} in all but one process.
 
     Args:
         start, baseline: metrics of the runs beside it. spent: seconds so far, by phase.
+        check: whether to check that the attack's figures can be trusted.
     """
-    out, first = runs.folder(cfg), rank_zero_only.rank == 0
+    run, first = runs.run_of(cfg), rank_zero_only.rank == 0
     if first:
-        runs.prepare(cfg)
+        run.prepare()
     model, train = train_model(cfg, splits, before=start["train"] if start else None)
     if not first:
         return {}
 
     protocol = protocol_of(cfg, splits)
-    attacked = {cfg.recipe: attack(model, protocol, out / "records", cfg.recipe)}
+    records = run.folder / "records"
+    attacked = {cfg.recipe: attack(model, protocol, records, cfg.recipe, check=check)}
     metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
-    if other := runs.baseline_config(cfg):  # its records are there: for the pictures
-        folder = runs.folder(other)
-        beside = saved.read(folder).model()
-        attacked[other.recipe] = attack(beside, protocol, folder / "records", other.recipe)
+    if other := runs.baseline_config(cfg):
+        attacked[other.recipe] = again(other, protocol)
     seconds = {**spent, "train": train["wall_seconds"]}
-    metrics = publish(out, metrics, attacked, splits.classes, seconds)
-    (out / "train.json").unlink(missing_ok=True)  # metrics.json holds it
+    metrics = publish(run.folder, metrics, attacked, splits.classes, seconds)
+    (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it
     return metrics
 
 

@@ -11,7 +11,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -126,23 +126,80 @@ def _plain(cfg: Config, recipe: str) -> Config:
     return as_config(merged)  # type: ignore[arg-type]
 
 
-def stage(cfg: Config) -> str:
-    """Say how far the run of these settings has come in its folder.
+@dataclass(frozen=True)
+class Run:
+    """A run's folder, and the run that is wanted in it.
 
-    Returns:
-        "new"; "begun" after the first epoch; "trained"; "finished"; "other" for another run.
+    Args:
+        folder: where it is kept. mark: the fingerprint of its settings.
+        resume: as in the schema: None where possible, True or fail, False never.
     """
-    path = folder(cfg)
-    best, metrics = (path / "best.ckpt").is_file(), read_metrics(path)
-    mark = _mark(path)
-    if mark != fingerprint(settings(cfg)):
-        holds_a_run = mark or metrics or any(path.glob("*.ckpt"))
-        return "other" if holds_a_run else "new"
-    if best and metrics:
-        return "finished"
-    if best and read_json(path / "train.json"):
-        return "trained"
-    return "begun" if (path / "last.ckpt").is_file() else "new"
+
+    folder: Path
+    mark: str
+    resume: bool | None
+
+    def stage(self) -> str:
+        """Say how far the run has come in its folder.
+
+        Returns:
+            "new"; "begun" after the first epoch; "trained"; "finished"; "other" for another run.
+        """
+        path = self.folder
+        best, metrics = (path / "best.ckpt").is_file(), read_metrics(path)
+        there = _mark(path)
+        if there != self.mark:
+            holds_a_run = there or metrics or any(path.glob("*.ckpt"))
+            return "other" if holds_a_run else "new"
+        if best and metrics:
+            return "finished"
+        if best and read_json(path / "train.json"):
+            return "trained"
+        return "begun" if (path / "last.ckpt").is_file() else "new"
+
+    def can_resume(self) -> bool:
+        """Say whether it can be resumed, and `resume` allows it; the same in all its processes."""
+        return self.resume is not False and self.stage() in ("begun", "trained")
+
+    def prepare(self) -> None:
+        """Make the folder ready: nothing in it is lost, and nothing makes the run look finished.
+
+        What is not resumed is moved aside.
+        """
+        path, at = self.folder, self.stage()
+        if at == "other" or (self.resume is False and at != "new"):
+            aside = _free_name(path.with_name(f"{path.name}-{_mark(path) or 'old'}"))
+            os.replace(path, aside)
+            what = "a run with other settings" if at == "other" else "this run"
+            print(f"{path} held {what}; it is now {aside}")
+        path.mkdir(parents=True, exist_ok=True)
+        for stale in (path / "metrics.json", path / "report.html", *path.glob(".*.tmp")):
+            stale.unlink(missing_ok=True)
+
+
+def run_of(cfg: Config) -> Run:
+    """Return the run of these settings."""
+    return Run(folder(cfg), fingerprint(settings(cfg)), cfg.resume)
+
+
+def require_resumable(run: Run, *others: Run) -> None:
+    """Refuse `resume=true` where neither this run nor any of the others can be resumed.
+
+    Raises:
+        ValueError: there is no such run, or it was made with other settings.
+    """
+    for own in (run, *others):
+        if own.can_resume():
+            return
+    path = run.folder
+    if run.stage() == "other":
+        raise ValueError(
+            f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: "
+            "give those, or leave resume=true out, and that run is moved aside."
+        )
+    raise ValueError(
+        f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to begin."
+    )
 
 
 def _mark(path: Path) -> str | None:
@@ -153,47 +210,6 @@ def _mark(path: Path) -> str | None:
         return None
     except Exception:  # not YAML, or not a run's
         return "damaged"
-
-
-def can_resume(cfg: Config) -> bool:
-    """Say whether a run can be resumed, and `resume` allows it; the same in all its processes."""
-    return cfg.resume is not False and stage(cfg) in ("begun", "trained")
-
-
-def require_resumable(cfg: Config, *others: Config) -> None:
-    """Refuse `resume=true` where neither this run nor any of the others can be resumed.
-
-    Raises:
-        ValueError: there is no such run, or it was made with other settings.
-    """
-    for own in (cfg, *others):
-        if can_resume(own):
-            return
-    path = folder(cfg)
-    if stage(cfg) == "other":
-        raise ValueError(
-            f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: "
-            "give those, or leave resume=true out, and that run is moved aside."
-        )
-    raise ValueError(
-        f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to begin."
-    )
-
-
-def prepare(cfg: Config) -> None:
-    """Make a run's folder ready: nothing in it is lost, and nothing makes the run look finished.
-
-    What is not resumed is moved aside.
-    """
-    path, at = folder(cfg), stage(cfg)
-    if at == "other" or (cfg.resume is False and at != "new"):
-        aside = _free_name(path.with_name(f"{path.name}-{_mark(path) or 'old'}"))
-        os.replace(path, aside)
-        what = "a run with other settings" if at == "other" else "this run"
-        print(f"{path} held {what}; it is now {aside}")
-    path.mkdir(parents=True, exist_ok=True)
-    for stale in (path / "metrics.json", path / "report.html", *path.glob(".*.tmp")):
-        stale.unlink(missing_ok=True)
 
 
 def _free_name(path: Path) -> Path:

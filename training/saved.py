@@ -113,12 +113,12 @@ def read(folder: Path) -> Saved:
     return saved
 
 
-def damage(cfg: Config) -> str | None:
+def damage(run: runs.Run) -> str | None:
     """Say what is wrong with the files of a run that would be reused or resumed.
 
     None where they are whole, or there are none.
     """
-    folder, at = runs.folder(cfg), runs.stage(cfg)
+    folder, at = run.folder, run.stage()
     if at == "new" or (at == "other" and not (folder / "best.ckpt").is_file()):
         return None
     try:

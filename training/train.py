@@ -47,10 +47,10 @@ def train_model(
         KeyboardInterrupt: Ctrl-C or SIGTERM; every complete epoch is kept.
     """
     L.seed_everything(cfg.seed, verbose=False)
-    out, start = runs.folder(cfg), runs.start_config(cfg)
+    run, start = runs.run_of(cfg), runs.start_config(cfg)
+    out, resumed = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     classifier = classifier_of(cfg, splits.num_classes)
-    resumed = runs.can_resume(cfg)
     if resumed and (train := read_json(train_json)):
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
         print(f"Training is complete: the weights are read from {best}.")

@@ -90,7 +90,7 @@ def train(tmp_path, name, *overrides):
     cfg = configured(
         "recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", f"runs={tmp_path / name}", *overrides
     )
-    runs.prepare(cfg)
+    runs.run_of(cfg).prepare()
     out = runs.folder(cfg)
     _, found = train_model(cfg, load(cfg.data))
     return out, found

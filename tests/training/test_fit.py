@@ -92,6 +92,22 @@ def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole
     assert base["train"]["init"] == "clean" and clean["train"]["init"] == "random"
 
 
+def test_a_run_trained_for_another_is_checked_when_it_is_asked_for_itself(whole, tmp_path, monkeypatch):
+    shutil.copytree(whole[0] / "runs", tmp_path / "runs")
+    before = runs.read_metrics(tmp_path / "runs/clean/seed0")
+    assert "trust" not in before and "checks" not in before["time"]
+    assert "trust" in runs.read_metrics(tmp_path / "runs/moire_at/seed0")
+    monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
+    found = fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'runs'}"))
+    assert found["trust"] and found["time"]["checks"] > 0
+    kept = runs.read_metrics(tmp_path / "runs/clean/seed0")
+    for metrics in (found, kept):
+        assert {k: metrics[k] for k in ("train", "reattack", "config")} == {
+            k: before[k] for k in ("train", "reattack", "config")
+        }
+    assert kept["trust"] == found["trust"]
+
+
 def test_the_gain_is_against_the_baseline_and_not_against_the_start():
     right, wrong = {"clean": "1" * 8}, {"clean": "0" * 8}
     cfg = configured("recipe=moire_at", *TINY)
@@ -117,7 +133,7 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (runs.start_config(other), runs.baseline_config(other)):
         assert fit.reused(wanted, None, role="baseline") is None, "its settings are others"
-        assert runs.stage(wanted) == "other"
+        assert runs.run_of(wanted).stage() == "other"
 
 
 def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, capsys):
@@ -266,7 +282,7 @@ def test_a_recipe_is_not_given_to_an_attack():
 def test_an_interrupted_start_is_resumed_and_then_its_recipe_begins(tmp_path, capsys):
     cfg = configured("recipe=moire_aug", *TINY, *BRIEF, "train.epochs=1", f"runs={tmp_path}")
     start = runs.start_config(cfg)
-    runs.prepare(start)
+    runs.run_of(start).prepare()
     train_model(start, load(start.data))
     cfg.resume = True
     metrics = fit.fit(cfg)

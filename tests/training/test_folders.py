@@ -52,12 +52,12 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
     folder = put(tmp_path, f"recipe={recipe}")
     (folder / "metrics.json").write_text('{"config": {}}')
     (folder / "last.ckpt").write_bytes((folder / "best.ckpt").read_bytes())
-    assert saved.damage(wanted) is None
+    assert saved.damage(runs.run_of(wanted)) is None
     if torn != "nothing":
         path = folder / torn
         path.write_bytes(path.read_bytes()[:40])
     trained = []
-    monkeypatch.setattr(fit, "one_run", lambda cfg, *rest: trained.append(cfg) or {})
+    monkeypatch.setattr(fit, "one_run", lambda cfg, *rest, **options: trained.append(cfg) or {})
     fit.plain_run(wanted, None, None, role=role)
     assert len(trained) == 1
     if torn == "nothing":
@@ -65,7 +65,7 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
         return
     assert f"The {role} is damaged and trained again: " in capsys.readouterr().out
     assert trained[0].resume is False and trained[0].recipe == recipe
-    runs.prepare(trained[0])
+    runs.run_of(trained[0]).prepare()
     assert not any(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 1, "nothing is lost"
 
 

@@ -47,7 +47,7 @@ def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
             os.kill(os.getpid(), signal.SIGKILL)
 
     cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
-    runs.prepare(cfg)
+    runs.run_of(cfg).prepare()
     with pytest.raises(ConnectionError, match=r"another process of this run was lost.*(exited unexpectedly|is killed)"):
         train_model(cfg, load(cfg.data)._replace(train=Fatal()))
 

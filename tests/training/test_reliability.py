@@ -69,7 +69,7 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     found = json.loads((folder / "metrics.json").read_text())
     assert [h["epoch"] for h in found["train"]["history"]] == list(range(24))
     whole = configured(*given, f"runs={tmp_path / 'whole'}")
-    runs.prepare(whole)
+    runs.run_of(whole).prepare()
     train_model(whole, load(whole.data))
     assert same(folder, runs.folder(whole))
 
@@ -212,7 +212,7 @@ def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, mo
     with pytest.raises(KeyboardInterrupt):
         fit.fit(cfg)
     train_json = json.loads((folder / "train.json").read_text())
-    assert runs.stage(cfg) == "trained"
+    assert runs.run_of(cfg).stage() == "trained"
     monkeypatch.setattr(fit, "attack_again", attack)
     monkeypatch.setattr(training, "trainer_of", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
@@ -232,28 +232,28 @@ def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
     asides = []
     for _ in range(2):
         kept = (folder / "best.ckpt").read_bytes()
-        runs.prepare(cfg)
+        runs.run_of(cfg).prepare()
         (aside,) = [p for p in folder.parent.glob("seed0-*") if p not in asides]
         assert (aside / "best.ckpt").read_bytes() == kept and not list(folder.iterdir())
         assert f"{folder} held this run; it is now {aside}" in capsys.readouterr().out
         shutil.copytree(aside, folder, dirs_exist_ok=True)
         asides.append(aside)
     cfg.resume = None
-    runs.prepare(cfg)
-    assert runs.can_resume(cfg) and len(list(folder.parent.glob("seed0*"))) == 3
+    runs.run_of(cfg).prepare()
+    assert runs.run_of(cfg).can_resume() and len(list(folder.parent.glob("seed0*"))) == 3
     (folder / "config.yaml").write_text("recipe: [")
-    runs.prepare(cfg)
+    runs.run_of(cfg).prepare()
     assert (folder.parent / "seed0-damaged/best.ckpt").is_file()
 
 
 def test_resume_true_requires_something_to_resume(tmp_path, straight):
     shutil.copytree(straight[0], tmp_path / "moire_fast/seed0")
     given = ["recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", "resume=true", f"runs={tmp_path}"]
-    runs.require_resumable(configured(*given))
+    runs.require_resumable(runs.run_of(configured(*given)))
     with pytest.raises(ValueError, match="was made with other settings"):
-        runs.require_resumable(configured(*given, "train.lr=0.05"))
+        runs.require_resumable(runs.run_of(configured(*given, "train.lr=0.05")))
     with pytest.raises(ValueError, match="does not exist: leave it out"):
-        runs.require_resumable(configured(*given, "seed=1"))
+        runs.require_resumable(runs.run_of(configured(*given, "seed=1")))
 
 
 def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):

@@ -210,14 +210,14 @@ def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):
 
     out, _ = train(tmp_path, "runs", "train.epochs=1")
     assert saved.read(out).classes == dict(enumerate(signs.CLASSES))
-    assert saved.damage(configured("recipe=moire_fast", *TINY, "train.epochs=1", "train.init=random",
-                                   f"runs={tmp_path / 'runs'}")) is None  # fmt: skip
+    cfg = configured("recipe=moire_fast", *TINY, "train.epochs=1", "train.init=random", f"runs={tmp_path / 'runs'}")
+    assert saved.damage(runs.run_of(cfg)) is None
 
 
 def test_settings_in_the_folder_of_a_run_of_our_own_are_not_resolved_either(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", "swordfish")
     folder = put(tmp_path, edit=lambda t: t.replace("weights: null", "weights: ${oc.env:SECRET}"))
     cfg = configured("recipe=clean", *TINY, f"runs={tmp_path}", "weights=swordfish")
-    assert runs.stage(cfg) == "other", "else the variable was read"
+    assert runs.run_of(cfg).stage() == "other", "else the variable was read"
     assert yaml.safe_load((folder / "config.yaml").read_text())["weights"] == "${oc.env:SECRET}"
     assert "stranger" not in sys.modules

@@ -65,7 +65,7 @@ def tuned(tmp_path, name, batch, size, *more):
     )  # fmt: skip
     data = learnt(16, size)
     before = loss_of(classifier_of(cfg, 2), data)
-    runs.prepare(cfg)
+    runs.run_of(cfg).prepare()
     model, _ = train_model(cfg, Splits(data, data, data, {}, 2))
     last = classifier_of(cfg, 2)
     last.load_state_dict(runs.read_checkpoint(runs.folder(cfg) / "last.ckpt")["state_dict"])
