@@ -1,4 +1,5 @@
-"""The rows of `speed.py` that need processes of their own: an older checkout, fresh starts, resident memory."""
+"""The rows of `speed.py` that need processes of their own: an older checkout, fresh starts,
+resident memory."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ START, FIRST = 1.5, 15.0  # seconds above `import torch` alone
 
 
 def executions(size: Size) -> Iterator[Row]:
-    """The engine beside the reference and the older checkout, each in its process."""
+    """Yield the engine beside the reference and the older checkout, each in its process."""
     with ExitStack() as stack:
         runs = {
             "the engine": stack.enter_context(Checkout(HERE, size.threads)),
@@ -40,7 +41,9 @@ def executions(size: Size) -> Iterator[Row]:
         if size.before:
             runs["the older checkout"] = stack.enter_context(Checkout(size.before, size.threads))
         for run in runs.values():
-            run.ask("hold", key=SCENE, scene=plain(Scene.preset(SCENE)), images=size.images().numpy())
+            run.ask(
+                "hold", key=SCENE, scene=plain(Scene.preset(SCENE)), images=size.images().numpy()
+            )
         for stage in STAGES:
             calls = {name: run.call(SCENE, stage) for name, run in runs.items()}
             times = timed_together(calls, size.repeats)
@@ -49,26 +52,46 @@ def executions(size: Size) -> Iterator[Row]:
 
 
 def doors(size: Size) -> Iterator[Row]:
-    """DataLoaders of two workers, which have a thread each, beside the older checkout's; uint8, all photographed."""
+    """DataLoaders of two workers, which have a thread each, beside the older checkout's; uint8, all
+    photographed."""
     if not size.before:
         return
     with Checkout(HERE, size.threads) as now, Checkout(size.before, size.threads) as before:
         for door in DOORS:
             calls = {}
             for name, run in (("now", now), ("before", before)):
-                run.ask("load", key=door, door=door, n=size.loaded, side=size.side, batch=size.batch, workers=WORKERS)
+                run.ask(
+                    "load",
+                    key=door,
+                    door=door,
+                    n=size.loaded,
+                    side=size.side,
+                    batch=size.batch,
+                    workers=WORKERS,
+                )
                 calls[name] = run.call(door, "epoch")
             times = timed_together(calls, size.slow)
             a, b = times["now"] / size.loaded, times["before"] / size.loaded
             what = f"an image of a DataLoader, 2 workers, {door}; {1 / a.median:.0f} images/s"
-            yield in_ms(what, a, f"the older checkout, {1 / b.median:.0f} images/s", b, bar=1 / 5, stretch=1 / 8)
+            yield in_ms(
+                what,
+                a,
+                f"the older checkout, {1 / b.median:.0f} images/s",
+                b,
+                bar=1 / 5,
+                stretch=1 / 8,
+            )
 
 
 def memory(size: Size) -> Iterator[Row]:
-    """What a capture needs at its peak beside what comes in."""
+    """Yield what a capture needs at its peak beside what comes in."""
     height, width = size.large
     wanted = {
-        f"{size.batch} of {size.side} px": ((size.batch, size.side, size.side), size.threads, {"stretch": 3.0}),
+        f"{size.batch} of {size.side} px": (
+            (size.batch, size.side, size.side),
+            size.threads,
+            {"stretch": 3.0},
+        ),
         f"a photo of {height} x {width}": ((1, height, width), 1, {}),
     }
     for what, (shape, threads, stretch) in wanted.items():
@@ -78,13 +101,26 @@ def memory(size: Size) -> Iterator[Row]:
                 found.append(fresh.ask("resident_rise", scene=SCENE, shape=shape))
         low, median, high = np.percentile(found, [25, 50, 75]).tolist()
         images = 4 * 3 * math.prod(shape) / 2**20
-        yield Row(f"peak memory of {what}", median, low, high, "MiB", "the images", images, bar=4.0, **stretch)
+        yield Row(
+            f"peak memory of {what}",
+            median,
+            low,
+            high,
+            "MiB",
+            "the images",
+            images,
+            bar=4.0,
+            **stretch,
+        )
 
 
 def large_photo(size: Size) -> Iterator[Row]:
-    """A photo of 12 megapixels on one thread beside a batch of small ones with the same draw."""
+    """Yield a photo of 12 megapixels on one thread beside a batch of small ones with the same
+    draw."""
     scene, seed = Scene.preset(SCENE), torch.Generator()
-    small = scene.sample(1, (size.side, size.side), seed.manual_seed(0))[torch.zeros(size.batch, dtype=torch.long)]
+    small = scene.sample(1, (size.side, size.side), seed.manual_seed(0))[
+        torch.zeros(size.batch, dtype=torch.long)
+    ]
     large = scene.sample(1, size.large, seed.manual_seed(0))
     images, image = size.images(), torch.rand(1, 3, *size.large)
     threads = torch.get_num_threads()
@@ -95,14 +131,26 @@ def large_photo(size: Size) -> Iterator[Row]:
     finally:
         torch.set_num_threads(threads)
     a, b = times["large"] / image[0, 0].numel(), times["small"] / images[:, 0].numel()
-    what = f"a pixel of {size.large[0]} x {size.large[1]}, 1 thread; {times['large'].median:.1f} s a photo"
+    h, w = size.large
+    what = f"a pixel of {h} x {w}, 1 thread; {times['large'].median:.1f} s a photo"
     ns = [1e9 * s for s in (a.median, a.low, a.high)]
-    yield Row(what, *ns, "ns", f"a pixel of {size.side} x {size.side}", 1e9 * b.median, bar=1.2, stretch=1.0)
+    yield Row(
+        what,
+        *ns,
+        "ns",
+        f"a pixel of {size.side} x {size.side}",
+        1e9 * b.median,
+        bar=1.2,
+        stretch=1.0,
+    )
 
 
 def starts(size: Size) -> Iterator[Row]:
-    """Import and first photo beside `import torch` alone: with compiled kernels, and on a machine's first call ever."""
-    times = timed_together({"torch": start(TORCH), "photo": start(PHOTO)}, size.slow, warmup=min(1, size.slow - 1))
+    """Import and first photo beside `import torch` alone: with compiled kernels, and on a machine's
+    first call ever."""
+    times = timed_together(
+        {"torch": start(TORCH), "photo": start(PHOTO)}, size.slow, warmup=min(1, size.slow - 1)
+    )
     alone = times["torch"].median
     yield above("import and first photo", times["photo"], alone, START)
     if size.first:

@@ -59,7 +59,9 @@ def attackers(steps: int) -> dict[str, Attacker]:
     }
 
 
-def measured(model: nn.Module, batches: Batches, scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
+def measured(
+    model: nn.Module, batches: Batches, scene: Scene, settings: dict[str, Any]
+) -> list[dict[str, Any]]:
     """Return accuracy and seconds an image of every attacker at every budget."""
     found = []
     for steps in settings["steps"]:
@@ -104,7 +106,9 @@ def drawn(results: dict[str, list[dict[str, Any]]], n: int) -> Figure:
     panels[0].set_ylabel(f"accuracy under attack, % of {n} images")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=9)
-    steps = ", ".join(str(s) for s in dict.fromkeys(row["steps"] for row in next(iter(results.values()))))
+    steps = ", ".join(
+        str(s) for s in dict.fromkeys(row["steps"] for row in next(iter(results.values())))
+    )
     title = f"What an evaluation's accuracy costs: eps 4/255 on the raw reading; {steps} steps, Square 20 queries each"
     figure.suptitle(title, size=11.5)
     return figure
@@ -150,15 +154,21 @@ def main() -> None:
         lines = []
         for row in rows:
             percent = f"{100 * row['accuracy']:.1f}"
-            lines.append([row["attacker"], row["steps"], percent, f"{1000 * row['seconds_per_image']:.1f}"])
+            lines.append(
+                [row["attacker"], row["steps"], percent, f"{1000 * row['seconds_per_image']:.1f}"]
+            )
         print(f"{name}, {rows[0]['n']} images")
         print(measure.table(["attacker", "steps", "accuracy, %", "ms an image"], lines))
         best = recommended(rows)
-        print(f"Within a point of the least for the least time: {best['attacker']}, {best['steps']} steps\n")
+        print(
+            f"Within a point of the least for the least time: {best['attacker']}, {best['steps']} steps\n"
+        )
     chosen = {name: recommended(rows) for name, rows in results.items()}
     written = {"metadata": facts, "eps": EPS, "results": results, "recommended": chosen}
     measure.write_json(args.out / "attack_budget.json", written)
-    drawn(results, n).savefig(args.out / "attack_budget.png", dpi=100, pil_kwargs={"optimize": True})
+    drawn(results, n).savefig(
+        args.out / "attack_budget.png", dpi=100, pil_kwargs={"optimize": True}
+    )
 
 
 if __name__ == "__main__":

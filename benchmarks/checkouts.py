@@ -1,4 +1,5 @@
-"""Other processes that run this or an older checkout of the project, so that they take turns in one run."""
+"""Other processes that run this or an older checkout of the project, so that they take turns in one
+run."""
 
 from __future__ import annotations
 
@@ -19,12 +20,14 @@ HERE = Path(__file__).resolve().parents[1]
 
 
 class Checkout:
-    """A process that runs `worker.py` on a checkout. Use it in a `with` block, which ends the process.
+    """A process that runs `worker.py` on a checkout. Use it in a `with` block, which ends the
+    process.
 
     Args:
         root: of the checkout.
         threads: of torch.
-        engine: whether the engine may run; False forces the reference. A checkout from before the engine ignores it.
+        engine: whether the engine may run; False forces the reference. A checkout from before the
+            engine ignores it.
 
     Raises:
         RuntimeError: the process has ended; its error is on stderr.
@@ -37,7 +40,9 @@ class Checkout:
             environment["MOIREAUG_ENGINE"] = "off"
         self.root = root.resolve()
         worker = [sys.executable, str(HERE / "benchmarks/worker.py"), str(self.root), str(threads)]
-        self.process = subprocess.Popen(worker, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+        self.process = subprocess.Popen(
+            worker, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+        )
         if not Path(self.ask("where")).is_relative_to(self.root):
             self.__exit__()
             raise RuntimeError(f"{self.root} has no moireaug of its own: another one was imported.")
@@ -49,7 +54,9 @@ class Checkout:
             self.process.stdin.flush()
             return pickle.load(self.process.stdout)
         except (EOFError, BrokenPipeError) as error:
-            raise RuntimeError(f"{name!r} failed in a process on {self.root}; its error is above.") from error
+            raise RuntimeError(
+                f"{name!r} failed in a process on {self.root}; its error is above."
+            ) from error
 
     def call(self, key: str, what: str) -> Callable[[], None]:
         """Return a function that runs there what was kept under `key`, and waits for it."""
@@ -65,7 +72,8 @@ class Checkout:
 
 
 def plain(scene: Scene) -> dict[str, Any]:
-    """Return what a scene has other than the default one has; an older checkout may not know all fields."""
+    """Return what a scene has other than the default one has; an older checkout may not know all
+    fields."""
     changed: dict[str, Any] = {"tolerance": scene.tolerance}
     for part in PARTS:
         given, default = getattr(scene, part), getattr(Scene(), part)
@@ -79,13 +87,18 @@ def plain(scene: Scene) -> dict[str, Any]:
 
 def add_before(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--before", type=_checkout, metavar="DIR", help="an older checkout to measure in turns, as `git worktree` makes"
+        "--before",
+        type=_checkout,
+        metavar="DIR",
+        help="an older checkout to measure in turns, as `git worktree` makes",
     )
 
 
 def _checkout(folder: str) -> Path:
     if not (Path(folder) / "moireaug/__init__.py").is_file():
-        raise argparse.ArgumentTypeError(f"{folder} has no moireaug/__init__.py: it must be a checkout's root.")
+        raise argparse.ArgumentTypeError(
+            f"{folder} has no moireaug/__init__.py: it must be a checkout's root."
+        )
     return Path(folder).resolve()
 
 
@@ -93,5 +106,7 @@ def commit(root: Path | None) -> str | None:
     """Return a checkout's commit, or None where git knows none."""
     if root is None or not (root / ".git").exists():
         return None
-    told = subprocess.run(["git", "-C", str(root), "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
+    told = subprocess.run(
+        ["git", "-C", str(root), "rev-parse", "--short", "HEAD"], capture_output=True, text=True
+    )
     return told.stdout.strip() or None

@@ -15,10 +15,12 @@ def visible_difference(first: Tensor, second: Tensor) -> Tensor:
 
 
 def ciede2000(first: Tensor, second: Tensor) -> Tensor:
-    """CIEDE2000 of two CIELAB colours, (N, 3, *) each, with the weights k_L = k_C = k_H = 1: (N, *).
+    """CIEDE2000 of two CIELAB colours, (N, 3, *) each, with the weights k_L = k_C = k_H = 1:
+    (N, *).
 
-    Sharma, Wu and Dalal (2005), "The CIEDE2000 color-difference formula: implementation notes, supplementary test data,
-    and mathematical observations", equations 2 to 22. Symmetrical. Angles are in radians.
+    Sharma, Wu and Dalal (2005), "The CIEDE2000 color-difference formula: implementation notes,
+    supplementary test data, and mathematical observations", equations 2 to 22. Symmetrical. Angles
+    are in radians.
     """
     (l1, a1, b1), (l2, a2, b2) = first.unbind(1), second.unbind(1)
     chroma = (torch.hypot(a1, b1) + torch.hypot(a2, b2)) / 2

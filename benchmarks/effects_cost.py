@@ -2,15 +2,17 @@
 
     python benchmarks/effects_cost.py
 
-The first table is of the default photo, effect by effect: what one that it has saves when it is left out, and what one
-that it has not adds. Its share is of the whole default photo in the same run; none may be above a quarter. What no
-scene is without is in the last rows: the exposure of a frontal screen without subpixels, and its development.
+The first table is of the default photo, effect by effect: what one that it has saves when it is
+left out, and what one that it has not adds. Its share is of the whole default photo in the same
+run; none may be above a quarter. What no scene is without is in the last rows: the exposure of a
+frontal screen without subpixels, and its development.
 
-Then every preset is built up field by field, in the order in which light meets them, from a frontal screen at the
-preset's sensor scale; fields that a scene refuses one without the other come together.
+Then every preset is built up field by field, in the order in which light meets them, from a frontal
+screen at the preset's sensor scale; fields that a scene refuses one without the other come
+together.
 
-Writes results/effects_cost.json. Times are of `moireaug.capture` in float32 without gradients, shots drawn and plans
-made; an effect that the engine leaves to the reference says so.
+Writes results/effects_cost.json. Times are of `moireaug.capture` in float32 without gradients,
+shots drawn and plans made; an effect that the engine leaves to the reference says so.
 """
 
 from __future__ import annotations
@@ -32,7 +34,13 @@ from moireaug import Scene, Sensor, capture, develop, engine, expose
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
 
-FULL = {"photo": (16, 224), "build_up": (8, 128), "repeats": 15, "budget": 2.0, "presets": len(PRESETS)}
+FULL = {
+    "photo": (16, 224),
+    "build_up": (8, 128),
+    "repeats": 15,
+    "budget": 2.0,
+    "presets": len(PRESETS),
+}
 QUICK = {"photo": (1, 16), "build_up": (1, 8), "repeats": 1, "budget": 0.0, "presets": 2}
 DEFAULT = "screen_photo"
 MOST = 0.25  # of the default photo, for one effect
@@ -86,7 +94,8 @@ def main() -> None:
 
 @torch.no_grad()
 def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
-    """The default photo's time, and a row for each effect: what it adds, in seconds an image."""
+    """Return the default photo's time, and a row for each effect: what it adds, in seconds an
+    image."""
     whole = Scene.preset(DEFAULT)
     scenes = {"whole": whole}
     bare = whole
@@ -111,44 +120,58 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
             row = {"effect": name, "kind": kind, "run_by": run_by(scenes[name])}
             for execution in EXECUTIONS:
                 taken, full = times[execution][name].median, times[execution]["whole"].median
-                row[execution] = {"left out": full - taken, "added": taken - full, "always there": taken}[kind]
+                row[execution] = {
+                    "left out": full - taken,
+                    "added": taken - full,
+                    "always there": taken,
+                }[kind]
             row["share"] = row["engine"] / times["engine"]["whole"].median
             rows.append(row)
     return {"seconds": {e: times[e]["whole"]._asdict() for e in EXECUTIONS}, "effects": rows}
 
 
 def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
-    """A scene with some of its fields, as "part.field", set anew."""
+    """Return a scene with some of its fields, as "part.field", set anew."""
     parts: dict[str, dict[str, Any]] = {}
     for name, value in changes.items():
         part, field = name.split(".")
         parts.setdefault(part, {})[field] = value
-    return replace(scene, **{part: replace(getattr(scene, part), **new) for part, new in parts.items()})
+    return replace(
+        scene, **{part: replace(getattr(scene, part), **new) for part, new in parts.items()}
+    )
 
 
 def draw(scene: Scene, shown: Tensor) -> Any:
     return scene.sample(len(shown), tuple(shown.shape[-2:]), torch.Generator().manual_seed(0))
 
 
-def in_both(calls: dict[str, Callable], settings: dict[str, Any], n: int) -> dict[str, dict[str, measure.Timing]]:
-    """The times of one of n images by the engine, where it can run, and by the reference."""
+def in_both(
+    calls: dict[str, Callable], settings: dict[str, Any], n: int
+) -> dict[str, dict[str, measure.Timing]]:
+    """Return the times of one of n images by the engine, where it can run, and by the reference."""
     repeats, budget = settings["repeats"], settings["budget"]
     ours = measure.timed_together(calls, repeats, budget=budget)
     with engine.reference():
         plain = measure.timed_together(calls, repeats, budget=budget)
     each = {"engine": ours, "reference": plain}
-    return {execution: {name: t / n for name, t in times.items()} for execution, times in each.items()}
+    return {
+        execution: {name: t / n for name, t in times.items()} for execution, times in each.items()
+    }
 
 
 def run_by(scene: Scene) -> str:
-    """What of a capture the engine takes."""
-    taken = [line.split()[0] for line in engine.explain(scene).splitlines() if line.split()[1] == "engine,"]
+    """Return what of a capture the engine takes."""
+    taken = [
+        line.split()[0]
+        for line in engine.explain(scene).splitlines()
+        if line.split()[1] == "engine,"
+    ]
     return " and ".join(taken) or "nothing"
 
 
 @torch.no_grad()
 def build_up(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each field added, with the time of one image."""
+    """Return a row for each field added, with the time of one image."""
     shown = images("photo", *settings["build_up"])
     stages = list(growing(scene))
     calls = {}
@@ -160,12 +183,15 @@ def build_up(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
     for i, (added, stage) in enumerate(stages):
         plan = stage.plan()
         row = {"added": added, "effects": [step.name for step in plan], "exposure": plan.exposure}
-        rows.append(row | {execution: times[execution][str(i)]._asdict() for execution in EXECUTIONS})
+        rows.append(
+            row | {execution: times[execution][str(i)]._asdict() for execution in EXECUTIONS}
+        )
     return rows
 
 
 def growing(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene]]:
-    """What is added, and the scene with it and all before: from the sensor's scale alone to the whole scene."""
+    """Yield what is added, and the scene with it and all before: from the sensor's scale alone to
+    the whole scene."""
     built = Scene(sensor=Sensor(scale=scene.sensor.scale), tolerance=scene.tolerance)
     yield {"sensor.scale": scene.sensor.scale}, built
     waiting: dict[str, dict[str, Any]] = {}
@@ -176,7 +202,9 @@ def growing(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene]]:
                 continue
             waiting.setdefault(part, {})[field.name] = value
             try:
-                built = replace(built, **{p: replace(getattr(built, p), **new) for p, new in waiting.items()})
+                built = replace(
+                    built, **{p: replace(getattr(built, p), **new) for p, new in waiting.items()}
+                )
             except ValueError:
                 continue  # it needs another field beside it
             yield {f"{p}.{k}": v for p, new in waiting.items() for k, v in new.items()}, built
@@ -194,7 +222,15 @@ def photo_report(photo: dict[str, Any]) -> str:
         told = "" if share <= 100 * MOST else f"above {100 * MOST:g} %"
         ms = [f"{1e3 * row[execution]:+.2f}" for execution in EXECUTIONS]
         rows.append((row["effect"], row["kind"], *ms, f"{share:+.0f} %", told, row["run_by"]))
-    columns = ("effect", "which is", "engine, ms", "reference, ms", "share", "bar", "the engine takes")
+    columns = (
+        "effect",
+        "which is",
+        "engine, ms",
+        "reference, ms",
+        "share",
+        "bar",
+        "the engine takes",
+    )
     return "\n".join(lines) + "\n" + measure.table(columns, rows)
 
 
@@ -205,10 +241,34 @@ def report(preset: str, rows: list[dict[str, Any]]) -> str:
         added = ", ".join(f"{name} {value(v)}" for name, v in row["added"].items())
         median, quartiles = measure.in_ms(row["engine"])
         plain, _ = measure.in_ms(row["reference"])
-        more = [f"{new - old:+.2f}" for new, old in zip((median, plain), before, strict=True)] if before else ["", ""]
-        lines.append((added, row["exposure"], len(row["effects"]), median, quartiles, more[0], plain, more[1]))
+        more = (
+            [f"{new - old:+.2f}" for new, old in zip((median, plain), before, strict=True)]
+            if before
+            else ["", ""]
+        )
+        lines.append(
+            (
+                added,
+                row["exposure"],
+                len(row["effects"]),
+                median,
+                quartiles,
+                more[0],
+                plain,
+                more[1],
+            )
+        )
         before = (median, plain)
-    columns = (preset, "exposure", "effects", "engine, ms an image", "quartiles", "more", "reference, ms", "more")
+    columns = (
+        preset,
+        "exposure",
+        "effects",
+        "engine, ms an image",
+        "quartiles",
+        "more",
+        "reference, ms",
+        "more",
+    )
     return measure.table(columns, lines)
 
 

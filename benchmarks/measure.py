@@ -37,7 +37,7 @@ class Timing(NamedTuple):
         return Timing(median, low, high, float(np.mean(seconds)), len(seconds))
 
     def __truediv__(self, n: float) -> Timing:  # type: ignore[override]
-        """The same for one of n images."""
+        """Return the same for one of n images."""
         return Timing(*(s / n for s in self[:4]), self.runs)
 
 
@@ -47,10 +47,13 @@ def timed(function: Callable[[], Any], repeats: int = 15, warmup: int = 1) -> Ti
 
 
 def timed_together(
-    candidates: Mapping[str, Callable[[], Any]], repeats: int = 15, warmup: int = 1, budget: float = float("inf")
+    candidates: Mapping[str, Callable[[], Any]],
+    repeats: int = 15,
+    warmup: int = 1,
+    budget: float = float("inf"),
 ) -> dict[str, Timing]:
-    """Time candidates by turns, in another order each round, so that a machine that drifts and a cache that a large
-    neighbour has emptied hit all alike.
+    """Time candidates by turns, in another order each round, so that a machine that drifts and a
+    cache that a large neighbour has emptied hit all alike.
 
     Args:
         repeats: rounds, in each of which every candidate runs once.
@@ -83,7 +86,8 @@ def _finish() -> None:
 
 
 def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
-    """The Pareto frontier of (cost, error) points: indices, cheapest first, of those that no cheaper one matches."""
+    """Return the Pareto frontier of (cost, error) points: indices, cheapest first, of those that no
+    cheaper one matches."""
     kept: list[int] = []
     for i in sorted(range(len(points)), key=lambda i: points[i]):
         if not kept or points[i][1] < points[kept[-1]][1]:
@@ -92,7 +96,7 @@ def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def metadata() -> dict[str, Any]:
-    """The machine, its load and the libraries. Call it before anything is timed."""
+    """Return the machine, its load and the libraries. Call it before anything is timed."""
     gpu = torch.cuda.is_available()
     return {
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -111,25 +115,39 @@ def _cpu() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         return platform.processor() or platform.machine()
-    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+    return next(
+        (line.split(":")[1].strip() for line in lines if line.startswith("model name")),
+        platform.machine(),
+    )
 
 
 def told(facts: Mapping[str, Any]) -> str:
     """Metadata in a line or two."""
     libraries = ", ".join(f"{name} {facts[name]}" for name in ("python", *LIBRARIES))
     load = facts["load_average_at_start"]
-    machine = f"{facts['cpu']}, {facts['cores']} cores, {facts['threads']} threads, device {facts['device']}"
-    return f"{machine}, load {load[0]:.2f} at start\n{libraries}" if load else f"{machine}\n{libraries}"
+    cores = f"{facts['cores']} cores, {facts['threads']} threads"
+    machine = f"{facts['cpu']}, {cores}, device {facts['device']}"
+    return (
+        f"{machine}, load {load[0]:.2f} at start\n{libraries}"
+        if load
+        else f"{machine}\n{libraries}"
+    )
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Plain text with aligned columns: numbers, which start with a digit or a sign, to the right, words to the left."""
+    """Plain text with aligned columns: numbers, which start with a digit or a sign, to the right,
+    words to the left."""
     cells = [[show(value) for value in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(columns, *cells, strict=True)]
-    right = [any(not isinstance(row[i], str) and row[i] is not None for row in rows) for i in range(len(columns))]
+    right = [
+        any(not isinstance(row[i], str) and row[i] is not None for row in rows)
+        for i in range(len(columns))
+    ]
 
     def line(row: Sequence[str]) -> str:
-        placed = (f"{c:>{w}}" if r else f"{c:<{w}}" for c, w, r in zip(row, widths, right, strict=True))
+        placed = (
+            f"{c:>{w}}" if r else f"{c:<{w}}" for c, w, r in zip(row, widths, right, strict=True)
+        )
         return "  ".join(placed).rstrip()
 
     return "\n".join([line(columns), "  ".join("-" * w for w in widths), *map(line, cells)])
@@ -155,9 +173,13 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def arguments(doc: str) -> argparse.ArgumentParser:
-    """What every script takes."""
+    """Return what every script takes."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="tiny sizes, a few seconds: shows that it runs, no more")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="tiny sizes, a few seconds: shows that it runs, no more",
+    )
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
     parser.add_argument("--threads", type=int, default=2)
     return parser

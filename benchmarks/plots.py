@@ -15,7 +15,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from benchmarks.measure import frontier
 
-# Okabe and Ito (2008): told apart by every common kind of colour vision; the markers say the same in print
+# Okabe and Ito (2008): told apart by every common kind of colour vision; the markers say the same
+# in print
 STYLE = {
     "point": ("#D55E00", "X"),
     "supersample": ("#0072B2", "o"),
@@ -28,14 +29,24 @@ STYLE = {
 INK, FAINT, LINE = "#222222", "#DDDDDD", "#999999"
 COLUMNS = 3
 FLOOR = {"color": "#F0E442", "alpha": 0.35, "linewidth": 0}
-AUTO = {"marker": "o", "markersize": 15, "fillstyle": "none", "color": "black", "markeredgewidth": 1.8, "linewidth": 0}
+AUTO = {
+    "marker": "o",
+    "markersize": 15,
+    "fillstyle": "none",
+    "color": "black",
+    "markeredgewidth": 1.8,
+    "linewidth": 0,
+}
 FRONTIER = {"color": LINE, "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 1}
 
 
 def accuracy_vs_time(found: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write error over time, both logarithmic, of every problem in `found`, the results of `accuracy_vs_time.solve`."""
+    """Write error over time, both logarithmic, of every problem in `found`, the results of
+    `accuracy_vs_time.solve`."""
     lines = math.ceil(len(found) / COLUMNS)
-    figure = Figure(figsize=(11, 2.9 * lines + 1.0), dpi=110, layout="constrained", facecolor="white")
+    figure = Figure(
+        figsize=(11, 2.9 * lines + 1.0), dpi=110, layout="constrained", facecolor="white"
+    )
     axes = figure.subplots(lines, COLUMNS, squeeze=False)
     for axis, result in zip(axes.flat, found, strict=False):
         draw(axis, result)
@@ -51,19 +62,32 @@ def accuracy_vs_time(found: Sequence[dict[str, Any]], path: Path) -> None:
 
 
 def draw(axis: Axes, result: dict[str, Any]) -> None:
-    """One problem. A method's settings are joined by a thin line, quartiles of time are bars, the ring is auto."""
+    """One problem. A method's settings are joined by a thin line, quartiles of time are bars, the
+    ring is auto."""
     floor = result["brute_force"]["error_left_percent"]
     families: dict[str, list[dict[str, Any]]] = {}
     for row in result["rows"]:
         families.setdefault(family(row["method"]), []).append(row)
     for name, rows in families.items():
-        x, y = [1e3 * row["seconds"]["median"] for row in rows], [row["rmse_percent"] for row in rows]
+        x, y = (
+            [1e3 * row["seconds"]["median"] for row in rows],
+            [row["rmse_percent"] for row in rows],
+        )
         if name == "auto":
             axis.plot(x, y, **AUTO, zorder=4)
             continue
         colour, marker = STYLE[name]
-        bars = [[1e3 * abs(r["seconds"][end] - r["seconds"]["median"]) for r in rows] for end in ("low", "high")]
-        look = {"color": colour, "marker": marker, "markersize": 6, "linewidth": 0.8, "elinewidth": 1.4}
+        bars = [
+            [1e3 * abs(r["seconds"][end] - r["seconds"]["median"]) for r in rows]
+            for end in ("low", "high")
+        ]
+        look = {
+            "color": colour,
+            "marker": marker,
+            "markersize": 6,
+            "linewidth": 0.8,
+            "elinewidth": 1.4,
+        }
         axis.errorbar(x, y, xerr=bars, **look, zorder=3)
     points = [(1e3 * row["seconds"]["median"], row["rmse_percent"]) for row in result["rows"]]
     told_apart = [(time, max(error, floor)) for time, error in points]
@@ -94,7 +118,7 @@ def spans(scale: Axis) -> bool:
 
 
 def family(method: str) -> str:
-    """The method without its setting."""
+    """Return the method without its setting."""
     return method.partition(":")[0].partition(" ")[0]
 
 
@@ -116,14 +140,35 @@ def legend(figure: Figure, found: Sequence[dict[str, Any]]) -> None:
     for name, label in labels.items():
         if name in drawn:
             colour, marker = STYLE[name]
-            handles.append(Line2D([], [], color=colour, marker=marker, linewidth=0.8 * ("," in label), label=label))
+            handles.append(
+                Line2D(
+                    [], [], color=colour, marker=marker, linewidth=0.8 * ("," in label), label=label
+                )
+            )
     handles += [
         Line2D([], [], **(AUTO | {"markersize": 11}), label="what auto chooses"),
         Line2D([], [], **FRONTIER, label="Pareto frontier"),
-        Line2D([], [], color=FLOOR["color"], alpha=0.6, linewidth=7, label="below the brute force's own error"),
+        Line2D(
+            [],
+            [],
+            color=FLOOR["color"],
+            alpha=0.6,
+            linewidth=7,
+            label="below the brute force's own error",
+        ),
     ]
-    note = "picture, panel layout, pitch in sensor pixels a panel pixel, view; bars span the quartiles of time"
+    note = (
+        "picture, panel layout, pitch in sensor pixels a panel pixel, view; bars span the "
+        "quartiles of time"
+    )
     figure.legend(
-        handles=handles, loc="outside upper left", ncols=3, frameon=False, fontsize=9, labelcolor=INK,
-        title=f"Each plot is one problem: {note}", title_fontsize=9, alignment="left",
-    )  # fmt: skip
+        handles=handles,
+        loc="outside upper left",
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+        labelcolor=INK,
+        title=f"Each plot is one problem: {note}",
+        title_fontsize=9,
+        alignment="left",
+    )

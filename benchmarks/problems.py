@@ -1,4 +1,5 @@
-"""The problems on which exposure methods are compared: a picture, on a panel, in front of a camera."""
+"""The problems on which exposure methods are compared: a picture, on a panel, in front of a
+camera."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from torchvision.transforms.v2.functional import pil_to_tensor
 from moireaug import Lens, Panel, Scene, Sensor, View
 
 VIEWS = {
-    # exactly frontal, all rows of an aperture's points meet the subpixels' edges in step, which no photo does
+    # exactly frontal, all rows of an aperture's points meet the subpixels' edges in step, which no
+    # photo does
     "frontal": View(roll=0.7),
     "oblique": View(yaw=25, pitch=-10, roll=5),
 }
@@ -46,7 +48,9 @@ class Problem:
     def title(self) -> str:
         lens = self.scene.lens
         extras = (", no blur" if lens.blur == 0 else "") + (f", k1 {lens.k1:g}" if lens.k1 else "")
-        return f"{self.picture}, {self.scene.panel.layout}, pitch {self.pitch:g}, {self.view}{extras}"
+        return (
+            f"{self.picture}, {self.scene.panel.layout}, pitch {self.pitch:g}, {self.view}{extras}"
+        )
 
     def side(self, sensor_pixels: int) -> int:
         """Photo pixels along each axis, so that all problems read about as many sensor pixels."""
@@ -54,9 +58,17 @@ class Problem:
 
 
 def problem(
-    picture: str, layout: str, pitch: float, view: str, *, panel: float, blur: float = 0.3, k1: float = 0.0
+    picture: str,
+    layout: str,
+    pitch: float,
+    view: str,
+    *,
+    panel: float,
+    blur: float = 0.3,
+    k1: float = 0.0,
 ) -> Problem:
-    """A problem; `panel` is in panel pixels an image pixel. Codes are light, and there is no noise."""
+    """Return a problem; `panel` is in panel pixels an image pixel. Codes are light, and there is no
+    noise."""
     scene = Scene(
         panel=Panel(scale=panel, layout=layout),
         view=VIEWS[view],
@@ -93,7 +105,9 @@ def photo(n: int, side: int) -> Iterator[Image.Image]:
     with Image.open(matplotlib.cbook.get_sample_data("grace_hopper.jpg", asfileobj=False)) as whole:
         for i in range(n):
             left, top = 40 + 60 * (i % 4), 30 + 110 * (i // 4 % 3)
-            yield whole.resize((side, side), Image.Resampling.LANCZOS, box=(left, top, left + 224, top + 224))
+            yield whole.resize(
+                (side, side), Image.Resampling.LANCZOS, box=(left, top, left + 224, top + 224)
+            )
 
 
 def text(n: int, side: int) -> Iterator[Image.Image]:
@@ -101,7 +115,9 @@ def text(n: int, side: int) -> Iterator[Image.Image]:
     font = ImageFont.load_default(size=10)
     for i in range(n):
         page = Image.new("RGB", (side, side), "white")
-        ImageDraw.Draw(page).multiline_text((2 - 11 * i, 1), 4 * LINES, fill="black", font=font, spacing=2)
+        ImageDraw.Draw(page).multiline_text(
+            (2 - 11 * i, 1), 4 * LINES, fill="black", font=font, spacing=2
+        )
         yield page
 
 

@@ -1,6 +1,8 @@
-"""The paper's released chain as its steps are told, on every sensor pixel: what `paper_code` must equal, and outrun.
+"""The paper's released chain as its steps are told, on every sensor pixel: what `paper_code` must
+equal, and outrun.
 
-Three panel pixels an image pixel along each axis, three subpixels a panel pixel, one sensor pixel a subpixel.
+Three panel pixels an image pixel along each axis, three subpixels a panel pixel, one sensor pixel a
+subpixel.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ SCALE = ALPHA * SUBPIXELS
 BAYER = ((0, 0, 0), (1, 0, 1), (1, 1, 0), (2, 1, 1))  # channel, row and column of the RGGB cell
 
 
-def photograph(image: Tensor, homography: Tensor, noise: Tensor | float = 0.0, brighten: float = 0.0) -> Tensor:
+def photograph(
+    image: Tensor, homography: Tensor, noise: Tensor | float = 0.0, brighten: float = 0.0
+) -> Tensor:
     """Images (B, 3, H, W) in [0, 1] to photos of that shape.
 
     Args:
@@ -27,7 +31,8 @@ def photograph(image: Tensor, homography: Tensor, noise: Tensor | float = 0.0, b
 
 
 def expose(image: Tensor, homography: Tensor) -> Tensor:
-    """The reading of every sensor pixel, (B, 3, 9 H, 9 W) with each pixel's one colour, the others 0."""
+    """Return the reading of every sensor pixel, (B, 3, 9 H, 9 W) with each pixel's one colour, the
+    others 0."""
     panel = F.interpolate(image, scale_factor=ALPHA, mode="bilinear", align_corners=False)
     return mosaic(warp(subpixels(panel), homography))
 

@@ -31,12 +31,15 @@ class Size:
     before: Path | None = None  # the root of an older checkout
 
     def images(self) -> torch.Tensor:
-        return torch.rand(self.batch, 3, self.side, self.side, generator=torch.Generator().manual_seed(0))
+        return torch.rand(
+            self.batch, 3, self.side, self.side, generator=torch.Generator().manual_seed(0)
+        )
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line: ours, in its unit with its quartiles, and what it is compared with. Less is better."""
+    """One line: ours, in its unit with its quartiles, and what it is compared with. Less is
+    better."""
 
     what: str
     value: float
@@ -60,8 +63,10 @@ class Row:
         return asdict(self) | {"ratio": self.ratio, "met": self.met}
 
 
-def in_ms(what: str, time: Timing, against: str = "", other: Timing | None = None, **bars: float) -> Row:
-    """A row of a time, set against another."""
+def in_ms(
+    what: str, time: Timing, against: str = "", other: Timing | None = None, **bars: float
+) -> Row:
+    """Return a row of a time, set against another."""
     ms = [1e3 * s for s in (time.median, time.low, time.high)]
     return Row(what, *ms, "ms", against, 1e3 * other.median if other else None, **bars)
 
@@ -73,7 +78,30 @@ def report(rows: Sequence[Row]) -> str:
         met = row.met
         if met and row.stretch is not None and row.ratio <= row.stretch:
             met = "yes, and the stretch"
-        lines.append((row.what, row.value, quartiles, row.unit, row.against, row.other, row.ratio, row.bar, row.stretch,
-                      met))  # fmt: skip
-    columns = ("what", "value", "quartiles", "unit", "against", "its value", "ratio", "bar", "stretch", "met")
+        lines.append(
+            (
+                row.what,
+                row.value,
+                quartiles,
+                row.unit,
+                row.against,
+                row.other,
+                row.ratio,
+                row.bar,
+                row.stretch,
+                met,
+            )
+        )
+    columns = (
+        "what",
+        "value",
+        "quartiles",
+        "unit",
+        "against",
+        "its value",
+        "ratio",
+        "bar",
+        "stretch",
+        "met",
+    )
     return table(columns, lines)

@@ -18,7 +18,8 @@ WITHOUT = "one panel pixel"
 
 
 class Run(NamedTuple):
-    """A method and who runs it: what is timed, and the reading (1, planes, h, w) of the first image."""
+    """A method and who runs it: what is timed, and the reading (1, planes, h, w) of the first
+    image."""
 
     by: str
     shot: Shot
@@ -27,14 +28,19 @@ class Run(NamedTuple):
 
 
 def runs_of(shots: dict[str, Shot], shown: Tensor, before: Checkout | None) -> dict[str, Run]:
-    """Return all methods by name, those of the reference and the older checkout with that before their names."""
+    """Return all methods by name, those of the reference and the older checkout with that before
+    their names."""
     runs = {}
     for name, shot in shots.items():
         by = "engine" if engine.explain(shot.scene).startswith("expose   engine") else "reference"
-        runs[name] = Run(by, shot, partial(expose, shown, shot), partial(expose, shown[:1], shot[:1]))
+        runs[name] = Run(
+            by, shot, partial(expose, shown, shot), partial(expose, shown[:1], shot[:1])
+        )
     auto = shots["auto"]
     if runs["auto"].by == "engine":
-        runs[WITHOUT] = Run("engine", auto, partial(one_cell, shown, auto), partial(one_cell, shown[:1], auto[:1]))
+        runs[WITHOUT] = Run(
+            "engine", auto, partial(one_cell, shown, auto), partial(one_cell, shown[:1], auto[:1])
+        )
     spectral = {name: shot for name, shot in shots.items() if name.startswith("spectral")}
     for name, shot in spectral.items():
         timed, reading = partial(unfused, shown, shot), partial(unfused, shown[:1], shot[:1])
@@ -53,11 +59,13 @@ def unfused(shown: Tensor, shot: Shot) -> Tensor:
 
 
 def one_cell(shown: Tensor, shot: Shot) -> Tensor:
-    """The engine's reading, each sensor pixel of the one panel pixel in front of its centre."""
+    """Return the engine's reading, each sensor pixel of the one panel pixel in front of its
+    centre."""
     whole = from_shot.exposure_of(shot, decoded=False)
     exposure = whole._replace(
         cell=whole.cell._replace(taps=0),
-        widths=np.minimum(whole.widths, 0.5),  # only weights read them, and of one cell there are none
+        # only weights read them, and of one cell there are none
+        widths=np.minimum(whole.widths, 0.5),
         share=np.zeros_like(whole.share),
     )
     run.fits(exposure)  # as every exposure asks

@@ -2,10 +2,11 @@
 
     python benchmarks/speed.py [--before DIR] [--only WORD]
 
-Prints a table and writes results/speed.json. A ratio is ours over the other's, of medians taken by turns; `met` says
-whether it keeps its bar, losses beside wins. Rows without a bar are for information. Images are float32 of 224 px in
-batches of 16 and gradients are off, unless a row says otherwise; the scene is the default, "screen_photo". `--before`
-names an older checkout of the project (`git worktree add DIR COMMIT`), which takes turns with this one.
+Prints a table and writes results/speed.json. A ratio is ours over the other's, of medians taken by
+turns; `met` says whether it keeps its bar, losses beside wins. Rows without a bar are for
+information. Images are float32 of 224 px in batches of 16 and gradients are off, unless a row says
+otherwise; the scene is the default, "screen_photo". `--before` names an older checkout of the
+project (`git worktree add DIR COMMIT`), which takes turns with this one.
 """
 
 from __future__ import annotations
@@ -49,51 +50,77 @@ QUICK = Size(
 
 
 def transforms(size: Size) -> Iterator[Row]:
-    """The random transform of both doors beside kornia's JPEG, and with few images chosen."""
+    """Yield the random transform of both doors beside kornia's JPEG, and with few images chosen."""
     images = size.images()
     bytes_ = (255 * images).to(torch.uint8)
     doors = {"torchvision": RandomMoire, "kornia": kornia_door.RandomMoire}
     every = {name: door(p=1) for name, door in doors.items()}
     jpeg = RandomJPEG(p=1)
-    calls: dict[str, Callable] = {name: lambda door=door: door(images) for name, door in every.items()}
+    calls: dict[str, Callable] = {
+        name: lambda door=door: door(images) for name, door in every.items()
+    }
     calls["torchvision, uint8"] = lambda: every["torchvision"](bytes_)
     times = timed_together(calls | {"jpeg": lambda: jpeg(images)}, size.repeats, warmup=2)
     for name in calls:
         bars = {} if "uint8" in name else {"bar": 0.25, "stretch": 0.15}
-        yield in_ms(f"RandomMoire(p=1), {name} door", times[name], "kornia RandomJPEG(p=1)", times["jpeg"], **bars)
+        yield in_ms(
+            f"RandomMoire(p=1), {name} door",
+            times[name],
+            "kornia RandomJPEG(p=1)",
+            times["jpeg"],
+            **bars,
+        )
     for name, door in doors.items():
         seldom, always = door(p=0.1), every[name]
-        calls = {"few": lambda seldom=seldom: seldom(images), "all": lambda always=always: always(images)}
+        calls = {
+            "few": lambda seldom=seldom: seldom(images),
+            "all": lambda always=always: always(images),
+        }
         times = timed_together(calls, size.calls, budget=20.0)
-        few, whole = times["few"], times["all"]  # means, because how many images are chosen varies by call
+        # means, because how many images are chosen varies by call
+        few, whole = times["few"], times["all"]
         ms = [1e3 * s for s in (few.mean, few.low, few.high)]
         what = f"RandomMoire(p=0.1), {name} door, mean of {few.runs} calls"
         yield Row(what, *ms, "ms", "at p=1", 1e3 * whole.mean, bar=0.12, stretch=0.105)
 
 
 def released_chain(size: Size) -> Iterator[Row]:
-    """`paper_code` beside the same chain on every sensor pixel. They must agree before they are timed."""
+    """`paper_code` beside the same chain on every sensor pixel. They must agree before they are
+    timed."""
     image = torch.rand(1, 3, size.paper, size.paper, generator=torch.Generator().manual_seed(0))
-    shot = Scene.preset("paper_code").sample(1, tuple(image.shape[-2:]), torch.Generator().manual_seed(0))
+    shot = Scene.preset("paper_code").sample(
+        1, tuple(image.shape[-2:]), torch.Generator().manual_seed(0)
+    )
     matrix, shape = shot.matrix(), tuple(image.shape[-2:])
     exact = released.photograph(image.double(), matrix)
     apart_by = float((capture(image.double(), shot) - exact).abs().max()) * 255
     if not apart_by < 0.1:
-        raise SystemExit(f"paper_code is {apart_by:.3g}/255 off the released chain: there is nothing to compare.")
+        raise SystemExit(
+            f"paper_code is {apart_by:.3g}/255 off the released chain: there is nothing to compare."
+        )
     reading, sensor = expose(image, shot), released.expose(image, matrix)
     calls = {
         "ours": in_the_noise(lambda noise: develop(reading + noise, shot), reading.shape),
-        "plain": in_the_noise(lambda noise: released.photograph(image, matrix, noise), sensor.shape),
-        "developed": in_the_noise(lambda noise: released.develop(sensor + noise, shape), sensor.shape),
+        "plain": in_the_noise(
+            lambda noise: released.photograph(image, matrix, noise), sensor.shape
+        ),
+        "developed": in_the_noise(
+            lambda noise: released.develop(sensor + noise, shape), sensor.shape
+        ),
     }
     times = timed_together(calls, size.slow)
     what = f"paper_code, {size.paper} px, an attack step's camera, forward and backward"
     chain = f"the plain chain on all {released.SCALE * size.paper} px"
     yield in_ms(what, times["ours"], chain, times["plain"], bar=1 / 100, stretch=1 / 200)
     yield in_ms(what, times["ours"], f"{chain}, exposed before", times["developed"])
-    calls = {"ours": lambda: capture(image, shot), "plain": lambda: released.photograph(image, matrix)}
+    calls = {
+        "ours": lambda: capture(image, shot),
+        "plain": lambda: released.photograph(image, matrix),
+    }
     times = timed_together(calls, size.slow)
-    yield in_ms(f"paper_code, capture, same to {apart_by:.1g}/255", times["ours"], chain, times["plain"])
+    yield in_ms(
+        f"paper_code, capture, same to {apart_by:.1g}/255", times["ours"], chain, times["plain"]
+    )
 
 
 def in_the_noise(photo: Callable[[Tensor], Tensor], shape: tuple[int, ...]) -> Callable[[], Tensor]:
@@ -108,7 +135,8 @@ def in_the_noise(photo: Callable[[Tensor], Tensor], shape: tuple[int, ...]) -> C
 
 
 def panels(size: Size) -> Iterator[Row]:
-    """What a panel's black matrix costs the exposure, beside stripes without one; and a scene without a lattice."""
+    """Yield what a panel's black matrix costs the exposure, beside stripes without one; and a scene
+    without a lattice."""
     images, default = size.images(), Scene.preset("screen_photo")
     scenes = {}
     for layout in ("rgb_stripe", "pentile"):
@@ -122,9 +150,13 @@ def panels(size: Size) -> Iterator[Row]:
     for name, scene in scenes.items():
         what = f"{name}: {scene.plan().exposure}, {len(scene.plan().harmonics)} harmonics"
         yield in_ms(what, times[name], "rgb_stripe, lit 1", times["plain"], bar=1.3)
-    sensor = replace(default.sensor, cfa="none", scale=1)  # no colour filters, and so no need of more pixels
+    # no colour filters, and so no need of more pixels
+    sensor = replace(default.sensor, cfa="none", scale=1)
     even = replace(default, panel=replace(default.panel, layout="even"), sensor=sensor)
-    calls = {name: running(capture, scene, images) for name, scene in (("default", default), ("even", even))}
+    calls = {
+        name: running(capture, scene, images)
+        for name, scene in (("default", default), ("even", even))
+    }
     times = timed_together(calls, size.repeats)
     yield in_ms("capture without any lattice", times["even"], "the default scene", times["default"])
 
@@ -142,11 +174,19 @@ def attack_step(size: Size) -> Iterator[Row]:
     ours = attacks.MoireAttack(model, scene="screen_photo")
     steps = {"moire": step(ours, images, labels), "pgd": step(attacks.PGD(model), images, labels)}
     times = timed_together(steps, 2 * size.slow)
-    yield in_ms("a Moiré Attack step, ResNet-18", times["moire"], "a PGD step", times["pgd"], bar=1.03, stretch=1.01)
+    yield in_ms(
+        "a Moiré Attack step, ResNet-18",
+        times["moire"],
+        "a PGD step",
+        times["pgd"],
+        bar=1.03,
+        stretch=1.01,
+    )
 
 
 def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[], Tensor]:
-    """A step as the attacks' loop takes it, on a problem that is set up once for all steps."""
+    """Return a step as the attacks' loop takes it, on a problem that is set up once for all
+    steps."""
     problem, eps = attack.problem(images, None, None), attack.eps
     start = torch.zeros(problem.shape)
 
@@ -161,20 +201,22 @@ def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[],
 
 
 def training(size: Size) -> Iterator[Row]:
-    """A step of adversarial training through the camera beside one on pixels."""
+    """Yield a step of adversarial training through the camera beside one on pixels."""
     register()
     batch, side = size.training
     with initialize(version_base="1.3", config_path=None), torch.enable_grad():
         calls = {}
         for name in ("moire_at", "pgd_at"):
-            calls[name] = training_steps.step(compose("root", [f"recipe={name}", "model=small_resnet"]), batch, side)
+            calls[name] = training_steps.step(
+                compose("root", [f"recipe={name}", "model=small_resnet"]), batch, side
+            )
         times = timed_together(calls, 2 * size.slow)
     what = f"a moire_at step, small_resnet, {batch} of {side} px"
     yield in_ms(what, times["moire_at"], "a pgd_at step", times["pgd_at"], bar=1.25, stretch=1.1)
 
 
 def precisions(size: Size) -> Iterator[Row]:
-    """What the engine leaves to the reference: float64, and gradients in the image."""
+    """Yield what the engine leaves to the reference: float64, and gradients in the image."""
     images = size.images()
     shot = Scene.preset("screen_photo").sample(size.batch, (size.side, size.side))
     halves, doubles = images.to(torch.bfloat16), images.double()
@@ -196,7 +238,8 @@ def precisions(size: Size) -> Iterator[Row]:
 
 
 def gpu(size: Size, device: str = "cuda") -> Iterator[Row]:
-    """Draw and capture on a GPU beside a training step there; a 4 times larger batch than on the CPU."""
+    """Draw and capture on a GPU beside a training step there; a 4 times larger batch than on the
+    CPU."""
     images = size.images().to(device).repeat(4, 1, 1, 1)
     scene, model = Scene.preset("screen_photo"), resnet18(weights=None).to(device)
     labels = torch.zeros(len(images), dtype=torch.long, device=device)
@@ -241,9 +284,16 @@ def main() -> None:
                 print(f"{group.__name__} measured", file=sys.stderr)
     print(report(rows))
     if not args.before:
-        print("Without --before DIR there are no rows beside an older checkout, and none of DataLoaders.")
-    sizes = dataclasses.asdict(replace(size, before=None))  # no path of this machine among the results
-    measure.write_json(args.out / "speed.json", {"metadata": facts, "size": sizes, "rows": [r.to_dict() for r in rows]})
+        print(
+            "Without --before DIR there are no rows beside an older checkout, and none of "
+            "DataLoaders."
+        )
+    # no path of this machine among the results
+    sizes = dataclasses.asdict(replace(size, before=None))
+    measure.write_json(
+        args.out / "speed.json",
+        {"metadata": facts, "size": sizes, "rows": [r.to_dict() for r in rows]},
+    )
 
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
     python benchmarks/training_steps.py
 
-A step is forward, backward and update of `training.classifier.Classifier` on one batch of photographs: small_resnet at
-48 px, where the camera weighs as much as the network, and resnet18 at 224 px, where it does not. Loading is the
-DataLoader of `training.batches` over a folder of JPEG files, made for the purpose. Prints three tables and writes
-results/training_steps.json.
+A step is forward, backward and update of `training.classifier.Classifier` on one batch of
+photographs: small_resnet at 48 px, where the camera weighs as much as the network, and resnet18 at
+224 px, where it does not. Loading is the DataLoader of `training.batches` over a folder of JPEG
+files, made for the purpose. Prints three tables and writes results/training_steps.json.
 """
 
 from __future__ import annotations
@@ -28,13 +28,24 @@ from benchmarks.problems import images
 from training.adversaries import WHOLE, passes
 from training.batches import Batch, Batches
 from training.data import load
-from training.schema import RECIPES, Config, as_config, register
+from training.schema import RECIPES, register
 from training.train import classifier_of
 
 # models: name, batch, side of its images
-FULL = {"models": (("small_resnet", 128, 48), ("resnet18", 8, 224)), "repeats": 9, "files": 192, "sides": (48, 256),
-        "compile": True}  # fmt: skip
-QUICK = {"models": (("small_resnet", 4, 48),), "repeats": 1, "files": 4, "sides": (16,), "compile": False}
+FULL = {
+    "models": (("small_resnet", 128, 48), ("resnet18", 8, 224)),
+    "repeats": 9,
+    "files": 192,
+    "sides": (48, 256),
+    "compile": True,
+}
+QUICK = {
+    "models": (("small_resnet", 4, 48),),
+    "repeats": 1,
+    "files": 4,
+    "sides": (16,),
+    "compile": False,
+}
 OPTIONS = {
     "as it is": [],
     "train.channels_last=false": ["train.channels_last=false"],
@@ -50,27 +61,47 @@ def main() -> None:
     print(measure.told(facts), end="\n\n")
     register()
     with initialize(version_base="1.3", config_path=None):
-        found = {"recipes": recipes(settings), "options": options(settings), "loading": loading(settings)}
-    print("A step of each recipe:", "; ".join(f"{m}, {side} px, batch {n}" for m, n, side in settings["models"]))
+        found = {
+            "recipes": recipes(settings),
+            "options": options(settings),
+            "loading": loading(settings),
+        }
+    print(
+        "A step of each recipe:",
+        "; ".join(f"{m}, {side} px, batch {n}" for m, n, side in settings["models"]),
+    )
     heads = ["model", "recipe", "ms a step", "quartiles", "times clean", "passes"]
     rows = [
-        [r["model"], r["recipe"], *measure.in_ms(r["seconds"]), r["relative"], r["passes"]] for r in found["recipes"]
+        [r["model"], r["recipe"], *measure.in_ms(r["seconds"]), r["relative"], r["passes"]]
+        for r in found["recipes"]
     ]
     print(measure.table(heads, rows), end="\n\n")
     print("Options of moire_at")
     heads = ["model", "option", "ms a step", "quartiles", "times as it is"]
-    rows = [[r["model"], r["option"], *measure.in_ms(r["seconds"]), r["relative"]] for r in found["options"]]
+    rows = [
+        [r["model"], r["option"], *measure.in_ms(r["seconds"]), r["relative"]]
+        for r in found["options"]
+    ]
     print(measure.table(heads, rows), end="\n\n")
     print("Loading JPEG files, and the training that they are loaded for (clean)")
-    heads = ["side", "model", "workers", "images/s loaded", "images/s trained", "loading / training"]
+    heads = [
+        "side",
+        "model",
+        "workers",
+        "images/s loaded",
+        "images/s trained",
+        "loading / training",
+    ]
     rows = [list(r.values()) for r in found["loading"]]
     print(measure.table(heads, rows))
-    measure.write_json(args.out / "training_steps.json", {"metadata": facts, "settings": settings} | found)
+    measure.write_json(
+        args.out / "training_steps.json", {"metadata": facts, "settings": settings} | found
+    )
 
 
 def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each model and recipe: the time of a step; of one that replays its batches, the mean over a batch's
-    visits."""
+    """Return a row for each model and recipe: the time of a step; of one that replays its batches,
+    the mean over a batch's visits."""
     names, rows = sorted(p.stem for p in RECIPES.glob("*.yaml")), []
     for model, batch, side in settings["models"]:
         configured = {name: configure(f"recipe={name}", f"model={model}") for name in names}
@@ -80,20 +111,27 @@ def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
         times = measure.timed_together(several, settings["repeats"], budget=60.0)
         each = {name: times[name] / rounds[name] for name in names}
         rows += [
-            {"model": model, "recipe": name, "seconds": each[name]._asdict(),
-             "relative": each[name].median / each["clean"].median, "passes": passes(configured[name].adversary)}
+            {
+                "model": model,
+                "recipe": name,
+                "seconds": each[name]._asdict(),
+                "relative": each[name].median / each["clean"].median,
+                "passes": passes(configured[name].adversary),
+            }
             for name in sorted(names, key=lambda name: each[name].median)
-        ]  # fmt: skip
+        ]
     return rows
 
 
 def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each model and option that is there for speed."""
+    """Return a row for each model and option that is there for speed."""
     rows = []
     for model, batch, side in settings["models"]:
         chosen = {k: v for k, v in OPTIONS.items() if settings["compile"] or "compile" not in k}
         recipe = ["recipe=moire_at", f"model={model}"]
-        calls = {name: step(configure(*recipe, *given), batch, side) for name, given in chosen.items()}
+        calls = {
+            name: step(configure(*recipe, *given), batch, side) for name, given in chosen.items()
+        }
         times = measure.timed_together(calls, settings["repeats"], warmup=2)
         plain = times["as it is"].median
         rows += [
@@ -103,13 +141,9 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def configure(*overrides: str) -> Config:
-    """Return the settings that these overrides of fit.py give."""
-    return as_config(compose("root", list(overrides)))
-
-
-def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
-    """A step of training away from Lightning's loop; each call is the next visit of one batch."""
+def step(cfg: DictConfig, batch: int, side: int) -> Callable[[], None]:
+    """Return a step of training away from Lightning's loop; each call is the next visit of one
+    batch."""
     torch.manual_seed(0)
     model = classifier_of(cfg, 16)
     type(model).current_epoch = property(lambda self: 0)  # type: ignore[assignment]
@@ -130,28 +164,48 @@ def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
 
 
 def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each size of files and number of workers: images a second, and those of a step of clean training."""
+    """Return a row for each size of files and number of workers: images a second, and those of a
+    step of clean training."""
     rows = []
     for side in settings["sides"]:
         model, batch, size = settings["models"][0 if side < 100 else -1]
-        given = ["recipe=clean", f"model={model}", f"data.size={size}", "data=folder", f"train.batch_size={batch}"]
-        trained = batch / measure.timed(step(configure(*given), batch, size), settings["repeats"]).median
+        given = [
+            "recipe=clean",
+            f"model={model}",
+            f"data.size={size}",
+            "data=folder",
+            f"train.batch_size={batch}",
+        ]
+        trained = (
+            batch
+            / measure.timed(step(compose("root", given), batch, size), settings["repeats"]).median
+        )
         with tempfile.TemporaryDirectory() as root:
             write_folder(Path(root), settings["files"], side)
             for workers in (0, 2):
-                cfg = configure(*given, f"data.root={root}", f"data.workers={workers}", "data.val=2")
-                loader = Batches(
-                    load(cfg.data), cfg.train, cfg.adversary, workers=workers, seed=cfg.seed
-                ).train_dataloader()
+                cfg = compose(
+                    "root", [*given, f"data.root={root}", f"data.workers={workers}", "data.val=2"]
+                )
+                loader = Batches(cfg, load(cfg.data)).train_dataloader()
                 n = len(loader) * min(batch, settings["files"])
-                taken = measure.timed(lambda loader=loader: list(loader), 3 if settings["repeats"] > 1 else 1).median
-                rows.append({"side": side, "model": model, "workers": workers, "loaded": n / taken,
-                             "trained": trained, "share": trained / (n / taken)})  # fmt: skip
+                taken = measure.timed(
+                    lambda loader=loader: list(loader), 3 if settings["repeats"] > 1 else 1
+                ).median
+                rows.append(
+                    {
+                        "side": side,
+                        "model": model,
+                        "workers": workers,
+                        "loaded": n / taken,
+                        "trained": trained,
+                        "share": trained / (n / taken),
+                    }
+                )
     return rows
 
 
 def write_folder(root: Path, n: int, side: int) -> None:
-    """n + 4 JPEG files of a photograph-like picture, in train/ and test/."""
+    """N + 4 JPEG files of a photograph-like picture, in train/ and test/."""
     shown = (images("photo", 4, side).movedim(1, -1) * 255).to(torch.uint8).numpy()
     for half, many in (("train", n + 2), ("test", 2)):
         (root / half / "a").mkdir(parents=True)

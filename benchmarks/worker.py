@@ -1,9 +1,11 @@
-"""What runs in a process of its own, on this or an older checkout of the project; `checkouts.Checkout` starts it.
+"""What runs in a process of its own, on this or an older checkout of the project;
+`checkouts.Checkout` starts it.
 
     python benchmarks/worker.py ROOT THREADS
 
-Reads pickled pairs of a name and its arguments, calls the function of that name and answers each with its pickled
-result. Imports nothing of `benchmarks`, which is another in ROOT, and only public names of `moireaug`.
+Reads pickled pairs of a name and its arguments, calls the function of that name and answers each
+with its pickled result. Imports nothing of `benchmarks`, which is another in ROOT, and only public
+names of `moireaug`.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ import moireaug
 from moireaug import Scene
 
 Call = Callable[[], Any]
-CALLS: dict[tuple[str, str], Call] = {}  # by the name of a capture or loader, and what is done with it
+# by the name of a capture or loader, and what is done with it
+CALLS: dict[tuple[str, str], Call] = {}
 
 
 def where() -> str:
@@ -52,8 +55,8 @@ def hold(key: str, scene: dict[str, Any], images: np.ndarray) -> None:
 
 
 def load(key: str, door: str, n: int, side: int, batch: int, workers: int) -> None:
-    """Keep a DataLoader's epoch of n uint8 images, all photographed; the workers stay alive, so that their start is
-    not timed."""
+    """Keep a DataLoader's epoch of n uint8 images, all photographed; the workers stay alive, so
+    that their start is not timed."""
     from moireaug.transforms import RandomMoire, albumentations
 
     picture = torch.randint(0, 256, (3, side, side), dtype=torch.uint8)
@@ -66,7 +69,11 @@ def load(key: str, door: str, n: int, side: int, batch: int, workers: int) -> No
     context = "fork" if workers else None
     pictures = Pictures(n, picture, transform)
     loader = DataLoader(
-        pictures, batch, num_workers=workers, persistent_workers=bool(workers), multiprocessing_context=context
+        pictures,
+        batch,
+        num_workers=workers,
+        persistent_workers=bool(workers),
+        multiprocessing_context=context,
     )
     CALLS[key, "epoch"] = lambda: [None for _ in loader]
 
@@ -93,12 +100,15 @@ def result(key: str, what: str) -> Any:
 
 
 def resident_rise(scene: str, shape: tuple[int, int, int]) -> float:
-    """Return by how many MiB the first capture of such images lifts this process's resident set, its photo included.
+    """Return by how many MiB the first capture of such images lifts this process's resident set,
+    its photo included.
 
-    It holds all that a capture touches, scratch space and what the allocator could not reuse included.
+    It holds all that a capture touches, scratch space and what the allocator could not reuse
+    included.
     """
     drawn = Scene.preset(scene)
-    moireaug.capture(torch.rand(1, 3, 16, 16), drawn.sample(1, (16, 16)))  # libraries are loaded, kernels compiled
+    # libraries are loaded, kernels compiled
+    moireaug.capture(torch.rand(1, 3, 16, 16), drawn.sample(1, (16, 16)))
     batch, height, width = shape
     images, shot = torch.rand(batch, 3, height, width), drawn.sample(batch, (height, width))
     Path("/proc/self/clear_refs").write_text("5")  # the peak is counted from here
@@ -119,7 +129,8 @@ def _status(key: str) -> float:
 def main() -> None:
     torch.set_num_threads(int(sys.argv[2]))
     torch.manual_seed(0)
-    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # whatever is printed must not end up among the answers
+    # whatever is printed must not end up among the answers
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr
     with torch.no_grad():
         while True:
             try:

@@ -1,4 +1,5 @@
-"""Draw docs/gallery.png, every preset on signs and on a grey screen, and docs/effects.png, every effect by itself.
+"""Draw docs/gallery.png, every preset on signs and on a grey screen, and docs/effects.png, every
+effect by itself.
 
 python docs/gallery.py
 """
@@ -28,7 +29,8 @@ MOIRE = Scene(
     panel=Panel(scale=1.15), view=View(yaw=8, pitch=-5, roll=3), lens=Lens(blur=0.25),
     sensor=Sensor(scale=2, gain=2.8), develop=Develop(linear_light=True),
 )  # fmt: skip
-# A panel that emits evenly and a sensor without filters: nothing happens, but for what a scene adds.
+# A panel that emits evenly and a sensor without filters: nothing happens, but for what a scene
+# adds.
 PLAIN = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
 # Panel pixels 16 sensor pixels wide: the subpixels themselves.
 CLOSE = Scene(panel=Panel(scale=1 / 16), lens=Lens(blur=0.3), sensor=Sensor(cfa="none", gain=2.5))
@@ -37,36 +39,58 @@ OWN = Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 0.5), (2, 0.5, 0.5, 1, 1)))
 
 
 def close(layout: str | Layout, gain: float = 2.5, **panel: float) -> Scene:
-    return replace(CLOSE, panel=replace(CLOSE.panel, layout=layout, **panel), sensor=replace(CLOSE.sensor, gain=gain))
+    return replace(
+        CLOSE,
+        panel=replace(CLOSE.panel, layout=layout, **panel),
+        sensor=replace(CLOSE.sensor, gain=gain),
+    )
 
 
 def moire(**parts: dict[str, object]) -> Scene:
-    return replace(MOIRE, **{name: replace(getattr(MOIRE, name), **fields) for name, fields in parts.items()})
+    return replace(
+        MOIRE, **{name: replace(getattr(MOIRE, name), **fields) for name, fields in parts.items()}
+    )
 
 
-FLICKER = {"panel": {"pwm": 240.0, "duty": 0.4, "phase": 0.2}, "sensor": {"shutter": 1 / 500, "readout": 1 / 40}}
+FLICKER = {
+    "panel": {"pwm": 240.0, "duty": 0.4, "phase": 0.2},
+    "sensor": {"shutter": 1 / 500, "readout": 1 / 40},
+}
 EFFECTS: dict[str, Scene] = {
     "nothing called for:\nthe image, bit for bit": PLAIN,
-    **{f"layout {name},\nmagnified 16 times": close(name) for name in LAYOUTS if name not in ("bgr_stripe", "even")},
+    **{
+        f"layout {name},\nmagnified 16 times": close(name)
+        for name in LAYOUTS
+        if name not in ("bgr_stripe", "even")
+    },
     "layout even,\nmagnified 16 times": close("even", gain=1.0),
     "rgb_stripe, 40 % of each\nsubpixel lit": close("rgb_stripe", lit=0.4),
     "a unit cell of one's own": close(OWN),
     "layout: moiré of the stripes": MOIRE,
-    "exposure point, as the paper:\nmuch more than a lens passes": moire(sensor={"exposure": "point"}),
+    "exposure point, as the paper:\nmuch more than a lens passes": moire(
+        sensor={"exposure": "point"}
+    ),
     "exposure mean:\nthe same camera, no moiré": moire(sensor={"exposure": "mean"}),
     "lens blur 0.6 px:\nthe moiré fades": moire(lens={"blur": 0.6}),
     "low-pass filter, 1 px apart": moire(lens={"olpf": 1.0}),
     "yaw 45, not registered": replace(
-        PLAIN, view=View(yaw=45), develop=Develop(registered=False), sensor=Sensor(cfa="none", scale=2)
+        PLAIN,
+        view=View(yaw=45),
+        develop=Develop(registered=False),
+        sensor=Sensor(cfa="none", scale=2),
     ),
     "the same, registered": replace(PLAIN, view=View(yaw=45), sensor=Sensor(cfa="none", scale=2)),
-    "lens k1 0.25, not registered": replace(PLAIN, lens=Lens(k1=0.25), develop=Develop(registered=False)),
+    "lens k1 0.25, not registered": replace(
+        PLAIN, lens=Lens(k1=0.25), develop=Develop(registered=False)
+    ),
     "vignetting 0.6": replace(PLAIN, lens=Lens(vignetting=0.6)),
     "prefilter: seen from afar,\nzoom 0.2 and registered": replace(PLAIN, view=View(zoom=0.2)),
     "flicker: 240 Hz, 40 % on,\nrolling shutter": moire(**FLICKER),
     "gain 6: overexposed": moire(sensor={"gain": 6.0}),
     "read noise 0.05": replace(PLAIN, sensor=Sensor(cfa="none", read_noise=0.05)),
-    "shot noise 0.15:\ngrows with the light": replace(PLAIN, sensor=Sensor(cfa="none", shot_noise=0.15)),
+    "shot noise 0.15:\ngrows with the light": replace(
+        PLAIN, sensor=Sensor(cfa="none", shot_noise=0.15)
+    ),
     "2 bits": replace(PLAIN, sensor=Sensor(cfa="none", bits=2)),
     "Bayer, bilinear, 1 sensor\npixel a photo pixel": replace(PLAIN, sensor=Sensor()),
     "Bayer, Malvar:\nsharper": replace(PLAIN, sensor=Sensor(), develop=Develop(demosaic="malvar")),
@@ -103,7 +127,9 @@ def draw_presets(images: Tensor) -> None:
     for line, (name, photos) in zip(axes, rows.items(), strict=True):
         for axis, photo in zip(line, photos, strict=True):
             show(axis, photo)
-        line[0].set_ylabel(name.replace("_at_", "\nat ").replace("_", " "), rotation=0, ha="right", va="center")
+        line[0].set_ylabel(
+            name.replace("_at_", "\nat ").replace("_", " "), rotation=0, ha="right", va="center"
+        )
     figure.savefig(HERE / "gallery.png", pil_kwargs={"optimize": True})
 
 

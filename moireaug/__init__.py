@@ -24,7 +24,8 @@ __all__ = [
     "expose",
 ]
 
-LAZY = ("attacks", "defenses", "evaluation", "transforms")  # packages that are imported when first asked for
+# packages that are imported when first asked for
+LAZY = ("attacks", "defenses", "evaluation", "transforms")
 
 
 def __getattr__(name: str) -> Any:

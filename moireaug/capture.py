@@ -1,7 +1,9 @@
-"""The capture: a photo of images on a screen, by the engine where it can run and by the reference elsewhere.
+"""The capture: a photo of images on a screen, by the engine where it can run and by the reference
+elsewhere.
 
 photo = capture(image, shot, noise)                      # the paper's x* = g(x, delta, kappa)
-      = develop(expose(image, shot) + noise, shot)       # g1: screen to raw, once; g2: raw to photo, at every step
+      = develop(expose(image, shot) + noise, shot)       # g1: screen to raw, once; g2: raw to
+      photo, at every step
 """
 
 from __future__ import annotations
@@ -19,38 +21,45 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
     """Return the photo of `image` on a screen: the paper's g(x, delta, kappa).
 
     Args:
-        image: (B, 3, H, W) float in [0, 1], sRGB codes. What rounding, overshoot or noise left a little outside is
-            clipped, with gradient 1 in [0, 1] and 0 outside; `moireaug.checks` says how much is a little.
+        image: (B, 3, H, W) float in [0, 1], sRGB codes. What rounding, overshoot or noise left a
+            little outside is clipped, with gradient 1 in [0, 1] and 0 outside; `moireaug.checks`
+            says how much is a little.
         shot: one draw for B images of this size.
-        noise: the attacker's delta, of shape `shot.raw_shape()`, in raw units; added to the raw reading.
+        noise: the attacker's delta, of shape `shot.raw_shape()`, in raw units; added to the raw
+            reading.
 
     Returns:
-        (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where the plan's exposure
-        is "spectral", "box" or "mean", in every field of the shot whose effect the plan has, but for the JPEG quality.
+        (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where
+        the plan's exposure is "spectral", "box" or "mean", in every field of the shot whose effect
+        the plan has, but for the JPEG quality.
 
     Raises:
-        TypeError, ValueError: an image that is no float batch of three channels, or cannot be a picture in [0, 1]:
-            normalised, 0 to 255, NaN, infinite; a shot or noise of another batch or size.
+        TypeError, ValueError: an image that is no float batch of three channels, or cannot be a
+            picture in [0, 1]: normalised, 0 to 255, NaN, infinite; a shot or noise of another batch
+            or size.
     """
     raw = expose(image, shot)
     if noise is not None:
         if noise.shape != raw.shape:
             raise ValueError(
-                f"noise must have the raw reading's shape {tuple(raw.shape)}, see Shot.raw_shape(); "
-                f"got {tuple(noise.shape)}."
+                f"noise must have the raw reading's shape {tuple(raw.shape)}, see "
+                f"Shot.raw_shape(); got {tuple(noise.shape)}."
             )
         if not torch.compiler.is_compiling() and not noise.isfinite().all():
-            raise ValueError("noise must be finite; got NaN or infinity. Look for it in the attack's gradients.")
+            raise ValueError(
+                "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
+            )
         raw = raw + noise.to(raw)
     return develop(raw, shot).to(image.dtype)
 
 
 def expose(image: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the raw reading, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B, or colours
-    (B, 3, h, w) where the sensor has no colour filters. It has gain and noise, and is clipped to [0, 1] where these can
-    leave it.
+    """Return the raw reading, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B,
+    or colours (B, 3, h, w) where the sensor has no colour filters. It has gain and noise, and is
+    clipped to [0, 1] where these can leave it.
 
-    Arguments, gradients and errors as in `capture`. Half precision is computed in float32, float64 in float64.
+    Arguments, gradients and errors as in `capture`. Half precision is computed in float32, float64
+    in float64.
     """
     image = check_images(image)
     check_shot(image, shot)
@@ -63,7 +72,8 @@ def expose(image: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photo of a raw reading, the paper's g2: `shot.raw_shape()` to (B, 3, H, W) in [0, 1].
+    """Return the photo of a raw reading, the paper's g2: `shot.raw_shape()` to (B, 3, H, W) in [0,
+    1].
 
     Differentiable in raw, and in every field of the shot whose effect the plan has.
 

@@ -1,18 +1,20 @@
 """The check of every input: what is taken as pictures and raw readings, and what is refused.
 
-A float image may lie a little outside [0, 1]: resizing and blurring round white to 1.0000002, bicubic and Lanczos
-kernels overshoot at edges, noise is not always clipped. All of them leave most of a picture where it was, and its mean,
-too. Normalisation does neither. So an image is taken, and clipped, where
+A float image may lie a little outside [0, 1]: resizing and blurring round white to 1.0000002,
+bicubic and Lanczos kernels overshoot at edges, noise is not always clipped. All of them leave most
+of a picture where it was, and its mean, too. Normalisation does neither. So an image is taken, and
+clipped, where
 
 - clipping changes its values by at most `MOST_CLIPPED`, root mean square, and
 - the mean of each channel lies at most `FAR_MEAN` outside [0, 1],
 
-and refused otherwise, image by image. The largest change that was measured on photographs, and on pictures of random
-black and white pixels of 9 x 12 to 64 x 64: rounding 2e-7 on either; bicubic 0.05 and 0.08, Lanczos 0.04 and 0.145;
-Gaussian noise of standard deviation 0.1, 0.07 and 0.08, of 0.2, 0.14 and 0.16. Photographs normalised by the statistics
-of ImageNet or CIFAR-10 change by 0.8 (median), and 996 of 1000 are refused; those on [-1, 1] by 0.39, and 94 of 100 are
-refused: the others are bright, and in a batch of 16 one such image that is darker gives them all away. No rule finds a
-flat grey that is in [0, 1] after it was normalised, too.
+and refused otherwise, image by image. The largest change that was measured on photographs, and on
+pictures of random black and white pixels of 9 x 12 to 64 x 64: rounding 2e-7 on either; bicubic
+0.05 and 0.08, Lanczos 0.04 and 0.145; Gaussian noise of standard deviation 0.1, 0.07 and 0.08, of
+0.2, 0.14 and 0.16. Photographs normalised by the statistics of ImageNet or CIFAR-10 change by 0.8
+(median), and 996 of 1000 are refused; those on [-1, 1] by 0.39, and 94 of 100 are refused: the
+others are bright, and in a batch of 16 one such image that is darker gives them all away. No rule
+finds a flat grey that is in [0, 1] after it was normalised, too.
 """
 
 from __future__ import annotations
@@ -32,24 +34,28 @@ FAR_MEAN = 0.1
 
 
 def check_images(image: Tensor) -> Tensor:
-    """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `clip`; the very tensor if it lies there.
+    """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `clip`; the very tensor
+    if it lies there.
 
     Raises:
-        TypeError, ValueError: another type or shape, NaN, infinity, and images that cannot be pictures in [0, 1], by
-            the rule above; with what was got, what is allowed and what to do.
+        TypeError, ValueError: another type or shape, NaN, infinity, and images that cannot be
+            pictures in [0, 1], by the rule above; with what was got, what is allowed and what to
+            do.
     """
     if not isinstance(image, Tensor):
         raise TypeError(
-            f"images must be a torch.Tensor; got {type(image).__name__}. Use moireaug.transforms for PIL and numpy."
+            f"images must be a torch.Tensor; got {type(image).__name__}. Use moireaug.transforms "
+            "for PIL and numpy."
         )
     if not image.is_floating_point():
         raise TypeError(
-            f"images must be floating point in [0, 1]; got {image.dtype}. Divide uint8 images by 255, or use "
-            "moireaug.transforms.RandomMoire, which takes them as they are."
+            f"images must be floating point in [0, 1]; got {image.dtype}. Divide uint8 images by "
+            "255, or use moireaug.transforms.RandomMoire, which takes them as they are."
         )
     if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape[-2:]:
         raise ValueError(
-            f"images must have the shape (B, 3, H, W) with H, W >= 1; got {tuple(image.shape)}.{channels_last(image)}"
+            "images must have the shape (B, 3, H, W) with H, W >= 1; got "
+            f"{tuple(image.shape)}.{channels_last(image)}"
         )
     if torch.compiler.is_compiling():
         return clip(image)  # a graph cannot ask for values
@@ -63,7 +69,8 @@ def check_images(image: Tensor) -> Tensor:
 
 
 def channels_last(image: Tensor) -> str:
-    """Return a sentence that says how to put the channels first where they seem to be last, else nothing."""
+    """Return a sentence that says how to put the channels first where they seem to be last, else
+    nothing."""
     orders = {3: "permute(2, 0, 1)", 4: "permute(0, 3, 1, 2)"}
     if image.shape[-1:] not in ((1,), (3,), (4,)) or image.ndim not in orders:
         return ""
@@ -81,7 +88,9 @@ def _check_pictures(images: Tensor) -> None:
     if taken.all():
         return
     first = int((~taken).nonzero()[0])
-    raise ValueError(f"images must be finite and lie in [0, 1]; got {_looks_like(images[first], first)}.")
+    raise ValueError(
+        f"images must be finite and lie in [0, 1]; got {_looks_like(images[first], first)}."
+    )
 
 
 def _looks_like(image: Tensor, row: int) -> str:
@@ -96,22 +105,23 @@ def _looks_like(image: Tensor, row: int) -> str:
         full = 255 if high < 400 else 65535
         return f"{got}, which look like 0 to {full}. Divide them by {full}"
     return (
-        f"{got}, which look normalised, or noisier than by a standard deviation of 0.2. Undo the normalisation first: "
-        "put it into the model with attacks.Normalized"
+        f"{got}, which look normalised, or noisier than by a standard deviation of 0.2. Undo the "
+        "normalisation first: put it into the model with attacks.Normalized"
     )
 
 
 def check_shot(image: Tensor, shot: ShotRecord) -> None:
-    """Refuse a batch of another number or size of images than a shot was drawn for, and a shot whose fields are not one
-    finite number an image.
+    """Refuse a batch of another number or size of images than a shot was drawn for, and a shot
+    whose fields are not one finite number an image.
 
     Raises:
         ValueError: with what was got and what to do.
     """
     if len(shot) != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(
-            f"the shot was drawn for {len(shot)} images of {shot.size[0]} x {shot.size[1]}; got {len(image)} of "
-            f"{image.shape[-2]} x {image.shape[-1]}. Draw one with scene.sample(len(images), images.shape[-2:])."
+            f"the shot was drawn for {len(shot)} images of {shot.size[0]} x {shot.size[1]}; got "
+            f"{len(image)} of {image.shape[-2]} x {image.shape[-1]}. Draw one with "
+            "scene.sample(len(images), images.shape[-2:])."
         )
     numbers = shot.numbers()
     for name, values in numbers.items():
@@ -126,7 +136,9 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
         return
     for name, values in numbers.items():
         if not values.isfinite().all():
-            raise ValueError(f"a shot's numbers must be finite; got {values.tolist()} as shot.{name}.")
+            raise ValueError(
+                f"a shot's numbers must be finite; got {values.tolist()} as shot.{name}."
+            )
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:
@@ -137,12 +149,12 @@ def check_raw(raw: Tensor, shot: ShotRecord) -> None:
     """
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
         raise TypeError(
-            f"raw must be a floating point tensor; got {getattr(raw, 'dtype', type(raw).__name__)}. "
-            "expose(images, shot) returns one."
+            "raw must be a floating point tensor; got "
+            f"{getattr(raw, 'dtype', type(raw).__name__)}. expose(images, shot) returns one."
         )
     expected = shot.raw_shape()
     if tuple(raw.shape) != expected:
         raise ValueError(
-            f"raw must have the shape {expected} of this shot's reading, see Shot.raw_shape(); got {tuple(raw.shape)}. "
-            "Take the shot's own rows: develop(raw[rows], shot[rows])."
+            f"raw must have the shape {expected} of this shot's reading, see Shot.raw_shape(); got "
+            f"{tuple(raw.shape)}. Take the shot's own rows: develop(raw[rows], shot[rows])."
         )

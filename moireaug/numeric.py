@@ -11,7 +11,8 @@ from torch import Tensor
 def clip(x: Tensor) -> Tensor:
     """Clip to [0, 1] with gradient 1 on both bounds and 0 outside.
 
-    `torch.clamp` passes no gradient at its bounds since torch 2.14: black and white pixels would hide from an attack.
+    `torch.clamp` passes no gradient at its bounds since torch 2.14: black and white pixels would
+    hide from an attack.
     """
     if not x.requires_grad:
         return x.clamp(0, 1)
@@ -36,5 +37,6 @@ def sinc(x: Tensor) -> Tensor:
 
 
 def is_transformed() -> bool:
-    """Whether a graph is traced, or a transform of torch.func at work: then values are not known."""
+    """Whether a graph is traced, or a transform of torch.func at work: then values are not
+    known."""
     return torch.compiler.is_compiling() or torch._C._functorch.peek_interpreter_stack() is not None

@@ -1,5 +1,5 @@
-"""The way of the light: every effect, in the one order in which light meets it, and the plan of those that a scene
-calls for."""
+"""The way of the light: every effect, in the one order in which light meets it, and the plan of
+those that a scene calls for."""
 
 from __future__ import annotations
 
@@ -57,14 +57,16 @@ DEVELOP: tuple[Effect, ...] = (
 
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the raw reading of images (B, 3, H, W): the effects before the attacker's noise, one after another."""
+    """Return the raw reading of images (B, 3, H, W): the effects before the attacker's noise, one
+    after another."""
     for effect in shot.plan.exposing:
         light = effect(light, shot)
     return light
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photos (B, 3, H, W) of a raw reading: the effects after the attacker's noise, one after another."""
+    """Return the photos (B, 3, H, W) of a raw reading: the effects after the attacker's noise, one
+    after another."""
     for effect in shot.plan.developing:
         raw = effect(raw, shot)
     return raw
@@ -80,13 +82,15 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """The effects of a scene, in the order in which light meets them. `"pose" in plan` asks whether one is called for.
+    """The effects of a scene, in the order in which light meets them. `"pose" in plan` asks whether
+    one is called for.
 
     Args:
         steps: every effect, called for or not.
         exposing, developing: the effects that are computed.
         method: the exposure, never "auto".
-        prefilter: the most variance by which the picture is blurred before it is looked up, in squared image pixels.
+        prefilter: the most variance by which the picture is blurred before it is looked up, in
+            squared image pixels.
         narrows: whether part of that is for views of more panel pixels than are counted one by one.
     """
 
@@ -117,7 +121,11 @@ class Plan:
         called = [step for step in self.steps if step.called]
         absent = [step for step in self.steps if not step.called]
         width = max(len(step.name) for step in self.steps) + 2
-        lines = [f"{len(called)} effects are computed, in this order" if called else "The photo is the image"]
+        lines = [
+            f"{len(called)} effects are computed, in this order"
+            if called
+            else "The photo is the image"
+        ]
         for i, step in enumerate(called, 1):
             lines.append(f"  {i:2d}  {step.name:{width}}{step.reason}")
         if absent:
@@ -127,7 +135,8 @@ class Plan:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values: effects called for, those left out (both effect to reason), exposure and harmonics."""
+        """Return plain values: effects called for, those left out (both effect to reason), exposure
+        and harmonics."""
         return {
             "effects": {step.name: step.reason for step in self.steps if step.called},
             "left_out": {step.name: step.reason for step in self.steps if not step.called},
@@ -150,4 +159,11 @@ def make_plan(scene: SceneRecord) -> Plan:
             if effect.shown:
                 steps.append(Step(effect.name, *verdict))
     exposing, developing = (tuple(effects) for effects in chosen.values())
-    return Plan(tuple(steps), exposing, developing, exposure_of(scene), most_variance(scene), most_lost(scene) > 0)
+    return Plan(
+        tuple(steps),
+        exposing,
+        developing,
+        exposure_of(scene),
+        most_variance(scene),
+        most_lost(scene) > 0,
+    )

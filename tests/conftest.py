@@ -1,4 +1,5 @@
-"""What every test shares: small images, threads that do not fight over the cores, and quiet third parties."""
+"""What every test shares: small images, threads that do not fight over the cores, and quiet third
+parties."""
 
 import os
 

@@ -19,13 +19,17 @@ GOLDEN = np.load(Path(__file__).parent / "data" / "official_ma_golden.npz")
 def golden_shot(scene):
     theta, phi, gamma = torch.from_numpy(GOLDEN["angles_theta_phi_gamma_deg"]).double().T
     shot = scene.sample(4, (48, 48))
-    return dataclasses.replace(shot, view=dataclasses.replace(shot.view, pitch=-theta, yaw=phi, roll=-gamma))
+    return dataclasses.replace(
+        shot, view=dataclasses.replace(shot.view, pitch=-theta, yaw=phi, roll=-gamma)
+    )
 
 
 @pytest.mark.parametrize(("key", "brighten"), [("photos", 0.0), ("photos_plus20", 20 / 255)])
 def test_paper_code_is_the_released_chain(key, brighten):
     scene = Scene.preset("paper_code")
-    scene = dataclasses.replace(scene, develop=dataclasses.replace(scene.develop, brighten=brighten))
+    scene = dataclasses.replace(
+        scene, develop=dataclasses.replace(scene.develop, brighten=brighten)
+    )
     images = torch.from_numpy(GOLDEN["images"]).permute(0, 3, 1, 2).float() / 255
     photo = capture(images, golden_shot(scene)) * 255
     difference = (photo.permute(0, 2, 3, 1) - torch.from_numpy(GOLDEN[key])).abs()
@@ -37,15 +41,20 @@ def test_the_golden_test_can_fail():
     images = torch.from_numpy(GOLDEN["images"]).permute(0, 3, 1, 2).float() / 255
     shot = golden_shot(Scene.preset("paper_code"))
     turned = dataclasses.replace(shot, view=dataclasses.replace(shot.view, roll=-shot.view.roll))
-    difference = (capture(images, turned).permute(0, 2, 3, 1) * 255 - torch.from_numpy(GOLDEN["photos"])).abs()
+    difference = (
+        capture(images, turned).permute(0, 2, 3, 1) * 255 - torch.from_numpy(GOLDEN["photos"])
+    ).abs()
     assert (difference[1:] < 0.1).float().mean() < 0.9
 
 
 def test_only_the_sensor_pixels_that_a_photo_reads_are_exposed():
     shot = Scene.preset("paper_code").sample(1, (48, 48))
     rows, cols = shot.sampled_pixels()
-    assert len(rows.index) == len(cols.index) == 3 * 48 + 2  # a lead that keeps the Bayer parity, and an even number
-    full = dataclasses.replace(shot.scene, develop=dataclasses.replace(shot.scene.develop, resize="antialias"))
+    # a lead that keeps the Bayer parity, and an even number
+    assert len(rows.index) == len(cols.index) == 3 * 48 + 2
+    full = dataclasses.replace(
+        shot.scene, develop=dataclasses.replace(shot.scene.develop, resize="antialias")
+    )
     assert full.sample(1, (48, 48)).raw_shape()[2] * 2 == 9 * 48
 
 
@@ -58,7 +67,11 @@ def test_reading_windows_is_reading_everything(scale, size, demosaic):
     base = Scene(panel=Panel(scale=2), view=View(roll=7), sensor=Sensor(scale=scale), develop=how)
     images = torch.rand(2, 3, *size, dtype=torch.float64)
     shot = base.sample(2, size)
-    everything = [SampledPixels(tuple(range(n + n % 2)), 0, 0, s, scale) for s in size for n in [round(s * scale)]]
+    everything = [
+        SampledPixels(tuple(range(n + n % 2)), 0, 0, s, scale)
+        for s in size
+        for n in [round(s * scale)]
+    ]
     whole = _with_readouts(images, shot, everything)
     inner = (slice(None), slice(None), slice(1, -1), slice(1, -1))
     assert torch.allclose(capture(images, shot)[inner], whole[inner], atol=1e-9)
@@ -133,7 +146,8 @@ def test_an_empty_batch():
 @pytest.mark.parametrize("scale", [1.0, 1.5, 2.0, 3.0, 4.0])
 @pytest.mark.parametrize("resize", ["area", "antialias", "point"])
 def test_a_flat_screen_without_stripes_is_flat(scale, resize):
-    """Demosaic and every resize of a constant is that constant, up to the border, odd sizes included."""
+    """Demosaic and every resize of a constant is that constant, up to the border, odd sizes
+    included."""
     scene = Scene(lens=Lens(blur=5), sensor=Sensor(scale=scale), develop=Develop(resize=resize))
     assert "layout" not in scene.plan()
     photo = scene.capture(torch.full((1, 3, 9, 13), 0.6, dtype=torch.float64))
@@ -147,15 +161,20 @@ def test_linear_light_is_undone_by_itself():
 
 
 def test_a_registered_photo_lies_on_the_image():
-    """A smooth image, seen from everywhere: its photo, brought back, is the image times the mean light."""
+    """A smooth image, seen from everywhere: its photo, brought back, is the image times the mean
+    light."""
     y, x = torch.meshgrid(torch.linspace(0, 3, 64), torch.linspace(0, 3, 64), indexing="ij")
-    smooth = (0.5 + 0.25 * torch.sin(x + 0.7) + 0.2 * torch.cos(1.3 * y)).expand(8, 3, -1, -1).double()
+    smooth = (
+        (0.5 + 0.25 * torch.sin(x + 0.7) + 0.2 * torch.cos(1.3 * y)).expand(8, 3, -1, -1).double()
+    )
     scene = Scene(
-        view=View(yaw=(-40, 40), pitch=(-30, 30), roll=(-45, 45)), lens=Lens(blur=2, k1=(-0.1, 0.1)),
+        view=View(yaw=(-40, 40), pitch=(-30, 30), roll=(-45, 45)),
+        lens=Lens(blur=2, k1=(-0.1, 0.1)),
         sensor=Sensor(scale=2.0),
-    )  # fmt: skip
+    )
     photo = scene.capture(smooth, torch.Generator().manual_seed(2))
-    assert (photo * 3 - smooth).abs()[..., 4:-4, 4:-4].max() < 0.02  # at the edges the lens sees past them
+    # at the edges the lens sees past them
+    assert (photo * 3 - smooth).abs()[..., 4:-4, 4:-4].max() < 0.02
 
 
 def test_noise_enters_the_raw_reading(images):
@@ -204,9 +223,13 @@ def test_a_shot_that_is_not_finite_is_named(part, field, value, images):
         capture(images, dataclasses.replace(shot, **{part: broken}))
 
 
-@pytest.mark.parametrize("value", [torch.tensor(5.0), torch.zeros(1), torch.zeros(3), torch.zeros(4, 1)])
+@pytest.mark.parametrize(
+    "value", [torch.tensor(5.0), torch.zeros(1), torch.zeros(3), torch.zeros(4, 1)]
+)
 def test_a_field_that_is_not_one_number_an_image_is_named(value, images):
     shot = Scene(view=View(yaw=(0.0, 9.0))).sample(4, (24, 32))
     shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=value))
-    with pytest.raises(ValueError, match=r"one number an image, here of the shape \(4,\); got .* as shot.view.yaw"):
+    with pytest.raises(
+        ValueError, match=r"one number an image, here of the shape \(4,\); got .* as shot.view.yaw"
+    ):
         capture(images, shot)

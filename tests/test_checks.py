@@ -1,4 +1,5 @@
-"""What lies a little outside [0, 1] is clipped; what is no picture in [0, 1] is refused, and named."""
+"""What lies a little outside [0, 1] is clipped; what is no picture in [0, 1] is refused, and
+named."""
 
 import pytest
 import torch
@@ -30,7 +31,9 @@ def pictures(n=8):
     return torch.cat([noise, (noise > 0.5).float(), ramp, flat])
 
 
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64], ids=str)
+@pytest.mark.parametrize(
+    "dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64], ids=str
+)
 @pytest.mark.parametrize("see", [capture, expose])
 def test_a_little_outside_is_clipped(see, dtype):
     images = (pictures() * 1.1 - 0.05).to(dtype)
@@ -76,7 +79,10 @@ def test_a_nearly_flat_normalised_image_is_refused_where_it_is_not_in_range(grey
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (lambda x: normalised(x, "ImageNet"), "values from -[^ ]* to [^ ]* in image 2, which look normalised"),
+        (
+            lambda x: normalised(x, "ImageNet"),
+            "values from -[^ ]* to [^ ]* in image 2, which look normalised",
+        ),
         (lambda x: x * 255, "in image 2, which look like 0 to 255. Divide them by 255"),
         (lambda x: x * 65535, "in image 2, which look like 0 to 65535. Divide them by 65535"),
         (lambda x: torch.full_like(x, torch.nan), "finite.*NaN in image 2"),
@@ -95,7 +101,8 @@ def test_one_bad_image_in_a_good_batch_is_found_and_named(spoil, sentence, dtype
 
 
 @pytest.mark.parametrize(
-    ("shape", "order"), [((24, 32, 3), r"permute\(2, 0, 1\)"), ((4, 24, 32, 3), r"permute\(0, 3, 1, 2\)")]
+    ("shape", "order"),
+    [((24, 32, 3), r"permute\(2, 0, 1\)"), ((4, 24, 32, 3), r"permute\(0, 3, 1, 2\)")],
 )
 def test_channels_last_are_told_how_to_come_first(shape, order):
     with pytest.raises(ValueError, match=order):

@@ -9,12 +9,23 @@ from moireaug.engine.dispatch import reference
 SCENES = {
     "released chain": Scene.preset("paper_code"),
     "everything": Scene(
-        panel=Panel(scale=0.9, layout="pentile", pwm=200.0), view=View(yaw=10.0),
+        panel=Panel(scale=0.9, layout="pentile", pwm=200.0),
+        view=View(yaw=10.0),
         lens=Lens(blur=0.5, olpf=0.3, vignetting=0.3, k1=0.02),
-        sensor=Sensor(scale=2.0, gain=2.0, shutter=0.01, readout=0.02, read_noise=0.01, shot_noise=0.01, bits=8),
-        develop=Develop(demosaic="malvar", red=1.1, linear_light=True, denoise="bilateral", jpeg=80.0),
+        sensor=Sensor(
+            scale=2.0,
+            gain=2.0,
+            shutter=0.01,
+            readout=0.02,
+            read_noise=0.01,
+            shot_noise=0.01,
+            bits=8,
+        ),
+        develop=Develop(
+            demosaic="malvar", red=1.1, linear_light=True, denoise="bilateral", jpeg=80.0
+        ),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
@@ -22,7 +33,8 @@ SCENES = {
 def test_one_graph_gives_the_same_photo(name):
     torch._dynamo.reset()
     images, shot = torch.rand(2, 3, 16, 24), SCENES[name].sample(2, (16, 24))
-    # the graph is traced and run operator by operator: what a compiler makes of it is not ours to test
+    # the graph is traced and run operator by operator: what a compiler makes of it is not ours to
+    # test
     compiled = torch.compile(capture, fullgraph=True, backend="aot_eager")
     with reference():  # which the graph is of
         expected = capture(images, shot)

@@ -16,21 +16,36 @@ SCENES = {
         view=View(yaw=12.0, pitch=-7.0, roll=5.0, zoom=0.95, shift_x=0.02, shift_y=0.01),
         lens=Lens(k1=0.03, k2=0.01, blur=0.3, olpf=0.3, vignetting=0.2),
         sensor=Sensor(
-            scale=2.0, gain=1.7, fill=0.9, shutter=1 / 90, readout=1 / 70, read_noise=0.01, shot_noise=0.01
+            scale=2.0,
+            gain=1.7,
+            fill=0.9,
+            shutter=1 / 90,
+            readout=1 / 70,
+            read_noise=0.01,
+            shot_noise=0.01,
         ),
         develop=Develop(linear_light=True, brighten=0.03, red=1.1, blue=0.9),
     ),
     "point": Scene(
-        panel=Panel(scale=2.0), view=View(roll=10.0), sensor=Sensor(scale=5.0, exposure="point"),
-        develop=Develop(resize="point", brighten=0.2),  # off the bounds of the clip, where gradients are one-sided
+        panel=Panel(scale=2.0),
+        view=View(roll=10.0),
+        sensor=Sensor(scale=5.0, exposure="point"),
+        # off the bounds of the clip, where gradients are one-sided
+        develop=Develop(resize="point", brighten=0.2),
     ),
-    "supersample": Scene(panel=Panel(scale=1.0), sensor=Sensor(scale=2.0, exposure="supersample:3")),
-}  # fmt: skip
+    "supersample": Scene(
+        panel=Panel(scale=1.0), sensor=Sensor(scale=2.0, exposure="supersample:3")
+    ),
+}
 
 
 def projected(photo):
-    """One number of a photo, along a fixed random direction: gradcheck then needs one backward pass."""
-    return (photo * torch.randn(photo.shape, dtype=photo.dtype, generator=torch.Generator().manual_seed(7))).sum()
+    """One number of a photo, along a fixed random direction: gradcheck then needs one backward
+    pass."""
+    return (
+        photo
+        * torch.randn(photo.shape, dtype=photo.dtype, generator=torch.Generator().manual_seed(7))
+    ).sum()
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -49,24 +64,35 @@ SCENES["box"] = dataclasses.replace(
     SCENES["spectral"], sensor=dataclasses.replace(SCENES["spectral"].sensor, exposure="box")
 )
 FIELDS = [
-    (part, f) for part in PARTS for f in ranged_fields(getattr(SCENES["spectral"], part)) if f != "jpeg"
+    (part, f)
+    for part in PARTS
+    for f in ranged_fields(getattr(SCENES["spectral"], part))
+    if f != "jpeg"
 ]  # of a file's quality there is no gradient
 
 
 CASES = [(part, field, name) for part, field in FIELDS for name in ("spectral", "box")]
-CASES = [case for case in CASES if case[0] != "develop" or case[2] == "spectral"]  # which knows of no exposure
-IMAGES = torch.rand(2, 3, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(2)) * 0.5 + 0.2
+# which knows of no exposure
+CASES = [case for case in CASES if case[0] != "develop" or case[2] == "spectral"]
+IMAGES = (
+    torch.rand(2, 3, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(2)) * 0.5
+    + 0.2
+)
 STEP = 1e-7  # bilinear content has kinks at pixel centres: a small step seldom meets one
 
 
 def with_field(shot, part, field, value):
-    return dataclasses.replace(shot, **{part: dataclasses.replace(getattr(shot, part), **{field: value})})
+    return dataclasses.replace(
+        shot, **{part: dataclasses.replace(getattr(shot, part), **{field: value})}
+    )
 
 
 def per_photo(shot):
     """One number of each photo, along a fixed random direction."""
     photos = capture(IMAGES, shot)
-    direction = torch.randn(photos.shape, dtype=photos.dtype, generator=torch.Generator().manual_seed(7))
+    direction = torch.randn(
+        photos.shape, dtype=photos.dtype, generator=torch.Generator().manual_seed(7)
+    )
     return (photos * direction).sum((1, 2, 3))
 
 
@@ -108,13 +134,21 @@ def test_saturated_logits_still_have_gradients(name):
 
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean"])
 def test_a_subpixel_in_the_very_middle_of_an_aperture_moves_with_the_camera(exposure):
-    """On a bound `torch.clamp` would stop the gradient: here every sensor pixel looks at a subpixel's centre."""
-    scene = Scene(sensor=Sensor(scale=3.0, cfa="none", exposure=exposure), lens=Lens(blur=0.3), view=View(shift_x=0.0))
-    scene = dataclasses.replace(scene, view=View(shift_x=(0.0, 1e-9)))  # a pose in the plan, that is hardly one
+    """On a bound `torch.clamp` would stop the gradient: here every sensor pixel looks at a
+    subpixel's centre."""
+    scene = Scene(
+        sensor=Sensor(scale=3.0, cfa="none", exposure=exposure),
+        lens=Lens(blur=0.3),
+        view=View(shift_x=0.0),
+    )
+    # a pose in the plan, that is hardly one
+    scene = dataclasses.replace(scene, view=View(shift_x=(0.0, 1e-9)))
     image = torch.linspace(0.2, 0.8, 5, dtype=torch.float64).square().expand(1, 3, 4, 5)
     shot = scene.sample(1, (4, 5))
     shift = torch.zeros(1, dtype=torch.float64, requires_grad=True)
-    raw = expose(image, dataclasses.replace(shot, view=dataclasses.replace(shot.view, shift_x=shift)))
+    raw = expose(
+        image, dataclasses.replace(shot, view=dataclasses.replace(shot.view, shift_x=shift))
+    )
     for reading in raw[0, :, 6, 6:9].flatten():
         (slope,) = torch.autograd.grad(reading, shift, retain_graph=True)
         assert slope.isfinite().all()

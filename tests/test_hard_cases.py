@@ -1,4 +1,5 @@
-"""The hard cases of numerical stability: each is finite and near its float64 answer, or a clear error."""
+"""The hard cases of numerical stability: each is finite and near its float64 answer, or a clear
+error."""
 
 import dataclasses
 
@@ -12,8 +13,9 @@ from moireaug.scene.layout import Layout
 from moireaug.scene.parts import PARTS
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
-# Mean distance from the float64 answer on the same image. Half precision is computed in float32, so it is off by its
-# own rounding alone; float32 by that of coordinates, which the plan keeps under half the tolerance of 1/512.
+# Mean distance from the float64 answer on the same image. Half precision is computed in float32, so
+# it is off by its own rounding alone; float32 by that of coordinates, which the plan keeps under
+# half the tolerance of 1/512.
 NEAR = {torch.float16: 3e-4, torch.bfloat16: 3e-3, torch.float32: 1e-3}
 
 SOFT = Lens(blur=0.3)
@@ -33,7 +35,9 @@ CASES = {
     "nearly folded": Scene(lens=Lens(k1=-0.3, k2=0.0, blur=0.3), view=View(roll=5)),
     "bent to the limit": Scene(lens=Lens(k1=1, k2=1, blur=0.3)),
     "pinhole pixels": Scene(sensor=Sensor(fill=1e-3)),
-    "pinholes before a near panel": Scene(panel=Panel(scale=0.01), sensor=Sensor(fill=1e-3, scale=2)),
+    "pinholes before a near panel": Scene(
+        panel=Panel(scale=0.01), sensor=Sensor(fill=1e-3, scale=2)
+    ),
     "hairs": Scene(panel=Panel(lit_x=1e-3), sensor=Sensor(gain=100)),
     "slanted to a line": Scene(panel=Panel(layout=Layout(((1, 0.5, 0.5, 0.5, 0.499, 0.5, 0.5),)))),
     "no focus": Scene(lens=Lens(blur=20)),
@@ -43,8 +47,12 @@ CASES = {
     "overexposed": Scene(sensor=Sensor(gain=1000), develop=Develop(linear_light=True)),
     "noise alone": Scene(sensor=Sensor(read_noise=1, shot_noise=1)),
     "one bit": Scene(lens=Lens(blur=2), sensor=Sensor(bits=1, gain=1.1)),
-    "fast flicker": Scene(panel=Panel(pwm=1e6, duty=1e-3), sensor=Sensor(shutter=3600, readout=3600)),
-    "hardly a pulse": Scene(panel=Panel(pwm=50, duty=1e-3), sensor=Sensor(shutter=1e-6, readout=0.02)),
+    "fast flicker": Scene(
+        panel=Panel(pwm=1e6, duty=1e-3), sensor=Sensor(shutter=3600, readout=3600)
+    ),
+    "hardly a pulse": Scene(
+        panel=Panel(pwm=50, duty=1e-3), sensor=Sensor(shutter=1e-6, readout=0.02)
+    ),
     "bright": Scene(develop=Develop(brighten=1)),
     "dark": Scene(develop=Develop(brighten=-1)),
     "gains": Scene(develop=Develop(red=100, blue=1e-3)),
@@ -52,11 +60,22 @@ CASES = {
     "any tolerance": Scene(tolerance=1.0),
     "worst file": Scene(lens=Lens(blur=2), develop=Develop(jpeg=1)),
     "best file": Scene(lens=Lens(blur=2), develop=Develop(jpeg=100)),
-    "point": Scene(panel=Panel(scale=3), view=View(roll=45), sensor=Sensor(scale=9, exposure="point")),
+    "point": Scene(
+        panel=Panel(scale=3), view=View(roll=45), sensor=Sensor(scale=9, exposure="point")
+    ),
     "supersample": Scene(view=View(yaw=80), sensor=Sensor(exposure="supersample:2")),
 }
-# Where a rounding decides between two levels, pixels differ by a whole one, and only finiteness can be asked for.
-STEPS = {"one bit", "worst file", "best file", "supersample", "less than a pixel", "grazing, near", "hardly a pulse"}
+# Where a rounding decides between two levels, pixels differ by a whole one, and only finiteness can
+# be asked for.
+STEPS = {
+    "one bit",
+    "worst file",
+    "best file",
+    "supersample",
+    "less than a pixel",
+    "grazing, near",
+    "hardly a pulse",
+}
 IMAGES = {
     "random": lambda: torch.rand(2, 3, 9, 12, generator=torch.Generator().manual_seed(5)),
     "black": lambda: torch.zeros(1, 3, 9, 12),
@@ -65,7 +84,12 @@ IMAGES = {
 
 
 def in_range(photo, image):
-    return photo.shape == image.shape and bool(photo.isfinite().all()) and photo.min() >= 0 and photo.max() <= 1
+    return (
+        photo.shape == image.shape
+        and bool(photo.isfinite().all())
+        and photo.min() >= 0
+        and photo.max() <= 1
+    )
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -87,9 +111,14 @@ def test_finite_and_near_float64(name, device):
 def test_gradients_are_finite(name):
     image = IMAGES["random"]().double()[:1].requires_grad_()
     shot = CASES[name].sample(1, (9, 12), torch.Generator().manual_seed(1))
-    drawn = {p: {k: getattr(getattr(shot, p), k).clone() for k in ranged_fields(getattr(shot, p))} for p in PARTS}
+    drawn = {
+        p: {k: getattr(getattr(shot, p), k).clone() for k in ranged_fields(getattr(shot, p))}
+        for p in PARTS
+    }
     leaves = [t.requires_grad_() for fields in drawn.values() for t in fields.values()]
-    moved = dataclasses.replace(shot, **{p: dataclasses.replace(getattr(shot, p), **drawn[p]) for p in PARTS})
+    moved = dataclasses.replace(
+        shot, **{p: dataclasses.replace(getattr(shot, p), **drawn[p]) for p in PARTS}
+    )
     noise = torch.zeros(shot.raw_shape(), dtype=torch.float64, requires_grad=True)
     photo = capture(image, moved, noise)
     gradients = torch.autograd.grad(photo.sum(), (image, noise, *leaves), allow_unused=True)
@@ -104,10 +133,12 @@ def test_gradients_are_finite(name):
 def test_every_size_and_sensor(size, denoise, cfa, exposure):
     for layout, demosaic in (("pentile", "malvar"), ("led", "bilinear")):
         scene = Scene(
-            panel=Panel(layout=layout, scale=0.8), view=View(yaw=20, roll=5), lens=Lens(k1=0.1, blur=0.2),
+            panel=Panel(layout=layout, scale=0.8),
+            view=View(yaw=20, roll=5),
+            lens=Lens(k1=0.1, blur=0.2),
             sensor=Sensor(scale=1.5, cfa=cfa, exposure=exposure),
             develop=Develop(denoise=denoise, demosaic=demosaic, jpeg=50, linear_light=True),
-        )  # fmt: skip
+        )
         image = torch.rand(2, 3, *size)
         assert in_range(scene.capture(image), image)
 
@@ -124,7 +155,9 @@ def test_magnified_screens_under_any_lens_are_near_brute_force(name):
     base = dataclasses.replace(
         SOFT_AND_NEAR[name], view=View(roll=3), sensor=Sensor(scale=2, cfa="none", exposure="auto")
     )
-    brute = dataclasses.replace(base, sensor=dataclasses.replace(base.sensor, exposure="supersample:24"))
+    brute = dataclasses.replace(
+        base, sensor=dataclasses.replace(base.sensor, exposure="supersample:24")
+    )
     shot, white = base.sample(1, (12, 16)), torch.ones(1, 3, 12, 16).double()
     error = expose(white, shot) - expose(white, dataclasses.replace(shot, scene=brute))
     assert error.square().mean().sqrt() < 0.03  # a box for all was off by 0.1 to 0.2
@@ -133,7 +166,10 @@ def test_magnified_screens_under_any_lens_are_near_brute_force(name):
 @pytest.mark.parametrize("size", [(16, 16), (17, 17)])
 def test_a_picture_smaller_than_a_pixel_keeps_its_light(size):
     scene = Scene(
-        panel=Panel(layout="even"), view=View(zoom=0.01), sensor=Sensor(cfa="none"), develop=Develop(registered=False)
+        panel=Panel(layout="even"),
+        view=View(zoom=0.01),
+        sensor=Sensor(cfa="none"),
+        develop=Develop(registered=False),
     )
     light = float(scene.capture(torch.ones(1, 3, *size, dtype=torch.float64)).sum())
     assert light == pytest.approx(3 * size[0] * size[1] * 0.01**2, rel=1e-3)
@@ -142,7 +178,9 @@ def test_a_picture_smaller_than_a_pixel_keeps_its_light(size):
 def test_no_noise_of_a_noisy_scene_has_a_gradient():
     scene = Scene(sensor=Sensor(shot_noise=(0, 0.1)))
     shot = scene.sample(1, (4, 4))
-    quiet = dataclasses.replace(shot, sensor=dataclasses.replace(shot.sensor, shot_noise=torch.zeros(1).double()))
+    quiet = dataclasses.replace(
+        shot, sensor=dataclasses.replace(shot.sensor, shot_noise=torch.zeros(1).double())
+    )
     image = torch.rand(1, 3, 4, 4, requires_grad=True)
     capture(image, quiet).sum().backward()
     assert image.grad.isfinite().all()
@@ -188,10 +226,18 @@ REFUSED = [
     (lambda: Develop(denoise="nl"), "Did you mean 'nlm'?"),
     (lambda: Panel(scale=10**400), "Panel.scale must lie in"),
     (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
-    (lambda: capture(torch.rand(1, 3, 4, 4), Scene().sample(1, (4, 4)), torch.full((1, 4, 2, 2), torch.nan)), "finite"),
+    (
+        lambda: capture(
+            torch.rand(1, 3, 4, 4), Scene().sample(1, (4, 4)), torch.full((1, 4, 2, 2), torch.nan)
+        ),
+        "finite",
+    ),
     (lambda: Develop(jpeg=101), "Develop.jpeg must lie in [0, 100]"),
     *[
-        (lambda v=v: Scene().capture(torch.full((1, 3, 4, 4), v)), "must be finite and lie in [0, 1]")
+        (
+            lambda v=v: Scene().capture(torch.full((1, 3, 4, 4), v)),
+            "must be finite and lie in [0, 1]",
+        )
         for v in (float("nan"), float("inf"), -0.2, 1.2)
     ],
 ]
@@ -208,10 +254,15 @@ def test_what_cannot_be_photographed_is_refused(make, sentence):
 def test_an_attack_survives_any_logits(scale):
     class Net(torch.nn.Module):
         def forward(self, x):
-            return torch.stack([x.mean((1, 2, 3)), x[:, 0].mean((1, 2)), -x[:, 2].mean((1, 2))], 1) * scale
+            return (
+                torch.stack([x.mean((1, 2, 3)), x[:, 0].mean((1, 2)), -x[:, 2].mean((1, 2))], 1)
+                * scale
+            )
 
     image, labels = IMAGES["random"](), torch.tensor([0, 1])
-    result = MoireAttack(Net(), scene=Scene(sensor=Sensor(scale=2)), eps=0.1, steps=2)(image, labels)
+    result = MoireAttack(Net(), scene=Scene(sensor=Sensor(scale=2)), eps=0.1, steps=2)(
+        image, labels
+    )
     assert in_range(result.images, image) and result.noise.isfinite().all()
     # the sign of a zero gradient is zero, and the noise stays where it is
     assert bool(result.noise.any()) == (scale > 0)

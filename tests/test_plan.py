@@ -1,4 +1,5 @@
-"""Plan: an effect at its identity, or below the tolerance, is absent; the rest say why they are there."""
+"""Plan: an effect at its identity, or below the tolerance, is absent; the rest say why they are
+there."""
 
 import dataclasses
 import json
@@ -41,7 +42,10 @@ CALLED = [
     ("exposure", {"lens": Lens(olpf=0.5)}),
     ("exposure", {"lens": Lens(blur=0.6)}),
     ("vignetting", {"lens": Lens(vignetting=(0, 0.1))}),
-    ("flicker", {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001, readout=0.01)}),
+    (
+        "flicker",
+        {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001, readout=0.01)},
+    ),
     ("gain", {"sensor": colour(gain=0.5)}),
     ("noise", {"sensor": colour(read_noise=(0, 0.1))}),
     ("noise", {"sensor": colour(shot_noise=0.01)}),
@@ -75,11 +79,15 @@ def test_every_effect_has_a_scene_that_calls_for_it():
 
 NOT_CALLED = [
     ("flicker", {"panel": Panel(layout="even", pwm=240.0)}),  # no shutter
-    ("flicker", {"panel": Panel(layout="even", pwm=240.0, duty=1.0), "sensor": colour(shutter=0.001)}),
+    (
+        "flicker",
+        {"panel": Panel(layout="even", pwm=240.0, duty=1.0), "sensor": colour(shutter=0.001)},
+    ),
     ("register", {"view": View(roll=5), "develop": Develop(registered=False)}),
     ("saturate", {"sensor": colour(gain=0.5)}),
     ("layout", {"panel": Panel(), "lens": Lens(blur=3.0)}),
-    ("prefilter", {"lens": Lens(blur=0.6)}),  # the exposure counts the panel pixels that it spreads over
+    # the exposure counts the panel pixels that it spreads over
+    ("prefilter", {"lens": Lens(blur=0.6)}),
     ("prefilter", {"view": View(zoom=0.1), "sensor": colour(exposure="supersample:2")}),
 ]
 
@@ -99,12 +107,22 @@ def test_a_scene_without_effects_returns_its_input(dtype, images):
     assert photo.dtype == dtype and torch.equal(photo, image)
 
 
-BRIGHT = {"panel": Panel(layout="even", pwm=1000.0, duty=0.5), "sensor": colour(shutter=0.3, readout=0.03)}
-BANDS = {"panel": Panel(layout="even", pwm=1000.0, duty=0.5), "sensor": colour(shutter=0.0012, readout=0.03)}
+BRIGHT = {
+    "panel": Panel(layout="even", pwm=1000.0, duty=0.5),
+    "sensor": colour(shutter=0.3, readout=0.03),
+}
+BANDS = {
+    "panel": Panel(layout="even", pwm=1000.0, duty=0.5),
+    "sensor": colour(shutter=0.0012, readout=0.03),
+}
 DROPPED = [  # effect, too small to matter, and not so
     ("exposure", {"lens": Lens(blur=0.0012)}, {"lens": Lens(blur=0.5)}),
     ("exposure", {"lens": Lens(olpf=0.0024)}, {"lens": Lens(olpf=0.5)}),
-    ("prefilter", {"panel": Panel(layout="even", scale=0.9975)}, {"panel": Panel(layout="even", scale=0.8)}),
+    (
+        "prefilter",
+        {"panel": Panel(layout="even", scale=0.9975)},
+        {"panel": Panel(layout="even", scale=0.8)},
+    ),
     ("vignetting", {"lens": Lens(vignetting=0.0019)}, {"lens": Lens(vignetting=0.3)}),
     ("flicker", BRIGHT, BANDS),
     ("gain", {"sensor": colour(gain=0.9981)}, {"sensor": colour(gain=0.7)}),
@@ -119,10 +137,16 @@ DROPPED = [  # effect, too small to matter, and not so
 
 
 def change_by_dropping(effect, scene, exact, images):
-    """How far the photo moves where the plan of `scene` leaves out what that of `exact` computes."""
+    """How far the photo moves where the plan of `scene` leaves out what that of `exact`
+    computes."""
     assert effect not in scene.plan() and effect in exact.plan()
     shot = scene.sample(4, (24, 32), torch.Generator().manual_seed(0))
-    return (capture(images, shot) - capture(images, dataclasses.replace(shot, scene=exact))).abs().max().item()
+    return (
+        (capture(images, shot) - capture(images, dataclasses.replace(shot, scene=exact)))
+        .abs()
+        .max()
+        .item()
+    )
 
 
 @pytest.mark.parametrize(("effect", "small", "large"), DROPPED)
@@ -130,10 +154,16 @@ def test_what_is_dropped_changes_nothing_by_more_than_the_tolerance(effect, smal
     image = (images > 0.5).double()  # black and white, where every effect is at its largest
     image[:2] = images[:2]
     scene = dataclasses.replace(BARE, **small)
-    assert 0 < change_by_dropping(effect, scene, dataclasses.replace(scene, tolerance=1e-9), image) <= 1 / 512
+    assert (
+        0
+        < change_by_dropping(effect, scene, dataclasses.replace(scene, tolerance=1e-9), image)
+        <= 1 / 512
+    )
     # and a tolerance that drops what does matter is noticed
     scene = dataclasses.replace(BARE, **large, tolerance=1.0)
-    assert change_by_dropping(effect, scene, dataclasses.replace(scene, tolerance=1e-9), image) > 0.05
+    assert (
+        change_by_dropping(effect, scene, dataclasses.replace(scene, tolerance=1e-9), image) > 0.05
+    )
 
 
 @pytest.mark.parametrize(
@@ -143,7 +173,9 @@ def test_what_is_dropped_changes_nothing_by_more_than_the_tolerance(effect, smal
 )  # fmt: skip
 def test_flicker_is_left_out_only_where_every_row_has_the_panels_mean(duty, shutter):
     scene = Scene(panel=Panel(pwm=1000.0, duty=duty), sensor=Sensor(shutter=shutter))
-    one_cycle = (torch.tensor([v], dtype=torch.float64) for v in (1000.0, duty, 0.0, shutter, 0.001))
+    one_cycle = (
+        torch.tensor([v], dtype=torch.float64) for v in (1000.0, duty, 0.0, shutter, 0.001)
+    )
     bands = flicker(torch.linspace(0, 1, 10001, dtype=torch.float64), *one_cycle)
     assert (bands - 1).abs().max() <= scene.tolerance or "flicker" in scene.plan()
 
@@ -152,16 +184,38 @@ def test_light_meets_the_effects_in_one_order():
     """Noise before the well is full, codes before the resize: the order is the physics."""
     names = [step.name for step in BARE.plan().steps]
     assert names == [
-        "decode", "prefilter", "layout", "pose", "lens", "exposure", "vignetting", "flicker", "gain", "noise",
-        "saturate", "bits", "demosaic", "balance", "encode", "brighten", "denoise", "resize", "register", "jpeg",
-    ]  # fmt: skip
+        "decode",
+        "prefilter",
+        "layout",
+        "pose",
+        "lens",
+        "exposure",
+        "vignetting",
+        "flicker",
+        "gain",
+        "noise",
+        "saturate",
+        "bits",
+        "demosaic",
+        "balance",
+        "encode",
+        "brighten",
+        "denoise",
+        "resize",
+        "register",
+        "jpeg",
+    ]
 
 
-@pytest.mark.parametrize("scene", [*map(Scene.preset, PRESETS), BARE, OWN], ids=[*PRESETS, "bare", "own layout"])
+@pytest.mark.parametrize(
+    "scene", [*map(Scene.preset, PRESETS), BARE, OWN], ids=[*PRESETS, "bare", "own layout"]
+)
 def test_a_plan_is_plain_data(scene):
     values = scene.plan().to_dict()
     assert json.loads(json.dumps(values)) == values
-    assert [*values["effects"], *values["left_out"]] != [] and not values["effects"].keys() & values["left_out"].keys()
+    assert [*values["effects"], *values["left_out"]] != [] and not values[
+        "effects"
+    ].keys() & values["left_out"].keys()
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -174,8 +228,14 @@ def test_a_plan_prints_every_effect_once_with_its_reason(name):
 
 
 def test_harmonics_below_the_tolerance_change_nothing_above_it(images):
-    """Each dropped harmonic is below the tolerance. Their sum may exceed it: here it stays below four times as much."""
-    base = Scene(panel=Panel(scale=(0.8, 1.6)), view=View(roll=(-20, 20)), lens=Lens(blur=0.25), sensor=Sensor(scale=2))
+    """Each dropped harmonic is below the tolerance. Their sum may exceed it: here it stays below
+    four times as much."""
+    base = Scene(
+        panel=Panel(scale=(0.8, 1.6)),
+        view=View(roll=(-20, 20)),
+        lens=Lens(blur=0.25),
+        sensor=Sensor(scale=2),
+    )
     shot = base.sample(4, (24, 32))
     exact = dataclasses.replace(base, tolerance=1e-7)
     assert len(exact.plan().harmonics) > len(base.plan().harmonics) > 0
@@ -189,7 +249,9 @@ def test_a_loose_tolerance_drops_the_moire():
     shot, flat = base.sample(1, (24, 32)), torch.full((1, 3, 24, 32), 0.9)
     loose = dataclasses.replace(base, tolerance=1.0)
     assert "layout" not in loose.plan()
-    change = (capture(flat, shot) - capture(flat, dataclasses.replace(shot, scene=loose))).abs().max()
+    change = (
+        (capture(flat, shot) - capture(flat, dataclasses.replace(shot, scene=loose))).abs().max()
+    )
     assert change > 4 * base.tolerance
 
 
@@ -199,5 +261,7 @@ def test_auto_never_stays_auto():
 
 
 def test_a_screen_magnified_beyond_the_series_is_integrated_in_closed_form():
-    assert Scene(panel=Panel(scale=0.5), sensor=Sensor(scale=2)).plan().exposure == "spectral"  # pitch 4
-    assert Scene(panel=Panel(scale=0.01), sensor=Sensor(scale=2)).plan().exposure == "box"  # pitch 200
+    # pitch 4
+    assert Scene(panel=Panel(scale=0.5), sensor=Sensor(scale=2)).plan().exposure == "spectral"
+    # pitch 200
+    assert Scene(panel=Panel(scale=0.01), sensor=Sensor(scale=2)).plan().exposure == "box"

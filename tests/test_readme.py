@@ -11,7 +11,8 @@ BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
 def snippets(text):
-    """The code of each block, below as many empty lines as stand above it on the page: errors then name its line."""
+    """The code of each block, below as many empty lines as stand above it on the page: errors then
+    name its line."""
     return ["\n" * text[: block.start(1)].count("\n") + block[1] for block in BLOCK.finditer(text)]
 
 

@@ -95,7 +95,9 @@ def test_same_seed_same_shot_and_prefix():
     scene = Scene.preset("screen_photo")
     a, b = (scene.sample(n, (8, 8), torch.Generator().manual_seed(5)) for n in (6, 3))
     assert torch.equal(a.view.roll[:3], b.view.roll) and torch.equal(a.seed[:3], b.seed)
-    assert not torch.equal(a.view.roll, scene.sample(6, (8, 8), torch.Generator().manual_seed(6)).view.roll)
+    assert not torch.equal(
+        a.view.roll, scene.sample(6, (8, 8), torch.Generator().manual_seed(6)).view.roll
+    )
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -108,7 +110,9 @@ def test_a_shot_replays_bit_for_bit(name, images):
     assert torch.equal(capture(images, again), first)
 
 
-@pytest.mark.parametrize("rows", [slice(1, 3), [1, 2], torch.tensor([1, 2]), torch.tensor([False, True, True, False])])
+@pytest.mark.parametrize(
+    "rows", [slice(1, 3), [1, 2], torch.tensor([1, 2]), torch.tensor([False, True, True, False])]
+)
 def test_rows_of_a_shot_are_rows_of_the_photo(rows, images):
     scene = Scene.preset("screen_photo")
     shot = scene.sample(4, (24, 32))

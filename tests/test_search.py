@@ -1,4 +1,5 @@
-"""Random valid scenes, sizes and images: nothing is ever NaN, out of range, of another shape or different on replay."""
+"""Random valid scenes, sizes and images: nothing is ever NaN, out of range, of another shape or
+different on replay."""
 
 import dataclasses
 import json
@@ -13,14 +14,24 @@ from moireaug.scene.layout import LAYOUTS, Layout
 from moireaug.scene.parts import PARTS
 
 SLANTED = Layout(
-    ((0, 0.5, 0.5, 0.3, 0.2, -0.1, 0.6), (1, 1.5, 0.5, 0.5, 0.5, -0.5, 0.5), (2, 1, 0, 1, 0, 0, 0.2)), (2, 1)
+    (
+        (0, 0.5, 0.5, 0.3, 0.2, -0.1, 0.6),
+        (1, 1.5, 0.5, 0.5, 0.5, -0.5, 0.5),
+        (2, 1, 0, 1, 0, 0, 0.2),
+    ),
+    (2, 1),
 )
 CHOICES = {
     ("panel", "layout"): [
         *LAYOUTS,
         Layout(((0, 0, 0, 0.3, 1), (1, 0.5, 0.2, 1.4, 0.7), (2, 1.5, 0, 2, 1)), (2, 1)),
         Layout(
-            ((0, 0.5, 0.5, 0.3, 0.2, -0.1, 0.6), (1, 1.5, 0.5, 0.5, 0.5, -0.5, 0.5), (2, 1, 0, 1, 0, 0, 0.2)), (2, 1)
+            (
+                (0, 0.5, 0.5, 0.3, 0.2, -0.1, 0.6),
+                (1, 1.5, 0.5, 0.5, 0.5, -0.5, 0.5),
+                (2, 1, 0, 1, 0, 0, 0.2),
+            ),
+            (2, 1),
         ),
     ],
     ("view", "pose"): ["camera", "released"],
@@ -46,23 +57,38 @@ def values(part, field):
     low, high = field.metadata["low"], field.metadata["high"]
     if part == "lens" and field.name in ("k1", "k2"):
         low, high = -0.05, 0.3  # beyond, many are refused
-    number = st.floats(low, high) | st.floats(max(low, -2.0), min(high, 2.0)) | st.sampled_from([low, high])
+    number = (
+        st.floats(low, high)
+        | st.floats(max(low, -2.0), min(high, 2.0))
+        | st.sampled_from([low, high])
+    )
     return own | own | number | st.tuples(number, number).map(lambda pair: tuple(sorted(pair)))
 
 
 def a_part(part):
-    return st.builds(PARTS[part], **{f.name: values(part, f) for f in dataclasses.fields(PARTS[part])})
+    return st.builds(
+        PARTS[part], **{f.name: values(part, f) for f in dataclasses.fields(PARTS[part])}
+    )
 
 
 SCENES = st.builds(
-    Scene, **{part: a_part(part) for part in PARTS}, tolerance=st.sampled_from([1 / 512, 1 / 512, 0.0, 1e-6, 1.0])
+    Scene,
+    **{part: a_part(part) for part in PARTS},
+    tolerance=st.sampled_from([1 / 512, 1 / 512, 0.0, 1e-6, 1.0]),
 )
 
 
 @settings(
-    max_examples=60, deadline=None, derandomize=True, database=None,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
-)  # fmt: skip
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[
+        HealthCheck.too_slow,
+        HealthCheck.data_too_large,
+        HealthCheck.filter_too_much,
+    ],
+)
 @given(
     scene=SCENES, n=st.integers(0, 2), height=st.integers(1, 16), width=st.integers(1, 16),
     dtype=st.sampled_from([torch.float16, torch.bfloat16, torch.float32, torch.float64]),
@@ -83,7 +109,9 @@ def test_any_scene_on_any_image(scene, n, height, width, dtype, kind, seed):
     assert photo.shape == image.shape and photo.dtype == dtype and photo.isfinite().all()
     assert not photo.numel() or (photo.min() >= 0 and photo.max() <= 1)
     assert torch.equal(image, kept)
-    assert torch.equal(capture(image, Shot.from_dict(json.loads(json.dumps(shot.to_dict())))), photo)
+    assert torch.equal(
+        capture(image, Shot.from_dict(json.loads(json.dumps(shot.to_dict())))), photo
+    )
     assert tuple(expose(image, shot).shape) == shot.raw_shape()
 
     image = image.double().requires_grad_()

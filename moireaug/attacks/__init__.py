@@ -1,4 +1,5 @@
-"""Attacks: one loop, and the noise, pixels or pose that it moves. Models take images in [0, 1] and return logits."""
+"""Attacks: one loop, and the noise, pixels or pose that it moves. Models take images in [0, 1] and
+return logits."""
 
 from moireaug.attacks.answers import UNDECIDED, predicted
 from moireaug.attacks.checks import NoAnswerError

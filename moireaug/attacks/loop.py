@@ -1,4 +1,5 @@
-"""The one loop of every gradient attack here: steps of an update rule, projected, and the best per image kept."""
+"""The one loop of every gradient attack here: steps of an update rule, projected, and the best per
+image kept."""
 
 from __future__ import annotations
 
@@ -23,23 +24,29 @@ from moireaug.scene.scene import Shot
 
 @dataclass(frozen=True, kw_only=True)
 class Attack(ABC):
-    """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise becomes an image.
+    """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise
+    becomes an image.
 
-    Where a gradient is exactly zero, or NaN, that element of the noise stays where it is. An image whose logits become
-    NaN or infinite is fooled: the model has no answer to it, which is never right, and never the target.
+    Where a gradient is exactly zero, or NaN, that element of the noise stays where it is. An image
+    whose logits become NaN or infinite is fooled: the model has no answer to it, which is never
+    right, and never the target.
 
     Args:
-        model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and gradients are the same
-            after the attack as before, also when it raises.
+        model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and
+            gradients are the same after the attack as before, also when it raises.
         eps: bound of the noise in [0, 1] units; a list gives one Result per value, in order.
         steps: gradient steps.
-        step_size: in units of eps; None is min(1, 2.5 / steps), or, of the rule "apgd", 2, and of "printed",
-            1 / steps.
-        rule: a key of `attacks.RULES`, which say what a step is: "sign", "momentum", "apgd" or "printed".
-        loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr", which is the targeted one where there are targets.
-        random_start: radius of the uniform random start, in units of eps; 0 starts from no noise. Above 1, only with a
-            single step, the noise may end outside the ball: N-FGSM (de Jorge et al., 2022).
-        restarts: the attack is run so often, later runs from a random start, and the best per image is kept.
+        step_size: in units of eps; None is min(1, 2.5 / steps), or, of the rule "apgd", 2, and of
+            "printed", 1 / steps.
+        rule: a key of `attacks.RULES`, which say what a step is: "sign", "momentum", "apgd" or
+            "printed".
+        loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr", which is the targeted one where
+            there are targets.
+        random_start: radius of the uniform random start, in units of eps; 0 starts from no noise.
+            Above 1, only with a single step, the noise may end outside the ball: N-FGSM (de Jorge
+            et al., 2022).
+        restarts: the attack is run so often, later runs from a random start, and the best per image
+            is kept.
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
@@ -53,28 +60,38 @@ class Attack(ABC):
 
     def __post_init__(self) -> None:
         several = self.eps if isinstance(self.eps, (list, tuple)) else [self.eps]
-        if not several or any(not (isinstance(e, (int, float)) and 0 <= e < math.inf) for e in several):
-            raise ValueError(f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {self.eps!r}.")
+        bounds = [isinstance(e, (int, float)) and 0 <= e < math.inf for e in several]
+        if not bounds or not all(bounds):
+            raise ValueError(
+                f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {self.eps!r}."
+            )
         if max(several) > 1:
-            raise ValueError(f"eps is in [0, 1] units, where 1 is full scale; got {self.eps!r}. Divide by 255?")
-        for name in ("steps", "restarts"):
+            raise ValueError(
+                f"eps is in [0, 1] units, where 1 is full scale; got {self.eps!r}. Divide by 255?"
+            )
+        for name, least in (("steps", 0), ("restarts", 1)):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < (name == "restarts"):
-                raise ValueError(f"{name} must be an integer >= {int(name == 'restarts')}; got {value!r}.")
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise ValueError(f"{name} must be an integer >= {least}; got {value!r}.")
         if self.step_size is not None and not self.step_size > 0:
             raise ValueError(f"step_size must be above 0, in units of eps; got {self.step_size!r}.")
         if not self.random_start >= 0:
-            raise ValueError(f"random_start must be a radius >= 0, in units of eps; got {self.random_start!r}.")
+            raise ValueError(
+                f"random_start must be a radius >= 0, in units of eps; got {self.random_start!r}."
+            )
         if self.random_start > 1 and self.steps > 1:
             raise ValueError(
-                f"a random_start beyond the ball ({self.random_start!r} times eps) is for a single step, which "
-                f"does not pull it back; got steps = {self.steps}. Use random_start <= 1."
+                f"a random_start beyond the ball ({self.random_start!r} times eps) is for a single "
+                f"step, which does not pull it back; got steps = {self.steps}. Use random_start <= "
+                "1."
             )
         one_of("rule", self.rule, RULES)
         one_of("loss", self.loss, LOSSES)
 
     @abstractmethod
-    def problem(self, images: Tensor, shot: Shot | None, generator: torch.Generator | None) -> Problem:
+    def problem(
+        self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
+    ) -> Problem:
         """How noise becomes images, for one batch."""
 
     def __call__(
@@ -99,8 +116,9 @@ class Attack(ABC):
             A Result, or a list of them where `eps` is a list.
 
         Raises:
-            TypeError, ValueError: images, labels or logits of the wrong type, shape or range; targets that are labels;
-                a model without a gradient, or whose logits are not finite for any of the images.
+            TypeError, ValueError: images, labels or logits of the wrong type, shape or range;
+                targets that are labels; a model without a gradient, or whose logits are not finite
+                for any of the images.
         """
         images = check_images(images)
         with evaluating(self.model):
@@ -108,10 +126,14 @@ class Attack(ABC):
             labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
             if isinstance(self.eps, (int, float)):
-                return self._best(problem, images, labels, targets, targets, float(self.eps), generator)
+                return self._best(
+                    problem, images, labels, targets, targets, float(self.eps), generator
+                )
             results = []
             for eps in self.eps:
-                results.append(self._best(problem, images, labels, targets, targets, float(eps), generator))
+                results.append(
+                    self._best(problem, images, labels, targets, targets, float(eps), generator)
+                )
             return results
 
     def toward(
@@ -126,8 +148,8 @@ class Attack(ABC):
         """Attack a batch by steps toward one class an image, where any wrong class is a success.
 
         Args:
-            classes: (B,) int64, by which the loss steers, as by the `targets` of a call; what is kept, and what counts,
-                is as without targets.
+            classes: (B,) int64, by which the loss steers, as by the `targets` of a call; what is
+                kept, and what counts, is as without targets.
             others: as in a call, with its errors; `eps` must be one number.
         """
         images, eps = check_images(images), self.one_eps()
@@ -137,11 +159,18 @@ class Attack(ABC):
             problem = self.problem(images, shot, generator)
             return self._best(problem, images, labels, None, aims, eps, generator)
 
-    def walk(self, images: Tensor, labels: Tensor, *, shot: Shot | None = None,
-             generator: torch.Generator | None = None) -> tuple[Problem, Point]:  # fmt: skip
-        """The problem, and the point after the last step, whether or not an earlier step was better: what adversarial
-        training uses, at one forward and backward pass a step and none beside. `problem.render(**point)` are the
-        images, (B, 3, H, W), differentiable in the point. Arguments as in a call."""
+    def walk(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        *,
+        shot: Shot | None = None,
+        generator: torch.Generator | None = None,
+    ) -> tuple[Problem, Point]:
+        """Return the problem, and the point after the last step, whether or not an earlier step was
+        better: what adversarial training uses, at one forward and backward pass a step and none
+        beside. `problem.render(**point)` are the images, (B, 3, H, W), differentiable in the point.
+        Arguments as in a call."""
         with evaluating(self.model):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
@@ -149,9 +178,15 @@ class Attack(ABC):
             point = self._start(problem, eps, 0, images, generator)
             return problem, self._ascend(problem, point, labels, None, eps, generator, None)
 
-    def last(self, images: Tensor, labels: Tensor, *, shot: Shot | None = None,
-             generator: torch.Generator | None = None) -> Tensor:  # fmt: skip
-        """The images after the last step of a `walk`, (B, 3, H, W)."""
+    def last(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        *,
+        shot: Shot | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Tensor:
+        """Return the images after the last step of a `walk`, (B, 3, H, W)."""
         problem, point = self.walk(images, labels, shot=shot, generator=generator)
         with torch.no_grad():
             return problem.render(**point).detach()
@@ -159,33 +194,45 @@ class Attack(ABC):
     def one_eps(self) -> float:
         """Return eps where it is one number, and refuse a list."""
         if not isinstance(self.eps, (int, float)):
-            raise ValueError(f"eps must be one number here; got {self.eps!r}. Make an attack of each.")
+            raise ValueError(
+                f"eps must be one number here; got {self.eps!r}. Make an attack of each."
+            )
         return float(self.eps)
 
     def _start(
-        self, problem: Problem, eps: float, restart: int, images: Tensor, generator: torch.Generator | None
+        self,
+        problem: Problem,
+        eps: float,
+        restart: int,
+        images: Tensor,
+        generator: torch.Generator | None,
     ) -> Point:
         """No noise and the drawn pose, or random ones."""
         radius = self.random_start or (1.0 if restart else 0.0)
         noise = torch.zeros(problem.shape)
         if radius and eps and "noise" not in problem.still:
             noise.uniform_(-radius * eps, radius * eps, generator=generator)
-        point = {"noise": noise.to(images.device, images.dtype if images.dtype == torch.float64 else torch.float32)}
+        dtype = torch.float64 if images.dtype == torch.float64 else torch.float32
+        point = {"noise": noise.to(images.device, dtype)}
         if problem.pose is not None:
             point["pose"] = problem.pose
             if restart:
-                fresh = torch.rand(problem.pose.shape, generator=generator, dtype=torch.float64) * 2 - 1
-                point["pose"] = fresh.to(images.device)
+                share = torch.rand(problem.pose.shape, generator=generator, dtype=torch.float64)
+                point["pose"] = (share * 2 - 1).to(images.device)
         return point
 
     def _rules(self, problem: Problem, eps: float) -> dict[str, Rule]:
-        """A rule for each variable that moves."""
+        """Return a rule for each variable that moves."""
         # noise that starts outside the ball (N-FGSM) is stepped on, and not pulled back
         bound = eps if self.random_start <= 1 else math.inf
         balls = {"noise": Ball(eps, bound, self.steps, self.step_size, problem.base, problem.felt)}
         if problem.pose is not None:
             balls["pose"] = Ball(1.0, 1.0, self.steps, self.step_size)
-        return {name: RULES[self.rule](ball) for name, ball in balls.items() if name not in problem.still}
+        rules = {}
+        for name, ball in balls.items():
+            if name not in problem.still:
+                rules[name] = RULES[self.rule](ball)
+        return rules
 
     def _ascend(
         self,
@@ -203,12 +250,15 @@ class Attack(ABC):
             point = {name: x.detach().requires_grad_(True) for name, x in point.items()}
             logits = self.model(problem.rehearse(**point))
             if k == 0:
-                check_classes(labels if aims is None else torch.maximum(labels, aims), logits, problem.views)
+                highest = labels if aims is None else torch.maximum(labels, aims)
+                check_classes(highest, logits, problem.views)
                 check_answers(logits, self.model, problem.images)
                 check_gradient(logits)
             objective = LOSSES[self.loss](logits, *many)
             # a scene may have ranges that no photo of it depends on
-            gradients = torch.autograd.grad(objective.sum(), list(point.values()), allow_unused="pose" in point)
+            gradients = torch.autograd.grad(
+                objective.sum(), list(point.values()), allow_unused="pose" in point
+            )
             point = {name: x.detach() for name, x in point.items()}
             loss = objective.detach().view(problem.views, len(labels)).mean(0)
             if watch:
@@ -246,7 +296,8 @@ class Attack(ABC):
 
 
 class _Best:
-    """Keeps each image's point of the greatest margin, over steps and restarts, and the mean loss of each step."""
+    """Keeps each image's point of the greatest margin, over steps and restarts, and the mean loss
+    of each step."""
 
     def __init__(self, labels: Tensor, targets: Tensor | None, views: int) -> None:
         self.labels, self.targets, self.views = labels, targets, views

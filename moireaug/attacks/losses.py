@@ -1,4 +1,5 @@
-"""What an attack ascends: per-image losses of logits (B, K), greater where the attack is nearer to its goal."""
+"""What an attack ascends: per-image losses of logits (B, K), greater where the attack is nearer to
+its goal."""
 
 from __future__ import annotations
 
@@ -10,9 +11,11 @@ from torch import Tensor
 
 
 class Loss(Protocol):
-    """Logits (B, K), true classes (B,) int64 and, of a targeted attack, the classes (B,) to reach, to losses (B,).
+    """Logits (B, K), true classes (B,) int64 and, of a targeted attack, the classes (B,) to reach,
+    to losses (B,).
 
-    Differentiable in the logits. Without targets it rises as the true class is left, with them as the target is neared.
+    Differentiable in the logits. Without targets it rises as the true class is left, with them as
+    the target is neared.
     """
 
     def __call__(self, logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor: ...
@@ -29,10 +32,11 @@ def _of(logits: Tensor, classes: Tensor) -> Tensor:
 
 
 def margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
-    """Return the best other logit minus the labelled one, (B,); with targets, the target's minus the best other one.
+    """Return the best other logit minus the labelled one, (B,); with targets, the target's minus
+    the best other one.
 
-    It is positive where, and only where, the attack is there. A tie counts as there only if argmax says so; see
-    `Attack`.
+    It is positive where, and only where, the attack is there. A tie counts as there only if argmax
+    says so; see `Attack`.
     """
     if targets is not None:
         return -margin(logits, targets)
@@ -40,28 +44,31 @@ def margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Ten
 
 
 def cross_entropy(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
-    """Return cross-entropy's direction without its vanishing length: the log-odds against the label, (B,); with
-    targets, those for the target.
+    """Return cross-entropy's direction without its vanishing length: the log-odds against the
+    label, (B,); with targets, those for the target.
 
-    -log p_y = softplus(logsumexp of the other logits - z_y). Both have the same gradient up to the factor 1 - p_y,
-    which is 0 in float32 for a confident model; the sign steps of an attack only need the direction.
+    -log p_y = softplus(logsumexp of the other logits - z_y). Both have the same gradient up to the
+    factor 1 - p_y, which is 0 in float32 for a confident model; the sign steps of an attack only
+    need the direction.
     """
     if targets is not None:
         return -cross_entropy(logits, targets)
     return torch.logsumexp(_without(logits, labels), 1) - _of(logits, labels)
 
 
-def difference_of_logits_ratio(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
-    """Return the difference of logits ratio, DLR (Croce & Hein, 2020, equation 6), (B,), or, with targets, the targeted
-    one (equation 7).
+def difference_of_logits_ratio(
+    logits: Tensor, labels: Tensor, targets: Tensor | None = None
+) -> Tensor:
+    """Return the difference of logits ratio, DLR (Croce & Hein, 2020, equation 6), (B,), or, with
+    targets, the targeted one (equation 7).
 
     With the logits sorted as z_1 >= z_2 >= ..., they are -(z_y - best other) / (z_1 - z_3) and
-    -(z_y - z_t) / (z_1 - (z_3 + z_4) / 2): the same for a model whose logits are all multiplied by a number. Where all
-    these logits tie, the denominator is the least that the dtype tells from 0 at 1, and both are finite with their
-    gradients.
+    -(z_y - z_t) / (z_1 - (z_3 + z_4) / 2): the same for a model whose logits are all multiplied by
+    a number. Where all these logits tie, the denominator is the least that the dtype tells from 0
+    at 1, and both are finite with their gradients.
 
-    Where the label itself is third, the untargeted ratio is 1 whatever its logit is. Its gradient, 0 in the paper, is
-    then that of the margin alone, so that an attack goes on from there.
+    Where the label itself is third, the untargeted ratio is 1 whatever its logit is. Its gradient,
+    0 in the paper, is then that of the margin alone, so that an attack goes on from there.
 
     Raises:
         ValueError: logits of fewer than three classes, or, with targets, four.
@@ -69,8 +76,8 @@ def difference_of_logits_ratio(logits: Tensor, labels: Tensor, targets: Tensor |
     needed, kind = (3, "") if targets is None else (4, ", targeted,")
     if logits.shape[1] < needed:
         raise ValueError(
-            f"the loss 'dlr'{kind} needs a model of at least {needed} classes; got logits of {logits.shape[1]}. Use "
-            "'margin'."
+            f"the loss 'dlr'{kind} needs a model of at least {needed} classes; got logits of "
+            f"{logits.shape[1]}. Use 'margin'."
         )
     top, places = logits.topk(needed, 1)
     if targets is None:
@@ -96,6 +103,6 @@ def reported(logits: Tensor, labels: Tensor) -> Tensor:
 
 
 def likeliest(logits: Tensor, labels: Tensor, k: int) -> Tensor:
-    """Return the k classes of the greatest logits beside the label's, the greatest first: (B, k) int64, or (B, K - 1)
-    where the model has fewer."""
+    """Return the k classes of the greatest logits beside the label's, the greatest first: (B, k)
+    int64, or (B, K - 1) where the model has fewer."""
     return _without(logits, labels).topk(min(k, logits.shape[1] - 1), 1).indices

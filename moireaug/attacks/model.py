@@ -28,7 +28,10 @@ class Normalized(nn.Module):
     ) -> None:
         super().__init__()
         if len(mean) != len(std) or min(std) <= 0:
-            raise ValueError(f"mean and std must be as many positive std as mean; got mean = {mean}, std = {std}.")
+            raise ValueError(
+                f"mean and std must be as many positive std as mean; got mean = {mean}, std = "
+                f"{std}."
+            )
         self.model = model
         self.register_buffer("mean", torch.tensor(mean).view(-1, 1, 1), persistent=False)
         self.register_buffer("std", torch.tensor(std).view(-1, 1, 1), persistent=False)
@@ -39,10 +42,11 @@ class Normalized(nn.Module):
 
 @contextlib.contextmanager
 def evaluating(model: nn.Module | Callable[[Tensor], Tensor]) -> Iterator[None]:
-    """Evaluation mode inside, every module's own mode again outside, also after an error.
+    """Put a model into evaluation mode inside, and every module back into its own mode outside,
+    also after an error.
 
-    BatchNorm would otherwise learn the attack's intermediate images. Gradients are enabled inside, even under
-    `torch.no_grad` and `torch.inference_mode`, because every attack needs them.
+    BatchNorm would otherwise learn the attack's intermediate images. Gradients are enabled inside,
+    even under `torch.no_grad` and `torch.inference_mode`, because every attack needs them.
     """
     modes = [(m, m.training) for m in model.modules()] if isinstance(model, nn.Module) else []
     try:

@@ -23,37 +23,45 @@ Stage = Callable[[Tensor, ShotRecord], Tensor]
 # where noise is added: what comes before it, and what after
 NOISE_AT: dict[str, tuple[Stage, Stage]] = {
     "raw": (expose, develop),
-    "photo": (lambda images, shot: develop(expose(images, shot), shot), lambda photo, shot: clip(photo)),
+    "photo": (
+        lambda images, shot: develop(expose(images, shot), shot),
+        lambda photo, shot: clip(photo),
+    ),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class MoireAttack(Attack):
-    """The Moiré Attack (paper, section 3 and Algorithm 1): find delta on the raw reading so that the developed photo
-    `develop(expose(x) + delta)` is misclassified, or classified as a target.
+    """The Moiré Attack (paper, section 3 and Algorithm 1): find delta on the raw reading so that
+    the developed photo `develop(expose(x) + delta)` is misclassified, or classified as a target.
 
-    The screen is exposed once; every step only develops raw + delta. Unlike the printed algorithm, each step's photo is
-    developed from the one reading plus the current delta, and the best step per image is returned. The printed order is
-    the rule "printed", whose noise is larger than eps: see `rules.Printed`.
+    The screen is exposed once; every step only develops raw + delta. Unlike the printed algorithm,
+    each step's photo is developed from the one reading plus the current delta, and the best step
+    per image is returned. The printed order is the rule "printed", whose noise is larger than eps:
+    see `rules.Printed`.
 
-    Where the adversary turns the camera, too, every step exposes the screen again. The Result's shot is then the one
-    that was found, and `capture(images, result.shot, result.noise)` its photo, as it always is with noise at "raw".
+    Where the adversary turns the camera, too, every step exposes the screen again. The Result's
+    shot is then the one that was found, and `capture(images, result.shot, result.noise)` its photo,
+    as it always is with noise at "raw".
 
     Args:
         scene: a Scene, a preset's name or a dict.
-        eot: shots a step; with more than one, each step averages over so many fresh draws of the scene (expectation
-            over transformation), and the noise found is judged on `shot` alone. 1 attacks that very shot.
-        noise_at: a key of `NOISE_AT`: "raw", or "photo", on the finished photo, which is then clipped to [0, 1]: the
-            paper's Moiré + BIM (appendix E).
-        optimise: what moves: "noise", and parts of the scene ("panel", "view", "lens", "sensor", "develop"), of which
-            every range is searched within the scene's bounds by the same steps, whose sizes are then in units of half
-            the range's width. The search starts at the drawn shot, a restart at a fresh draw. ("view",) searches the
-            worst pose without noise. A field that no effect of the plan reads stays where it is.
+        eot: shots a step; with more than one, each step averages over so many fresh draws of the
+            scene (expectation over transformation), and the noise found is judged on `shot` alone.
+            1 attacks that very shot.
+        noise_at: a key of `NOISE_AT`: "raw", or "photo", on the finished photo, which is then
+            clipped to [0, 1]: the paper's Moiré + BIM (appendix E).
+        optimise: what moves: "noise", and parts of the scene ("panel", "view", "lens", "sensor",
+            "develop"), of which every range is searched within the scene's bounds by the same
+            steps, whose sizes are then in units of half the range's width. The search starts at the
+            drawn shot, a restart at a fresh draw. ("view",) searches the worst pose without noise.
+            A field that no effect of the plan reads stays where it is.
         others: see `Attack`.
 
     Raises:
-        ValueError: to construct it with an `optimise` that this scene cannot follow, or to call it with such a shot:
-            an exposure without a gradient in the shot ("spectral" and "box" have one), whole degrees, no range.
+        ValueError: to construct it with an `optimise` that this scene cannot follow, or to call it
+            with such a shot: an exposure without a gradient in the shot ("spectral" and "box" have
+            one), whole degrees, no range.
     """
 
     scene: Scene | str | dict = "paper"
@@ -67,19 +75,23 @@ class MoireAttack(Attack):
         if isinstance(self.eot, bool) or not isinstance(self.eot, int) or self.eot < 1:
             raise ValueError(f"eot must be an integer >= 1, the shots of a step; got {self.eot!r}.")
         one_of("noise_at", self.noise_at, NOISE_AT)
-        if not isinstance(self.optimise, (tuple, list)) or len(set(self.optimise)) < max(1, len(self.optimise)):
+        parts = self.optimise
+        if not isinstance(parts, (tuple, list)) or not parts or len(set(parts)) < len(parts):
             raise ValueError(
-                f"optimise must be a tuple of different names, like ('noise', 'view'); got {self.optimise!r}."
+                "optimise must be a tuple of different names, like ('noise', 'view'); got "
+                f"{self.optimise!r}."
             )
         object.__setattr__(self, "optimise", tuple(self.optimise))
         moved_fields(as_scene(self.scene), self.optimise)
         if self.rule == "printed" and (self.eot > 1 or self.optimise != ("noise",)):
             raise ValueError(
-                "the rule 'printed' adds to the reading of one shot: it needs eot = 1 and optimise = ('noise',); got "
-                f"eot = {self.eot} and optimise = {self.optimise!r}. Use 'sign'."
+                "the rule 'printed' adds to the reading of one shot: it needs eot = 1 and optimise "
+                f"= ('noise',); got eot = {self.eot} and optimise = {self.optimise!r}. Use 'sign'."
             )
 
-    def problem(self, images: Tensor, shot: Shot | None, generator: torch.Generator | None) -> Problem:
+    def problem(
+        self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
+    ) -> Problem:
         scene, size = as_scene(self.scene), (images.shape[-2], images.shape[-1])
         if shot is None:
             shot = scene.sample(len(images), size, generator)
@@ -119,8 +131,8 @@ class MoireAttack(Attack):
 
 
 def _felt(noise_at: str, shot: ShotRecord) -> tuple[float, float]:
-    """Return beyond which values noise changes nothing: a finished photo's ends, or a full well. Below 0 a reading is
-    felt, since demosaicing mixes it with others."""
+    """Return beyond which values noise changes nothing: a finished photo's ends, or a full well.
+    Below 0 a reading is felt, since demosaicing mixes it with others."""
     if noise_at == "photo":
         return 0.0, 1.0
     return -math.inf, 1.0 if "saturate" in shot.plan else math.inf

@@ -1,4 +1,5 @@
-"""An attack that is run toward several classes in turn: MultiTargeted, and with that AutoAttack's APGD-T."""
+"""An attack that is run toward several classes in turn: MultiTargeted, and with that AutoAttack's
+APGD-T."""
 
 from __future__ import annotations
 
@@ -22,18 +23,22 @@ from moireaug.scene.scene import Shot
 
 @dataclass(frozen=True, kw_only=True)
 class MultiTargeted:
-    """Run an attack toward each of the likeliest wrong classes of the unattacked photo in turn (Gowal et al., 2019).
+    """Run an attack toward each of the likeliest wrong classes of the unattacked photo in turn
+    (Gowal et al., 2019).
 
-    Any wrong class is a success. An image is done with its first one; of the others the greatest margin is kept. With
-    the rule "apgd" and the loss "dlr" it is APGD-T, the second attack of AutoAttack (Croce & Hein, 2020, section 5):
+    Any wrong class is a success. An image is done with its first one; of the others the greatest
+    margin is kept. With the rule "apgd" and the loss "dlr" it is APGD-T, the second attack of
+    AutoAttack (Croce & Hein, 2020, section 5):
     `MultiTargeted(MoireAttack(model, rule="apgd", loss="dlr", steps=100))`.
 
     Args:
         attack: a MoireAttack, PGD or another `Attack`, whose loss steers toward the class.
-        targets: how many classes, the likeliest first; where the model has no more than that, all but the label.
+        targets: how many classes, the likeliest first; where the model has no more than that, all
+            but the label.
 
     Raises:
-        TypeError, ValueError: to construct it with another kind of attack, or targets that are no integer >= 1.
+        TypeError, ValueError: to construct it with another kind of attack, or targets that are no
+            integer >= 1.
     """
 
     attack: Attack = field(kw_only=False)
@@ -42,10 +47,13 @@ class MultiTargeted:
     def __post_init__(self) -> None:
         if not isinstance(self.attack, Attack):
             raise TypeError(
-                f"MultiTargeted runs an attack whose steps have a target, like MoireAttack or PGD; got {self.attack!r}."
+                "MultiTargeted runs an attack whose steps have a target, like MoireAttack or PGD; "
+                f"got {self.attack!r}."
             )
         if isinstance(self.targets, bool) or not isinstance(self.targets, int) or self.targets < 1:
-            raise ValueError(f"targets must be an integer >= 1, the classes to go toward; got {self.targets!r}.")
+            raise ValueError(
+                f"targets must be an integer >= 1, the classes to go toward; got {self.targets!r}."
+            )
 
     def __call__(
         self,
@@ -57,8 +65,8 @@ class MultiTargeted:
     ) -> Result | list[Result]:
         """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
 
-        Photos that are wrong unattacked are given back as they are. `loss` in the Result is of the last class that was
-        tried, over the images that were left.
+        Photos that are wrong unattacked are given back as they are. `loss` in the Result is of the
+        last class that was tried, over the images that were left.
         """
         images = check_images(images)
         eps = self.attack.eps
@@ -71,7 +79,9 @@ class MultiTargeted:
             ladder = [dataclasses.replace(self.attack, eps=e) for e in eps]
             return [self._run(attack, problem, labels, generator) for attack in ladder]
 
-    def _run(self, attack: Attack, problem: Problem, labels: Tensor, generator: torch.Generator | None) -> Result:
+    def _run(
+        self, attack: Attack, problem: Problem, labels: Tensor, generator: torch.Generator | None
+    ) -> Result:
         images, shot = problem.images, problem.shot
         found, logits = _unattacked(attack, problem, labels)
         best = margin(logits.float(), labels)
@@ -81,7 +91,9 @@ class MultiTargeted:
             if not len(rows):
                 break
             part = None if shot is None else shot[rows.to(shot.device)]
-            result = attack.toward(images[rows], labels[rows], toward[rows], shot=part, generator=generator)
+            result = attack.toward(
+                images[rows], labels[rows], toward[rows], shot=part, generator=generator
+            )
             with torch.no_grad():
                 reached = margin(attack.model(result.images).float(), labels[rows])
             better = result.success | (reached > best[rows])
@@ -93,7 +105,8 @@ class MultiTargeted:
 def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Result, Tensor]:
     """Return the photos of no noise at the drawn pose as a Result, and their logits (B, K)."""
     images = problem.images
-    noise = torch.zeros(problem.shape, dtype=torch.float64 if images.dtype == torch.float64 else torch.float32)
+    dtype = torch.float64 if images.dtype == torch.float64 else torch.float32
+    noise = torch.zeros(problem.shape, dtype=dtype)
     point = {"noise": noise.to(images.device)}
     if problem.pose is not None:
         point["pose"] = problem.pose
@@ -101,8 +114,9 @@ def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Resul
         photo = problem.render(**point)
         logits = attack.model(photo)
     check_classes(labels, logits, 1)
-    eps = attack.one_eps()
-    return Result(photo, predicted(logits) != labels, point["noise"], torch.zeros(0), eps, problem.shot), logits
+    success, losses = predicted(logits) != labels, torch.zeros(0)
+    found = Result(photo, success, point["noise"], losses, attack.one_eps(), problem.shot)
+    return found, logits
 
 
 def _with_rows(found: Result, rows: Tensor, other: Result, picked: Tensor) -> Result:
@@ -125,6 +139,8 @@ def _shot_with_rows(shot: Shot, rows: Tensor, other: Shot) -> Shot:
     other, parts = other.to(shot.device), {}
     for name in PARTS:
         part, new = getattr(shot, name), getattr(other, name)
-        numbers = {k: getattr(part, k).index_copy(0, rows, getattr(new, k)) for k in ranged_fields(part)}
+        numbers = {}
+        for k in ranged_fields(part):
+            numbers[k] = getattr(part, k).index_copy(0, rows, getattr(new, k))
         parts[name] = dataclasses.replace(part, **numbers)
     return dataclasses.replace(shot, **parts)

@@ -1,4 +1,5 @@
-"""A camera in front of a model, for attacks of other libraries: raw readings, or images, to logits."""
+"""A camera in front of a model, for attacks of other libraries: raw readings, or images, to
+logits."""
 
 from __future__ import annotations
 
@@ -14,33 +15,37 @@ from moireaug.scene.scene import Shot
 # what an attack perturbs, to what the camera makes of it
 CAMERAS: dict[str, Callable[[Tensor, Shot], Tensor]] = {"raw": develop, "image": capture}
 
-STRAY = 0.25  # of the way to another row's clean input: how far a row may stray and still be told apart
+# of the way to another row's clean input: how far a row may stray and still be told apart
+STRAY = 0.25
 SAME = 1e-12  # mean squared difference below which two inputs are the same but for rounding
 
 
 class Photographed(nn.Module):
     """A model that sees photos: logits = model(develop(raw, shot)), or model(capture(image, shot)).
 
-    Any attack on an `nn.Module` whose inputs lie in [0, 1] attacks the camera and the model through it: let it start
-    from `clean`. Many attacks drop rows of the batch or change their order. A row therefore finds its own shot by what
-    it looks like: it is taken for the row of `clean` that is nearest (mean square), and refused where it has come more
-    than a quarter of the way from there towards another row, or lies farther off than one. An attack that starts from
-    noise or from another row's input, or asks about a blank one, needs one image at a time: with a single row there is
-    nothing to tell apart.
+    Any attack on an `nn.Module` whose inputs lie in [0, 1] attacks the camera and the model through
+    it: let it start from `clean`. Many attacks drop rows of the batch or change their order. A row
+    therefore finds its own shot by what it looks like: it is taken for the row of `clean` that is
+    nearest (mean square), and refused where it has come more than a quarter of the way from there
+    towards another row, or lies farther off than one. An attack that starts from noise or from
+    another row's input, or asks about a blank one, needs one image at a time: with a single row
+    there is nothing to tell apart.
 
     Args:
-        model: (B, 3, H, W) photos in [0, 1] to (B, K) logits; a module becomes a submodule, so that its mode and device
-            are set here.
+        model: (B, 3, H, W) photos in [0, 1] to (B, K) logits; a module becomes a submodule, so that
+            its mode and device are set here.
         images: (B, 3, H, W) float in [0, 1].
         shot: one draw for these images.
-        noise_at: what is attacked, a key of `CAMERAS`: "raw", the readings, or "image", what the screen shows.
+        noise_at: what is attacked, a key of `CAMERAS`: "raw", the readings, or "image", what the
+            screen shows.
 
     Attributes:
-        clean: the inputs that nobody has attacked: the readings, of `shot.raw_shape()`, or the images.
+        clean: the inputs that nobody has attacked: the readings, of `shot.raw_shape()`, or the
+            images.
 
     Raises:
-        TypeError, ValueError: images or a shot that `capture` refuses, or rows of the same input but different shots,
-            which nothing tells apart.
+        TypeError, ValueError: images or a shot that `capture` refuses, or rows of the same input
+            but different shots, which nothing tells apart.
     """
 
     clean: Tensor
@@ -61,7 +66,8 @@ class Photographed(nn.Module):
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)
         self.dtype = images.dtype if isinstance(images, Tensor) else None
         if isinstance(model, nn.Module):
-            # an attack that restores the mode which it finds here must not put an evaluated model into training
+            # an attack that restores the mode which it finds here must not put an evaluated model
+            # into training
             self.training = model.training
         with torch.no_grad():
             raw = expose(images, shot)
@@ -72,7 +78,8 @@ class Photographed(nn.Module):
         self.register_buffer("gaps", gaps, persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Perturbed rows of `clean`, any of them and in any order, to logits (b, K). Differentiable in x.
+        """Perturbed rows of `clean`, any of them and in any order, to logits (b, K). Differentiable
+        in x.
 
         Raises:
             ValueError: rows of another shape, or that cannot be told apart.
@@ -80,17 +87,19 @@ class Photographed(nn.Module):
         return self.model(self.photos(x))
 
     def photos(self, x: Tensor) -> Tensor:
-        """The photos (b, 3, H, W) in [0, 1] of such rows, each by its own shot; gradient and errors as in a call."""
+        """Return the photos (b, 3, H, W) in [0, 1] of such rows, each by its own shot; gradient and
+        errors as in a call."""
         rows = self.rows(x).to(self.shot.device)
         return CAMERAS[self.noise_at](x, self.shot[rows]).to(self.dtype)
 
     @torch.no_grad()
     def rows(self, x: Tensor) -> Tensor:
-        """Which rows of `clean` these are, (b,) int64; errors as in a call. b * B inner products, in float64."""
+        """Which rows of `clean` these are, (b,) int64; errors as in a call. b * B inner products,
+        in float64."""
         if x.ndim != 4 or x.shape[1:] != self.clean.shape[1:]:
             raise ValueError(
-                f"rows must have the shape (b, {', '.join(map(str, self.clean.shape[1:]))}) of Photographed.clean; got "
-                f"{tuple(x.shape)}."
+                f"rows must have the shape (b, {', '.join(map(str, self.clean.shape[1:]))}) of "
+                f"Photographed.clean; got {tuple(x.shape)}."
             )
         if len(self.clean) == 1:
             return torch.zeros(len(x), dtype=torch.int64, device=x.device)
@@ -106,9 +115,10 @@ class Photographed(nn.Module):
         if doubtful.any():
             row = int(doubtful.nonzero()[0])
             raise ValueError(
-                f"row {row} is too far from Photographed.clean, or not finite: row {int(found[row])} is the nearest "
-                "there, but it cannot be told whose shot it takes. Start the attack from Photographed.clean; if it "
-                "goes that far, attack one image at a time: Photographed(model, images[i : i + 1], shot[i : i + 1])."
+                f"row {row} is too far from Photographed.clean, or not finite: row "
+                f"{int(found[row])} is the nearest there, but it cannot be told whose shot it "
+                "takes. Start the attack from Photographed.clean; if it goes that far, attack one "
+                "image at a time: Photographed(model, images[i : i + 1], shot[i : i + 1])."
             )
         return found
 
@@ -122,7 +132,8 @@ def _gaps(clean: Tensor) -> Tensor:
 
 
 def _refuse_twins(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> None:
-    """Refuse rows of the same input whose shots differ. Where both make the same photo of anything, either will do."""
+    """Refuse rows of the same input whose shots differ. Where both make the same photo of anything,
+    either will do."""
     twins = (gaps <= SAME).triu(1).nonzero().tolist()
     if not twins:
         return
@@ -131,6 +142,6 @@ def _refuse_twins(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> Non
     for i, j in twins:
         if not torch.allclose(photos[i], photos[j], rtol=0, atol=1e-4):
             raise ValueError(
-                f"rows {i} and {j} have the same {noise_at} but different shots, and nothing tells them apart: put "
-                "them into two batches."
+                f"rows {i} and {j} have the same {noise_at} but different shots, and nothing tells "
+                "them apart: put them into two batches."
             )

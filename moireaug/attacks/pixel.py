@@ -24,10 +24,12 @@ INSIDE = 1 - 1e-6  # black and white lie at infinity in tanh space: so far they 
 
 @dataclass(frozen=True, kw_only=True)
 class PGD(Attack):
-    """Projected gradient descent on pixels (Madry et al., 2018), from a uniform random start; see `Attack`.
+    """Projected gradient descent on pixels (Madry et al., 2018), from a uniform random start; see
+    `Attack`.
 
     Raises:
-        ValueError: a shot, which has no meaning here, or the rule "printed", an order of adding to a camera's reading.
+        ValueError: a shot, which has no meaning here, or the rule "printed", an order of adding to
+            a camera's reading.
     """
 
     random_start: float = 1.0
@@ -35,9 +37,14 @@ class PGD(Attack):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.rule == "printed":
-            raise ValueError("the rule 'printed' adds to a camera's reading; a pixel attack has none. Use 'sign'.")
+            raise ValueError(
+                "the rule 'printed' adds to a camera's reading; a pixel attack has none. Use "
+                "'sign'."
+            )
 
-    def problem(self, images: Tensor, shot: Shot | None, generator: torch.Generator | None) -> Problem:
+    def problem(
+        self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
+    ) -> Problem:
         _refuse_shot(shot)
 
         def render(noise: Tensor) -> Tensor:
@@ -56,7 +63,8 @@ class BIM(PGD):
 
 @dataclass(frozen=True, kw_only=True)
 class MIFGSM(PGD):
-    """The momentum iterative method (Dong et al., 2018, Algorithm 1; there with `step_size = 1 / steps`)."""
+    """The momentum iterative method (Dong et al., 2018, Algorithm 1; there with
+    `step_size = 1 / steps`)."""
 
     rule: str = "momentum"
     random_start: float = 0.0
@@ -64,11 +72,13 @@ class MIFGSM(PGD):
 
 @dataclass(frozen=True, kw_only=True)
 class CW:
-    """The attack of Carlini & Wagner (2017, section VI.A) with an L2 distance: Adam on w, where the image is
-    (tanh(w) + 1) / 2, descends |image - x|^2 + c max(-margin, -confidence). No bound, and no search for c.
+    """The attack of Carlini & Wagner (2017, section VI.A) with an L2 distance: Adam on w, where the
+    image is (tanh(w) + 1) / 2, descends |image - x|^2 + c max(-margin, -confidence). No bound, and
+    no search for c.
 
-    Of each image the nearest one is kept that reaches the goal by a margin of `confidence`; where none does, the image
-    itself. In the Result, `noise` is the difference to the image, and `eps` its largest absolute value in the batch.
+    Of each image the nearest one is kept that reaches the goal by a margin of `confidence`; where
+    none does, the image itself. In the Result, `noise` is the difference to the image, and `eps`
+    its largest absolute value in the batch.
 
     Args:
         model: as in `Attack`.
@@ -89,9 +99,13 @@ class CW:
             raise ValueError(f"steps must be an integer >= 0; got {self.steps!r}.")
         for name in ("c", "lr"):
             if not 0 < getattr(self, name) < float("inf"):
-                raise ValueError(f"{name} must be a finite number above 0; got {getattr(self, name)!r}.")
+                raise ValueError(
+                    f"{name} must be a finite number above 0; got {getattr(self, name)!r}."
+                )
         if not 0 <= self.confidence < float("inf"):
-            raise ValueError(f"confidence must be a finite number >= 0, in logits; got {self.confidence!r}.")
+            raise ValueError(
+                f"confidence must be a finite number >= 0, in logits; got {self.confidence!r}."
+            )
 
     def __call__(
         self,
@@ -102,7 +116,8 @@ class CW:
         shot: Shot | None = None,
         generator: torch.Generator | None = None,
     ) -> Result:
-        """Attack a batch; arguments, Result and errors as of `Attack`. Nothing is drawn from the generator."""
+        """Attack a batch; arguments, Result and errors as of `Attack`. Nothing is drawn from the
+        generator."""
         images = check_images(images)
         _refuse_shot(shot)
         with evaluating(self.model):
@@ -117,7 +132,9 @@ class CW:
                 shown = (torch.tanh(w) + 1) / 2
                 logits = self.model(shown.to(images.dtype))
                 if k == 0:
-                    check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+                    check_classes(
+                        labels if targets is None else torch.maximum(labels, targets), logits, 1
+                    )
                     check_answers(logits, self.model, images)
                     check_gradient(logits)
                 far = (shown - x).square().sum((1, 2, 3))
@@ -129,7 +146,8 @@ class CW:
                 w.grad = gradient.nan_to_num()
                 adam.step()
                 losses.append(reported(logits, goal))
-                hit = (predicted(logits) != labels) if targets is None else (predicted(logits) == targets)
+                shown_as = predicted(logits)
+                hit = shown_as != labels if targets is None else shown_as == targets
                 nearer = hit & ((ahead >= self.confidence) | ~decided(logits)) & (far < near)
                 near = torch.where(nearer, far, near).detach()
                 best = choose(nearer, shown.detach(), best)
@@ -139,9 +157,13 @@ class CW:
         success = hit != labels if targets is None else hit == targets
         noise = best - x
         eps = noise.abs().max().item() if noise.numel() else 0.0
-        return Result(photo, success, noise, torch.stack(losses).cpu() if losses else torch.zeros(0), eps)
+        return Result(
+            photo, success, noise, torch.stack(losses).cpu() if losses else torch.zeros(0), eps
+        )
 
 
 def _refuse_shot(shot: Shot | None) -> None:
     if shot is not None:
-        raise ValueError("a pixel attack has no camera: leave shot out, or use attacks.MoireAttack.")
+        raise ValueError(
+            "a pixel attack has no camera: leave shot out, or use attacks.MoireAttack."
+        )

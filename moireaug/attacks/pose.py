@@ -1,4 +1,5 @@
-"""The camera as an adversary's variable: the ranges of some parts of a scene as numbers in [-1, 1]."""
+"""The camera as an adversary's variable: the ranges of some parts of a scene as numbers in [-1,
+1]."""
 
 from __future__ import annotations
 
@@ -15,63 +16,72 @@ Field = tuple[str, str]  # a part and one of its ranged fields
 
 
 def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
-    """The ranges (low < high) of the parts named in `optimise`, in the order in which they are drawn.
+    """Return the ranges (low < high) of the parts named in `optimise`, in the order in which they
+    are drawn.
 
     Raises:
-        ValueError: a part without a range, a pose that only takes whole degrees, or an exposure without a gradient.
+        ValueError: a part without a range, a pose that only takes whole degrees, or an exposure
+            without a gradient.
     """
     found: list[Field] = []
     for part in optimise:
         if one_of("each of optimise", part, ("noise", *PARTS)) == "noise":
             continue
         record = getattr(scene, part)
-        varied = [
-            (part, k) for k in ranged_fields(record) if bounds(getattr(record, k))[0] < bounds(getattr(record, k))[1]
-        ]
+        varied = []
+        for k in ranged_fields(record):
+            low, high = bounds(getattr(record, k))
+            if low < high:
+                varied.append((part, k))
         if not varied:
             raise ValueError(
-                f"optimise names {part!r}, which has no range in this scene: nothing can be moved. Give a field of "
-                f"{type(record).__name__} a (low, high) pair."
+                f"optimise names {part!r}, which has no range in this scene: nothing can be moved. "
+                f"Give a field of {type(record).__name__} a (low, high) pair."
             )
         if part == "view" and scene.view.pose == "released":
             raise ValueError(
-                "optimise cannot turn View(pose='released'), which takes whole degrees and has no gradient; "
-                "set pose='camera'."
+                "optimise cannot turn View(pose='released'), which takes whole degrees and has no "
+                "gradient; set pose='camera'."
             )
         found += varied
     if found and not scene.plan().method.differentiable_in_shot:
         raise ValueError(
-            f"optimise needs an exposure that is differentiable in the shot, 'spectral' or 'box'; got "
-            f"{scene.plan().exposure!r} in the scene's plan. Set Sensor(exposure='spectral'), or 'box' for a lens "
-            "that hardly blurs."
+            "optimise needs an exposure that is differentiable in the shot, 'spectral' or 'box'; "
+            f"got {scene.plan().exposure!r} in the scene's plan. Set Sensor(exposure='spectral'), "
+            "or 'box' for a lens that hardly blurs."
         )
     return found
 
 
 def _ends(shot: Shot, fields: list[Field]) -> tuple[Tensor, Tensor]:
     """Low and high ends of the fields' ranges, (F,) float64 each."""
-    ends = torch.tensor([bounds(getattr(getattr(shot.scene, part), k)) for part, k in fields], dtype=torch.float64)
+    ends = torch.tensor(
+        [bounds(getattr(getattr(shot.scene, part), k)) for part, k in fields], dtype=torch.float64
+    )
     low, high = ends.to(shot.device).unbind(1)
     return low, high
 
 
 def pose_of(shot: Shot, fields: list[Field]) -> Tensor:
-    """Where the fields of a shot lie in their ranges, (B, F) float64 from -1, the low end, to 1. A field outside of its
-    range is taken at the nearest end."""
+    """Where the fields of a shot lie in their ranges, (B, F) float64 from -1, the low end, to 1. A
+    field outside of its range is taken at the nearest end."""
     low, high = _ends(shot, fields)
     values = torch.stack([getattr(getattr(shot, part), k).detach() for part, k in fields], 1)
     return ((values - low) / (high - low) * 2 - 1).clamp(-1, 1)
 
 
 def aim(shot: Shot, fields: list[Field], pose: Tensor) -> Shot:
-    """The shot with its fields at `pose` (B, F); the inverse of `pose_of`, differentiable in the pose."""
+    """Return the shot with its fields at `pose` (B, F); the inverse of `pose_of`, differentiable in
+    the pose."""
     low, high = _ends(shot, fields)
     values = low + (high - low) * (pose + 1) / 2
     # rounding must not leave the range; torch.clamp would stop the gradient at its ends
     values = values + (torch.minimum(torch.maximum(values.detach(), low), high) - values.detach())
     columns = dict(zip(fields, values.unbind(1), strict=True))
     parts = {
-        name: dataclasses.replace(getattr(shot, name), **{k: v for (part, k), v in columns.items() if part == name})
+        name: dataclasses.replace(
+            getattr(shot, name), **{k: v for (part, k), v in columns.items() if part == name}
+        )
         for name in PARTS
     }
     return dataclasses.replace(shot, **parts)

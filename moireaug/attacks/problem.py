@@ -18,14 +18,16 @@ class Result:
 
     Args:
         images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
-        success: (B,) bool; the label is not predicted, or, targeted, the target is. Logits that are NaN or infinite
-            predict nothing.
-        noise: what was added: raw noise of `Shot.raw_shape()` for MoireAttack, or, where its noise is at the photo,
-            (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks.
-        loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of the last restart.
-        eps: its L-infinity bound. Under the rule "printed" it bounds delta, and `noise` exceeds it; see
-            `rules.Printed`. `CW` has no bound: its largest absolute noise.
-        shot: the Shot of the photos, after a pose was searched the one that was found; None for pixel attacks.
+        success: (B,) bool; the label is not predicted, or, targeted, the target is. Logits that are
+            NaN or infinite predict nothing.
+        noise: what was added: raw noise of `Shot.raw_shape()` for MoireAttack, or, where its noise
+            is at the photo, (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks.
+        loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
+            the last restart.
+        eps: its L-infinity bound. Under the rule "printed" it bounds delta, and `noise` exceeds it;
+            see `rules.Printed`. `CW` has no bound: its largest absolute noise.
+        shot: the Shot of the photos, after a pose was searched the one that was found; None for
+            pixel attacks.
     """
 
     images: Tensor
@@ -40,11 +42,14 @@ class Result:
         n, fooled = len(self.success), int(self.success.sum())
         parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of {n} images fooled"]
         if len(self.loss):
-            parts.append(f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {len(self.loss)} steps")
+            parts.append(
+                f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {len(self.loss)} steps"
+            )
         return f"Result({', '.join(parts)})"
 
 
-Point = dict[str, Tensor]  # the variables of a search by name: "noise" and, where the camera turns, "pose"
+# the variables of a search by name: "noise" and, where the camera turns, "pose"
+Point = dict[str, Tensor]
 
 
 class Problem(NamedTuple):
@@ -58,7 +63,8 @@ class Problem(NamedTuple):
         views: see `rehearse`.
         shot: of the photos, or None.
         base: (B, ...) what the noise is added to, or None where that differs from step to step.
-        felt: the least and the greatest value of base + noise beyond which more noise changes no photo.
+        felt: the least and the greatest value of base + noise beyond which more noise changes no
+            photo.
         pose: (B, F) where the search of a pose starts, in [-1, 1], or None.
         aim: the shot of a pose.
         still: variables that no step moves.

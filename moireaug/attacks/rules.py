@@ -1,4 +1,5 @@
-"""Update rules: how a step follows from a gradient. A rule is made anew for each run, and holds that run's state."""
+"""Update rules: how a step follows from a gradient. A rule is made anew for each run, and holds
+that run's state."""
 
 from __future__ import annotations
 
@@ -10,8 +11,10 @@ import torch
 from torch import Tensor
 
 DECAY = 1.0  # of the momentum, Dong et al. (2018)
-ALPHA = 0.75  # share of an APGD step that is new, the rest repeats the step before: Croce & Hein (2020)
-RHO = 0.75  # share of the steps that must raise the loss between two checkpoints: Croce & Hein (2020)
+# share of an APGD step that is new, the rest repeats the step before: Croce & Hein (2020)
+ALPHA = 0.75
+# share of the steps that must raise the loss between two checkpoints: Croce & Hein (2020)
+RHO = 0.75
 
 
 class Ball(NamedTuple):
@@ -23,8 +26,8 @@ class Ball(NamedTuple):
         steps: how many will be taken.
         step_size: of the first step, in units of the radius; None is the rule's own.
         base: (B, ...) what the noise is added to, or None where that differs from step to step.
-        felt: the least and the greatest value of base + noise beyond which more noise changes nothing, and so has no
-            gradient: where base is given, the noise is kept inside.
+        felt: the least and the greatest value of base + noise beyond which more noise changes
+            nothing, and so has no gradient: where base is given, the noise is kept inside.
     """
 
     radius: float
@@ -36,19 +39,22 @@ class Ball(NamedTuple):
 
 
 class Rule(ABC):
-    """One run of one variable: called once a step with the variable, the gradient of the loss to it, both (B, ...), and
-    the loss of each image, (B,); returns the variable after the step. All ascend."""
+    """One run of one variable: called once a step with the variable, the gradient of the loss to
+    it, both (B, ...), and the loss of each image, (B,); returns the variable after the step. All
+    ascend."""
 
     def __init__(self, ball: Ball) -> None:
         self.ball = ball
         self.room: tuple[Tensor, Tensor] | None = None
         if ball.base is not None and ball.felt != (-math.inf, math.inf):
             self.room = ball.felt[0] - ball.base, ball.felt[1] - ball.base
-        self.step = ball.radius * (self.usual(ball.steps) if ball.step_size is None else ball.step_size)
+        self.step = ball.radius * (
+            self.usual(ball.steps) if ball.step_size is None else ball.step_size
+        )
 
     @staticmethod
     def usual(steps: int) -> float:
-        """The step size where none is given, in units of the radius."""
+        """Return the step size where none is given, in units of the radius."""
         return min(1.0, 2.5 / max(1, steps))
 
     def confine(self, x: Tensor) -> Tensor:
@@ -68,8 +74,8 @@ class Sign(Rule):
 
 
 class Momentum(Rule):
-    """MI-FGSM (Dong et al., 2018, Algorithm 1): steps along the sign of g = DECAY g + gradient / mean|gradient|, with
-    the mean over each image."""
+    """MI-FGSM (Dong et al., 2018, Algorithm 1): steps along the sign of g = DECAY g + gradient /
+    mean|gradient|, with the mean over each image."""
 
     def __init__(self, ball: Ball) -> None:
         super().__init__(ball)
@@ -82,27 +88,33 @@ class Momentum(Rule):
 
 
 class APGD(Rule):
-    """Auto-PGD (Croce & Hein, 2020, section 3 and Algorithm 1): first steps of 2 radii, with momentum.
+    """Auto-PGD (Croce & Hein, 2020, section 3 and Algorithm 1): first steps of 2 radii, with
+    momentum.
 
-    z = P(x_k + step sign(gradient)), x_{k+1} = P(x_k + ALPHA (z - x_k) + (1 - ALPHA) (x_k - x_{k-1})), where P pulls
-    back, and the first step is z itself. At each of the `checkpoints` an image's step is halved, and its search goes on
-    from the best point so far, on either of two conditions: its loss rose in fewer than RHO of the steps since the last
-    checkpoint; or its step was not halved there and its best loss is no better than it was there.
+    z = P(x_k + step sign(gradient)), x_{k+1} = P(x_k + ALPHA (z - x_k) + (1 - ALPHA) (x_k -
+    x_{k-1})), where P pulls back, and the first step is z itself. At each of the `checkpoints` an
+    image's step is halved, and its search goes on from the best point so far, on either of two
+    conditions: its loss rose in fewer than RHO of the steps since the last checkpoint; or its step
+    was not halved there and its best loss is no better than it was there.
 
     What the paper leaves open, or is otherwise here:
         - Every image of a batch has its own step and best point, as in the authors' code.
-        - A checkpoint w_j is looked at before the step from x_{w_j}, as in the authors' code. The printed order takes
-          that step first, and throws it away where the search goes back: a gradient less, the same points.
-        - Their code halves at a share of exactly RHO, too, counts checkpoints by whole numbers of steps rounded down,
-          and does not test the second condition at the first of them. Here all three are as printed.
-        - After a search went back, its momentum points from the point before the checkpoint to the best one, as in
-          both; and the next loss is compared with the best one, as in the paper.
-        - Noise on a raw reading is bounded by eps alone: a reading may go below 0, where it is felt.
-        - The best point here is that of the greatest loss; what an attack returns is that of the greatest margin.
+        - A checkpoint w_j is looked at before the step from x_{w_j}, as in the authors' code. The
+          printed order takes that step first, and throws it away where the search goes back: a
+          gradient less, the same points.
+        - Their code halves at a share of exactly RHO, too, counts checkpoints by whole numbers of
+          steps rounded down, and does not test the second condition at the first of them. Here all
+          three are as printed.
+        - After a search went back, its momentum points from the point before the checkpoint to the
+          best one, as in both; and the next loss is compared with the best one, as in the paper.
+        - Noise on a raw reading is bounded by eps alone: a reading may go below 0, where it is
+          felt.
+        - The best point here is that of the greatest loss; what an attack returns is that of the
+          greatest margin.
     """
 
-    # of each image, (B,): its step, its loss at the point before, its best one and the best at the last checkpoint, how
-    # often the loss rose since then, and whether the step was halved there
+    # of each image, (B,): its step, its loss at the point before, its best one and the best at the
+    # last checkpoint, how often the loss rose since then, and whether the step was halved there
     size: Tensor
     last: Tensor
     best: Tensor
@@ -124,7 +136,8 @@ class APGD(Rule):
         return 2.0
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
-        loss = loss.nan_to_num(-math.inf, posinf=math.inf, neginf=-math.inf)  # no loss is never the best
+        # no loss is never the best
+        loss = loss.nan_to_num(-math.inf, posinf=math.inf, neginf=-math.inf)
         if self.k == 0:
             self._begin(x, gradient, loss)
         better = loss > self.best
@@ -164,13 +177,14 @@ class APGD(Rule):
 
 
 class Printed(Rule):
-    """The order in which the paper's Algorithm 1 is printed: delta = clip(delta + eps / K sign(gradient)), then
-    x_{k+1} = clip(x_k + delta), for K steps.
+    """The order in which the paper's Algorithm 1 is printed: delta = clip(delta + eps / K
+    sign(gradient)), then x_{k+1} = clip(x_k + delta), for K steps.
 
-    Each step adds the whole delta to a reading that carries all earlier ones, so that the L-infinity bound holds for
-    delta and not for what is added: that reaches up to (1 + 2 + ... + K) eps / K = (K + 1) / 2 eps, plus the random
-    start where there is one. "sign" develops the one reading plus delta instead, and stays within eps. The variable is
-    the total of what was added: x_k less the reading x_0, which the clipping of x_k to [0, 1] is a part of.
+    Each step adds the whole delta to a reading that carries all earlier ones, so that the
+    L-infinity bound holds for delta and not for what is added: that reaches up to (1 + 2 + ... + K)
+    eps / K = (K + 1) / 2 eps, plus the random start where there is one. "sign" develops the one
+    reading plus delta instead, and stays within eps. The variable is the total of what was added:
+    x_k less the reading x_0, which the clipping of x_k to [0, 1] is a part of.
     """
 
     def __init__(self, ball: Ball) -> None:
@@ -184,17 +198,25 @@ class Printed(Rule):
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
         base, bound = self.ball.base, self.ball.bound
         if base is None:
-            raise ValueError("the rule 'printed' needs the reading that noise is added to; got Ball(base=None).")
+            raise ValueError(
+                "the rule 'printed' needs the reading that noise is added to; got Ball(base=None)."
+            )
         self.delta = (self.delta + self.step * gradient.sign()).clamp(-bound, bound)
         return (base + x + self.delta).clamp(0, 1) - base
 
 
-RULES: dict[str, type[Rule]] = {"sign": Sign, "momentum": Momentum, "apgd": APGD, "printed": Printed}
+RULES: dict[str, type[Rule]] = {
+    "sign": Sign,
+    "momentum": Momentum,
+    "apgd": APGD,
+    "printed": Printed,
+}
 
 
 def checkpoints(steps: int) -> set[int]:
-    """Return the steps w_j = ceil(p_j steps) at which APGD looks back, j >= 1, with p_0 = 0, p_1 = 0.22 and
-    p_{j+1} = p_j + max(p_j - p_{j-1} - 0.03, 0.06) (Croce & Hein, 2020, section 3.2)."""
+    """Return the steps w_j = ceil(p_j steps) at which APGD looks back, j >= 1, with p_0 = 0,
+    p_1 = 0.22 and p_{j+1} = p_j + max(p_j - p_{j-1} - 0.03, 0.06) (Croce & Hein, 2020, section
+    3.2)."""
     before, p, found = 0.0, 0.22, set()
     while p < 1:
         found.add(math.ceil(p * steps - 1e-9))
@@ -208,5 +230,5 @@ def _per_image(values: Tensor, like: Tensor) -> Tensor:
 
 
 def choose(rows: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    """`a` in the rows (B,) that are True, `b` in the others."""
+    """Return `a` in the rows (B,) that are True, `b` in the others."""
     return torch.where(rows.view(-1, *[1] * (a.ndim - 1)), a, b)

@@ -15,21 +15,23 @@ from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.rules import choose
 
 SHARE = 0.3  # of the area that the first windows cover
-# queries of 10,000 after which the share is halved: Andriushchenko et al. (2020), section 4.1 and its code
+# queries of 10,000 after which the share is halved: Andriushchenko et al. (2020), section 4.1 and
+# its code
 HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SquareMoire(MoireAttack):
-    """Random search for raw noise in the manner of the Square Attack (Andriushchenko et al., 2020, Algorithms 1 and 2):
-    starts from vertical stripes of +-eps, then sets square windows of shrinking side to +-eps, one sign a plane, and
-    keeps what raises an image's loss. The model needs no gradient.
+    """Random search for raw noise in the manner of the Square Attack (Andriushchenko et al., 2020,
+    Algorithms 1 and 2): starts from vertical stripes of +-eps, then sets square windows of
+    shrinking side to +-eps, one sign a plane, and keeps what raises an image's loss. The model
+    needs no gradient.
 
     Args:
         steps: queries of the model a restart: one for the stripes, one for each window.
         loss: a key of `attacks.LOSSES`, by which a window is judged.
-        others: see `MoireAttack`. What only a gradient uses keeps its default: step_size, rule, random_start,
-            optimise and eot.
+        others: see `MoireAttack`. What only a gradient uses keeps its default: step_size, rule,
+            random_start, optimise and eot.
 
     Raises:
         ValueError: another value of those.
@@ -43,17 +45,25 @@ class SquareMoire(MoireAttack):
             usual = type(self).__dataclass_fields__[name].default
             if getattr(self, name) != usual:
                 raise ValueError(
-                    f"SquareMoire searches the noise of one shot at random and has no use for {name} = "
-                    f"{getattr(self, name)!r}; leave it out."
+                    "SquareMoire searches the noise of one shot at random and has no use for "
+                    f"{name} = {getattr(self, name)!r}; leave it out."
                 )
 
     def _start(
-        self, problem: Problem, eps: float, restart: int, images: Tensor, generator: torch.Generator | None
+        self,
+        problem: Problem,
+        eps: float,
+        restart: int,
+        images: Tensor,
+        generator: torch.Generator | None,
     ) -> Point:
         """Stripes: one sign a column, plane and image."""
         point = super()._start(problem, eps, restart, images, generator)
         n, planes, _, columns = problem.shape
-        return {"noise": eps * _signs((n, planes, 1, columns), generator).to(point["noise"]).expand(problem.shape)}
+        return {
+            "noise": eps
+            * _signs((n, planes, 1, columns), generator).to(point["noise"]).expand(problem.shape)
+        }
 
     def _ascend(
         self,
@@ -70,30 +80,38 @@ class SquareMoire(MoireAttack):
             for k in range(self.steps):
                 logits = self.model(problem.rehearse(**tried))
                 if k == 0:
-                    check_classes(labels if aims is None else torch.maximum(labels, aims), logits, 1)
+                    check_classes(
+                        labels if aims is None else torch.maximum(labels, aims), logits, 1
+                    )
                     check_answers(logits, self.model, problem.images)
                 if watch:
                     watch(tried, logits)
                 loss = LOSSES[self.loss](logits, labels, aims)
-                better = torch.ones_like(loss, dtype=torch.bool) if best_loss is None else loss > best_loss
-                best_loss = loss if best_loss is None else torch.where(better, loss, best_loss)
+                if best_loss is None:
+                    better, best_loss = torch.ones_like(loss, dtype=torch.bool), loss
+                else:
+                    better = loss > best_loss
+                    best_loss = torch.where(better, loss, best_loss)
                 best = {"noise": choose(better, tried["noise"], best["noise"])}
-                tried = {"noise": _with_square(best["noise"], eps, side(k, self.steps, problem.shape), generator)}
+                size = side(k, self.steps, problem.shape)
+                tried = {"noise": _with_square(best["noise"], eps, size, generator)}
         return best
 
 
 def side(k: int, steps: int, shape: tuple[int, ...]) -> int:
-    """Of the window that is tried after k queries of `steps`, on planes of `shape` (..., h, w): `SHARE` of their area,
-    halved at the paper's queries, which are scaled to `steps`."""
+    """Of the window that is tried after k queries of `steps`, on planes of `shape` (..., h, w):
+    `SHARE` of their area, halved at the paper's queries, which are scaled to `steps`."""
     h, w = shape[-2:]
     share = SHARE / 2 ** sum(k / steps > query / 10_000 for query in HALVED)
     return max(1, min(round((share * h * w) ** 0.5), h, w))
 
 
 def _with_square(noise: Tensor, eps: float, size: int, generator: torch.Generator | None) -> Tensor:
-    """The noise (B, C, h, w) with a window of each image, at a place of its own, set to one sign of eps a plane."""
+    """Return the noise (B, C, h, w) with a window of each image, at a place of its own, set to one
+    sign of eps a plane."""
     n, planes, h, w = noise.shape
-    corner = torch.rand(2, n, 1, generator=generator) * torch.tensor([h - size + 1, w - size + 1])[:, None, None]
+    places = torch.tensor([h - size + 1, w - size + 1])[:, None, None]
+    corner = torch.rand(2, n, 1, generator=generator) * places
     signs = _signs((n, planes, 1, 1), generator).to(noise)
     top, left = corner.floor().to(noise.device)
     rows, columns = (torch.arange(m, device=noise.device) for m in (h, w))

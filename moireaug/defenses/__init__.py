@@ -1,6 +1,8 @@
-"""Defences: transformations of the image before the model, differentiable for attacks that know them.
+"""Defences: transformations of the image before the model, differentiable for attacks that know
+them.
 
-Each is a frozen dataclass, called on images (B, 3, H, W) in [0, 1], with a `title` for tables and `randomised`.
+Each is a frozen dataclass, called on images (B, 3, H, W) in [0, 1], with a `title` for tables and
+`randomised`.
 """
 
 # ruff: noqa: E402  # a missing extra is named before it is imported

@@ -1,4 +1,5 @@
-"""The bank of patches that quilting draws on: drawn uniformly from training images, kept in a file."""
+"""The bank of patches that quilting draws on: drawn uniformly from training images, kept in a
+file."""
 
 from __future__ import annotations
 
@@ -20,6 +21,7 @@ from moireaug.defenses.base import check_whole
 
 
 def check_patches(patch: int, overlap: int) -> None:
+    """Refuse an overlap of more than half a patch, and what is no whole number."""
     check_whole("patch", patch, 1)
     check_whole("overlap", overlap, 0)
     if 2 * overlap > patch:
@@ -38,23 +40,27 @@ def draw_bank(
     """Patches drawn uniformly, without repetition, from all there are in the images.
 
     Args:
-        images: (B, 3, H, W) float in [0, 1], sRGB codes; or an iterable of such batches, alone or first in a tuple with
-            labels, as loaders give them. Read once, so a stream of any length will do. Sizes may differ.
+        images: (B, 3, H, W) float in [0, 1], sRGB codes; or an iterable of such batches, alone or
+            first in a tuple with labels, as loaders give them. Read once, so a stream of any length
+            will do. Sizes may differ.
         patches: how many to draw; fewer if the images hold fewer.
         patch: side in pixels.
-        seed: of a generator of its own. The same images in the same order give the same bank, however batched.
-        cache: a file to keep the bank in (.npz), written whole or not at all. Its bank is returned without a look at
-            the images if it was drawn with the same settings: patches, patch, seed, and of the images the content if
-            they are one tensor, otherwise the type and length of the iterable and of its `dataset`. Otherwise, or if
-            it cannot be read, it is drawn anew. Iterables of equal type and length are not told apart: give each data
-            set a file of its own.
+        seed: of a generator of its own. The same images in the same order give the same bank,
+            however batched.
+        cache: a file to keep the bank in (.npz), written whole or not at all. Its bank is returned
+            without a look at the images if it was drawn with the same settings: patches, patch,
+            seed, and of the images the content if they are one tensor, otherwise the type and
+            length of the iterable and of its `dataset`. Otherwise, or if it cannot be read, it is
+            drawn anew. Iterables of equal type and length are not told apart: give each data set a
+            file of its own.
         progress: show a bar.
 
     Returns:
         (N, 3, patch, patch) float32, N <= patches, on the CPU.
 
     Raises:
-        TypeError, ValueError: settings or images out of range, images smaller than a patch, or no images at all.
+        TypeError, ValueError: settings or images out of range, images smaller than a patch, or no
+            images at all.
     """
     check_whole("patches", patches, 1)
     check_whole("patch", patch, 1)
@@ -62,7 +68,9 @@ def draw_bank(
     if isinstance(images, Tensor):
         images = check_images(images)
     if cache is not None and Path(cache).is_dir():
-        raise ValueError(f"cache must be a file; {cache} is a folder. Name a file in it, such as bank.npz.")
+        raise ValueError(
+            f"cache must be a file; {cache} is a folder. Name a file in it, such as bank.npz."
+        )
     settings = {"patches": patches, "patch": patch, "seed": seed, "images": _content(images)}
     key = json.dumps(settings, sort_keys=True)
     bank = _read(Path(cache), key) if cache is not None else None
@@ -73,7 +81,9 @@ def draw_bank(
     return bank
 
 
-def _draw(images: Tensor | Iterable[Tensor], patches: int, patch: int, seed: int, progress: bool) -> Tensor:
+def _draw(
+    images: Tensor | Iterable[Tensor], patches: int, patch: int, seed: int, progress: bool
+) -> Tensor:
     # every patch of every image draws a number, and those with the smallest are the bank
     generator = torch.Generator().manual_seed(seed)
     keys, bank = torch.empty(0, dtype=torch.float64), torch.empty(0, 3, patch, patch)
@@ -84,12 +94,14 @@ def _draw(images: Tensor | Iterable[Tensor], patches: int, patch: int, seed: int
         if min(batch.shape[-2:]) < patch:
             raise ValueError(
                 f"images must be at least {patch} x {patch}, the size of a patch; got "
-                f"{batch.shape[-2]} x {batch.shape[-1]}. Leave small ones out, or ask for a smaller patch."
+                f"{batch.shape[-2]} x {batch.shape[-1]}. Leave small ones out, or ask for a "
+                "smaller patch."
             )
         windows = batch.detach().unfold(2, patch, 1).unfold(3, patch, 1).permute(0, 2, 3, 1, 4, 5)
         drawn = torch.rand(windows.shape[:3], generator=generator, dtype=torch.float64)
         full = len(keys) == patches
-        chosen = (drawn < keys.max()).nonzero() if full else torch.ones_like(drawn, dtype=torch.bool).nonzero()
+        small = drawn < keys.max() if full else torch.ones_like(drawn, dtype=torch.bool)
+        chosen = small.nonzero()
         if len(chosen) > patches:
             chosen = chosen[drawn[tuple(chosen.T)].topk(patches, largest=False).indices]
         new = windows[tuple(chosen.to(batch.device).T)].float().cpu()
@@ -106,14 +118,19 @@ def _content(images: Tensor | Iterable[Tensor]) -> str:
     if isinstance(images, Tensor):
         digest = hashlib.sha256()
         if images.numel():
-            digest.update(images.detach().cpu().contiguous().view(torch.uint8).flatten().numpy().data)
+            digest.update(
+                images.detach().cpu().contiguous().view(torch.uint8).flatten().numpy().data
+            )
         return f"{tuple(images.shape)} {images.dtype} {digest.hexdigest()}"
-    parts = (images, getattr(images, "dataset", None))
-    return " ".join(f"{type(p).__name__} {len(p) if isinstance(p, Sized) else '?'}" for p in parts if p is not None)
+    told = []
+    for part in (images, getattr(images, "dataset", None)):
+        if part is not None:
+            told.append(f"{type(part).__name__} {len(part) if isinstance(part, Sized) else '?'}")
+    return " ".join(told)
 
 
 def _read(file: Path, key: str) -> Tensor | None:
-    """The bank of that key, or None: there is no file, another's, or one that is broken."""
+    """Return the bank of that key, or None: there is no file, another's, or one that is broken."""
     try:
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
             return torch.from_numpy(kept["bank"]) if str(kept["key"]) == key else None

@@ -13,12 +13,14 @@ from moireaug.capture import check_images
 
 
 class Defence(ABC):
-    """A defence is called on images and returns images; subclasses are frozen dataclasses with `apply` and `title`.
+    """A defence is called on images and returns images; subclasses are frozen dataclasses with
+    `apply` and `title`.
 
-    Forward is the real operation. Backward is what each one documents: its own gradient where it has a useful one,
-    otherwise an approximation, as BPDA (Athalye, Carlini and Wagner 2018) asks, so that an attack can go through it.
-    Attributes: `randomised`, whether two calls differ; such defences draw from torch's global CPU generator alone, so
-    that `torch.manual_seed` replays them on any device.
+    Forward is the real operation. Backward is what each one documents: its own gradient where it
+    has a useful one, otherwise an approximation, as BPDA (Athalye, Carlini and Wagner 2018) asks,
+    so that an attack can go through it. Attributes: `randomised`, whether two calls differ; such
+    defences draw from torch's global CPU generator alone, so that `torch.manual_seed` replays them
+    on any device.
     """
 
     randomised = False
@@ -32,7 +34,8 @@ class Defence(ABC):
         """Defend a batch.
 
         Args:
-            images: (B, 3, H, W) float in [0, 1], sRGB codes. Not modified. Half precision is computed in float32.
+            images: (B, 3, H, W) float in [0, 1], sRGB codes. Not modified. Half precision is
+                computed in float32.
 
         Returns:
             (B, 3, H, W) in [0, 1], of the images' dtype and device. Differentiable in images, once.
@@ -44,11 +47,12 @@ class Defence(ABC):
         if not len(images):
             return images.clone()
         with torch.autocast(images.device.type, enabled=False):
-            return self.apply(images if images.dtype == torch.float64 else images.float()).to(images.dtype)
+            shown = images if images.dtype == torch.float64 else images.float()
+            return self.apply(shown).to(images.dtype)
 
     @abstractmethod
     def apply(self, images: Tensor) -> Tensor:
-        """The operation on checked images, B >= 1, float32 or float64."""
+        """Compute the operation on checked images, B >= 1, float32 or float64."""
 
 
 class _Through(torch.autograd.Function):
@@ -62,12 +66,14 @@ class _Through(torch.autograd.Function):
 
 
 def straight_through(images: Tensor, values: Tensor) -> Tensor:
-    """`values` forward, to the bit, and the identity backward, into `images`; both of one shape and dtype."""
+    """`values` forward, to the bit, and the identity backward, into `images`; both of one shape and
+    dtype."""
     return _Through.apply(images, values.detach())
 
 
 def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor:
-    """Indices (before + size + after,) that extend an axis by its mirror image, edge pixels twice: c b a | a b c | c b.
+    """Return indices (before + size + after,) that extend an axis by its mirror image, edge pixels
+    twice: c b a | a b c | c b.
 
     scipy's "reflect", numpy's "symmetric"; any extension of any size, as the mirrored axis repeats.
     """
@@ -77,7 +83,9 @@ def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor
 
 def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:
     """Refuse what is no whole number in [low, high]."""
-    allowed = f"a whole number of at least {low}" if high is None else f"a whole number from {low} to {high}"
+    allowed = f"a whole number of at least {low}"
+    if high is not None:
+        allowed = f"a whole number from {low} to {high}"
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")
     whole = int(value)

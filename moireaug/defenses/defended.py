@@ -19,9 +19,10 @@ class Compose(Defence):
     """One defence after the other, the first first.
 
     Args:
-        defences: a tuple of defences, or of any callables from images to images of the same shape, such as a
-            demoiréing network, whose output is clipped to [0, 1]. One that is randomised says so by an attribute
-            `randomised = True`, and may name itself in tables by an attribute `title`. None at all is the identity.
+        defences: a tuple of defences, or of any callables from images to images of the same shape,
+            such as a demoiréing network, whose output is clipped to [0, 1]. One that is randomised
+            says so by an attribute `randomised = True`, and may name itself in tables by an
+            attribute `title`. None at all is the identity.
 
     Between two, the images have the dtype they came with.
 
@@ -32,10 +33,15 @@ class Compose(Defence):
 
     def __post_init__(self) -> None:
         if not isinstance(self.defences, (tuple, list)):
-            raise TypeError(f"Compose takes one tuple of defences, Compose((a, b)); got {self.defences!r}.")
+            raise TypeError(
+                f"Compose takes one tuple of defences, Compose((a, b)); got {self.defences!r}."
+            )
         for defence in self.defences:
             if not callable(defence) or isinstance(defence, type):
-                raise TypeError(f"a defence must be callable on images; got {defence!r}. Is it DEFENSES[name]()?")
+                raise TypeError(
+                    f"a defence must be callable on images; got {defence!r}. Is it "
+                    "DEFENSES[name]()?"
+                )
         object.__setattr__(self, "defences", tuple(self.defences))
         drawing = [d for d in self.defences if getattr(d, "randomised", False)]
         object.__setattr__(self, "randomised", bool(drawing))
@@ -60,8 +66,8 @@ class Compose(Defence):
             if not isinstance(defence, Defence):
                 if out.shape != images.shape:
                     raise ValueError(
-                        f"a defence must keep the images' shape {tuple(images.shape)}; {type(defence).__name__} gave "
-                        f"{tuple(out.shape)}."
+                        f"a defence must keep the images' shape {tuple(images.shape)}; "
+                        f"{type(defence).__name__} gave {tuple(out.shape)}."
                     )
                 out = clip(out).to(images.dtype)
             images = out
@@ -69,7 +75,7 @@ class Compose(Defence):
 
 
 def _title(defence: object) -> str:
-    """A defence's title; of a function its name, of a network its class's."""
+    """Return a defence's title; of a function its name, of a network its class's."""
     title = getattr(defence, "title", None)
     return str(title or getattr(defence, "__name__", type(defence).__name__))
 
@@ -78,18 +84,22 @@ class Defended(nn.Module):
     """A model behind a defence: logits = model(defence(images)). Attacks on it go through both.
 
     Args:
-        model: [0, 1] images to logits (B, K); a module becomes a submodule, so that its mode and device are set here.
-        defence: of `moireaug.defenses`, or any callable from images to images, as in `Compose`; a module in it becomes
-            a submodule, too.
-        draws: of a randomised defence. With more than one, the logits are the logarithm of the predicted probabilities'
-            mean: its gradient is the expectation over the defence that an attack needs (EOT; Athalye, Carlini and
-            Wagner 2018). Time and, with gradients, memory grow with it. A defence that is not randomised is drawn once.
+        model: [0, 1] images to logits (B, K); a module becomes a submodule, so that its mode and
+            device are set here.
+        defence: of `moireaug.defenses`, or any callable from images to images, as in `Compose`; a
+            module in it becomes a submodule, too.
+        draws: of a randomised defence. With more than one, the logits are the logarithm of the
+            predicted probabilities' mean: its gradient is the expectation over the defence that an
+            attack needs (EOT; Athalye, Carlini and Wagner 2018). Time and, with gradients, memory
+            grow with it. A defence that is not randomised is drawn once.
 
     Raises:
         TypeError, ValueError: what is not callable, or draws below 1.
     """
 
-    def __init__(self, model: Callable[[Tensor], Tensor], defence: Callable[[Tensor], Tensor], draws: int = 1) -> None:
+    def __init__(
+        self, model: Callable[[Tensor], Tensor], defence: Callable[[Tensor], Tensor], draws: int = 1
+    ) -> None:
         super().__init__()
         check_whole("draws", draws, 1)
         if not callable(model) or isinstance(model, type):

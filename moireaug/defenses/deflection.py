@@ -1,4 +1,5 @@
-"""Pixel deflection: a few pixels take a neighbour's colour, and wavelets smooth what that leaves."""
+"""Pixel deflection: a few pixels take a neighbour's colour, and wavelets smooth what that
+leaves."""
 
 from __future__ import annotations
 
@@ -13,19 +14,24 @@ from moireaug.defenses.base import Defence, check_real, check_whole, straight_th
 
 @dataclass(frozen=True)
 class PixelDeflection(Defence):
-    """Pixel deflection with wavelet denoising (Prakash et al. 2018), without the map that steers it (R-CAM).
+    """Pixel deflection with wavelet denoising (Prakash et al. 2018), without the map that steers it
+    (R-CAM).
 
-    As the paper's algorithm 1: one after the other, `deflections` pixels drawn uniformly each take the colour of a
-    pixel drawn uniformly from the square of `window` pixels around, as far as it lies in the image. All three channels
-    move at once and count once (the authors' code counts channels). Then soft thresholding by BayesShrink in YCbCr:
-    scikit-image's `denoise_wavelet` with its default wavelet, db1.
+    As the paper's algorithm 1: one after the other, `deflections` pixels drawn uniformly each take
+    the colour of a pixel drawn uniformly from the square of `window` pixels around, as far as it
+    lies in the image. All three channels move at once and count once (the authors' code counts
+    channels). Then soft thresholding by BayesShrink in YCbCr: scikit-image's `denoise_wavelet` with
+    its default wavelet, db1.
 
     Args:
         deflections: of each image, at least 0. The paper takes 200.
-        window: how far a colour may come from along each axis, in pixels, at least 1. The paper takes 10.
-        sigma: the noise's standard deviation, in units of [0, 1] images, above 0. The paper takes 0.04.
+        window: how far a colour may come from along each axis, in pixels, at least 1. The paper
+            takes 10.
+        sigma: the noise's standard deviation, in units of [0, 1] images, above 0. The paper takes
+            0.04.
 
-    Backward: a deflected pixel's gradient goes to where its colour came from; the denoising is the identity.
+    Backward: a deflected pixel's gradient goes to where its colour came from; the denoising is the
+    identity.
     """
 
     deflections: int = 200
@@ -66,7 +72,8 @@ class PixelDeflection(Defence):
 
 
 def denoise(images: Tensor, sigma: float) -> Tensor:
-    """BayesShrink soft wavelet denoising in YCbCr (Chang, Yu and Vetterli 2000), by scikit-image, image by image.
+    """BayesShrink soft wavelet denoising in YCbCr (Chang, Yu and Vetterli 2000), by scikit-image,
+    image by image.
 
     (B, 3, H, W) float32 or float64 in [0, 1] to the same, no gradient; sigma in the images' units.
     """
@@ -78,7 +85,12 @@ def denoise(images: Tensor, sigma: float) -> Tensor:
         # one level of the wavelet takes two pixels
         image = np.pad(image, ((0, int(h == 1)), (0, int(w == 1)), (0, 0)), "edge")
         clean = denoise_wavelet(
-            image, sigma=sigma, mode="soft", method="BayesShrink", convert2ycbcr=True, channel_axis=-1
-        )  # fmt: skip
+            image,
+            sigma=sigma,
+            mode="soft",
+            method="BayesShrink",
+            convert2ycbcr=True,
+            channel_axis=-1,
+        )
         row.copy_(torch.from_numpy(clean[:h, :w]).permute(2, 0, 1))
     return out.clamp(0, 1).to(images.device)

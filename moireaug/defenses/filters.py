@@ -12,12 +12,14 @@ from moireaug.defenses.base import Defence, check_real, check_whole, mirrored, s
 from moireaug.effects.jpeg import jpeg
 from moireaug.numeric import clip
 
-DARKEST = 1 / 255  # the mean below which `Gain` does not go on amplifying, so that black stays black
+# the mean below which `Gain` does not go on amplifying, so that black stays black
+DARKEST = 1 / 255
 
 
 @dataclass(frozen=True)
 class JPEG(Defence):
-    """Encode and decode (Dziugaite, Ghahramani and Roy 2016; Das et al. 2017): libjpeg as PIL runs it, 4:2:0.
+    """Encode and decode (Dziugaite, Ghahramani and Roy 2016; Das et al. 2017): libjpeg as PIL runs
+    it, 4:2:0.
 
     Args:
         quality: 1 to 100. The paper takes 20, 40, 60 and 80.
@@ -40,7 +42,8 @@ class JPEG(Defence):
 
 @dataclass(frozen=True)
 class BitDepth(Defence):
-    """Feature squeezing's fewer colours (Xu, Evans and Qi 2018): rint(x (2^b - 1)) / (2^b - 1), halves to even.
+    """Feature squeezing's fewer colours (Xu, Evans and Qi 2018): rint(x (2^b - 1)) / (2^b - 1),
+    halves to even.
 
     Args:
         bits: of each channel, 1 to 8. The paper takes 4 and 5.
@@ -66,13 +69,15 @@ class BitDepth(Defence):
 class Median(Defence):
     """Feature squeezing's median filter (Xu, Evans and Qi 2018), of each channel by itself.
 
-    The values of `scipy.ndimage.median_filter(channel, size, mode="reflect")`: an even window lies one pixel further up
-    and left than down and right, takes the upper of its two middle values, and the border is mirrored.
+    The values of `scipy.ndimage.median_filter(channel, size, mode="reflect")`: an even window lies
+    one pixel further up and left than down and right, takes the upper of its two middle values, and
+    the border is mirrored.
 
     Args:
         size: the window's side in pixels, 2 to 7. The paper takes 2 and 3.
 
-    Backward: exact; the gradient goes to the pixel that was taken, of equals to the first in reading order.
+    Backward: exact; the gradient goes to the pixel that was taken, of equals to the first in
+    reading order.
     """
 
     size: int = 2
@@ -89,7 +94,8 @@ class Median(Defence):
 
 
 class _Median(torch.autograd.Function):
-    # image by image: the many passes over one image stay in the cache, and memory is that of one image
+    # image by image: the many passes over one image stay in the cache, and memory is that of one
+    # image
 
     @staticmethod
     def forward(ctx, images, size):
@@ -140,8 +146,13 @@ def _median(x: Tensor, size: int) -> Tensor:
     if size == 3:
         a, b, c = x[:, :-2], x[:, 1:-1], x[:, 2:]
         low, high = torch.minimum(a, b), torch.maximum(a, b)
-        low, mid, high = torch.minimum(low, c), torch.maximum(low, torch.minimum(high, c)), torch.maximum(high, c)
-        # the median of nine is that of the greatest low, the middle mid and the least high of its three columns
+        low, mid, high = (
+            torch.minimum(low, c),
+            torch.maximum(low, torch.minimum(high, c)),
+            torch.maximum(high, c),
+        )
+        # the median of nine is that of the greatest low, the middle mid and the least high of its
+        # three columns
         low = torch.maximum(torch.maximum(low[..., :-2], low[..., 1:-1]), low[..., 2:])
         high = torch.minimum(torch.minimum(high[..., :-2], high[..., 1:-1]), high[..., 2:])
         return _middle(low, _middle(mid[..., :-2], mid[..., 1:-1], mid[..., 2:]), high)
@@ -155,10 +166,12 @@ def _middle(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Gain(Defence):
-    """Brightness brought to a fixed mean: the deployable form of the paper's mean normalisation, `restore_mean`.
+    """Brightness brought to a fixed mean: the deployable form of the paper's mean normalisation,
+    `restore_mean`.
 
-    Every image is multiplied by one factor so that its mean over pixels and channels becomes `mean`, and clipped, which
-    leaves it below that where highlights clip. No factor is above mean x 255: black stays black.
+    Every image is multiplied by one factor so that its mean over pixels and channels becomes
+    `mean`, and clipped, which leaves it below that where highlights clip. No factor is above mean x
+    255: black stays black.
 
     Args:
         mean: between 0 and 1, in units of sRGB codes; by default near that of natural images.
@@ -181,19 +194,23 @@ class Gain(Defence):
 
 
 def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
-    """The paper's mean normalisation: x - (mean(x) - mean(clean)), clipped to [0, 1].
+    """Compute the paper's mean normalisation: x - (mean(x) - mean(clean)), clipped to [0, 1].
 
-    It needs the clean image, which no deployed system has: an upper bound for `Gain`, not a defence.
+    It needs the clean image, which no deployed system has: an upper bound for `Gain`, not a
+    defence.
 
     Args:
         images: (B, 3, H, W) float in [0, 1], attacked or photographed. Not modified.
-        clean: the images as they were, of the same shape. Means are over all pixels and channels of each image.
+        clean: the images as they were, of the same shape. Means are over all pixels and channels of
+            each image.
 
     Returns:
-        (B, 3, H, W) in [0, 1], of the images' dtype. Differentiable in both; pixels on the bounds keep their gradient.
+        (B, 3, H, W) in [0, 1], of the images' dtype. Differentiable in both; pixels on the bounds
+        keep their gradient.
 
     Raises:
-        TypeError, ValueError: what is no float batch of three channels in [0, 1], or batches of two shapes.
+        TypeError, ValueError: what is no float batch of three channels in [0, 1], or batches of two
+            shapes.
     """
     images = check_images(images)
     clean = check_images(clean)

@@ -1,4 +1,5 @@
-"""Image quilting: the image rebuilt from patches of training images, which no attacker has touched."""
+"""Image quilting: the image rebuilt from patches of training images, which no attacker has
+touched."""
 
 from __future__ import annotations
 
@@ -13,25 +14,30 @@ from torch import Tensor
 from moireaug.defenses.bank import check_patches, draw_bank
 from moireaug.defenses.base import Defence, mirrored, straight_through
 
-QUERIES, BLOCK = 1024, 2048  # patches of the image and of the bank at a time, so that their products stay in the cache
+# patches of the image and of the bank at a time, so that their products stay in the cache
+QUERIES, BLOCK = 1024, 2048
 
 
 @dataclass(frozen=True, eq=False)
 class Quilting(Defence):
-    """Image quilting (Guo et al. 2018): each patch becomes the nearest of a bank, stitched where they agree.
+    """Image quilting (Guo et al. 2018): each patch becomes the nearest of a bank, stitched where
+    they agree.
 
-    The image is read in patches on a grid of stride patch - overlap, mirrored where the last goes past the border.
-    Each is replaced by the bank's patch at the least L2 distance, searched exhaustively in float32 (the paper's K = 1).
-    They are laid left to right, top to bottom; where one overlaps what lies there already, it starts behind the
-    minimum-error boundary cut (Efros and Freeman 2001) down its left and along its upper overlap, found by dynamic
-    programming rather than by the paper's graph cut.
+    The image is read in patches on a grid of stride patch - overlap, mirrored where the last goes
+    past the border. Each is replaced by the bank's patch at the least L2 distance, searched
+    exhaustively in float32 (the paper's K = 1). They are laid left to right, top to bottom; where
+    one overlaps what lies there already, it starts behind the minimum-error boundary cut (Efros and
+    Freeman 2001) down its left and along its upper overlap, found by dynamic programming rather
+    than by the paper's graph cut.
 
     Args:
-        bank: (N, 3, patch, patch) floating point in [0, 1], N >= 1; see `from_images`. The paper takes up to a million
-            patches of 5 x 5. Searched on the images' device; put it there to spare the copy at each call.
+        bank: (N, 3, patch, patch) floating point in [0, 1], N >= 1; see `from_images`. The paper
+            takes up to a million patches of 5 x 5. Searched on the images' device; put it there to
+            spare the copy at each call.
         overlap: of neighbouring patches in pixels, at most half a patch.
 
-    Time grows with bank and image: 0.7 s for 224 x 224 and 100,000 patches on one core. Backward: the identity.
+    Time grows with bank and image: 0.7 s for 224 x 224 and 100,000 patches on one core. Backward:
+    the identity.
     """
 
     bank: Tensor
@@ -41,15 +47,21 @@ class Quilting(Defence):
     def __post_init__(self) -> None:
         check_patches(self.patch, self.overlap)
         if not isinstance(self.bank, Tensor) or not self.bank.is_floating_point():
-            raise TypeError("Quilting.bank must be a floating-point tensor of patches. Draw one with from_images.")
+            raise TypeError(
+                "Quilting.bank must be a floating-point tensor of patches. Draw one with "
+                "from_images."
+            )
         if self.bank.shape != (len(self.bank), 3, self.patch, self.patch) or not len(self.bank):
             raise ValueError(
-                f"Quilting.bank must have the shape (N, 3, {self.patch}, {self.patch}) with N >= 1, as patch = "
-                f"{self.patch}; got {tuple(self.bank.shape)}."
+                f"Quilting.bank must have the shape (N, 3, {self.patch}, {self.patch}) with N >= "
+                f"1, as patch = {self.patch}; got {tuple(self.bank.shape)}."
             )
         low, high = (v.item() for v in self.bank.aminmax())
         if not (low >= 0 and high <= 1):
-            raise ValueError(f"Quilting.bank must be finite and lie in [0, 1]; got values from {low:g} to {high:g}.")
+            raise ValueError(
+                f"Quilting.bank must be finite and lie in [0, 1]; got values from {low:g} to "
+                f"{high:g}."
+            )
 
     @classmethod
     def from_images(
@@ -63,7 +75,8 @@ class Quilting(Defence):
         cache: str | Path | None = None,
         progress: bool = True,
     ) -> Quilting:
-        """A quilting whose bank is drawn from training images; arguments as in `moireaug.defenses.bank.draw_bank`."""
+        """Return a quilting whose bank is drawn from training images; arguments as in
+        `moireaug.defenses.bank.draw_bank`."""
         check_patches(patch, overlap)
         bank = draw_bank(images, patches, patch=patch, seed=seed, cache=cache, progress=progress)
         return cls(bank, patch, overlap)
@@ -86,14 +99,16 @@ class Quilting(Defence):
 
     @cached_property
     def _search(self) -> tuple[Tensor, Tensor]:
-        """The patches around their mean in float32, each with minus half its squared length, (N, D + 1); the mean."""
+        """The patches around their mean in float32, each with minus half its squared length, (N, D
+        + 1); the mean."""
         flat = self.bank.detach().flatten(1).float()
         mean = flat.mean(0)
         flat = flat - mean  # distances of nearly equal patches would drown in rounding
         return torch.cat([flat, -flat.square().sum(1, keepdim=True) / 2], 1), mean
 
     def nearest(self, patches: Tensor) -> Tensor:
-        """Index of the nearest patch of the bank, (M, 3, patch, patch) to (M,); of equals any one, always the same."""
+        """Index of the nearest patch of the bank, (M, 3, patch, patch) to (M,); of equals any one,
+        always the same."""
         bank, mean = (part.to(patches.device) for part in self._search)
         flat = patches.flatten(1).float() - mean
         flat = torch.cat([flat, flat.new_ones(len(flat), 1)], 1)
@@ -101,10 +116,12 @@ class Quilting(Defence):
 
 
 def _best(asked: Tensor, bank: Tensor) -> Tensor:
-    """Where asked @ bank.T is greatest, i.e. the distance least, without ever holding all of it: (M,)."""
+    """Where asked @ bank.T is greatest, i.e. the distance least, without ever holding all of it:
+    (M,)."""
     tops = torch.stack([(asked @ block.T).amax(1) for block in bank.split(BLOCK)], 1)
     winner, best = tops.argmax(1), asked.new_empty(len(asked), dtype=torch.long)
-    for number, block in enumerate(bank.split(BLOCK)):  # the maximum alone is many times faster than its place
+    # the maximum alone is many times faster than its place
+    for number, block in enumerate(bank.split(BLOCK)):
         here = (winner == number).nonzero()[:, 0]
         if len(here):
             best[here] = (asked[here] @ block.T).argmax(1) + number * BLOCK
@@ -114,14 +131,15 @@ def _best(asked: Tensor, bank: Tensor) -> Tensor:
 def stitch(bank: Tensor, chosen: Tensor, overlap: int) -> Tensor:
     """Lay the chosen patches with minimum-error boundary cuts.
 
-    A patch meets those to its left, above and above to the right; so all patches whose column plus twice their row is
-    the same are laid at once, in all images.
+    A patch meets those to its left, above and above to the right; so all patches whose column plus
+    twice their row is the same are laid at once, in all images.
 
     Args:
         bank: (N, C, side, side). chosen: (B, rows, cols), indices into it.
 
     Returns:
-        (B, C, side + (rows - 1) stride, side + (cols - 1) stride), of the bank's dtype; stride = side - overlap.
+        (B, C, side + (rows - 1) stride, side + (cols - 1) stride), of the bank's dtype;
+        stride = side - overlap.
     """
     b, rows, cols = chosen.shape
     channels, side = bank.shape[1:3]
@@ -132,7 +150,9 @@ def stitch(bank: Tensor, chosen: Tensor, overlap: int) -> Tensor:
     window = torch.arange(side, device=device)
     window = window[:, None] * width + window
     for front in range(cols + 2 * rows - 2):
-        i = torch.arange(max(0, (front - cols + 2) // 2), min(rows - 1, front // 2) + 1, device=device)
+        i = torch.arange(
+            max(0, (front - cols + 2) // 2), min(rows - 1, front // 2) + 1, device=device
+        )
         j = front - 2 * i
         place = ((i * width + j) * stride)[:, None, None] + window  # (n, side, side)
         new = last[chosen[:, i, j]]  # (b, n, side, side, channels)
@@ -140,28 +160,34 @@ def stitch(bank: Tensor, chosen: Tensor, overlap: int) -> Tensor:
             old = canvas[:, place]
             error = (new - old).square().sum(-1)
             fresh = cut(error[..., :overlap]) | (j == 0)[:, None, None]
-            new[..., :overlap, :] = torch.where(fresh[..., None], new[..., :overlap, :], old[..., :overlap, :])
+            new[..., :overlap, :] = torch.where(
+                fresh[..., None], new[..., :overlap, :], old[..., :overlap, :]
+            )
             # cut along the upper overlap: the same lying on its side
             fresh = (cut(error[..., :overlap, :].mT) | (i == 0)[:, None, None]).mT
-            new[..., :overlap, :, :] = torch.where(fresh[..., None], new[..., :overlap, :, :], old[..., :overlap, :, :])
+            new[..., :overlap, :, :] = torch.where(
+                fresh[..., None], new[..., :overlap, :, :], old[..., :overlap, :, :]
+            )
         canvas[:, place] = new
     return canvas.view(b, height, width, channels).permute(0, 3, 1, 2).contiguous()
 
 
 def cut(error: Tensor) -> Tensor:
-    """The minimum-error boundary cut down an overlap.
+    """Return the minimum-error boundary cut down an overlap.
 
     Args:
-        error: (..., length, overlap), squared difference of the old and the new pixel; old ones lie to the left.
+        error: (..., length, overlap), squared difference of the old and the new pixel; old ones lie
+            to the left.
 
     Returns:
-        bool of the same shape: the new pixel is taken, on the cut and to its right. The cut has one pixel a row, from
-        each row to the next at most one column aside, and the least total error.
+        bool of the same shape: the new pixel is taken, on the cut and to its right. The cut has one
+        pixel a row, from each row to the next at most one column aside, and the least total error.
     """
     overlap, far = error.shape[-1], float("inf")
     total, steps = error[..., 0, :], []
     for row in error.unbind(-2)[1:]:
-        ways = torch.nn.functional.pad(total, (1, 1), value=far).unfold(-1, 3, 1)  # from the left, above, the right
+        # from the left, above, the right
+        ways = torch.nn.functional.pad(total, (1, 1), value=far).unfold(-1, 3, 1)
         least = ways.min(-1)
         steps.append(least.indices - 1)
         total = row + least.values

@@ -1,4 +1,5 @@
-"""Total variation minimisation: most of the image is thrown away and guessed again from the rest."""
+"""Total variation minimisation: most of the image is thrown away and guessed again from the
+rest."""
 
 from __future__ import annotations
 
@@ -10,7 +11,9 @@ from torch import Tensor
 
 from moireaug.defenses.base import Defence, check_real, check_whole, straight_through
 
-STIFFNESS = 0.3  # of the constraint d = grad z, in units of the data term: of those tried, the fastest at weight 0.03
+# of the constraint d = grad z, in units of the data term: of those tried, the fastest at weight
+# 0.03
+STIFFNESS = 0.3
 AT_ONCE = 200_000  # numbers per pass: more images than that fall out of the cache
 
 
@@ -18,19 +21,22 @@ AT_ONCE = 200_000  # numbers per pass: more images than that fall out of the cac
 class TotalVariation(Defence):
     """Total variation minimisation from random pixels (Guo et al. 2018), "TVM" in tables.
 
-    Each pixel of each channel is kept with probability `keep`; the kept m = 1 and the image x give the z that minimises
+    Each pixel of each channel is kept with probability `keep`; the kept m = 1 and the image x give
+    the z that minimises
 
         1/2 sum m (z - x)^2 + weight sum sqrt((D_down z)^2 + (D_right z)^2)
 
-    with forward differences, 0 across the border, every channel by itself: `objective`. With keep = 1 that is
-    scikit-image's `denoise_tv_chambolle(x, weight)`. (Its `denoise_tv_bregman` at 1 / weight means the same, but
-    shrinks by another formula and ends elsewhere. The paper prints both norms unsquared, TV by rows and columns.)
+    with forward differences, 0 across the border, every channel by itself: `objective`. With
+    keep = 1 that is scikit-image's `denoise_tv_chambolle(x, weight)`. (Its `denoise_tv_bregman` at
+    1 / weight means the same, but shrinks by another formula and ends elsewhere. The paper prints
+    both norms unsquared, TV by rows and columns.)
 
-    Solved by split Bregman (Goldstein and Osher 2009) with the mask: `iterations` rounds of a Gauss-Seidel sweep over
-    z in chequerboard order, the shrinkage of d = grad z and the update of its multiplier. The first z fills each hole
-    with the mean of kept pixels near it, so that nothing of a pixel that was thrown away remains however few the
-    rounds. At 224 x 224 and the paper's parameters, 100 rounds bring the objective to within 1 % of its minimum and z
-    to within two codes of 255, a tenth of a code on average.
+    Solved by split Bregman (Goldstein and Osher 2009) with the mask: `iterations` rounds of a
+    Gauss-Seidel sweep over z in chequerboard order, the shrinkage of d = grad z and the update of
+    its multiplier. The first z fills each hole with the mean of kept pixels near it, so that
+    nothing of a pixel that was thrown away remains however few the rounds. At 224 x 224 and the
+    paper's parameters, 100 rounds bring the objective to within 1 % of its minimum and z to within
+    two codes of 255, a tenth of a code on average.
 
     Args:
         keep: probability, above 0, at most 1. The paper takes 0.5.
@@ -64,14 +70,17 @@ class TotalVariation(Defence):
 
 
 def objective(z: Tensor, x: Tensor, mask: Tensor, weight: float) -> Tensor:
-    """What `minimise` minimises, per image and channel: (B, C, H, W) three times to (B, C)."""
+    """Return what `minimise` minimises, per image and channel: (B, C, H, W) three times to
+    (B, C)."""
     down, right = F.pad(z.diff(dim=2), (0, 0, 0, 1)), F.pad(z.diff(dim=3), (0, 1))
-    return (mask * (z - x).square() / 2 + weight * (down.square() + right.square()).sqrt()).sum((2, 3))
+    return (mask * (z - x).square() / 2 + weight * (down.square() + right.square()).sqrt()).sum(
+        (2, 3)
+    )
 
 
 @torch.no_grad()
 def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
-    """The z of `TotalVariation` by split Bregman.
+    """Compute the z of `TotalVariation` by split Bregman.
 
     Args:
         x: (B, C, H, W). mask: the same shape, 1 where x is kept and 0 elsewhere.
@@ -83,16 +92,21 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
     z = fill(x, mask)
     if h * w == 1:
         return z
-    # one frame of zeros around every field: the differences across the border stay 0, and no case needs its own line
+    # one frame of zeros around every field: the differences across the border stay 0, and no case
+    # needs its own line
     z = F.pad(z, (1, 1, 1, 1))
     inside = F.pad(torch.ones_like(x), (1, 1, 1, 1))
-    vertical = inside[..., :-1, 1:-1] * inside[..., 1:, 1:-1]  # (B, C, H + 1, W): a difference lies inside
+    # (B, C, H + 1, W): a difference lies inside
+    vertical = inside[..., :-1, 1:-1] * inside[..., 1:, 1:-1]
     horizontal = inside[..., 1:-1, :-1] * inside[..., 1:-1, 1:]
-    neighbours = vertical[..., :-1, :] + vertical[..., 1:, :] + horizontal[..., :-1] + horizontal[..., 1:]
+    neighbours = (
+        vertical[..., :-1, :] + vertical[..., 1:, :] + horizontal[..., :-1] + horizontal[..., 1:]
+    )
     slope = 1 / (mask + STIFFNESS * neighbours)
     even = (torch.arange(h, device=x.device)[:, None] + torch.arange(w, device=x.device)) % 2 == 0
     data, core = mask * x, z[..., 1:-1, 1:-1]
-    p, q = torch.zeros_like(vertical), torch.zeros_like(horizontal)  # d - b, downwards and rightwards
+    # d - b, downwards and rightwards
+    p, q = torch.zeros_like(vertical), torch.zeros_like(horizontal)
     bp, bq = torch.zeros_like(p), torch.zeros_like(q)
     for _ in range(iterations):
         pull = data + STIFFNESS * (p[..., :-1, :] - p[..., 1:, :] + q[..., :-1] - q[..., 1:])
@@ -102,7 +116,8 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
         bp += (z[..., 1:, 1:-1] - z[..., :-1, 1:-1]) * vertical
         bq += (z[..., 1:-1, 1:] - z[..., 1:-1, :-1]) * horizontal
         length = (bp[..., 1:, :].square() + bq[..., 1:].square()).sqrt()
-        excess = (weight / STIFFNESS / length.clamp(min=torch.finfo(x.dtype).tiny)).clamp(max=1)  # what of it is b
+        # what of it is b
+        excess = (weight / STIFFNESS / length.clamp(min=torch.finfo(x.dtype).tiny)).clamp(max=1)
         p[..., 1:, :] = bp[..., 1:, :] * (1 - 2 * excess)
         q[..., 1:] = bq[..., 1:] * (1 - 2 * excess)
         bp[..., 1:, :] *= excess
@@ -111,7 +126,8 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
 
 
 def fill(x: Tensor, mask: Tensor) -> Tensor:
-    """`x` where the mask is 1; elsewhere the mean of what is kept in the smallest block of 2, 4, 8 ... that has any.
+    """`x` where the mask is 1; elsewhere the mean of what is kept in the smallest block of 2, 4, 8
+    ... that has any.
 
     (B, C, H, W) twice to a new one. Where a channel keeps nothing at all, a middle grey.
     """
@@ -120,7 +136,10 @@ def fill(x: Tensor, mask: Tensor) -> Tensor:
     if x.shape[-2:] == (1, 1):
         return torch.where(mask > 0, x, 0.5)
     kept = F.avg_pool2d(mask, 2, ceil_mode=True)
-    coarse = F.avg_pool2d(mask * x, 2, ceil_mode=True) / kept.clamp(min=0.1)  # 0 / 0.1 if none of four is kept
+    # 0 / 0.1 if none of four is kept
+    coarse = F.avg_pool2d(mask * x, 2, ceil_mode=True) / kept.clamp(min=0.1)
     coarse = fill(coarse, (kept > 0).to(x))
-    coarse = coarse.repeat_interleave(2, 2).repeat_interleave(2, 3)[..., : x.shape[-2], : x.shape[-1]]
+    coarse = coarse.repeat_interleave(2, 2).repeat_interleave(2, 3)[
+        ..., : x.shape[-2], : x.shape[-1]
+    ]
     return torch.where(mask > 0, x, coarse)

@@ -1,1 +1,2 @@
-"""The physical steps between a screen and a photo, one module each: a verdict on a scene, and a function of light."""
+"""The physical steps between a screen and a photo, one module each: a verdict on a scene, and a
+function of light."""

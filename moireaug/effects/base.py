@@ -20,16 +20,18 @@ class Verdict(NamedTuple):
 
 
 def called(reason: str) -> Verdict:
+    """Return that an effect is called for."""
     return Verdict(True, reason)
 
 
 def left_out(reason: str) -> Verdict:
+    """Return that an effect is left out."""
     return Verdict(False, reason)
 
 
 class Effect(ABC):
-    """One physical step. What moves light is left out at its identity; what changes light is left out where it changes
-    no value by more than the scene's tolerance."""
+    """One physical step. What moves light is left out at its identity; what changes light is left
+    out where it changes no value by more than the scene's tolerance."""
 
     name: str
     shown = True  # in the plan; a bound that no photo reaches by itself is not

@@ -10,19 +10,23 @@ from torch import Tensor
 
 
 def to_codes(photo: Tensor) -> np.ndarray:
-    """Return (B, 3, H, W) float in [0, 1] as the nearest 8-bit codes, (B, H, W, 3) uint8 on the CPU.
+    """Return (B, 3, H, W) float in [0, 1] as the nearest 8-bit codes, (B, H, W, 3) uint8 on the
+    CPU.
 
     Raises:
         ValueError: NaN, for which no code stands.
     """
     if photo.isnan().any():
-        raise ValueError("the photo holds NaN, which has no 8-bit code. Look for it in the image or the noise.")
+        raise ValueError(
+            "the photo holds NaN, which has no 8-bit code. Look for it in the image or the noise."
+        )
     codes = (photo * 255).round().clamp(0, 255).to(torch.uint8)
     return codes.permute(0, 2, 3, 1).contiguous().cpu().numpy()
 
 
 def from_codes(codes: Iterable[np.ndarray], like: Tensor) -> Tensor:
-    """Return the inverse: (H, W, 3) uint8 for each image to a new photo of the shape, dtype and device of `like`."""
+    """Return the inverse: (H, W, 3) uint8 for each image to a new photo of the shape, dtype and
+    device of `like`."""
     photo = torch.empty(like.shape, dtype=torch.uint8)
     for row, image in zip(photo, codes, strict=True):
         row.copy_(torch.from_numpy(image).permute(2, 0, 1))

@@ -1,4 +1,5 @@
-"""Demosaicing: the colours that a Bayer sensor did not read at a pixel, from the pixels around it."""
+"""Demosaicing: the colours that a Bayer sensor did not read at a pixel, from the pixels around
+it."""
 
 from __future__ import annotations
 
@@ -14,9 +15,11 @@ from moireaug.scene.record import SceneRecord
 
 
 class Demosaic(Effect):
-    """Packed Bayer planes (B, 4, h / 2, w / 2) to the colours of the pixels that a photo keeps. Linear.
+    """Packed Bayer planes (B, 4, h / 2, w / 2) to the colours of the pixels that a photo keeps.
+    Linear.
 
-    Past the border the mosaic goes on with its outermost filter cells, which keeps colours in place.
+    Past the border the mosaic goes on with its outermost filter cells, which keeps colours in
+    place.
     """
 
     name = "demosaic"
@@ -34,8 +37,8 @@ class Demosaic(Effect):
 
 
 def demosaic_bilinear(mosaic: Tensor) -> Tensor:
-    """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w): the mean of a colour's nearest pixels, zero padded, as
-    in the paper."""
+    """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w): the mean of a colour's nearest
+    pixels, zero padded, as in the paper."""
     cross = mosaic.new_tensor([[0.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 0.0]]) / 4
     square = mosaic.new_tensor([[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]]) / 4
     sparse = mosaic.new_zeros(mosaic.shape[0], 3, *mosaic.shape[1:])
@@ -45,23 +48,45 @@ def demosaic_bilinear(mosaic: Tensor) -> Tensor:
     return F.conv2d(sparse, torch.stack([square, cross, square])[:, None], padding=1, groups=3)
 
 
-# Malvar, He and Cutler (2004), figure 2, in eighths: a colour at another's pixel is the mean of its neighbours plus
-# a share of the other's curvature.
+# Malvar, He and Cutler (2004), figure 2, in eighths: a colour at another's pixel is the mean of its
+# neighbours plus a share of the other's curvature.
 MALVAR = {
-    "green": [[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]],
-    "along": [[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]],
-    "across": [[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]],
+    "green": [
+        [0, 0, -1, 0, 0],
+        [0, 0, 2, 0, 0],
+        [-1, 2, 4, 2, -1],
+        [0, 0, 2, 0, 0],
+        [0, 0, -1, 0, 0],
+    ],
+    "along": [
+        [0, 0, 0.5, 0, 0],
+        [0, -1, 0, -1, 0],
+        [-1, 4, 5, 4, -1],
+        [0, -1, 0, -1, 0],
+        [0, 0, 0.5, 0, 0],
+    ],
+    "across": [
+        [0, 0, -1.5, 0, 0],
+        [0, 2, 0, 2, 0],
+        [-1.5, 0, 6, 0, -1.5],
+        [0, 2, 0, 2, 0],
+        [0, 0, -1.5, 0, 0],
+    ],
 }
 
 
 def demosaic_malvar(mosaic: Tensor) -> Tensor:
-    """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w), by the filters of Malvar, He and Cutler (2004)."""
+    """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w), by the filters of Malvar, He and
+    Cutler (2004)."""
     kernels = [mosaic.new_tensor(MALVAR[k]) / 8 for k in ("green", "along", "across")]
     kernels.insert(2, kernels[1].mT.contiguous())
-    green, beside, below, across = F.conv2d(mosaic[:, None], torch.stack(kernels)[:, None], padding=2).unbind(1)
+    green, beside, below, across = F.conv2d(
+        mosaic[:, None], torch.stack(kernels)[:, None], padding=2
+    ).unbind(1)
     colour = torch.stack([mosaic] * 3, 1)
     colour[:, 1, 0::2, 0::2], colour[:, 1, 1::2, 1::2] = green[:, 0::2, 0::2], green[:, 1::2, 1::2]
-    # red lies beside the greens of its own rows and below and above those of blue's; blue the other way round
+    # red lies beside the greens of its own rows and below and above those of blue's; blue the other
+    # way round
     for channel, r in ((0, 0), (2, 1)):
         c = 1 - r
         colour[:, channel, r::2, c::2] = beside[:, r::2, c::2]
@@ -70,4 +95,7 @@ def demosaic_malvar(mosaic: Tensor) -> Tensor:
     return colour
 
 
-DEMOSAICS: dict[str, Callable[[Tensor], Tensor]] = {"bilinear": demosaic_bilinear, "malvar": demosaic_malvar}
+DEMOSAICS: dict[str, Callable[[Tensor], Tensor]] = {
+    "bilinear": demosaic_bilinear,
+    "malvar": demosaic_malvar,
+}

@@ -13,7 +13,8 @@ from moireaug.effects.codes import from_codes, to_codes
 from moireaug.scene.record import SceneRecord
 
 WINDOW = 5  # pixels: beyond the 3 x 3 that a demosaic has smeared already
-SIGMA_COLOUR = 0.1  # differences of R, G and B summed: 8 codes each, above sensor noise and below most edges
+# differences of R, G and B summed: 8 codes each, above sensor noise and below most edges
+SIGMA_COLOUR = 0.1
 SIGMA_SPACE = 1.5  # pixels: even the window's corners count, by a sixth
 
 
@@ -32,10 +33,12 @@ class Denoise(Effect):
 
 
 def nlm(photo: Tensor) -> Tensor:
-    """OpenCV's non-local means for colour images, at its defaults: the paper's denoiser (section 3, step 6).
+    """OpenCV's non-local means for colour images, at its defaults: the paper's denoiser (section 3,
+    step 6).
 
-    `cv2.fastNlMeansDenoisingColored`, strength 3 of 255, patches of 7 and search in 21 pixels, on the photo's 8-bit
-    codes; past the border it mirrors, so that any size goes. Its 8-bit Lab moves even a flat colour by up to 4 codes.
+    `cv2.fastNlMeansDenoisingColored`, strength 3 of 255, patches of 7 and search in 21 pixels, on
+    the photo's 8-bit codes; past the border it mirrors, so that any size goes. Its 8-bit Lab moves
+    even a flat colour by up to 4 codes.
 
     Args:
         photo: (B, 3, H, W) floating point in [0, 1], sRGB codes. Not modified.
@@ -50,7 +53,8 @@ def nlm(photo: Tensor) -> Tensor:
 
 
 def bilateral(photo: Tensor) -> Tensor:
-    """Bilateral filter: each pixel's mean with the pixels around that look like it; the border's pixels go on past it.
+    """Bilateral filter: each pixel's mean with the pixels around that look like it; the border's
+    pixels go on past it.
 
     (B, 3, H, W) float32 or float64 in [0, 1] to the same. Differentiable.
     """

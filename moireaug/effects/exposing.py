@@ -33,11 +33,13 @@ class Subpixels(WithinExposure):
             pitch = show((scene.sensor.scale / high, scene.sensor.scale / low))
             return called(f"{name}, {pitch} sensor pixels a panel pixel when frontal")
         if not method.harmonics:
-            return left_out(f"{name} gives its mean light alone: no contrast above {scene.tolerance:.2g} is left at "
-                            "the sensor")  # fmt: skip
+            least = f"no contrast above {scene.tolerance:.2g} is left at the sensor"
+            return left_out(f"{name} gives its mean light alone: {least}")
         (pair, top), n = extremes.harmonics(scene)[0], len(method.harmonics)
         counted = "1 harmonic" if n == 1 else f"{n} harmonics"
-        return called(f"{name}: {counted} above {scene.tolerance:.2g}, the strongest {pair} up to {top:.2g}")
+        return called(
+            f"{name}: {counted} above {scene.tolerance:.2g}, the strongest {pair} up to {top:.2g}"
+        )
 
 
 class Pose(WithinExposure):
@@ -71,7 +73,8 @@ class Distortion(WithinExposure):
 
 
 class Exposed(Effect):
-    """Panel light integrated over the aperture and the spread of each sensor pixel that the photo reads."""
+    """Panel light integrated over the aperture and the spread of each sensor pixel that the photo
+    reads."""
 
     name = "exposure"
 

@@ -18,9 +18,11 @@ class Flicker(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         panel, sensor = scene.panel, scene.sensor
-        why = f"pulses of {show(panel.pwm)} Hz, {show(panel.duty)} on, through a shutter of {show(sensor.shutter)} s, "
-        why += f"rows read in {show(sensor.readout)} s"
-        return judged(bounds(sensor.gain)[1] * depth(scene), scene, why, "no pulses, or no shutter given")
+        why = f"pulses of {show(panel.pwm)} Hz, {show(panel.duty)} on, through a shutter of "
+        why += f"{show(sensor.shutter)} s, rows read in {show(sensor.readout)} s"
+        return judged(
+            bounds(sensor.gain)[1] * depth(scene), scene, why, "no pulses, or no shutter given"
+        )
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
         panel, sensor = shot.panel, shot.sensor
@@ -41,12 +43,15 @@ def depth(scene: SceneRecord) -> float:
     return max(brighter, darker)
 
 
-def flicker(rows: Tensor, frequency: Tensor, duty: Tensor, phase: Tensor, shutter: Tensor, readout: Tensor) -> Tensor:
+def flicker(
+    rows: Tensor, frequency: Tensor, duty: Tensor, phase: Tensor, shutter: Tensor, readout: Tensor
+) -> Tensor:
     """Return how much light each row of the sensor gets of the panel's mean: (B, h), 1 on average.
 
-    The panel is on for a share `duty` of each cycle, as bright as keeps its mean. Row r begins to expose at
-    `r * readout` and does so for `shutter` seconds; the light of that time is a closed form. The bands have
-    `frequency * readout` cycles from the first row to the last, and vanish where `shutter * frequency` is whole.
+    The panel is on for a share `duty` of each cycle, as bright as keeps its mean. Row r begins to
+    expose at `r * readout` and does so for `shutter` seconds; the light of that time is a closed
+    form. The bands have `frequency * readout` cycles from the first row to the last, and vanish
+    where `shutter * frequency` is whole.
 
     Args:
         rows: (h,) or (B, h), 0 at the upper edge of the sensor and 1 at the lower one.
@@ -55,7 +60,8 @@ def flicker(rows: Tensor, frequency: Tensor, duty: Tensor, phase: Tensor, shutte
 
     Differentiable in all of them, but for the corners where a pulse begins or ends.
     """
-    frequency, duty, phase, shutter, readout = (t[:, None] for t in (frequency, duty, phase, shutter, readout))
+    drawn = (frequency, duty, phase, shutter, readout)
+    frequency, duty, phase, shutter, readout = (t[:, None] for t in drawn)
     begin = phase + frequency * readout * rows
     cycles = frequency * shutter
 

@@ -15,8 +15,9 @@ from moireaug.effects.codes import from_codes, to_codes
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
-# Kornia's rounding has no slope where a coefficient is a whole multiple of its step, as all are in flat black or white:
-# an attack that starts from no noise would never leave it. So much of the gradient passes straight through.
+# Kornia's rounding has no slope where a coefficient is a whole multiple of its step, as all are in
+# flat black or white: an attack that starts from no noise would never leave it. So much of the
+# gradient passes straight through.
 THROUGH = 0.02
 
 
@@ -38,16 +39,17 @@ class Jpeg(Effect):
 def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
     """Encode each photo with libjpeg and decode it again.
 
-    Forward is the codec itself, as PIL runs it (4:2:0), on the photo's 8-bit codes. Backward is the gradient of
-    kornia's differentiable JPEG (Shin and Song 2017; Reich et al. 2024), which is computed only then, and `THROUGH` of
-    what comes in.
+    Forward is the codec itself, as PIL runs it (4:2:0), on the photo's 8-bit codes. Backward is the
+    gradient of kornia's differentiable JPEG (Shin and Song 2017; Reich et al. 2024), which is
+    computed only then, and `THROUGH` of what comes in.
 
     Args:
         photo: (B, 3, H, W) float32 or float64 in [0, 1], sRGB codes. Not modified.
         quality: (B,), rounded to whole numbers and clamped to 1..100.
 
     Returns:
-        (B, 3, H, W), whole codes / 255, of the photo's dtype. Differentiable in photo, once; not in quality.
+        (B, 3, H, W), whole codes / 255, of the photo's dtype. Differentiable in photo, once; not in
+        quality.
 
     Raises:
         ValueError: a photo or a quality that is NaN, or another number of qualities than of photos.

@@ -1,5 +1,5 @@
-"""The picture low-passed before it is looked up: where a panel has fewer pixels than the picture, or a sensor pixel
-sees more panel pixels than are counted one by one."""
+"""The picture low-passed before it is looked up: where a panel has fewer pixels than the picture,
+or a sensor pixel sees more panel pixels than are counted one by one."""
 
 from __future__ import annotations
 
@@ -33,8 +33,12 @@ class Prefilter(Effect):
     def verdict(self, scene: SceneRecord) -> Verdict:
         variance = most_variance(scene)
         if 2 * bounds(scene.sensor.gain)[1] * variance <= scene.tolerance:
-            return left_out("the panel has the picture's pixels, and a sensor pixel sees few of them")
-        return called(f"the picture blurred by up to {variance**0.5:.2g} image pixels before it is looked up")
+            return left_out(
+                "the panel has the picture's pixels, and a sensor pixel sees few of them"
+            )
+        return called(
+            f"the picture blurred by up to {variance**0.5:.2g} image pixels before it is looked up"
+        )
 
     def __call__(self, light: Tensor, shot) -> Tensor:
         most = shot.plan.prefilter
@@ -50,21 +54,26 @@ def _middle(shot) -> tuple[Tensor, Tensor]:
 
 
 def coarseness(alpha: Tensor) -> Tensor:
-    """Return the variance, in squared image pixels, of showing a picture at `alpha` panel pixels an image pixel."""
+    """Return the variance, in squared image pixels, of showing a picture at `alpha` panel pixels an
+    image pixel."""
     return (1 / alpha.square() - 1).clamp(min=0) / 6
 
 
 def variance_at(points: Tensor, shot) -> Tensor:
-    """Return the blur that the picture needs at image points (1, h, w, 2), in squared image pixels: (B, h, w)."""
+    """Return the blur that the picture needs at image points (1, h, w, 2), in squared image pixels:
+    (B, h, w)."""
     alpha, method = shot.panel.scale[:, None, None], shot.plan.method
     coarse = coarseness(alpha).expand(-1, *points.shape[1:3])
     if not shot.plan.narrows:
         return coarse
     points = points.expand(len(alpha), -1, -1, -1)
-    seen = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(points.shape)
+    seen = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(
+        points.shape
+    )
     step = grids.jacobian(seen, torch.linalg.inv(shot.matrix()), shot.size, None)
     step = step * (alpha[..., None, None] / shot.sampled_pixels()[0].scale)
-    layout, one, lost = as_layout(shot.scene.panel.layout), torch.ones_like(alpha[:, 0, 0]), [torch.zeros_like(coarse)]
+    layout = as_layout(shot.scene.panel.layout)
+    one, lost = torch.ones_like(alpha[:, 0, 0]), [torch.zeros_like(coarse)]
     period = (1, 1) if isinstance(method, Mean) else layout.period
     for subpixel in [WHOLE_PIXEL] if isinstance(method, Mean) else dict.fromkeys(layout.all()):
         for axis in (0, 1):
@@ -82,14 +91,16 @@ def most_variance(scene: SceneRecord) -> float:
 
 @functools.lru_cache(maxsize=64)
 def most_lost(scene: SceneRecord) -> float:
-    """Return the most variance that views lose which are narrowed to the cells that are looked at, in squared image
-    pixels."""
+    """Return the most variance that views lose which are narrowed to the cells that are looked at,
+    in squared image pixels."""
     method, most = exposure_of(scene), 0.0
     if isinstance(method, (Point, Supersample)):
         return 0.0
     seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
     for alpha in extremes.inside(scene.panel.scale, points=3):
-        for along, width in extremes.footprints(scene, seen, alpha, whole_pixel=isinstance(method, Mean)):
+        for along, width in extremes.footprints(
+            scene, seen, alpha, whole_pixel=isinstance(method, Mean)
+        ):
             lost = content.fitted(along, width, method.taps)[1]
             most = max(most, float(lost.max()) / alpha**2)
     return most * max(as_layout(scene.panel.layout).period) ** 2
@@ -101,15 +112,16 @@ def levels(variance: float) -> int:
 
 
 def share_at_centre(shot) -> Tensor:
-    """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the variance that the
-    middle of the picture needs, in squared image pixels, up to 1/2."""
+    """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the
+    variance that the middle of the picture needs, in squared image pixels, up to 1/2."""
     if not shot.plan.narrows:
         return coarseness(shot.panel.scale).clamp(max=SMALL)
     return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=SMALL)
 
 
 def spread(image: Tensor, share: Tensor) -> Tensor:
-    """Blur (B, 3, H, W) along both axes by taking a share (B,) of each pixel from its two neighbours.
+    """Blur (B, 3, H, W) along both axes by taking a share (B,) of each pixel from its two
+    neighbours.
 
     Its variance is the share: exact for a picture's curvature, which is what a small aperture sees.
     """
@@ -120,10 +132,11 @@ def spread(image: Tensor, share: Tensor) -> Tensor:
 
 
 def mipmap(image: Tensor, variance: Tensor, levels: int) -> Tensor:
-    """Blur (B, 3, H, W) by variance (B, 1, H, W) in squared image pixels that differs from place to place.
+    """Blur (B, 3, H, W) by variance (B, 1, H, W) in squared image pixels that differs from place to
+    place.
 
-    A pyramid of `levels` halvings; between two of them the mix whose variance is right. What lies beyond the last has
-    its variance.
+    A pyramid of `levels` halvings; between two of them the mix whose variance is right. What lies
+    beyond the last has its variance.
     """
     n, _, h, w = image.shape
     x, y = grids.pixel_centres((h, w), image.device).expand(n, -1, -1, -1).unbind(-1)
@@ -138,6 +151,7 @@ def mipmap(image: Tensor, variance: Tensor, levels: int) -> Tensor:
 
 
 def halved(image: Tensor) -> Tensor:
-    """Return the means of 2 x 2 pixels; an odd last row or column counts twice, so that every window is as large."""
+    """Return the means of 2 x 2 pixels; an odd last row or column counts twice, so that every
+    window is as large."""
     h, w = image.shape[-2:]
     return F.avg_pool2d(F.pad(image, (0, w % 2, 0, h % 2), mode="replicate"), 2)

@@ -1,8 +1,9 @@
-"""Random numbers for sensor noise: a function of (seed, pixel), the same to the bit on every device.
+"""Random numbers for sensor noise: a function of (seed, pixel), the same to the bit on every
+device.
 
-A hash of the pixel's index, keyed by the image's seed, gives 32 bits. Their upper 11 choose one of 2048 intervals of
-equal probability of the normal distribution, the lower 21 a place in it. Tables and integers alone, so that PyTorch on
-any device and the engine's kernels agree bit for bit.
+A hash of the pixel's index, keyed by the image's seed, gives 32 bits. Their upper 11 choose one of
+2048 intervals of equal probability of the normal distribution, the lower 21 a place in it. Tables
+and integers alone, so that PyTorch on any device and the engine's kernels agree bit for bit.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ WEYL = 0x9E3779B9
 
 @functools.lru_cache(maxsize=1)
 def quantiles() -> tuple[Tensor, Tensor]:
-    """Return each interval's lower end and the step from one place in it to the next: (2048,) float32 each.
+    """Return each interval's lower end and the step from one place in it to the next: (2048,)
+    float32 each.
 
     The outermost intervals end where the variance of the numbers is exactly 1.
     """
@@ -48,7 +50,8 @@ def normal(shape: Sequence[int], seeds: Tensor) -> Tensor:
     """Return standard normal numbers (len(seeds), *shape), float32, on the device of `seeds`.
 
     Args:
-        shape: of one image's numbers. Number i of an image, in row-major order, depends on its seed and on i alone.
+        shape: of one image's numbers. Number i of an image, in row-major order, depends on its seed
+            and on i alone.
         seeds: (B,) int64.
 
     Not differentiable.

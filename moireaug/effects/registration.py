@@ -28,7 +28,8 @@ class Registration(Effect):
 
 
 def register(photo: Tensor, matrix: Tensor, lens: grids.Lens | None) -> Tensor:
-    """Return a photo (B, 3, H, W) in the image's frame, bilinear; black where it does not show the image.
+    """Return a photo (B, 3, H, W) in the image's frame, bilinear; black where it does not show the
+    image.
 
     Args:
         matrix: (B, 3, 3) from image to ideal photo coordinates.

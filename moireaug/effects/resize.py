@@ -38,11 +38,14 @@ def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) ->
     size = rows.size, cols.size
     if how == "area":
         return F.interpolate(photo, size=size, mode="area")
-    return F.interpolate(photo, size=size, mode="bilinear", align_corners=False, antialias=how == "antialias")
+    return F.interpolate(
+        photo, size=size, mode="bilinear", align_corners=False, antialias=how == "antialias"
+    )
 
 
 def window_centres(photo: Tensor, step: int) -> Tensor:
-    """Return the mean of the 1 x 1 (odd step) or 2 x 2 (even step) pixels in the centre of each window."""
+    """Return the mean of the 1 x 1 (odd step) or 2 x 2 (even step) pixels in the centre of each
+    window."""
     across = 1 if step % 2 else 2
     first = (step - across) // 2
     windows = photo.unfold(2, step, step).unfold(3, step, step)

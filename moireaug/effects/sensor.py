@@ -40,7 +40,9 @@ class Noise(Effect):
         why = f"standard deviation {show(sensor.read_noise)}"
         if shot:
             why += f", and {show(sensor.shot_noise)} times the root of the reading"
-        return judged(SIGMAS * (read**2 + shot**2) ** 0.5, scene, why, "read_noise and shot_noise are 0")
+        return judged(
+            SIGMAS * (read**2 + shot**2) ** 0.5, scene, why, "read_noise and shot_noise are 0"
+        )
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
         return add_noise(raw, shot.sensor.read_noise, shot.sensor.shot_noise, shot.seed)
@@ -92,10 +94,12 @@ class Quantisation(Effect):
 
 
 def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
-    """Add Gaussian noise of variance `read^2 + shot^2 * raw` to `raw` (B, C, h, w), one stream per seed (B,) int64.
+    """Add Gaussian noise of variance `read^2 + shot^2 * raw` to `raw` (B, C, h, w), one stream per
+    seed (B,) int64.
 
-    Photon noise is Poisson's in its Gaussian limit, in the reading's own light; a full well of N electrons has
-    `shot = N^-1/2`. Differentiable in raw, read and shot. Replays bit for bit on any device.
+    Photon noise is Poisson's in its Gaussian limit, in the reading's own light; a full well of N
+    electrons has `shot = N^-1/2`. Differentiable in raw, read and shot. Replays bit for bit on any
+    device.
     """
     noise = torch.ops.moireaug.normal(raw.shape[1:], seeds).to(raw.dtype)
     variance = per_image(read, raw).square() + per_image(shot, raw).square() * raw.clamp(min=DARK)
@@ -103,17 +107,20 @@ def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
     return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
 
 
-# an operator of its own, since torch.compile cannot look into its tables; defined by hand, because `custom_op` imports
-# the compiler on its first call, a second and more in every worker
+# an operator of its own, since torch.compile cannot look into its tables; defined by hand, because
+# `custom_op` imports the compiler on its first call, a second and more in every worker
 LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
 LIBRARY.define("normal(SymInt[] shape, Tensor seeds) -> Tensor")
 LIBRARY.impl("normal", normal, "CompositeExplicitAutograd")
 torch.library.register_fake(
-    "moireaug::normal", lambda shape, seeds: seeds.new_empty((len(seeds), *shape), dtype=torch.float32), lib=LIBRARY
+    "moireaug::normal",
+    lambda shape, seeds: seeds.new_empty((len(seeds), *shape), dtype=torch.float32),
+    lib=LIBRARY,
 )
 
 
 def quantise(raw: Tensor, bits: int) -> Tensor:
-    """Round to the `2^bits` levels of a converter whose ends are 0 and 1; the gradient passes straight through."""
+    """Round to the `2^bits` levels of a converter whose ends are 0 and 1; the gradient passes
+    straight through."""
     levels = 2**bits - 1
     return raw + (torch.round(raw.detach().clamp(0, 1) * levels) / levels - raw.detach())

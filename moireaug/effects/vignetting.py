@@ -18,7 +18,9 @@ class Vignetting(Effect):
     def verdict(self, scene: SceneRecord) -> Verdict:
         lost = bounds(scene.lens.vignetting)[1]
         why = f"{show(scene.lens.vignetting)} of the light lost in the corners"
-        return judged(bounds(scene.sensor.gain)[1] * lost, scene, why, "no light lost in the corners")
+        return judged(
+            bounds(scene.sensor.gain)[1] * lost, scene, why, "no light lost in the corners"
+        )
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
         rows, cols = (pixels.positions(raw.device) for pixels in shot.sampled_pixels())
@@ -26,12 +28,15 @@ class Vignetting(Effect):
 
 
 def falloff(rows: Tensor, cols: Tensor, size: tuple[int, int], loss: Tensor) -> Tensor:
-    """Return the light that is left, (B, h, w), 1 in the photo's centre and 1 - `loss` (B,) in its corners.
+    """Return the light that is left, (B, h, w), 1 in the photo's centre and 1 - `loss` (B,) in its
+    corners.
 
     Args:
         rows, cols: (h,) and (w,) photo coordinates. size: height and width of the photo.
     """
     h, w = size
-    r2 = ((rows - h / 2).square()[:, None] + (cols - w / 2).square()[None, :]) * (4 / (h * h + w * w))
+    r2 = ((rows - h / 2).square()[:, None] + (cols - w / 2).square()[None, :]) * (
+        4 / (h * h + w * w)
+    )
     steep = ((1 - loss) ** -0.5 - 1)[:, None, None]  # the squared tangent of the corner's ray
     return (1 + steep * r2) ** -2

@@ -1,4 +1,5 @@
-"""The kernels that Python calls: some images of a batch each. All else in this package is compiled into them."""
+"""The kernels that Python calls: some images of a batch each. All else in this package is compiled
+into them."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ def _camera(row):
     """Return the Camera of a row of `Exposure.cameras`."""
     return Camera(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
-        row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20], row[21],
+        row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
+        row[21],
     )  # fmt: skip
 
 
@@ -47,7 +49,8 @@ def fits(e):
 
 @loop
 def _light(light, floats, codes, i, e):
-    """Return the light of picture i, (3, H, W) float32: the picture itself where it is light, else `light`, filled."""
+    """Return the light of picture i, (3, H, W) float32: the picture itself where it is light, else
+    `light`, filled."""
     if len(codes):
         picture.show(light, codes[i], e.coded, e.share[i])
         return light
@@ -71,10 +74,29 @@ def expose(raw, floats, codes, e, first, last):
         camera = _camera(e.cameras[i])
         h, w = panel.shape(e.size, camera.alpha, e.cell.period, e.cell.taps)
         shown = np.empty((3, h, w), np.float32)
-        panel.show(shown, _light(light, floats, codes, i, e), camera.alpha, e.cell.period, e.cell.taps, e.dark)
+        panel.show(
+            shown,
+            _light(light, floats, codes, i, e),
+            camera.alpha,
+            e.cell.period,
+            e.cell.taps,
+            e.dark,
+        )
         size = (math.ceil(camera.alpha * height), math.ceil(camera.alpha * width))
         found = nodes.prepare(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites)
-        expose_image(raw[i], shown, size, camera, e.cell, found, e.sites, e.flicker[i], e.noise, e.seeds[i], e.clips)
+        expose_image(
+            raw[i],
+            shown,
+            size,
+            camera,
+            e.cell,
+            found,
+            e.sites,
+            e.flicker[i],
+            e.noise,
+            e.seeds[i],
+            e.clips,
+        )
 
 
 @kernel
@@ -83,14 +105,25 @@ def expose_points(raw, floats, codes, e, first, last):
     light = np.empty((3, e.size[0], e.size[1]), np.float32)
     for i in range(first, last):
         expose_point(
-            raw[i], _light(light, floats, codes, i, e), _camera(e.cameras[i]), e.cell, e.point, e.point.lit[i],
-            e.sites, e.flicker[i], e.noise, e.seeds[i], e.clips, e.dark,
-        )  # fmt: skip
+            raw[i],
+            _light(light, floats, codes, i, e),
+            _camera(e.cameras[i]),
+            e.cell,
+            e.point,
+            e.point.lit[i],
+            e.sites,
+            e.flicker[i],
+            e.noise,
+            e.seeds[i],
+            e.clips,
+            e.dark,
+        )
 
 
 @kernel
 def develop(photos, raw, d, first, last):
-    """Fill photos (B, 3, H, W) float32, sRGB codes, from `first` to `last` from raw (B, planes, h, w) float32.
+    """Fill photos (B, 3, H, W) float32, sRGB codes, from `first` to `last` from raw
+    (B, planes, h, w) float32.
 
     Args:
         d: see `record.Development`.
@@ -112,7 +145,9 @@ def develop_back(raw_grad, photo_grad, raw, d, first, last):
     """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
     if not d.registers:
         for i in range(first, last):
-            development.develop_back(raw_grad[i], photo_grad[i], raw[i], d, d.gains[i], d.brighten[i])
+            development.develop_back(
+                raw_grad[i], photo_grad[i], raw[i], d, d.gains[i], d.brighten[i]
+            )
         return
     h, w = d.size
     planes = np.empty(room(h, w), np.float32)

@@ -17,10 +17,12 @@ loop = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 @functools.lru_cache(maxsize=1)
 def _folder() -> str | None:
-    """Return where compiled kernels are kept, by all of the engine's sources and versions; None where nowhere."""
+    """Return where compiled kernels are kept, by all of the engine's sources and versions; None
+    where nowhere."""
     here = Path(__file__).parent
     sources = [*sorted(here.glob("*.py")), here.parent / "effects" / "random_numbers.py"]
-    text = b"".join(source.read_bytes() for source in sources) + f"{numba.__version__} {llvmlite.__version__}".encode()
+    text = b"".join(source.read_bytes() for source in sources)
+    text += f"{numba.__version__} {llvmlite.__version__}".encode()
     name = hashlib.sha256(text).hexdigest()[:16]
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "moireaug"
     for place in (numba.config.CACHE_DIR, here / "__pycache__", home):
@@ -43,9 +45,11 @@ def cold() -> bool:
 
 
 def kernel(function):
-    """Compile a function that a thread calls for a whole image, without the GIL and once per machine.
+    """Compile a function that a thread calls for a whole image, without the GIL and once per
+    machine.
 
-    Numba's own cache looks at the function's file alone, and would miss a change in what the function calls.
+    Numba's own cache looks at the function's file alone, and would miss a change in what the
+    function calls.
     """
     folder, before = _folder(), numba.config.CACHE_DIR
     if folder is None:
@@ -59,7 +63,7 @@ def kernel(function):
 
 @loop
 def fill(out, value):
-    """Fill a row. (Numba compiles an assignment to a slice for seconds, for its error messages.)"""
+    """Fill a row; numba compiles an assignment to a slice for seconds, for its error messages."""
     for i in range(len(out)):
         out[i] = value
 

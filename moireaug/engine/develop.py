@@ -1,5 +1,5 @@
-"""Raw to photo, one image a call, a cell row at a time: saturation, demosaicing, encoding and resizing; and the
-gradient's way back, which computes the same colours again."""
+"""Raw to photo, one image a call, a cell row at a time: saturation, demosaicing, encoding and
+resizing; and the gradient's way back, which computes the same colours again."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ SITES = 4
 
 @loop
 def _prepare(out, raw, saturates, levels):
-    """Copy a plane's row (w,) to out (w + 2,), its ends twice: saturated, and rounded where levels > 0."""
+    """Copy a plane's row (w,) to out (w + 2,), its ends twice: saturated, and rounded where levels
+    > 0."""
     w = len(raw)
     for i in range(w):
         value = raw[i]
@@ -95,7 +96,8 @@ def _counts(rows, row):
 
 @loop
 def _colours(colours, ring, y, h, lanes, stencil, rows):
-    """Fill colours (4 sites * 3 * lanes,) with the colours of cell row y, from the prepared rows in `ring`."""
+    """Fill colours (4 sites * 3 * lanes,) with the colours of cell row y, from the prepared rows in
+    `ring`."""
     fill(colours, ZERO)
     for site in range(SITES):
         if not _counts(rows, 2 * y + site // 2):
@@ -103,12 +105,22 @@ def _colours(colours, ring, y, h, lanes, stencil, rows):
         for channel in range(3):
             for dy in range(-1, 2):
                 row = min(max(y + dy, 0), h - 1) % 3
-                first, count = stencil.first[site, channel, dy + 1], stencil.count[site, channel, dy + 1]
+                first = stencil.first[site, channel, dy + 1]
+                count = stencil.count[site, channel, dy + 1]
                 if not count:
                     continue
                 start = (site * 3 + channel) * lanes
                 for a in range(0, lanes, LANES):
-                    add_taps(colours, start + a, stencil.weight, first, count, ring[row], stencil.offset, a)
+                    add_taps(
+                        colours,
+                        start + a,
+                        stencil.weight,
+                        first,
+                        count,
+                        ring[row],
+                        stencil.offset,
+                        a,
+                    )
 
 
 @loop
@@ -125,7 +137,8 @@ def _fill(ring, held, raw, y, saturates, levels, wide):
 
 @loop
 def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows):
-    """Fill colours with those of row y of raw: of four sites, or of one where the sensor has no colour filters."""
+    """Fill colours with those of row y of raw: of four sites, or of one where the sensor has no
+    colour filters."""
     _, h, w = raw.shape
     lanes, wide = len(colours) // (SITES * 3), ring.shape[1] // SITES
     if mosaic:
@@ -148,7 +161,8 @@ def develop(photo, raw, d, gains, brighten):
         gains: (3,) float32, white balance. brighten: float32, added to the codes.
     """
     _, h, w = raw.shape
-    mosaic, stencil, rows, cols, saturates, levels = d.mosaic, d.stencil, d.rows, d.cols, d.saturates, d.levels
+    mosaic, saturates, levels = d.mosaic, d.saturates, d.levels
+    stencil, rows, cols = d.stencil, d.rows, d.cols
     step = 2 if mosaic else 1
     lanes = (w + LANES - 1) // LANES * LANES
     wide = lanes + LANES
@@ -167,7 +181,9 @@ def develop(photo, raw, d, gains, brighten):
                 # the row's even and odd columns lie 3 rows of lanes apart
                 seen = colours[(r * 2 * 3 + channel) * lanes :]
                 for c in range(step):
-                    _code(seen[c * 3 * lanes : c * 3 * lanes + w], gains[channel], d.coded, brighten)
+                    _code(
+                        seen[c * 3 * lanes : c * 3 * lanes + w], gains[channel], d.coded, brighten
+                    )
                 if cols.cells:
                     _mean(line, seen, seen[3 * lanes :])
                 else:
@@ -178,10 +194,12 @@ def develop(photo, raw, d, gains, brighten):
 
 @loop
 def _fold_back(raw_grad, total, raw, y, wide, saturates):
-    """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is left at 0."""
+    """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is left at
+    0."""
     w = raw.shape[2]
     for plane in range(SITES):
-        line, out, reading = total[plane * wide : plane * wide + w + 2], raw_grad[plane, y], raw[plane, y]
+        line = total[plane * wide : plane * wide + w + 2]
+        out, reading = raw_grad[plane, y], raw[plane, y]
         line[1] += line[0]
         line[w] += line[w + 1]
         for i in range(w):
@@ -190,14 +208,17 @@ def _fold_back(raw_grad, total, raw, y, wide, saturates):
 
 
 @loop
-def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):
-    """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments as in `develop`."""
+def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):  # noqa: C901  # one pass, row by row
+    """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
+    as in `develop`."""
     _, h, w = raw.shape
-    mosaic, stencil, rows, cols, saturates, levels = d.mosaic, d.stencil, d.rows, d.cols, d.saturates, d.levels
+    mosaic, saturates, levels = d.mosaic, d.saturates, d.levels
+    stencil, rows, cols = d.stencil, d.rows, d.cols
     step = 2 if mosaic else 1
     lanes = (w + LANES - 1) // LANES * LANES
     wide = lanes + LANES
-    colours, grads = np.zeros(SITES * 3 * lanes, np.float32), np.zeros(SITES * 3 * lanes, np.float32)
+    colours = np.zeros(SITES * 3 * lanes, np.float32)
+    grads = np.zeros(SITES * 3 * lanes, np.float32)
     ring, held = np.zeros((3, SITES * wide), np.float32), np.empty(3, np.int64)
     fill(held, -1)
     line = np.empty(photo_grad.shape[2], np.float32)
@@ -220,7 +241,9 @@ def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):
                     a = start + c * 3 * lanes
                     if not cols.cells:
                         _gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
-                    _code_slope(grads[a : a + w], colours[a : a + w], gains[channel], d.coded, brighten)
+                    _code_slope(
+                        grads[a : a + w], colours[a : a + w], gains[channel], d.coded, brighten
+                    )
         if not mosaic:
             for channel in range(3):
                 for i in range(w):
@@ -237,7 +260,11 @@ def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):
                     first = stencil.first[site, channel, dy + 1]
                     for tap in range(first, first + stencil.count[site, channel, dy + 1]):
                         offset = stencil.offset[tap]
-                        _add(target[offset : offset + w], grads[start : start + w], stencil.weight[tap])
+                        _add(
+                            target[offset : offset + w],
+                            grads[start : start + w],
+                            stencil.weight[tap],
+                        )
         # nothing below adds to the row above any more
         if y > 0:
             _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, wide, saturates)

@@ -29,7 +29,8 @@ _forced_off = False
 
 @contextlib.contextmanager
 def reference() -> Iterator[None]:
-    """Force the reference within a `with` block, in all threads. `MOIREAUG_ENGINE=off` forces it everywhere."""
+    """Force the reference within a `with` block, in all threads. `MOIREAUG_ENGINE=off` forces it
+    everywhere."""
     global _forced_off
     before, _forced_off = _forced_off, True
     try:
@@ -39,12 +40,14 @@ def reference() -> Iterator[None]:
 
 
 def explain(scene: Scene) -> str:
-    """Return which execution a scene gets on the CPU without a gradient in image or shot, and why: a line each for
-    exposing and developing."""
+    """Return which execution a scene gets on the CPU without a gradient in image or shot, and why:
+    a line each for exposing and developing."""
     lines = []
     for stage, reason in (("expose", _no_exposing(scene)), ("develop", _no_developing(scene))):
         reason = _unavailable() or reason
-        lines.append(f"{stage:8} {'reference: ' + reason if reason else 'engine, on the CPU in float32'}")
+        lines.append(
+            f"{stage:8} {'reference: ' + reason if reason else 'engine, on the CPU in float32'}"
+        )
     return "\n".join(lines)
 
 
@@ -62,7 +65,8 @@ def develops(raw: Tensor, shot: ShotRecord) -> bool:
 
 @torch.no_grad()
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose` does of float32."""
+    """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
+    does of float32."""
     from moireaug.engine import from_shot, run
 
     varies = shot.plan.prefilter > SMALL  # from place to place: that blur is the reference's
@@ -70,7 +74,8 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     fits = torch.from_numpy(run.fits(exposure))
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
-    if not fits.all():  # each image by itself, so that its reading does not depend on the rest of the batch
+    # each image by itself, so that its reading does not depend on the rest of the batch
+    if not fits.all():
         raw = torch.empty(shot.raw_shape())
         for rows in (fits, ~fits):
             raw[rows] = expose(light[rows], shot[rows])
@@ -84,7 +89,8 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photos of readings, as `moireaug.pipeline.develop` does; once differentiable in the readings."""
+    """Return the photos of readings, as `moireaug.pipeline.develop` does; once differentiable in
+    the readings."""
     from moireaug.engine import from_shot, run
 
     if not math.isfinite(raw.detach().sum()):  # has no place in the kernels' tables
@@ -101,7 +107,8 @@ def as_float(images: Tensor) -> Tensor:
 
 
 def _runs(tensor: Tensor) -> bool:
-    if tensor.dtype not in (torch.float32, torch.uint8) or tensor.device.type != "cpu" or not tensor.numel():
+    known = tensor.dtype in (torch.float32, torch.uint8)
+    if not known or tensor.device.type != "cpu" or not tensor.numel():
         return False
     return type(tensor) is Tensor and not is_transformed() and not _unavailable()
 

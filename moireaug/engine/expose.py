@@ -1,4 +1,5 @@
-"""Screen to raw, one image a call: from the panel's light to the clipped reading, a sensor row at a time."""
+"""Screen to raw, one image a call: from the panel's light to the clipped reading, a sensor row at a
+time."""
 
 from __future__ import annotations
 
@@ -45,14 +46,17 @@ def _weights(out, tables, v, first, step_v):
 
 
 @loop
-def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, seed, clips):
+def expose(  # noqa: C901  # one pass, row by row
+    raw, panel, size, camera, cell, nodes, sites, flicker, noise, seed, clips
+):
     """Fill raw (planes, h, w) float32 with the reading of one image.
 
     Args:
         panel: (3, ...) float32, from `panel.show`.
         size: (height, width) of the panel in panel pixels, rounded up.
         camera, cell, nodes, sites: see `record`.
-        flicker: (rows,) float64, what each sensor row gets of the mean light; empty without flicker.
+        flicker: (rows,) float64, what each sensor row gets of the mean light; empty without
+            flicker.
         noise: whether there is any. seed: int64, of it.
         clips: whether the reading ends at 0 and 1.
     """
@@ -66,16 +70,29 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, seed, c
     u, share = np.empty((planes, w), np.float64), np.empty((planes, w), np.float32)
     column = np.empty((2, planes, w), np.int32)
     for plane in range(planes):
-        _columns(u[plane], column[0, plane], share[plane], cols, sites.col[plane], step, nodes.step_uw, count, to_next)
+        _columns(
+            u[plane],
+            column[0, plane],
+            share[plane],
+            cols,
+            sites.col[plane],
+            step,
+            nodes.step_uw,
+            count,
+            to_next,
+        )
         for i in range(w):
             column[1, plane, i] = column[0, plane, i] + of_y
     # the terms' amplitudes at a band's first row and behind its last
     terms = nodes.terms
     noise_keys = keys(seed)
-    before, after = np.empty((step, len(terms) * w), np.float32), np.empty((step, len(terms) * w), np.float32)
+    before = np.empty((step, len(terms) * w), np.float32)
+    after = np.empty((step, len(terms) * w), np.float32)
     weight = np.empty(4, np.float64)
     # a row's buffers
-    at, whole, line = np.empty((2, w), np.float64), np.empty((7, w), np.int32), np.empty((9, w), np.float32)
+    at = np.empty((2, w), np.float64)
+    whole = np.empty((7, w), np.int32)
+    line = np.empty((9, w), np.float32)
     x, y = at[0], at[1]
     nx, ny, base = whole[0], whole[1], whole[2]
     start_x, start_y, place_x, place_y = whole[3], whole[4], whole[5], whole[6]
@@ -135,4 +152,13 @@ def expose(raw, panel, size, camera, cell, nodes, sites, flicker, noise, seed, c
                 harmonics.transmit(through, terms, kind, early, late, t, cx, sx, cy, sy, inner)
                 harmonics.add_product(light, content, through)
             attenuate(light, gain, u[plane], v, camera)
-            read(raw[plane, row], light, camera, (plane * h + row) * w, noise, noise_keys, numbers, clips)
+            read(
+                raw[plane, row],
+                light,
+                camera,
+                (plane * h + row) * w,
+                noise,
+                noise_keys,
+                numbers,
+                clips,
+            )

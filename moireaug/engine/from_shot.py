@@ -1,5 +1,5 @@
-"""From a Shot to what the kernels are told. What a scene and a size alone decide is kept; the rest is drawn anew for
-every photo, so it is worked out in numpy."""
+"""From a Shot to what the kernels are told. What a scene and a size alone decide is kept; the rest
+is drawn anew for every photo, so it is worked out in numpy."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ KEPT = 64  # scenes and sizes whose tables are held
 
 
 def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
-    """Return the exposure of a shot; `decoded` pictures hold the light that its decoding and prefilter make of them."""
+    """Return the exposure of a shot; `decoded` pictures hold the light that its decoding and
+    prefilter make of them."""
     plan, drawn = shot.plan, _numbers_of(shot)
     share = np.zeros(len(shot), np.float32)
     if "prefilter" in plan and not decoded:
@@ -99,7 +100,8 @@ def _distortion_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> tuple[np.n
 
 
 def _homography_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the homography from image to ideal photo coordinates, about the centres, (B, 3, 3) float64."""
+    """Return the homography from image to ideal photo coordinates, about the centres, (B, 3, 3)
+    float64."""
     if shot.scene.view.pose != "camera":
         return pose.centred(shot.matrix().detach().numpy(), shot.size)
     return pose.camera_pose(drawn, shot.size, shot.scene.view.fit)
@@ -191,9 +193,15 @@ def _resampling(scene: SceneRecord, size: tuple[int, int]) -> tuple[Stencil, Res
     if mosaic:
         demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
     stencil = lower_stencil(demosaic, len(cols.index) // 2, LANES)
-    return stencil, _resize(rows, how.resize, reach, 1), _resize(cols, how.resize, reach, 2 if mosaic else 1)
+    return (
+        stencil,
+        _resize(rows, how.resize, reach, 1),
+        _resize(cols, how.resize, reach, 2 if mosaic else 1),
+    )
 
 
 def _resize(pixels: SampledPixels, how: str, reach: int, parity: int) -> Resize:
     whole = pixels.kept.stop - pixels.kept.start
-    return lower_resize(len(pixels.index), pixels.size, whole, how, pixels.step, pixels.lead, reach, parity, LANES)
+    return lower_resize(
+        len(pixels.index), pixels.size, whole, how, pixels.step, pixels.lead, reach, parity, LANES
+    )

@@ -1,4 +1,5 @@
-"""The panel's light through the optics as a sum of harmonics, whose amplitudes change slowly over the photo.
+"""The panel's light through the optics as a sum of harmonics, whose amplitudes change slowly over
+the photo.
 
 A term is a kind of subpixel, a pair (k, l) and a side: cos(k x) cos(l y) or sin(k x) sin(l y).
 """
@@ -15,8 +16,12 @@ from moireaug.engine.vectors import peek, poke
 FAINT = 2e-5  # of full scale: what a term must exceed somewhere on the photo
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
-# sin and cos of 2 pi d for d in [-1/2, 1/2], by Taylor's series of s(t) = sin(t) and c(t) = cos(t) at t = pi d / 2
-S = [np.float32((math.pi / 2) ** (2 * i + 1) * (-1) ** i / math.factorial(2 * i + 1)) for i in range(5)]
+# sin and cos of 2 pi d for d in [-1/2, 1/2], by Taylor's series of s(t) = sin(t) and c(t) = cos(t)
+# at t = pi d / 2
+S = [
+    np.float32((math.pi / 2) ** (2 * i + 1) * (-1) ** i / math.factorial(2 * i + 1))
+    for i in range(5)
+]
 C = [np.float32((math.pi / 2) ** (2 * i) * (-1) ** i / math.factorial(2 * i)) for i in range(5)]
 S0, S1, S2, S3, S4 = S
 C0, C1, C2, C3, C4 = C
@@ -33,8 +38,9 @@ def lagrange(out, t):
 
 @loop
 def fold(amplitude):
-    """Turn amplitudes (..., m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L and of sin(l y)
-    behind, so that sum_l A_l cos(k x + l y) = cos(k x) sum_l B_l cos(l y) + sin(k x) sum_l C_l sin(l y)."""
+    """Turn amplitudes (..., m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L
+    and of sin(l y) behind, so that sum_l A_l cos(k x + l y) = cos(k x) sum_l B_l cos(l y) + sin(k
+    x) sum_l C_l sin(l y)."""
     m = amplitude.shape[-1]
     half, rows = m // 2, amplitude.reshape(-1, m)
     line = np.empty(m, np.float32)
@@ -75,7 +81,8 @@ def along_row(out, amplitude, terms, start, weight):
 
     Args:
         amplitude: folded, at nodes (rows, cols, kinds, K + 1, 2 L + 1). terms: from `terms_of`.
-        start, weight: (n,) int64 and (n, 4), the first of four nodes and the weights of their cubic at each pixel.
+        start, weight: (n,) int64 and (n, 4), the first of four nodes and the weights of their cubic
+            at each pixel.
     """
     n, half = len(start), amplitude.shape[4] // 2
     for r in range(len(amplitude)):
@@ -93,7 +100,12 @@ def along_row(out, amplitude, terms, start, weight):
 def between(out, nodes, base, weights):
     """Fill out with four rows of nodes from `base` on, weighted."""
     a, b, c, d = nodes[base], nodes[base + 1], nodes[base + 2], nodes[base + 3]
-    wa, wb, wc, wd = np.float32(weights[0]), np.float32(weights[1]), np.float32(weights[2]), np.float32(weights[3])
+    wa, wb, wc, wd = (
+        np.float32(weights[0]),
+        np.float32(weights[1]),
+        np.float32(weights[2]),
+        np.float32(weights[3]),
+    )
     for i in range(len(out)):
         out[i] = wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i]
 
@@ -119,8 +131,8 @@ def _next_wave(out, first, last, before):
 
 @loop
 def waves(cos, sin, d, sines):
-    """Fill cos and, if `sines`, sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2]; k = 0 is there
-    already."""
+    """Fill cos and, if `sines`, sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2];
+    k = 0 is there already."""
     if len(cos) > 1:
         _first_wave(cos[1], sin[1], d)
     for k in range(2, len(cos)):
@@ -148,7 +160,8 @@ def transmit(out, terms, kind, before, after, t, cx, sx, cy, sy, line):
     """Fill out (n,) with the light that one kind of subpixel lets through.
 
     Args:
-        before, after: (T, n), the terms' amplitudes on a row before and one behind; t: float32, how far it is to that.
+        before, after: (T, n), the terms' amplitudes on a row before and one behind; t: float32, how
+            far it is to that.
         cx, sx: (K + 1, n), cy, sy: (L + 1, n), from `waves`. line: (n,) to work in.
     """
     fill(out, ZERO)
@@ -161,7 +174,12 @@ def transmit(out, terms, kind, before, after, t, cx, sx, cy, sy, line):
         for sine in range(2):
             fill(line, ZERO)
             for i in range(len(terms)):
-                if terms[i, KIND] == kind and terms[i, L] > 0 and terms[i, K] == k and terms[i, SINE] == sine:
+                if (
+                    terms[i, KIND] == kind
+                    and terms[i, L] > 0
+                    and terms[i, K] == k
+                    and terms[i, SINE] == sine
+                ):
                     wave = sy[terms[i, L]] if sine else cy[terms[i, L]]
                     _add(line, before[i], after[i], t, wave)
             add_product(out, line, sx[k] if sine else cx[k])

@@ -17,7 +17,8 @@ NARROW, WIDE = 4, 8  # cells along each axis that a pixel's content is taken fro
 
 @loop
 def cells(d, n, x, centre, period, low, high):
-    """Split panel coordinates x (n,) into whole cells n, int32 between `low` and `high`, and the rest d, float32."""
+    """Split panel coordinates x (n,) into whole cells n, int32 between `low` and `high`, and the
+    rest d, float32."""
     scale = 1 / period
     for i in range(len(x)):
         q = (peek(x, i) - centre) * scale
@@ -28,11 +29,12 @@ def cells(d, n, x, centre, period, low, high):
 
 @loop
 def windows(start, place, between, d, n, column, phases, width):
-    """Find the first of the `width` cells around each pixel, and their weights in the table of `optics.weights`.
+    """Find the first of the `width` cells around each pixel, and their weights in the table of
+    `optics.weights`.
 
     Args:
-        start: (n,) int32, filled with the cell. place: (n,) int32, filled with where on the table the weights of the
-            phase before are; between: (n,) float32, how far it is to the next.
+        start: (n,) int32, filled with the cell. place: (n,) int32, filled with where on the table
+            the weights of the phase before are; between: (n,) float32, how far it is to the next.
         d, n: from `cells`. column: (n,) int32, where the left node's weights along this axis begin.
     """
     scale, last = np.float32(phases), np.int32(phases - 1)
@@ -59,17 +61,38 @@ def content(out, panel, base, stride, table, to_next, x, between_x, y, between_y
     """Fill out (n,) with the content of `width` x `width` cells, weighted.
 
     Args:
-        panel: flat. base: (n,) int32, the first cell. stride: int32, from a row of cells to the next.
-        table: flat, from `optics.weights`. to_next: int32, from a node's weights to the next node's.
-        x, between_x, y, between_y: (n,), from `windows`. share: (n,) float32, how far it is to the next node.
+        panel: flat. base: (n,) int32, the first cell. stride: int32, from a row of cells to the
+            next.
+        table: flat, from `optics.weights`. to_next: int32, from a node's weights to the next
+            node's.
+        x, between_x, y, between_y: (n,), from `windows`. share: (n,) float32, how far it is to the
+            next node.
     """
     if width == NARROW:
         for i in range(len(out)):
             out[i] = four_by_four(
-                panel, base[i], stride, table, to_next, x[i], between_x[i], y[i], between_y[i], share[i]
+                panel,
+                base[i],
+                stride,
+                table,
+                to_next,
+                x[i],
+                between_x[i],
+                y[i],
+                between_y[i],
+                share[i],
             )
     else:
         for i in range(len(out)):
             out[i] = eight_by_eight(
-                panel, base[i], stride, table, to_next, x[i], between_x[i], y[i], between_y[i], share[i]
+                panel,
+                base[i],
+                stride,
+                table,
+                to_next,
+                x[i],
+                between_x[i],
+                y[i],
+                between_y[i],
+                share[i],
             )

@@ -11,15 +11,20 @@ from moireaug.engine.record import Camera, Cell, Sites
 
 
 def lower_cameras(
-    inverse: np.ndarray, size: tuple[int, int], scales: tuple[float, float], fields: dict[str, np.ndarray]
+    inverse: np.ndarray,
+    size: tuple[int, int],
+    scales: tuple[float, float],
+    fields: dict[str, np.ndarray],
 ) -> np.ndarray:
     """Return the fields of one Camera an image, (B, 22).
 
     Args:
-        inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image coordinates.
-        size: height and width of photo and image. scales: sensor pixels per photo pixel, along rows and columns.
-        fields: (B,) each: k1, k2, alpha, fill, blur, olpf, gain, read, shot and vignetting; an effect that is not
-            called for at its identity.
+        inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image
+            coordinates.
+        size: height and width of photo and image. scales: sensor pixels per photo pixel, along rows
+            and columns.
+        fields: (B,) each: k1, k2, alpha, fill, blur, olpf, gain, read, shot and vignetting; an
+            effect that is not called for at its identity.
     """
     h, w = size
     columns = np.empty((len(inverse), len(Camera._fields)))
@@ -34,8 +39,11 @@ def lower_cameras(
     return columns
 
 
-def lower_cell(subpixels: Sequence[tuple[int, tuple[float, float], int]], period: tuple[int, int], taps: int) -> Cell:
-    """Return the Cell of (channel, centre, kind) subpixels, centres in panel pixels from the cell's corner."""
+def lower_cell(
+    subpixels: Sequence[tuple[int, tuple[float, float], int]], period: tuple[int, int], taps: int
+) -> Cell:
+    """Return the Cell of (channel, centre, kind) subpixels, centres in panel pixels from the cell's
+    corner."""
     channel = np.array([s[0] for s in subpixels], np.int64)
     centre = np.array([s[1] for s in subpixels], np.float64).reshape(-1, 2)
     kind = np.array([s[2] for s in subpixels], np.int64)
@@ -60,14 +68,19 @@ def lower_shapes(
     if harmonics:
         pairs = np.array(harmonics)
         waves = np.sinc(edges @ pairs.T)  # (B, kinds, edge, harmonic)
-        out[..., pairs[:, 0], pairs[:, 1] + n_l] = 2 * area[..., None] * waves[..., 0, :] * waves[..., 1, :]
+        out[..., pairs[:, 0], pairs[:, 1] + n_l] = (
+            2 * area[..., None] * waves[..., 0, :] * waves[..., 1, :]
+        )
     out[..., 0, n_l] = area
     long, short = np.abs(edges).max(-2), np.abs(edges).min(-2)
     return out, long, short * short / 12
 
 
 def lower_sites(
-    rows: np.ndarray, cols: np.ndarray, size: tuple[int, int], cfa: Sequence[tuple[int, int, tuple[int, ...]]]
+    rows: np.ndarray,
+    cols: np.ndarray,
+    size: tuple[int, int],
+    cfa: Sequence[tuple[int, int, tuple[int, ...]]],
 ) -> Sites:
     """Return the Sites of a sensor that is read at photo coordinates rows and cols.
 

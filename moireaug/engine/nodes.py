@@ -14,7 +14,8 @@ from moireaug.engine.view import jacobian
 FLAT = 5e-4  # the logarithm of the view's scale changes by less: four nodes and two say it all
 MOST = 65
 SAMPLES = 5
-# between two nodes of the amplitudes and of the weights, the logarithm of the view's scale changes by at most
+# between two nodes of the amplitudes and of the weights, the logarithm of the view's scale changes
+# by at most
 STEP, STEP_OF_WEIGHTS = 0.15, 0.06
 CYCLES = 0.12  # and the highest frequency by so many cycles a sensor pixel
 PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes less than 1e-5
@@ -22,8 +23,8 @@ PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes les
 
 @loop
 def _counts(rows, cols, camera, period, n, m):
-    """Return how many nodes along columns and rows the amplitudes need, and how many the weights: (2, 2) int64, more
-    than MOST where too many.
+    """Return how many nodes along columns and rows the amplitudes need, and how many the weights:
+    (2, 2) int64, more than MOST where too many.
 
     n, m: K + 1 and 2 L + 1.
     """
@@ -42,7 +43,10 @@ def _counts(rows, cols, camera, period, n, m):
             if other >= len(cells) or (k == 0 and other % SAMPLES == 0):
                 continue
             for axis in range(2):
-                low, high = min(cells[i, axis], cells[other, axis]), max(cells[i, axis], cells[other, axis])
+                low, high = (
+                    min(cells[i, axis], cells[other, axis]),
+                    max(cells[i, axis], cells[other, axis]),
+                )
                 top = min(high * (n - 1 if axis == 0 else m // 2), passed)
                 change[k] = max(change[k], math.log(high / low) * (SAMPLES - 1))
                 cycles[k] = max(cycles[k], top * (1 - low / high) * (SAMPLES - 1))
@@ -73,8 +77,9 @@ def _narrowed(rows, cols, camera, period, taps, widths, skew):
 
 @loop
 def fits(camera, cell, coefficients, widths, skew, sites, dark):
-    """Return whether the kernels can follow a view: not one that comes near the horizon, nor past the end of a picture
-    from so far away that cells are left out. Arguments as in `expose.expose` and `panel.show`."""
+    """Return whether the kernels can follow a view: not one that comes near the horizon, nor past
+    the end of a picture from so far away that cells are left out. Arguments as in `expose.expose`
+    and `panel.show`."""
     _, n, m = coefficients.shape
     if dark and _narrowed(sites.rows, sites.cols, camera, cell.period, cell.taps, widths, skew):
         return False
@@ -97,7 +102,8 @@ def _line(positions, count):
 
 @loop
 def bracket(at, first, step, count, most):
-    """Return the first of `most` + 1 neighbouring nodes around a position, and where from it the position is.
+    """Return the first of `most` + 1 neighbouring nodes around a position, and where from it the
+    position is.
 
     first, step, count: the line of nodes.
     """

@@ -1,7 +1,8 @@
-"""What aperture and lens make of the panel: the cells that a pixel's light comes from, and the harmonics it sees.
+"""What aperture and lens make of the panel: the cells that a pixel's light comes from, and the
+harmonics it sees.
 
-Both change slowly over a photo. They are computed on a grid of nodes and interpolated: the weights linearly, the
-amplitudes by cubics.
+Both change slowly over a photo. They are computed on a grid of nodes and interpolated: the weights
+linearly, the amplitudes by cubics.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 
 @loop
 def spreads(out, u, v, camera, period, width, skew, taps):
-    """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in cells, at a photo
-    point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted` does. Return whether any was."""
+    """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in
+    cells, at a photo point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted`
+    does. Return whether any was."""
     narrowed = False
     xu, xv, yu, yv = jacobian(u, v, camera)
     beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
@@ -62,8 +64,8 @@ def _phases(spread):
 
 @loop
 def _width(spread, widths, taps):
-    """Return how many cells along an axis are looked at, over spreads (kinds * n, axis, 2): NARROW where none beyond
-    matters."""
+    """Return how many cells along an axis are looked at, over spreads (kinds * n, axis, 2): NARROW
+    where none beyond matters."""
     n = len(spread) // len(widths)
     for i in range(len(spread)):
         for axis in range(2):
@@ -90,8 +92,9 @@ def _add_two(total, light, middle):
 
 @loop
 def _shares(out, box, sigma, width, taps, phases, light, total):
-    """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to 1/2 from the nearest
-    cell's centre. In the middle, where the first of the cells is another, are both.
+    """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to
+    1/2 from the nearest cell's centre. In the middle, where the first of the cells is another, are
+    both.
 
     light, total: (2 taps + 1) phases / 2 + 1 and phases / 2 + 1 numbers to work in.
     """
@@ -117,14 +120,17 @@ def _shares(out, box, sigma, width, taps, phases, light, total):
         for q in range(half + 1):
             # a pixel q phases before the nearest cell's centre; as far behind it all is reversed
             at = abs(k) * phases + (q if k >= 0 else -q)
-            share = np.float32((light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= taps else 0.0)
+            share = np.float32(
+                (light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= taps else 0.0
+            )
             out[half - q, j] = share
             out[half + 1 + q, cells - 1 - j] = share
 
 
 @loop
 def weights(us, vs, camera, period, taps, widths, skew):
-    """Return the weights of cells on nodes of the photo: (kinds, rows, cols, axis, phases + 2, cells) float32.
+    """Return the weights of cells on nodes of the photo: (kinds, rows, cols, axis, phases + 2,
+    cells) float32.
 
     widths, skew: (kinds, 2), see `record.Exposure`.
     """
@@ -132,15 +138,29 @@ def weights(us, vs, camera, period, taps, widths, skew):
     spread = np.empty((kinds * rows * cols, 2, 2), np.float64)
     for i in range(len(spread)):
         kind = i // (rows * cols)
-        spreads(spread[i], us[i % cols], vs[i // cols % rows], camera, period, widths[kind], skew[kind], taps)
+        spreads(
+            spread[i],
+            us[i % cols],
+            vs[i // cols % rows],
+            camera,
+            period,
+            widths[kind],
+            skew[kind],
+            taps,
+        )
     phases = _phases(spread)
     out = np.empty((kinds, rows, cols, 2, phases + 2, _width(spread, widths, taps)), np.float32)
-    light, total = np.empty((2 * taps + 1) * phases // 2 + 1, np.float64), np.empty(phases // 2 + 1, np.float64)
+    light, total = (
+        np.empty((2 * taps + 1) * phases // 2 + 1, np.float64),
+        np.empty(phases // 2 + 1, np.float64),
+    )
     for i in range(len(spread)):
         kind, r, c = i // (rows * cols), i // cols % rows, i % cols
         for axis in range(2):
             box, sigma = spread[i, axis, 0], spread[i, axis, 1]
-            _shares(out[kind, r, c, axis], box, sigma, widths[kind, axis], taps, phases, light, total)
+            _shares(
+                out[kind, r, c, axis], box, sigma, widths[kind, axis], taps, phases, light, total
+            )
     return out
 
 
@@ -154,7 +174,8 @@ def blend(out, low, high, f):
 
 @loop
 def _transfer_table(camera, most, steps):
-    """Return the modulation transfer along one axis at steps + 2 frequencies from 0 to `most` cycles a sensor pixel."""
+    """Return the modulation transfer along one axis at steps + 2 frequencies from 0 to `most`
+    cycles a sensor pixel."""
     out = np.empty(steps + 2, np.float64)
     for i in range(steps + 2):
         f = i * most / steps
@@ -172,7 +193,8 @@ def _transfer_table(camera, most, steps):
 def _transfer(table, f):
     i = int(f)
     a, b, g = table[i], table[i + 1], f - i
-    # the parabola through two neighbours and the mean curvature at both: the table holds an even, smooth function
+    # the parabola through two neighbours and the mean curvature at both: the table holds an even,
+    # smooth function
     before, after = table[abs(i - 1)], table[min(i + 2, len(table) - 1)]
     return a + g * (b - a) - g * (1 - g) / 4 * (before - a - b + after)
 
@@ -181,7 +203,8 @@ def _transfer(table, f):
 def amplitudes(us, vs, camera, period, coefficients):
     """Return (rows, cols, kinds, n, m) float32, each harmonic's amplitude on nodes of the photo.
 
-    coefficients: (kinds, n, m) of harmonics k = 0 ... K and l = -L ... L, n = K + 1 and m = 2 L + 1.
+    coefficients: (kinds, n, m) of harmonics k = 0 ... K and l = -L ... L, n = K + 1 and m = 2 L +
+    1.
     """
     kinds, n, m = coefficients.shape
     half = m // 2
@@ -192,8 +215,17 @@ def amplitudes(us, vs, camera, period, coefficients):
         for c in range(len(us)):
             xu, xv, yu, yv = jacobian(us[c], vs[r], camera)
             view = views[r, c]
-            view[0], view[1], view[2], view[3] = xu / period[0], yu / period[1], xv / period[0], yv / period[1]
-            most = max(most, (n - 1) * abs(view[0]) + half * abs(view[1]), (n - 1) * abs(view[2]) + half * abs(view[3]))
+            view[0], view[1], view[2], view[3] = (
+                xu / period[0],
+                yu / period[1],
+                xv / period[0],
+                yv / period[1],
+            )
+            most = max(
+                most,
+                (n - 1) * abs(view[0]) + half * abs(view[1]),
+                (n - 1) * abs(view[2]) + half * abs(view[3]),
+            )
     steps = min(max(STEPS, int(PER_CYCLE * most)), MOST_STEPS)
     table = _transfer_table(camera, most, steps)
     scale = steps / most

@@ -1,4 +1,5 @@
-"""The picture as the panel shows it: resampled to panel pixels once, with a margin so that no look-up leaves it."""
+"""The picture as the panel shows it: resampled to panel pixels once, with a margin so that no
+look-up leaves it."""
 
 from __future__ import annotations
 
@@ -16,7 +17,9 @@ AROUND = 5  # cells on each side of the farthest that a pixel is nearest to, and
 def shape(size, alpha, period, taps):
     """Return the height and width of the panel's picture with its margins, whole cells."""
     around, px, py = 2 * (taps + AROUND), period[0], period[1]
-    return (math.ceil(alpha * size[0] / py) + around) * py, (math.ceil(alpha * size[1] / px) + around) * px
+    return (math.ceil(alpha * size[0] / py) + around) * py, (
+        math.ceil(alpha * size[1] / px) + around
+    ) * px
 
 
 @loop
@@ -27,9 +30,11 @@ def margin(taps):
 
 @loop
 def _axis(n, size, alpha, period, lead, together, first, share, seen):
-    """Where each of n panel pixels lies between two picture pixels, and whether it is on the picture.
+    """Where each of n panel pixels lies between two picture pixels, and whether it is on the
+    picture.
 
-    lead: panel pixels ahead of the picture. together: pixels that have the same place in their cells are neighbours.
+    lead: panel pixels ahead of the picture. together: pixels that have the same place in their
+    cells are neighbours.
     """
     cells = n // period
     for i in range(n):
@@ -62,8 +67,9 @@ def _across(out, row, first, share):
 def show(panel, light, alpha, period, taps, dark):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 
-    A row holds the first pixel of each cell, then the second, and so on: what a look-up reads lies together. Bilinear
-    between pixel centres; beyond the border the outermost pixel or, if `dark`, black.
+    A row holds the first pixel of each cell, then the second, and so on: what a look-up reads lies
+    together. Bilinear between pixel centres; beyond the border the outermost pixel or, if `dark`,
+    black.
     """
     (h, w), (_, n, m) = light.shape[1:], panel.shape
     x, fx, seen_x = np.empty(m, np.int32), np.empty(m, np.float32), np.empty(m, np.bool_)

@@ -43,7 +43,8 @@ def show(light, picture, coded, share):
 
     Args:
         coded: the picture holds sRGB codes.
-        share: float32, of a pixel's light that comes from its neighbours along each axis; see `prefilter.spread`.
+        share: float32, of a pixel's light that comes from its neighbours along each axis; see
+            `prefilter.spread`.
     """
     _, h, w = picture.shape
     byte = picture.itemsize == 1

@@ -1,4 +1,5 @@
-"""Screen to raw by the panel's light at each sensor pixel's centre, as in the paper's code: one image a call."""
+"""Screen to raw by the panel's light at each sensor pixel's centre, as in the paper's code: one
+image a call."""
 
 from __future__ import annotations
 
@@ -17,8 +18,9 @@ ONE32 = np.int32(1)
 
 @loop
 def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
-    """Along one axis, find the light at panel coordinates `at` that comes from a rectangle, `low` to `high` in panel
-    pixels, by way of the two nearest of n raster subpixels a panel pixel; and where on the picture it comes from.
+    """Along one axis, find the light at panel coordinates `at` that comes from a rectangle, `low`
+    to `high` in panel pixels, by way of the two nearest of n raster subpixels a panel pixel; and
+    where on the picture it comes from.
     """
     whole = low == 0 and high == period
     low, high, around, end = low * n, high * n, n * period, alpha * size
@@ -60,7 +62,8 @@ def _add_content(out, picture, left, fx, across, top, fy, down, width, lit):
 
 @loop
 def expose_point(raw, light, camera, cell, point, lit, sites, flicker, noise, seed, clips, dark):
-    """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is float32.
+    """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is
+    float32.
 
     Args:
         point: see `record.Point`. lit: share of each subpixel that emits.
@@ -96,7 +99,27 @@ def expose_point(raw, light, camera, cell, point, lit, sites, flicker, noise, se
                 x0, y0, x1, y1 = point.rectangles[i]
                 _raster(across, left, fx, x, x0, x1, n, px, alpha, float(width), dark)
                 _raster(down, top, fy, y, y0, y1, n, py, alpha, float(height), dark)
-                _add_content(line, shown[channel], left, fx, across, top, fy, down, np.int32(width), np.float32(lit))
+                _add_content(
+                    line,
+                    shown[channel],
+                    left,
+                    fx,
+                    across,
+                    top,
+                    fy,
+                    down,
+                    np.int32(width),
+                    np.float32(lit),
+                )
             attenuate(line, gain, u, v, camera)
             row = r // step
-            read(raw[plane, row], line, camera, (plane * h + row) * w, noise, noise_keys, numbers, clips)
+            read(
+                raw[plane, row],
+                line,
+                camera,
+                (plane * h + row) * w,
+                noise,
+                noise_keys,
+                numbers,
+                clips,
+            )

@@ -1,5 +1,5 @@
-"""The homography of `moireaug.geometry.homography`, about the centres of image and photo, in numpy: for a few numbers a
-tensor takes several times as long."""
+"""The homography of `moireaug.geometry.homography`, about the centres of image and photo, in numpy:
+for a few numbers a tensor takes several times as long."""
 
 from __future__ import annotations
 
@@ -12,14 +12,22 @@ from moireaug.geometry.homography import AHEAD, BORDER, FAR_AWAY
 
 
 def camera_pose(drawn: Mapping[str, np.ndarray], size: tuple[int, int], fit: bool) -> np.ndarray:
-    """Return the homography from image coordinates to ideal photo coordinates, both about the centre, (B, 3, 3).
+    """Return the homography from image coordinates to ideal photo coordinates, both about the
+    centre, (B, 3, 3).
 
     Args:
         drawn: a shot's (B,) numbers by name. size: height and width. fit: see `View`.
     """
     h, w = size
     yaw, pitch, roll = (np.deg2rad(drawn[name]) for name in ("view.yaw", "view.pitch", "view.roll"))
-    sy, cy, sp, cp, sr, cr = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+    sy, cy, sp, cp, sr, cr = (
+        np.sin(yaw),
+        np.cos(yaw),
+        np.sin(pitch),
+        np.cos(pitch),
+        np.sin(roll),
+        np.cos(roll),
+    )
     f = math.hypot(h, w) / 2 / np.tan(np.deg2rad(drawn["view.fov"]) / 2)
     out = np.zeros((len(yaw), 3, 3))
     out[:, 0, 0], out[:, 0, 1] = cy * cr, cy * sr
@@ -35,8 +43,11 @@ def camera_pose(drawn: Mapping[str, np.ndarray], size: tuple[int, int], fit: boo
     return out
 
 
-def _fitting_zoom(m: np.ndarray, k1: np.ndarray, k2: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return the greatest magnification at which the picture's border still lies inside the photo, (B,)."""
+def _fitting_zoom(
+    m: np.ndarray, k1: np.ndarray, k2: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
+    """Return the greatest magnification at which the picture's border still lies inside the photo,
+    (B,)."""
     h, w = size
     half = np.array([w / 2, h / 2])
     points = np.array(BORDER) * half
@@ -51,7 +62,8 @@ def _fitting_zoom(m: np.ndarray, k1: np.ndarray, k2: np.ndarray, size: tuple[int
 
 
 def inverse(m: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return the way back, from ideal photo coordinates about the centre to image coordinates, (B, 3, 3)."""
+    """Return the way back, from ideal photo coordinates about the centre to image coordinates,
+    (B, 3, 3)."""
     h, w = size
     out = np.linalg.inv(m)
     out[:, 0] += w / 2 * out[:, 2]
@@ -60,7 +72,8 @@ def inverse(m: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 
 def centred(m: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return a homography from image to ideal photo coordinates, (B, 3, 3), about the centres of both."""
+    """Return a homography from image to ideal photo coordinates, (B, 3, 3), about the centres of
+    both."""
     h, w = size
     there = np.array([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
     back = np.array([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])

@@ -7,7 +7,8 @@ import numpy as np
 from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, WEYL, quantiles
 from moireaug.engine.compiling import loop
 
-# constants of the compiled code, which then knows that no row it writes overlaps them, and works on 16 at once
+# constants of the compiled code, which then knows that no row it writes overlaps them, and works on
+# 16 at once
 LOW, STEP = (table.numpy() for table in quantiles())
 ONE, TWO = np.uint32(MIX[0]), np.uint32(MIX[1])
 SHIFT = np.uint32(PLACES.bit_length() - 1)
@@ -36,7 +37,8 @@ def keys(seed):
 
 @loop
 def normal_row(out, start, first, second):
-    """Fill out (n,) float32 with the numbers `start`, `start` + 1, ... of an image whose keys are two uint32."""
+    """Fill out (n,) float32 with the numbers `start`, `start` + 1, ... of an image whose keys are
+    two uint32."""
     for i in range(len(out)):
         bits = mix(np.uint32(mix(np.uint32(np.uint32(start + i) + first)) ^ second))
         interval = (bits >> SHIFT) & UPPER

@@ -1,4 +1,5 @@
-"""What the kernels are told: plain numbers and arrays, one `Camera` an image and one `Cell` and `Sites` a batch."""
+"""What the kernels are told: plain numbers and arrays, one `Camera` an image and one `Cell` and
+`Sites` a batch."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ LANES = 16  # pixels that kernels work on at once; rows are padded to whole numb
 class Camera(NamedTuple):
     """One image's drawn numbers, floats.
 
-    h00 ... h22 is the homography from ideal photo coordinates about the photo's centre to image coordinates; `bend` is
-    4 / (H^2 + W^2), by which the lens's k1 and k2 count.
+    h00 ... h22 is the homography from ideal photo coordinates about the photo's centre to image
+    coordinates; `bend` is 4 / (H^2 + W^2), by which the lens's k1 and k2 count.
     """
 
     h00: float
@@ -46,7 +47,8 @@ class Cell(NamedTuple):
     Args:
         period: (2,) int64, panel pixels along x and y.
         channel, kind: (n,) int64.
-        centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it shows.
+        centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it
+            shows.
         taps: r; content is taken from 2 r + 1 cells along each axis.
     """
 
@@ -59,8 +61,9 @@ class Cell(NamedTuple):
 
 
 class Sites(NamedTuple):
-    """Where the sensor's planes lie: float64 photo coordinates about the photo's centre of its rows and columns, `step`
-    of them to the next pixel of a plane; (planes,) int64 row, column and channel of each plane's first pixel."""
+    """Where the sensor's planes lie: float64 photo coordinates about the photo's centre of its rows
+    and columns, `step` of them to the next pixel of a plane; (planes,) int64 row, column and
+    channel of each plane's first pixel."""
 
     rows: np.ndarray
     cols: np.ndarray
@@ -74,7 +77,8 @@ class Point(NamedTuple):
     """What a point exposure knows of the panel.
 
     Args:
-        rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's corner.
+        rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's
+            corner.
         raster: raster subpixels along each side of a panel pixel.
         lit: (B,) float64, share of each subpixel that emits.
     """
@@ -90,12 +94,15 @@ class Exposure(NamedTuple):
     Args:
         size: height and width of the pictures.
         cameras: (B, 22) float64, the fields of a `Camera` an image.
-        coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L of each kind's mask.
-        widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: the variance that its slant adds.
+        coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
+            of each kind's mask.
+        widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: the variance that
+            its slant adds.
         flicker: (B, rows) float64, or (B, 0).
         seeds: (B,) int64, of the noise. noise: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
-        share: (B,) float32, of a picture pixel's light that comes from its neighbours; see `picture.show`.
+        share: (B,) float32, of a picture pixel's light that comes from its neighbours; see
+            `picture.show`.
         dark: what lies off the picture is black, and not the outermost pixel.
         clips: the reading ends at 0 and 1.
         point: for a point exposure, which reads no coefficients, widths and skew; else None.
@@ -123,7 +130,8 @@ class Nodes(NamedTuple):
 
     Args:
         terms: (T, 4) int64, see `harmonics`.
-        lines: (columns of a filter cell, rows of nodes, T * w) float32, each term's amplitude at each pixel of a row.
+        lines: (columns of a filter cell, rows of nodes, T * w) float32, each term's amplitude at
+            each pixel of a row.
         step_v: from one row of nodes to the next.
         tables: (kinds, rows, cols, axis, phases + 2, cells) float32, see `optics.weights`.
         step_uw, step_vw: from one of the tables' nodes to the next.
@@ -138,10 +146,12 @@ class Nodes(NamedTuple):
 
 
 class Stencil(NamedTuple):
-    """A linear demosaic: each site's colours as sums over the packed planes of the cell rows above, at and below it.
+    """A linear demosaic: each site's colours as sums over the packed planes of the cell rows above,
+    at and below it.
 
     Args:
-        weight: (taps,) float32. offset: (taps,) int64, where in a prepared cell row the tap's pixel is.
+        weight: (taps,) float32. offset: (taps,) int64, where in a prepared cell row the tap's pixel
+            is.
         first, count: (4 sites, 3 channels, 3 rows) int64, which taps belong to each.
     """
 
@@ -157,8 +167,10 @@ class Resize(NamedTuple):
     Args:
         start: (m,) int64, the first sensor pixel of each photo pixel.
         taps: (m, T) float32, the weights from there on.
-        first, last: (n,) int64, the photo pixels that each sensor pixel counts in; none where last < first.
-        index, weight: (T, m) int32 and float32, the same in the order in which `develop` holds a row's colours.
+        first, last: (n,) int64, the photo pixels that each sensor pixel counts in; none where last
+            < first.
+        index, weight: (T, m) int32 and float32, the same in the order in which `develop` holds a
+            row's colours.
         back_index, back_weight: (1 or 2, T', n / 1 or 2), its transpose, for even and odd columns.
         cells: each photo pixel is the mean of its own cell's two columns.
     """
@@ -180,7 +192,8 @@ class Development(NamedTuple):
     Args:
         size: height and width of the photos.
         mosaic: the readings are packed planes.
-        saturates: a reading above 1 is 1. levels: the converter's 2^bits - 1, or 0. coded: light becomes sRGB codes.
+        saturates: a reading above 1 is 1. levels: the converter's 2^bits - 1, or 0. coded: light
+            becomes sRGB codes.
         gains: (B, 3) float32. brighten: (B,) float32.
         registers: whether the photos come back to the image's frame.
         views: (B, 3, 3) float64, see `register.register`; (0, 3, 3) where they do not.

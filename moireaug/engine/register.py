@@ -18,8 +18,8 @@ ONE32 = np.int32(1)
 
 @loop
 def undistortion(k1, k2):
-    """Return the factor that takes ideal points to photo points, at STEPS + 2 squares of the ideal radius from 0 to
-    that of the photo's corners; and how many steps a square of 1 has."""
+    """Return the factor that takes ideal points to photo points, at STEPS + 2 squares of the ideal
+    radius from 0 to that of the photo's corners; and how many steps a square of 1 has."""
     edge = (1 + k1 + k2) ** 2
     out = np.empty(STEPS + 2)
     for i in range(STEPS + 2):
@@ -35,7 +35,8 @@ def undistortion(k1, k2):
 
 @loop
 def _place(at, fx, fy, weight, v, view, factor, per_square, h, w):
-    """Fill the index of the upper left pixel, the way to the lower right one, and 1 inside of the photo, 0 outside."""
+    """Fill the index of the upper left pixel, the way to the lower right one, and 1 inside of the
+    photo, 0 outside."""
     half_w, half_h = w / 2, h / 2
     bend, last = 4.0 / (h * h + w * w), STEPS + 0.5
     ax, bx, ay, by, az, bz = (
@@ -89,20 +90,23 @@ def _scatter(photo, grad, at, fx, fy, weight, right, down):
 
 @loop
 def room(h, w):
-    """Return how long the planes of a photo are, with what a bilinear look-up of the last pixel reads beyond it, where
-    its share is 0."""
+    """Return how long the planes of a photo are, with what a bilinear look-up of the last pixel
+    reads beyond it, where its share is 0."""
     return 3 * h * w + w + 1
 
 
 @loop
 def register(out, photo, view, k1, k2, back):
-    """Resample photo to out (3, H, W) float32: bilinear, black where the photo does not show the image.
+    """Resample photo to out (3, H, W) float32: bilinear, black where the photo does not show the
+    image.
 
     Args:
         photo: (`room`(H, W),) float32, the planes one after another, and zeros.
-        view: (3, 3) float64, homography from image coordinates about the centre to ideal photo coordinates about it.
+        view: (3, 3) float64, homography from image coordinates about the centre to ideal photo
+            coordinates about it.
         k1, k2: of the lens.
-        back: instead, add the gradient `out` of the registered photo to the gradient `photo` of the photo.
+        back: instead, add the gradient `out` of the registered photo to the gradient `photo` of the
+            photo.
     """
     _, h, w = out.shape
     factor, per_square = undistortion(k1, k2)

@@ -17,7 +17,8 @@ def _ceil(n: int, unit: int) -> int:
 
 
 def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first sensor pixel of each of m photo pixels, and the weights (m, T) from there on."""
+    """Return the first sensor pixel of each of m photo pixels, and the weights (m, T) from there
+    on."""
     i, scale = np.arange(m), n / m
     if how == "area":
         start, end = i * n // m, -((i + 1) * n // -m)
@@ -47,9 +48,10 @@ def lower_resize(
     Args:
         read: sensor pixels that are read. size: photo pixels.
         n: the first so many of the read pixels are resized, by `how`; unless
-        step: is above 0 and `how` is "point": then each photo pixel is the mean of its own `step` pixels, which begin
-            after `lead`, less `reach` to each side.
-        parity: 2 where even and odd columns are held apart, else 1. unit: the multiple to which rows are padded.
+        step: is above 0 and `how` is "point": then each photo pixel is the mean of its own `step`
+            pixels, which begin after `lead`, less `reach` to each side.
+        parity: 2 where even and odd columns are held apart, else 1. unit: the multiple to which
+            rows are padded.
     """
     if step > 1 and how == "point":
         start = lead + np.arange(size) * step + reach
@@ -60,7 +62,10 @@ def lower_resize(
     end = np.minimum(end, read)
     photo = np.arange(size)
     first, last = np.full(read, size), np.full(read, -1)
-    index, weight = np.zeros((taps.shape[1], size), np.int32), np.zeros((taps.shape[1], size), np.float32)
+    index, weight = (
+        np.zeros((taps.shape[1], size), np.int32),
+        np.zeros((taps.shape[1], size), np.float32),
+    )
     transpose: list[list[tuple[int, float]]] = [[] for _ in range(read)]
     lanes = _ceil(-(-read // parity), unit)
     for t in range(taps.shape[1]):
@@ -70,25 +75,36 @@ def lower_resize(
         np.maximum.at(last, at[used], photo[used])
         index[t] = at % parity * 3 * lanes + at // parity
         weight[t] = np.where(used, taps[:, t], 0.0)
-        for pixel, target, share in zip(at[used].tolist(), photo[used].tolist(), taps[used, t].tolist(), strict=True):
+        for pixel, target, share in zip(
+            at[used].tolist(), photo[used].tolist(), taps[used, t].tolist(), strict=True
+        ):
             transpose[pixel].append((target, share))
     most = max(1, max(len(entry) for entry in transpose))
-    back = np.zeros((parity, most, read // parity), np.int32), np.zeros((parity, most, read // parity), np.float32)
+    back = (
+        np.zeros((parity, most, read // parity), np.int32),
+        np.zeros((parity, most, read // parity), np.float32),
+    )
     for pixel, entries in enumerate(transpose):
         for t, (target, share) in enumerate(entries):
             back[0][pixel % parity, t, pixel // parity] = target
             back[1][pixel % parity, t, pixel // parity] = share
     cells = parity == 2 and read == 2 * size and taps.shape[1] == 2 and bool((taps == 0.5).all())
-    rows = start.astype(np.int64), taps.astype(np.float32), first.astype(np.int64), last.astype(np.int64)
+    rows = (
+        start.astype(np.int64),
+        taps.astype(np.float32),
+        first.astype(np.int64),
+        last.astype(np.int64),
+    )
     return Resize(*rows, index, weight, *back, cells)
 
 
 def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int, unit: int) -> Stencil:
-    """Return a demosaic's Stencil, read off it: each pixel of a cell and its neighbours is lit once.
+    """Return a demosaic's Stencil, read off it: each pixel of a cell and its neighbours is lit
+    once.
 
     Args:
-        demosaic: mosaics (B, h, w), RGGB, to colours (B, 3, h, w), linear, by at most two pixels to each side; None
-            for a sensor without colour filters.
+        demosaic: mosaics (B, h, w), RGGB, to colours (B, 3, h, w), linear, by at most two pixels to
+            each side; None for a sensor without colour filters.
         cells: in a row. unit: the multiple to which rows are padded.
     """
     weights: list[float] = []
@@ -100,17 +116,23 @@ def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int, unit:
         for plane, dx, value in taps:
             weights.append(value)
             offsets.append(plane * wide + dx)
-    return Stencil(np.array(weights or [0.0], np.float32), np.array(offsets or [0], np.int64), first, count)
+    return Stencil(
+        np.array(weights or [0.0], np.float32), np.array(offsets or [0], np.int64), first, count
+    )
 
 
 @functools.lru_cache(maxsize=8)
-def _taps(demosaic: Callable[[Tensor], Tensor]) -> tuple[tuple[int, int, int, tuple[tuple[int, int, float], ...]], ...]:
-    """Return (site, channel, row, ((plane, column, weight), ...)), rows and columns of cells from one before on."""
+def _taps(
+    demosaic: Callable[[Tensor], Tensor],
+) -> tuple[tuple[int, int, int, tuple[tuple[int, int, float], ...]], ...]:
+    """Return (site, channel, row, ((plane, column, weight), ...)), rows and columns of cells from
+    one before on."""
     side = 5
     lit = torch.eye(4 * 9, dtype=torch.float64).reshape(36, 4, 3, 3)
     planes = torch.nn.functional.pad(lit, (1, 1, 1, 1))
     colours = demosaic(torch.nn.functional.pixel_shuffle(planes, 2)[:, 0])
-    middle = colours[..., side - 1 : side + 1, side - 1 : side + 1]  # the two by two pixels of the cell in the middle
+    # the two by two pixels of the cell in the middle
+    middle = colours[..., side - 1 : side + 1, side - 1 : side + 1]
     found = []
     for site in range(4):
         for channel in range(3):

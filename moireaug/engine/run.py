@@ -19,7 +19,8 @@ PARTS = 4  # of a batch that each thread gets, one after another: images take di
 
 
 def announce(message: str) -> None:
-    """Say something to the user, once before kernels are compiled. Replace it to say it otherwise."""
+    """Say something to the user, once before kernels are compiled. Replace it to say it
+    otherwise."""
     logging.getLogger("moireaug").warning(message)
 
 
@@ -27,12 +28,14 @@ def announce(message: str) -> None:
 def prepare() -> None:
     """Announce, on a machine's first call, that kernels are compiled."""
     if cold():
-        announce("moireaug compiles its CPU kernels, once on this machine; this takes up to a minute.")
+        announce(
+            "moireaug compiles its CPU kernels, once on this machine; this takes up to a minute."
+        )
 
 
 def each(work: Callable[[int, int], None], n: int) -> None:
-    """Run work(first, last) on parts of range(n), on as many threads as the caller's torch uses. Nothing outlives the
-    call, so that a process may fork."""
+    """Run work(first, last) on parts of range(n), on as many threads as the caller's torch uses.
+    Nothing outlives the call, so that a process may fork."""
     threads = min(torch.get_num_threads(), n)
     if threads < 2:
         work(0, n)
@@ -94,13 +97,20 @@ class _Develop(torch.autograd.Function):
 
         (raw,), d = ctx.saved_tensors, ctx.development
         out = torch.empty(raw.shape)
-        readings, grads, results = raw.detach().contiguous().numpy(), grad.contiguous().numpy(), out.numpy()
-        each(lambda first, last: batch.develop_back(results, grads, readings, d, first, last), len(raw))
+        readings, grads, results = (
+            raw.detach().contiguous().numpy(),
+            grad.contiguous().numpy(),
+            out.numpy(),
+        )
+        each(
+            lambda first, last: batch.develop_back(results, grads, readings, d, first, last),
+            len(raw),
+        )
         return out, None
 
 
 def develop(raw: Tensor, development: Development) -> Tensor:
-    """Return the photos (B, 3, H, W) float32, sRGB codes, of readings (B, planes, h, w) float32; once differentiable in
-    the readings."""
+    """Return the photos (B, 3, H, W) float32, sRGB codes, of readings (B, planes, h, w) float32;
+    once differentiable in the readings."""
     prepare()
     return _Develop.apply(raw, development)

@@ -9,7 +9,8 @@ import numpy as np
 from moireaug.engine.compiling import loop
 from moireaug.engine.random_numbers import normal_row
 
-DARK = np.float32(1e-4)  # as in the reference: dark current, below which photon noise falls no further
+# as in the reference: dark current, below which photon noise falls no further
+DARK = np.float32(1e-4)
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
@@ -38,9 +39,11 @@ def _add_noise(line, numbers, read, shot):
 
 @loop
 def read(out, light, camera, start, noise, keys, numbers, clips):
-    """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the image's raw.
+    """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the
+    image's raw.
 
-    keys: of the noise, from `random_numbers.keys`. numbers: (w,) to work in. The rest as in `expose.expose`.
+    keys: of the noise, from `random_numbers.keys`. numbers: (w,) to work in. The rest as in
+    `expose.expose`.
     """
     if noise:
         normal_row(numbers, start, keys[0], keys[1])

@@ -1,4 +1,5 @@
-"""Transfer curves and the normal distribution as tables, so that no loop calls a transcendental function."""
+"""Transfer curves and the normal distribution as tables, so that no loop calls a transcendental
+function."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ DECODE_STEPS = 1024
 DECODE = np.array([_srgb_light(i / DECODE_STEPS) for i in range(DECODE_STEPS + 2)], np.float32)
 DECODE_BYTES = np.array([_srgb_light(i / 255) for i in range(256)], np.float32)
 
-# The encoding's power is tabulated on the mantissa of each octave, whose error is relative, from 2^-9 to 2^8.
+# The encoding's power is tabulated on the mantissa of each octave, whose error is relative, from
+# 2^-9 to 2^8.
 KNEE = np.float32(0.0031308)
 LINEAR = np.float32(12.92)
 OCTAVE_BITS = 7
@@ -82,7 +84,8 @@ def encode_slope(light):
 
 @loop
 def tail(z):
-    """Return the integral of the normal distribution function from -infinity to -z, z >= 0, float64."""
+    """Return the integral of the normal distribution function from -infinity to -z, z >= 0,
+    float64."""
     at = min(z, float(TAIL_END)) * TAIL_STEPS
     i = np.int32(at)
     low = TAIL[np.uint32(i)]

@@ -1,4 +1,5 @@
-"""Loads and stores that are known not to overlap, so that LLVM vectorises a loop; and sums of rows in vectors."""
+"""Loads and stores that are known not to overlap, so that LLVM vectorises a loop; and sums of rows
+in vectors."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def _address(context, builder, array_type, array, index_type, index):
 
 @intrinsic
 def peek(typing, array, index):
-    """Return array[index] of a contiguous one-dimensional array that no `poke` of the same function writes to.
+    """Return array[index] of a contiguous one-dimensional array that no `poke` of the same function
+    writes to.
 
     The index must be in range, and not negative.
     """
@@ -73,7 +75,9 @@ def _load(builder, pointer, lanes):
 
 def _spread(builder, scalar, lanes):
     """Return a vector of one number."""
-    one = builder.insert_element(ir.Constant(_vector(1), ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+    one = builder.insert_element(
+        ir.Constant(_vector(1), ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
+    )
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
     return builder.shuffle_vector(one, ir.Constant(_vector(1), ir.Undefined), zeros)
 
@@ -99,8 +103,12 @@ def _fma(builder, a, b, c):
 def _total(builder, vector):
     """Return the sum of a vector's numbers, in any order."""
     kind = ir.FunctionType(ir.FloatType(), [ir.FloatType(), vector.type])
-    function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.fadd.v{vector.type.count}f32")
-    return builder.call(function, [ir.Constant(ir.FloatType(), -0.0), vector], fastmath=("reassoc",))
+    function = cgutils.get_or_insert_function(
+        builder.module, kind, f"llvm.vector.reduce.fadd.v{vector.type.count}f32"
+    )
+    return builder.call(
+        function, [ir.Constant(ir.FloatType(), -0.0), vector], fastmath=("reassoc",)
+    )
 
 
 def _between(builder, a, b, share):
@@ -115,11 +123,14 @@ def _weighted_cells(cells: int):
     """Make an intrinsic that weighs `cells` x `cells` cells of a panel."""
 
     @intrinsic
-    def weighted_cells(typing, panel, at, stride, table, to_next, x, between_x, y, between_y, share):
+    def weighted_cells(
+        typing, panel, at, stride, table, to_next, x, between_x, y, between_y, share
+    ):
         """Return the sum of panel[at + j * stride + i] * wx[i] * wy[j] over i, j < cells, float32.
 
-        wx is `cells` numbers of the table: bilinear, `between_x` of the way from those at x to those behind them, and
-        `share` of the way to those `to_next` ahead; wy likewise. Numbers float32, indices int32.
+        wx is `cells` numbers of the table: bilinear, `between_x` of the way from those at x to
+        those behind them, and `share` of the way to those `to_next` ahead; wy likewise. Numbers
+        float32, indices int32.
         """
         if not _floats(panel, table):
             return None
@@ -130,20 +141,32 @@ def _weighted_cells(cells: int):
             )
 
             def load(i, index, lanes):
-                return _load(builder, _address(context, builder, signature.args[i], args[i], types.intp, index), lanes)
+                return _load(
+                    builder,
+                    _address(context, builder, signature.args[i], args[i], types.intp, index),
+                    lanes,
+                )
 
             def weights(index, between):
                 # a phase's weights and the next one's lie side by side
-                here, there = load(3, index, 2 * cells), load(3, builder.add(index, to_next_), 2 * cells)
+                here, there = (
+                    load(3, index, 2 * cells),
+                    load(3, builder.add(index, to_next_), 2 * cells),
+                )
                 both = _between(builder, here, there, _spread(builder, args[9], 2 * cells))
-                phase, next_phase = _lanes(builder, both, 0, cells), _lanes(builder, both, cells, cells)
+                phase, next_phase = (
+                    _lanes(builder, both, 0, cells),
+                    _lanes(builder, both, cells, cells),
+                )
                 return _between(builder, phase, next_phase, _spread(builder, between, cells))
 
             wx, wy = weights(x_, args[6]), weights(y_, args[8])
             total = builder.fmul(_spread_lane(builder, wy, 0, cells), load(0, at_, cells))
             for j in range(1, cells):
                 at_ = builder.add(at_, stride_)
-                total = _fma(builder, _spread_lane(builder, wy, j, cells), load(0, at_, cells), total)
+                total = _fma(
+                    builder, _spread_lane(builder, wy, j, cells), load(0, at_, cells), total
+                )
             return _total(builder, builder.fmul(total, wx))
 
         whole, real = types.int32, types.float32
@@ -157,15 +180,17 @@ four_by_four, eight_by_eight = _weighted_cells(4), _weighted_cells(8)
 
 @intrinsic
 def add_taps(typing, out, start, coefficients, first, count, rows, offsets, base):
-    """Add the sum over l < count of coefficients[first + l] * rows[base + offsets[first + l] + i] to out[start + i],
-    for the LANES pixels i. Offsets are int64, all else float32."""
+    """Add the sum over l < count of coefficients[first + l] * rows[base + offsets[first + l] + i]
+    to out[start + i], for the LANES pixels i. Offsets are int64, all else float32."""
     if not _floats(out, coefficients, rows):
         return None
 
     def generate(context, builder, signature, args):
         numbers = []
         for a, kind in zip(args, signature.args, strict=True):
-            numbers.append(a if isinstance(kind, types.Array) else context.cast(builder, a, kind, types.intp))
+            numbers.append(
+                a if isinstance(kind, types.Array) else context.cast(builder, a, kind, types.intp)
+            )
         _, start_, _, first_, count_, _, offsets_, base_ = numbers
 
         def address(i, index):
@@ -175,11 +200,15 @@ def add_taps(typing, out, start, coefficients, first, count, rows, offsets, base
         total = cgutils.alloca_once_value(builder, _load(builder, target, LANES))
         with cgutils.for_range(builder, count_, intp=count_.type) as tap:
             index = builder.add(first_, tap.index)
-            offset = builder.load(_address(context, builder, offsets, offsets_, types.intp, index), typ=base_.type)
+            offset = builder.load(
+                _address(context, builder, offsets, offsets_, types.intp, index), typ=base_.type
+            )
             row = _load(builder, address(5, builder.add(base_, offset)), LANES)
             weight = _spread(builder, builder.load(address(2, index), typ=ir.FloatType()), LANES)
             builder.store(_fma(builder, weight, row, builder.load(total)), total)
-        store = builder.store(builder.load(total), builder.bitcast(target, _vector(LANES).as_pointer()))
+        store = builder.store(
+            builder.load(total), builder.bitcast(target, _vector(LANES).as_pointer())
+        )
         store.align = 4
         return context.get_dummy_value()
 

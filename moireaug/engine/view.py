@@ -5,13 +5,15 @@ from __future__ import annotations
 from moireaug.engine.compiling import loop
 from moireaug.engine.vectors import peek, poke
 
-NEAR_HORIZON = 1e-3  # as in the reference: rays that see the screen a thousand times as far as its centre look past it
+# as in the reference: rays that see the screen a thousand times as far as its centre look past it
+NEAR_HORIZON = 1e-3
 LEAST_DEPTH = 1e-6
 
 
 @loop
 def look(x, y, cols, v, camera):
-    """Fill x, y (n,) with the panel coordinates that a row v of photo columns sees, v and cols about the centre."""
+    """Fill x, y (n,) with the panel coordinates that a row v of photo columns sees, v and cols
+    about the centre."""
     c = camera
     b = c.bend * v * v
     c0, c1, c2 = 1 + b * (c.k1 + c.k2 * b), c.bend * (c.k1 + 2 * c.k2 * b), c.bend * c.bend * c.k2
@@ -29,7 +31,8 @@ def look(x, y, cols, v, camera):
 
 @loop
 def jacobian(u, v, camera):
-    """Return d(panel x, y) / d(sensor pixel u, v), as xu, xv, yu, yv, at a photo point about the centre."""
+    """Return d(panel x, y) / d(sensor pixel u, v), as xu, xv, yu, yv, at a photo point about the
+    centre."""
     c = camera
     r2 = c.bend * (u * u + v * v)
     bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)

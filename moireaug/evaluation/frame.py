@@ -13,7 +13,7 @@ from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.statistics import wilson
-from moireaug.evaluation.tables import Cell, Table
+from moireaug.evaluation.tables import Table
 
 CELL = ["table", "row", "column"]
 MEASURES = ("psnr", "ssim", "ciede2000", "largest", "lpips")

@@ -8,10 +8,12 @@ from torch import Tensor
 
 
 class Exposure(ABC):
-    """Integrates panel light over the aperture and the point spread of each sensor pixel that a photo reads.
+    """Integrates panel light over the aperture and the point spread of each sensor pixel that a
+    photo reads.
 
-    `name` is what `Sensor.exposure` calls it, `reason` what the plan says of it. `harmonics` are the (k, l) pairs that
-    it sums and `taps` the panel pixels along each axis that one sensor pixel sees, where it counts them.
+    `name` is what `Sensor.exposure` calls it, `reason` what the plan says of it. `harmonics` are
+    the (k, l) pairs that it sums and `taps` the panel pixels along each axis that one sensor pixel
+    sees, where it counts them.
     """
 
     name: str

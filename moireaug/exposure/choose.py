@@ -13,17 +13,21 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-MOST_HARMONICS = 1024  # that are summed: a screen that is magnified further is integrated by overlaps
+# that are summed: a screen that is magnified further is integrated by overlaps
+MOST_HARMONICS = 1024
 FINE = 0.25  # cells: shares of a smaller aperture are differences too small for float32
-MOST_TAPS = 7  # panel pixels along an axis that one sensor pixel sees; from farther away the picture is blurred first
+# panel pixels along an axis that one sensor pixel sees; from farther away the picture is blurred
+# first
+MOST_TAPS = 7
 
 
 @functools.lru_cache(maxsize=512)
 def exposure_of(scene: SceneRecord) -> Exposure:
-    """Return the method that a scene's `Sensor.exposure` names; for "auto" the cheapest that meets its tolerance.
+    """Return the method that a scene's `Sensor.exposure` names; for "auto" the cheapest that meets
+    its tolerance.
 
-    "auto" is `spectral` where harmonics of up to order 32 a panel pixel, and no more than 1024 of them, carry all
-    contrast above the tolerance; else `box`.
+    "auto" is `spectral` where harmonics of up to order 32 a panel pixel, and no more than 1024 of
+    them, carry all contrast above the tolerance; else `box`.
 
     Raises:
         ValueError: "point" for a panel whose subpixels are not rectangles.
@@ -33,8 +37,8 @@ def exposure_of(scene: SceneRecord) -> Exposure:
         for subpixel in as_layout(scene.panel.layout).all():
             if not subpixel.is_rectangle:
                 raise ValueError(
-                    "Sensor.exposure = 'point' samples a raster of rectangles; this Panel.layout has slanted "
-                    f"subpixels, the first {subpixel!r}. Use 'auto' or 'supersample:8'."
+                    "Sensor.exposure = 'point' samples a raster of rectangles; this Panel.layout "
+                    f"has slanted subpixels, the first {subpixel!r}. Use 'auto' or 'supersample:8'."
                 )
         return Point()
     if method == "supersample":
@@ -51,7 +55,8 @@ def exposure_of(scene: SceneRecord) -> Exposure:
 
 
 def _is_cut(scene: SceneRecord, found: list[tuple[tuple[int, int], float]]) -> bool:
-    """Whether the series would go on: every third order of a stripe is empty, so one of the last three decides."""
+    """Whether the series would go on: every third order of a stripe is empty, so one of the last
+    three decides."""
     px, py = as_layout(scene.panel.layout).period
     return any(max(abs(k) / px, abs(l) / py) > extremes.HIGHEST - 3 for (k, l), _ in found)
 

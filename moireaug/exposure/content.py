@@ -1,8 +1,9 @@
 """How much of each panel pixel around it a sensor pixel sees.
 
-Aperture and point spread, projected on an axis of the panel, are a box and a Gaussian around it; a subpixel is a box,
-too. Their convolution is the share of light from each panel pixel, in closed form. Both axes apart are exact where the
-view is upright and for the second moments of any view, which is what a picture's detail asks for.
+Aperture and point spread, projected on an axis of the panel, are a box and a Gaussian around it; a
+subpixel is a box, too. Their convolution is the share of light from each panel pixel, in closed
+form. Both axes apart are exact where the view is upright and for the second moments of any view,
+which is what a picture's detail asks for.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ from moireaug.exposure.optics import Optics
 from moireaug.numeric import is_transformed
 
 TAIL = 1.0  # standard deviations of the spread that taps must reach
-LEAST = 1e-9  # share of the nearest panel pixel where none is seen, so that shares can be normalised
+# share of the nearest panel pixel where none is seen, so that shares can be normalised
+LEAST = 1e-9
 LEAST_EXPONENT = -80.0  # below, float32 knows denormal numbers alone, which take many times as long
 SHARP = 1e-12  # least variance of a spread, in squared cells
 
 
 class Footprint(NamedTuple):
-    """What a sensor pixel sees along one axis of the panel, in cells: a box and a Gaussian around it."""
+    """What a sensor pixel sees along one axis of the panel, in cells: a box and a Gaussian around
+    it."""
 
     box: Tensor
     variance: Tensor
@@ -37,7 +40,8 @@ class Footprint(NamedTuple):
 def footprint(step: Tensor, optics: Optics) -> Footprint:
     """Return the footprint along one axis.
 
-    The box is the longer side of the aperture's shadow; the shorter one, lens and low-pass filter are in the Gaussian.
+    The box is the longer side of the aperture's shadow; the shorter one, lens and low-pass filter
+    are in the Gaussian.
 
     Args:
         step: (B, ..., 2), cells of the panel along this axis by sensor pixels along u and v.
@@ -52,7 +56,8 @@ def footprint(step: Tensor, optics: Optics) -> Footprint:
 
 
 def fitted(seen: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint, Tensor]:
-    """Return the footprint narrowed to what `taps` panel pixels hold, and the variance that it lost, in squared cells.
+    """Return the footprint narrowed to what `taps` panel pixels hold, and the variance that it
+    lost, in squared cells.
 
     The prefilter blurs the picture by as much.
     """
@@ -64,7 +69,8 @@ def fitted(seen: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint
 
 
 def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> list[Tensor]:
-    """Return the share of a sensor pixel's view that falls on each of `taps` subpixels: (B, h, w) each.
+    """Return the share of a sensor pixel's view that falls on each of `taps` subpixels: (B, h, w)
+    each.
 
     Args:
         offset: (B, h, w), position from the nearest subpixel's centre, in cells: -1/2 to 1/2.
@@ -76,7 +82,7 @@ def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> list[Te
     left, right = at - half, at + half  # ends of the box
 
     def beyond(edge: float | Tensor) -> Tensor:
-        """The share of the view past an edge, in units of `unit` and up to a constant."""
+        """Return the share of the view past an edge, in units of `unit` and up to a constant."""
         edge = edge * sharpness
         return _erf_integral(right - edge) - _erf_integral(left - edge)
 
@@ -99,7 +105,8 @@ def normalised(share: list[Tensor]) -> list[Tensor]:
 
 
 def _erf_integral(t: Tensor) -> Tensor:
-    """The integral of the error function up to t, but for a constant, times the root of pi."""
+    """Return the integral of the error function up to t, but for a constant, times the root of
+    pi."""
     bell = torch.exp((-t * t).clamp(min=LEAST_EXPONENT))
     return torch.addcmul(bell, t, torch.erf(t), value=math.sqrt(math.pi))
 

@@ -19,13 +19,15 @@ from moireaug.scene.fields import Range, bounds, ranged_fields
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-SHAPES = ((256, 256), (192, 256), (256, 192))  # height and width: what is decided for these holds for most images
+# height and width: what is decided for these holds for most images
+SHAPES = ((256, 256), (192, 256), (256, 192))
 STRIPS = ((16, 256), (256, 16))  # a view of a long strip converges most
 HIGHEST = 32  # harmonics per panel pixel beyond which none is ever summed
 
 
 def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
-    """Return a range's ends, evenly spread points between them, and those of `marks` that it holds."""
+    """Return a range's ends, evenly spread points between them, and those of `marks` that it
+    holds."""
     low, high = bounds(value)
     spread = [low + (high - low) * i / (points - 1) for i in range(points)]
     return sorted({*spread, *(m for m in marks if low < m < high)})
@@ -33,8 +35,8 @@ def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
 
 @functools.lru_cache(maxsize=64)
 def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
-    """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the picture for the
-    turns and the lenses that a scene allows: (N, 2, 2) float64."""
+    """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
+    picture for the turns and the lenses that a scene allows: (N, 2, 2) float64."""
     v, lens = scene.view, scene.lens
     turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
@@ -47,7 +49,9 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     for size in SHAPES if usual else SHAPES + STRIPS:
         h, w = size
         m = homography(fields, k1, k2, size, scene.sensor.scale, pose=v.pose, fit=v.fit)
-        picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], dtype=torch.float64)
+        picture = torch.tensor(
+            [[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], dtype=torch.float64
+        )
         points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
         seen = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         found.append(seen.flatten(0, 2))
@@ -56,21 +60,26 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
 
 @functools.lru_cache(maxsize=64)
 def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
-    """Return the harmonics whose contrast in the raw reading can exceed the tolerance, strongest first.
+    """Return the harmonics whose contrast in the raw reading can exceed the tolerance, strongest
+    first.
 
-    The sinc of the aperture is bounded by its envelope, because its zeros move with the view; so is the cosine of a
-    low-pass filter.
+    The sinc of the aperture is bounded by its envelope, because its zeros move with the view; so is
+    the cosine of a low-pass filter.
     """
     panel, sensor = scene.panel, scene.sensor
     layout = as_layout(panel.layout)
     px, py = layout.period
     gain, fill, blur = bounds(sensor.gain)[1], bounds(sensor.fill)[0], bounds(scene.lens.blur)[0]
-    k = torch.arange(HIGHEST * px + 1, dtype=torch.float64)[:, None].expand(-1, 2 * HIGHEST * py + 1)
+    k = torch.arange(HIGHEST * px + 1, dtype=torch.float64)[:, None].expand(
+        -1, 2 * HIGHEST * py + 1
+    )
     l = torch.arange(-HIGHEST * py, HIGHEST * py + 1, dtype=torch.float64).expand(len(k), -1)
     counted = (k > 0) | (l > 0)  # the others are conjugates, or the mean
     k, l = k[counted], l[counted]
 
-    lit, lit_x, lit_y = (inside(r, points=n) for r, n in ((panel.lit, 9), (panel.lit_x, 5), (panel.lit_y, 5)))
+    lit, lit_x, lit_y = (
+        inside(r, points=n) for r, n in ((panel.lit, 9), (panel.lit_x, 5), (panel.lit_y, 5))
+    )
     emitting = torch.tensor(list(itertools.product(lit, lit_x, lit_y)), dtype=torch.float64)
     width, height = (emitting[:, 0].sqrt() * emitting[:, i, None].mT for i in (1, 2))
     strongest = torch.zeros(3, len(k), dtype=torch.float64)
@@ -79,13 +88,19 @@ def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
         strongest[subpixel.channel] += c.amax(1)
     top = 2 * gain * strongest.amax(0)
     # a harmonic must not be missed in any image
-    step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (bounds(panel.scale)[0] / sensor.scale)
-    least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)  # cycles a sensor pixel, in any view
+    step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (
+        bounds(panel.scale)[0] / sensor.scale
+    )
+    # cycles a sensor pixel, in any view
+    least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
     along_one = 1 / (math.pi * fill * least / 2**0.5).clamp(min=1.0)
-    can_pass = top * along_one * torch.exp(-2 * math.pi**2 * blur**2 * least.square()) > scene.tolerance
+    can_pass = (
+        top * along_one * torch.exp(-2 * math.pi**2 * blur**2 * least.square()) > scene.tolerance
+    )
     k, l, top = k[can_pass], l[can_pass], top[can_pass]
 
-    frequency = (k / px)[:, None, None] * step[:, 0] + (l / py)[:, None, None] * step[:, 1]  # (K, N, 2)
+    # (K, N, 2)
+    frequency = (k / px)[:, None, None] * step[:, 0] + (l / py)[:, None, None] * step[:, 1]
     envelope = (1 / (math.pi * fill * frequency.abs()).clamp(min=1.0)).prod(-1)
     passed = envelope * torch.exp(-2 * math.pi**2 * blur**2 * frequency.square().sum(-1))
     contrast = top * passed.amax(1) if len(k) else top
@@ -96,16 +111,21 @@ def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
 
 def narrowest(scene: SceneRecord) -> float:
     """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
-    step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
+    step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (
+        bounds(scene.panel.scale)[0] / scene.sensor.scale
+    )
     widest = step.abs().amax(-1).amin(0)  # along x and y
     period = widest.new_tensor(as_layout(scene.panel.layout).period)
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
 
 def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool) -> list[tuple]:
-    """Return `(footprint, width)` along each axis of each kind of subpixel, at the widest that optics allow."""
+    """Return `(footprint, width)` along each axis of each kind of subpixel, at the widest that
+    optics allow."""
     sensor, lens = scene.sensor, scene.lens
-    optics = Optics(*(torch.tensor([bounds(r)[1]]).double() for r in (sensor.fill, lens.blur, lens.olpf)))
+    optics = Optics(
+        *(torch.tensor([bounds(r)[1]]).double() for r in (sensor.fill, lens.blur, lens.olpf))
+    )
     layout, one = as_layout(scene.panel.layout), torch.ones(1, dtype=torch.float64)
     kinds = [(WHOLE_PIXEL, (1, 1))] if whole_pixel else [(s, layout.period) for s in layout.all()]
     found = []
@@ -121,6 +141,8 @@ def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: b
 def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
     """Return how many cells to each side a sensor pixel sees at most."""
     most = 0.0
-    for seen_along, width in footprints(scene, seen, bounds(scene.panel.scale)[1], whole_pixel=whole_pixel):
+    for seen_along, width in footprints(
+        scene, seen, bounds(scene.panel.scale)[1], whole_pixel=whole_pixel
+    ):
         most = max(most, float(seen_along.reach().max()) + width / 2)
     return most

@@ -1,4 +1,5 @@
-"""What blurs a sensor pixel's view: aperture, point spread and low-pass filter, in space and in frequency."""
+"""What blurs a sensor pixel's view: aperture, point spread and low-pass filter, in space and in
+frequency."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ class Optics(NamedTuple):
         return self.fill.square() / 12 + self.blur.square() + self.olpf.square() / 4
 
     def transfer(self, fu: Tensor, fv: Tensor) -> Tensor:
-        """Return the modulation transfer at cycles per sensor pixel (B, ...): a square aperture, a Gaussian spread, and
-        a low-pass filter that doubles the picture along both axes."""
+        """Return the modulation transfer at cycles per sensor pixel (B, ...): a square aperture, a
+        Gaussian spread, and a low-pass filter that doubles the picture along both axes."""
         fill, blur, olpf = (t.reshape(-1, *[1] * (fu.ndim - 1)) for t in self)
         spread = torch.exp(-2 * math.pi**2 * blur.square() * (fu.square() + fv.square()))
         doubled = torch.cos(math.pi * olpf * fu) * torch.cos(math.pi * olpf * fv)
@@ -33,16 +34,21 @@ class Optics(NamedTuple):
     def quantiles(self, n: int) -> Tensor:
         """Return the n mid-quantiles of the light along one axis, in sensor pixels: (B, n) float64.
 
-        Equal weights at these points integrate any smooth light; without blur they are an even lattice.
+        Equal weights at these points integrate any smooth light; without blur they are an even
+        lattice.
         """
-        target = ((torch.arange(n, dtype=torch.float64, device=self.fill.device) + 0.5) / n).expand(len(self.fill), n)
-        half, sigma, olpf = self.fill[:, None] / 2, self.blur[:, None].clamp(min=1e-6), self.olpf[:, None] / 2
+        target = ((torch.arange(n, dtype=torch.float64, device=self.fill.device) + 0.5) / n).expand(
+            len(self.fill), n
+        )
+        half, olpf = self.fill[:, None] / 2, self.olpf[:, None] / 2
+        sigma = self.blur[:, None].clamp(min=1e-6)
 
         def integral(z: Tensor) -> Tensor:  # of the normal distribution function
             return z * torch.special.ndtr(z) + torch.exp(-z * z / 2) / math.sqrt(2 * math.pi)
 
         def below(x: Tensor) -> Tensor:
-            return (integral((x + half) / sigma) - integral((x - half) / sigma)) * sigma / (2 * half)
+            within = integral((x + half) / sigma) - integral((x - half) / sigma)
+            return within * sigma / (2 * half)
 
         high = (half + olpf + 9 * sigma).expand_as(target)
         low = -high

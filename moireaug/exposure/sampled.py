@@ -1,4 +1,5 @@
-"""Panel light read at points: at the pixel's centre, as the paper does, or averaged over its aperture."""
+"""Panel light read at points: at the pixel's centre, as the paper does, or averaged over its
+aperture."""
 
 from __future__ import annotations
 
@@ -15,10 +16,12 @@ from moireaug.scene.layout import as_layout
 
 
 class Point(Exposure):
-    """The panel's raster of subpixels at each sensor pixel's centre, bilinear: the paper's steps 2 and 3.
+    """The panel's raster of subpixels at each sensor pixel's centre, bilinear: the paper's steps 2
+    and 3.
 
-    Where two raster rows or columns show different panel pixels, the picture is looked up between these: as exact as
-    the paper's own interpolation where image pixels are a whole odd number of panel pixels wide, as they are there.
+    Where two raster rows or columns show different panel pixels, the picture is looked up between
+    these: as exact as the paper's own interpolation where image pixels are a whole odd number of
+    panel pixels wide, as they are there.
     """
 
     name = "point"
@@ -33,7 +36,8 @@ class Point(Exposure):
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
             points = grids.grid(rows[site.row :: step], cols[site.column :: step])
-            x, y = (grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha[..., None]).unbind(-1)
+            seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
+            x, y = (seen * alpha[..., None]).unbind(-1)
             for channel in site.channels:
                 plane = torch.zeros_like(x, dtype=light.dtype)
                 for s in layout.of(channel):
@@ -47,10 +51,12 @@ class Point(Exposure):
         return torch.stack(planes, 1)
 
 
-def _raster(at: Tensor, low: float, high: float, n: int, period: int, end: Tensor | None) -> tuple[Tensor, Tensor]:
-    """Return, along one axis, the light at a position that comes from a rectangle from `low` to `high`, by way of the
-    two nearest of n raster subpixels a panel pixel, and where it comes from; positions in panel pixels. With an `end`
-    it is dark outside of 0 to there."""
+def _raster(
+    at: Tensor, low: float, high: float, n: int, period: int, end: Tensor | None
+) -> tuple[Tensor, Tensor]:
+    """Return, along one axis, the light at a position that comes from a rectangle from `low` to
+    `high`, by way of the two nearest of n raster subpixels a panel pixel, and where it comes from;
+    positions in panel pixels. With an `end` it is dark outside of 0 to there."""
     at = at * n - 0.5
     left = at.floor().detach()
     second = at - left
@@ -68,12 +74,14 @@ def _raster(at: Tensor, low: float, high: float, n: int, period: int, end: Tenso
 
 
 def _lies_in(column: Tensor, low: float, high: float) -> Tensor:
-    """Return the share of each raster column, given by its left edge, that lies between `low` and `high`."""
+    """Return the share of each raster column, given by its left edge, that lies between `low` and
+    `high`."""
     return ((column + 1).clamp(max=high) - column.clamp(min=low)).clamp(min=0)
 
 
 class Supersample(Exposure):
-    """The mean over n * n points of the aperture and the lens's spread. Converges to the integral: the reference."""
+    """The mean over n * n points of the aperture and the lens's spread. Converges to the integral:
+    the reference."""
 
     def __init__(self, n: int) -> None:
         self.n = n
@@ -96,29 +104,38 @@ class Supersample(Exposure):
                 v = rows[site.row :: step] + down[:, i, None]
                 u = cols[site.column :: step] + across[:, k, None]
                 points = grids.grid(v, u)
-                x, y = (grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha[..., None]).unbind(-1)
+                seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
+                x, y = (seen * alpha[..., None]).unbind(-1)
                 for j, channel in enumerate(site.channels):
                     for s in layout.of(channel):
-                        totals[j] = totals[j] + self._emitted(light[:, channel], s, x, y, width, height, shot)
+                        totals[j] = totals[j] + self._emitted(
+                            light[:, channel], s, x, y, width, height, shot
+                        )
             planes += [total / self.n**2 for total in totals]
         return torch.stack(planes, 1)
 
-    def _emitted(self, plane: Tensor, s, x: Tensor, y: Tensor, width: Tensor, height: Tensor, shot) -> Tensor:
-        """What one kind of subpixel emits at panel points."""
+    def _emitted(
+        self, plane: Tensor, s, x: Tensor, y: Tensor, width: Tensor, height: Tensor, shot
+    ) -> Tensor:
+        """Return what one kind of subpixel emits at panel points."""
         period, alpha = as_layout(shot.scene.panel.layout).period, shot.panel.scale[:, None, None]
         column, row = cell_of(s, period, x, y)
-        px, py = ((n * p + c) / alpha for n, p, c in zip((column, row), period, s.pixel, strict=True))
-        light = grids.look_up(plane[:, None], px, py)[:, 0] * emits(s, period, x, y, width, height).to(plane.dtype)
+        px, py = (
+            (n * p + c) / alpha for n, p, c in zip((column, row), period, s.pixel, strict=True)
+        )
+        lit = emits(s, period, x, y, width, height).to(plane.dtype)
+        light = grids.look_up(plane[:, None], px, py)[:, 0] * lit
         if shot.scene.develop.registered:
             return light
         return light * ((px >= 0) & (px < shot.size[1]) & (py >= 0) & (py < shot.size[0]))
 
 
 def golden_points(n: int) -> list[tuple[int, int]]:
-    """Return n * n points of the unit square as ranks (i, k) along both axes: no two share a row or a column.
+    """Return n * n points of the unit square as ranks (i, k) along both axes: no two share a row or
+    a column.
 
-    The golden ratio keeps them even whatever direction an edge cuts them in: two to four times as accurate as a square
-    grid.
+    The golden ratio keeps them even whatever direction an edge cuts them in: two to four times as
+    accurate as a square grid.
     """
     order = sorted(range(n * n), key=lambda i: i * 0.6180339887498949 % 1)
     return list(enumerate(order))

@@ -15,7 +15,8 @@ LOOKS = 1  # panel pixels, for each that is looked at, up to which a panel is bu
 
 
 class Screen:
-    """What the panel's pixels show: the picture (B, 3, H, W) at their centres, and its border past it.
+    """What the panel's pixels show: the picture (B, 3, H, W) at their centres, and its border past
+    it.
 
     The picture is put on the panel once, unless the panel has more pixels than are looked at.
     """
@@ -29,15 +30,20 @@ class Screen:
         # far enough past the picture for all taps to be on its border
         self.margin = (taps * py, taps * px)
         height, width = shot.size
-        self.size = (math.ceil(most * height) + 2 * taps * py, math.ceil(most * width) + 2 * taps * px)
+        self.size = (
+            math.ceil(most * height) + 2 * taps * py,
+            math.ceil(most * width) + 2 * taps * px,
+        )
         self.panel = None
         readings = math.prod(shot.raw_shape()[-2:])
         if math.prod(self.size) <= LOOKS * taps**2 * readings:
             self.panel = on_panel(light, self.size, self.margin, self.alpha).flatten(2).unbind(1)
 
-    def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> list[list[Tensor]]:
-        """Return what panel pixels show from (B, h, w) columns and rows on, one a period: `taps` lists, downwards, of
-        `taps` tensors (B, h, w), to the right."""
+    def look(
+        self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]
+    ) -> list[list[Tensor]]:
+        """Return what panel pixels show from (B, h, w) columns and rows on, one a period: `taps`
+        lists, downwards, of `taps` tensors (B, h, w), to the right."""
         if self.panel is None:
             return self._on_picture(channel, column, row, period)
         px, py = period
@@ -54,7 +60,9 @@ class Screen:
             shown.append([values.reshape(row.shape) for values in line])
         return shown
 
-    def _on_picture(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> list[list[Tensor]]:
+    def _on_picture(
+        self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]
+    ) -> list[list[Tensor]]:
         """Look panel pixels up on the picture itself; arguments and result as in `look`."""
         px, py = period
         picture = self.light[:, channel, None]
@@ -70,7 +78,8 @@ class Screen:
 
 
 class Gather(torch.autograd.Function):
-    """Numbers (B, N) at indices (B, P) plus each of some steps: (B, P) each. Differentiable any number of times.
+    """Numbers (B, N) at indices (B, P) plus each of some steps: (B, P) each. Differentiable any
+    number of times.
 
     For its gradient torch.gather would keep an index for each step.
     """
@@ -95,9 +104,11 @@ class Gather(torch.autograd.Function):
         return nothing.scatter_add(1, index, torch.cat(slopes, 1)), None, None
 
 
-def on_panel(light: Tensor, size: tuple[int, int], margin: tuple[int, int], alpha: Tensor) -> Tensor:
-    """Return what the panel's pixels show of a picture (B, 3, H, W): its values at their centres, (B, 3, h, w), from a
-    margin before the picture, which has its border."""
+def on_panel(
+    light: Tensor, size: tuple[int, int], margin: tuple[int, int], alpha: Tensor
+) -> Tensor:
+    """Return what the panel's pixels show of a picture (B, 3, H, W): its values at their centres,
+    (B, 3, h, w), from a margin before the picture, which has its border."""
     (height, width), (above, before) = size, margin
     y = torch.arange(height, dtype=alpha.dtype, device=alpha.device) + (0.5 - above)
     x = torch.arange(width, dtype=alpha.dtype, device=alpha.device) + (0.5 - before)

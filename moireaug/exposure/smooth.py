@@ -1,5 +1,5 @@
-"""Panel light integrated over the aperture: the content of the panel pixels it covers, times what their subpixels let
-through. Spectral, box and mean differ in the second factor alone."""
+"""Panel light integrated over the aperture: the content of the panel pixels it covers, times what
+their subpixels let through. Spectral, box and mean differ in the second factor alone."""
 
 from __future__ import annotations
 
@@ -24,14 +24,16 @@ from moireaug.numeric import is_transformed
 from moireaug.panel.fourier import coefficient, emitting_share, mean_light
 from moireaug.scene.layout import Subpixel, as_layout
 
-AT_ONCE = {"cpu": 2**16, "cuda": 2**22}  # readings of one site that are computed together, in bands of rows
+# readings of one site that are computed together, in bands of rows
+AT_ONCE = {"cpu": 2**16, "cuda": 2**22}
 MOST_BANDS = 16  # of one site: each fills a gradient of the whole panel
 WHOLE_PIXEL = Subpixel(0, (0.5, 0.5), (1.0, 0.0), (0.0, 1.0))
 
 
 class Sight(NamedTuple):
-    """Where sensor pixels look on the panel: position (B, h, w, 2) in panel pixels, float64, and its change by sensor
-    pixels along u and v, (B, h, w, 2, 2), in the dtype in which shares are worked out."""
+    """Where sensor pixels look on the panel: position (B, h, w, 2) in panel pixels, float64, and
+    its change by sensor pixels along u and v, (B, h, w, 2, 2), in the dtype in which shares are
+    worked out."""
 
     position: Tensor
     step: Tensor
@@ -44,13 +46,14 @@ class AlongAxis(NamedTuple):
     nearest: Tensor  # (B, h, w) float64, the nearest whole cell
     seen: Footprint  # (B, h, w) each, narrowed to the taps
     width: Tensor  # (B, 1, 1), of the subpixel in cells
-    share: list[Tensor]  # (B, h, w) of what the view gets from each of the subpixels around, which sum to 1
+    # (B, h, w) of what the view gets from each of the subpixels around, which sum to 1
+    share: list[Tensor]
     lit: list[Tensor] | None  # (B, h, w) of each one's light that is there; None where all of it is
 
 
 class Wave(NamedTuple):
-    """A harmonic along one axis of the panel, (B, h, w) each: cycles per sensor pixel along u and v, cosine and sine of
-    its phase."""
+    """A harmonic along one axis of the panel, (B, h, w) each: cycles per sensor pixel along u and
+    v, cosine and sine of its phase."""
 
     fu: Tensor
     fv: Tensor
@@ -63,7 +66,8 @@ class SmoothExposure(Exposure):
 
     Args:
         taps: see `Exposure`.
-        fine: an aperture may be so small a part of a panel's cell that its shares of it need float64.
+        fine: an aperture may be so small a part of a panel's cell that its shares of it need
+            float64.
     """
 
     differentiable_in_shot = True
@@ -79,7 +83,9 @@ class SmoothExposure(Exposure):
         read_site = self.read_site
         if shot.requires_grad and torch.is_grad_enabled() and not is_transformed():
             # of a pose's gradient a reading would keep some kilobytes: they are computed again
-            read_site = functools.partial(checkpoint, self.read_site, use_reentrant=False, preserve_rng_state=False)
+            read_site = functools.partial(
+                checkpoint, self.read_site, use_reentrant=False, preserve_rng_state=False
+            )
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
             across, readings = cols[site.column :: step], []
@@ -89,14 +95,24 @@ class SmoothExposure(Exposure):
         return torch.cat(planes, 1)
 
     def read_site(
-        self, site: Site, screen: Screen, inverse: Tensor, rows: Tensor, cols: Tensor, accuracy: torch.dtype, shot
+        self,
+        site: Site,
+        screen: Screen,
+        inverse: Tensor,
+        rows: Tensor,
+        cols: Tensor,
+        accuracy: torch.dtype,
+        shot,
     ) -> Tensor:
-        """Return what one site of the filter cell reads at photo coordinates rows x cols: (B, channels, h, w).
+        """Return what one site of the filter cell reads at photo coordinates rows x cols:
+        (B, channels, h, w).
 
         inverse: (B, 3, 3), homography from ideal photo to image coordinates.
         """
         sight = look_at_panel(rows, cols, inverse, accuracy, shot)
-        return torch.stack([self.read(screen, channel, sight, shot) for channel in site.channels], 1)
+        return torch.stack(
+            [self.read(screen, channel, sight, shot) for channel in site.channels], 1
+        )
 
     @abstractmethod
     def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
@@ -104,25 +120,30 @@ class SmoothExposure(Exposure):
 
 
 class BySubpixel(SmoothExposure):
-    """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of the view filled."""
+    """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of
+    the view filled."""
 
     def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
         total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
         for subpixel in layout.of(channel):
-            x, y = (along_axis(axis, subpixel, layout.period, sight, shot, screen) for axis in (0, 1))
+            x, y = (
+                along_axis(axis, subpixel, layout.period, sight, shot, screen) for axis in (0, 1)
+            )
             through = self.transmission(x, y, subpixel, layout.period, sight, shot)
             total = total + panel_pixels(screen, channel, x, y, subpixel, layout.period) * through
         return total
 
     @abstractmethod
-    def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
+    def transmission(
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot
+    ) -> Tensor:
         """Return the share of the view that the subpixels fill, (B, h, w)."""
 
 
 class Spectral(BySubpixel):
-    """The panel's harmonics, each weighted by its modulation transfer: exact in the aperture, the lens and the view's
-    local scale."""
+    """The panel's harmonics, each weighted by its modulation transfer: exact in the aperture, the
+    lens and the view's local scale."""
 
     name = "spectral"
     reason = "harmonics by their modulation transfer"
@@ -131,7 +152,9 @@ class Spectral(BySubpixel):
         super().__init__(taps, fine=fine)
         self.harmonics = harmonics
 
-    def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
+    def transmission(
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot
+    ) -> Tensor:
         dtype, optics = x.share[0].dtype, optics_of(shot)
         optics = Optics(*(t.to(dtype) for t in optics))
         width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
@@ -147,13 +170,15 @@ class Spectral(BySubpixel):
 
 
 class Box(BySubpixel):
-    """The overlap of aperture and subpixels along x and y apart: exact where the view is upright. For screens that are
-    magnified beyond what a series can follow."""
+    """The overlap of aperture and subpixels along x and y apart: exact where the view is upright.
+    For screens that are magnified beyond what a series can follow."""
 
     name = "box"
     reason = "the overlap of subpixel and aperture"
 
-    def transmission(self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot) -> Tensor:
+    def transmission(
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot
+    ) -> Tensor:
         return covered(x) * covered(y)
 
 
@@ -165,7 +190,9 @@ class Mean(SmoothExposure):
 
     def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
-        share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)[:, None, None]
+        share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)[
+            :, None, None
+        ]
         x, y = (along_axis(axis, WHOLE_PIXEL, (1, 1), sight, shot, screen) for axis in (0, 1))
         return panel_pixels(screen, channel, x, y, WHOLE_PIXEL, (1, 1)) * share
 
@@ -175,7 +202,8 @@ def wave(k: int, axis: int, along: AlongAxis, period: tuple[int, int], sight: Si
     dtype = along.share[0].dtype
     fu, fv = (sight.step[..., axis, :] * (k / period[axis])).to(dtype).unbind(-1)
     cycles = k * along.cells
-    # whole cycles are dropped before the cast, so that the phase keeps its digits far from the origin
+    # whole cycles are dropped before the cast, so that the phase keeps its digits far from the
+    # origin
     phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
     return Wave(fu, fv, torch.cos(phase), torch.sin(phase))
 
@@ -188,7 +216,9 @@ def bands_of(light: Tensor, shot) -> int:
     return min(MOST_BANDS, 1 + readings // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
 
 
-def look_at_panel(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot) -> Sight:
+def look_at_panel(
+    rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot
+) -> Sight:
     """Return where the sensor pixels at photo coordinates rows x cols look."""
     alpha = shot.panel.scale[:, None, None, None]
     points = grids.grid(rows, cols)
@@ -202,12 +232,18 @@ def look_at_panel(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.d
 def extent(
     subpixel: Subpixel, period: tuple[int, int], axis: int, width: Tensor, height: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Return a subpixel's width along one axis and the variance that its slant adds, in cells; (B,) each."""
-    edges = [(subpixel.across[axis] * width).abs() / period[axis], (subpixel.down[axis] * height).abs() / period[axis]]
+    """Return a subpixel's width along one axis and the variance that its slant adds, in cells; (B,)
+    each."""
+    edges = [
+        (subpixel.across[axis] * width).abs() / period[axis],
+        (subpixel.down[axis] * height).abs() / period[axis],
+    ]
     return torch.maximum(*edges), torch.minimum(*edges).square() / 12
 
 
-def along_axis(axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Sight, shot, screen: Screen) -> AlongAxis:
+def along_axis(
+    axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Sight, shot, screen: Screen
+) -> AlongAxis:
     """Return one kind of subpixel along x (axis 0) or y (axis 1)."""
     taps, dtype = screen.taps, screen.light.dtype
     cells = (sight.position[..., axis] - subpixel.centre[axis]) / period[axis]
@@ -232,15 +268,20 @@ def along_axis(axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Si
     lit = []
     for k in range(-(taps // 2), taps // 2 + 1):
         at = (nearest + k) * period[axis] + subpixel.pixel[axis]
-        lit.append(torch.where(lost > 0, whole.clamp(min=0), ((at >= 0) & (at < ends)).double()).to(dtype))
+        lit.append(
+            torch.where(lost > 0, whole.clamp(min=0), ((at >= 0) & (at < ends)).double()).to(dtype)
+        )
     return found._replace(lit=lit)
 
 
 def covered(along: AlongAxis) -> Tensor:
-    """Return the share of a view that subpixels fill along one axis, (B, h, w); the tails past the taps, too."""
+    """Return the share of a view that subpixels fill along one axis, (B, h, w); the tails past the
+    taps, too."""
     every = 4 * len(along.share) + 1
     from_nearest = (along.cells - along.nearest).to(along.width.dtype)
-    return _added(content.shares(from_nearest, along.seen, along.width, every)).to(along.share[0].dtype)
+    return _added(content.shares(from_nearest, along.seen, along.width, every)).to(
+        along.share[0].dtype
+    )
 
 
 def _added(terms: Iterable[Tensor]) -> Tensor:
@@ -248,13 +289,18 @@ def _added(terms: Iterable[Tensor]) -> Tensor:
     return functools.reduce(torch.add, terms)
 
 
-def panel_pixels(screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period) -> Tensor:
+def panel_pixels(
+    screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period
+) -> Tensor:
     """Return the panel pixels that the subpixels around show, weighted by their shares: (B, h, w).
 
     In a photo that stays in the camera's frame it is dark past the picture.
     """
-    across = x.share if x.lit is None else [share * lit for share, lit in zip(x.share, x.lit, strict=True)]
-    down = y.share if y.lit is None else [share * lit for share, lit in zip(y.share, y.lit, strict=True)]
+    across, down = x.share, y.share
+    if x.lit is not None:
+        across = [share * lit for share, lit in zip(across, x.lit, strict=True)]
+    if y.lit is not None:
+        down = [share * lit for share, lit in zip(down, y.lit, strict=True)]
     column, row = (
         (along.nearest - screen.taps // 2) * period[axis] + math.floor(subpixel.pixel[axis])
         for axis, along in enumerate((x, y))

@@ -1,1 +1,2 @@
-"""Where a sensor pixel looks: homography, lens distortion, sampling grids and their Jacobians. Tensors only."""
+"""Where a sensor pixel looks: homography, lens distortion, sampling grids and their Jacobians.
+Tensors only."""

@@ -1,4 +1,5 @@
-"""Sampling grids: where on the screen do points of a photo look, how large is what they see, and the way back."""
+"""Sampling grids: where on the screen do points of a photo look, how large is what they see, and
+the way back."""
 
 from __future__ import annotations
 
@@ -9,12 +10,14 @@ from torch import Tensor
 from moireaug.geometry.distortion import inverse_radial_factor, radial_factor
 from moireaug.geometry.homography import apply_homography
 
-NEAR_HORIZON = 1e-3  # rays that see the screen more than a thousand times as far as its centre look past it
+# rays that see the screen more than a thousand times as far as its centre look past it
+NEAR_HORIZON = 1e-3
 Lens = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
 
 
 def grid(rows: Tensor, cols: Tensor) -> Tensor:
-    """Return the points of `rows` x `cols`, x then y: (h,) and (w,), or (B, h) and (B, w), to (B or 1, h, w, 2)."""
+    """Return the points of `rows` x `cols`, x then y: (h,) and (w,), or (B, h) and (B, w), to (B or
+    1, h, w, 2)."""
     points = _planar(*torch.broadcast_tensors(cols[..., None, :], rows[..., :, None]))
     return points if points.ndim == 4 else points[None]
 
@@ -26,15 +29,18 @@ def pixel_centres(size: tuple[int, int], device: torch.device) -> Tensor:
 
 
 def look_up(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Return a picture (B, C, H, W) at coordinates x, y (B, h, w): (B, C, h, w). Bilinear between pixel centres, and
-    the outermost pixel past the edges."""
+    """Return a picture (B, C, H, W) at coordinates x, y (B, h, w): (B, C, h, w). Bilinear between
+    pixel centres, and the outermost pixel past the edges."""
     h, w = picture.shape[-2:]
     at = torch.stack((x * (2 / w) - 1, y * (2 / h) - 1), -1).to(picture.dtype)
     return F.grid_sample(picture, at, padding_mode="border", align_corners=False)
 
 
-def photo_to_image(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
-    """Return where photo points (B or 1, h, w, 2) look on the screen, in image coordinates: (B, h, w, 2).
+def photo_to_image(
+    points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None
+) -> Tensor:
+    """Return where photo points (B or 1, h, w, 2) look on the screen, in image coordinates:
+    (B, h, w, 2).
 
     Rays at and past the horizon land far outside of the picture. Differentiable.
 
@@ -49,7 +55,8 @@ def photo_to_image(points: Tensor, inverse: Tensor, size: tuple[int, int], lens:
 
 
 def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
-    """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), last over u and v."""
+    """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), last
+    over u and v."""
     p = points - _centre(points, size)
     x, y, depth = _lift(_through_lens(p, size, lens), inverse, size)
     m = _entries(inverse, size)
@@ -71,8 +78,11 @@ def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens 
     return torch.stack(found).movedim(0, -2)
 
 
-def image_to_photo(points: Tensor, matrix: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
-    """Return where image points (B, N, 2) lie in the photo, through homography (B, 3, 3) and lens. Differentiable."""
+def image_to_photo(
+    points: Tensor, matrix: Tensor, size: tuple[int, int], lens: Lens | None
+) -> Tensor:
+    """Return where image points (B, N, 2) lie in the photo, through homography (B, 3, 3) and lens.
+    Differentiable."""
     seen = apply_homography(matrix, points)
     if lens is None:
         return seen
@@ -98,15 +108,16 @@ def _through_lens(p: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor
 
 
 def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Ideal points, measured from the centre, to homogeneous image coordinates x, y and depth, (B, h, w) each; rays at
-    and past the horizon have the depth just before it."""
+    """Ideal points, measured from the centre, to homogeneous image coordinates x, y and depth,
+    (B, h, w) each; rays at and past the horizon have the depth just before it."""
     u, v = ideal.unbind(-1)
     x, y, depth = (a * u + b * v + c for a, b, c in _entries(inverse, size))
     return x, y, depth.clamp(min=NEAR_HORIZON)
 
 
 def _entries(inverse: Tensor, size: tuple[int, int]) -> list[list[Tensor]]:
-    """The entries, (B, 1, 1) each, of the homography (B, 3, 3) from ideal points, measured from the centre."""
+    """Return the entries, (B, 1, 1) each, of the homography (B, 3, 3) from ideal points, measured
+    from the centre."""
     m = (inverse @ _from_centre(inverse, size))[:, None, None]
     return [[m[..., i, j] for j in range(3)] for i in range(3)]
 

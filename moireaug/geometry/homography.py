@@ -1,8 +1,9 @@
 """The pose of the screen before the camera, as a homography from image to ideal photo coordinates.
 
-Convention: continuous coordinates, pixel centres at half integers, x right, y down. *Image* coordinates span
-[0, W] x [0, H] on the picture that is shown, *photo* coordinates [0, W] x [0, H] on the photo. The homography maps
-image to ideal (pinhole) photo coordinates. Everything is float64, differentiable in every field, and fields are (B,).
+Convention: continuous coordinates, pixel centres at half integers, x right, y down. *Image*
+coordinates span [0, W] x [0, H] on the picture that is shown, *photo* coordinates [0, W] x [0, H]
+on the photo. The homography maps image to ideal (pinhole) photo coordinates. Everything is float64,
+differentiable in every field, and fields are (B,).
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from moireaug.geometry.distortion import radial_factor
 FAR_AWAY = 1e9  # where points behind the camera are put
 AHEAD = 1e-9  # depth from which a point counts as before the camera
 STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-BORDER = [(x, y) for x in STEPS for y in STEPS if max(abs(x), abs(y)) == 1]  # of a picture, in halves of its sides
+# of a picture, in halves of its sides
+BORDER = [(x, y) for x in STEPS for y in STEPS if max(abs(x), abs(y)) == 1]
 
 
 def _matrix(rows: Sequence[Sequence[Tensor | float]], like: Tensor) -> Tensor:
@@ -29,8 +31,11 @@ def _matrix(rows: Sequence[Sequence[Tensor | float]], like: Tensor) -> Tensor:
 
 
 def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor, ...]:
-    """Return what a point (x, y) of the screen's plane becomes: x, y and depth as pairs of coefficients of x and y."""
-    (sy, cy), (sp, cp), (sr, cr) = ((torch.sin(a), torch.cos(a)) for a in map(torch.deg2rad, (yaw, pitch, roll)))
+    """Return what a point (x, y) of the screen's plane becomes: x, y and depth as pairs of
+    coefficients of x and y."""
+    (sy, cy), (sp, cp), (sr, cr) = (
+        (torch.sin(a), torch.cos(a)) for a in map(torch.deg2rad, (yaw, pitch, roll))
+    )
     across = (cy * cr, cy * sr)
     down = (sp * sy * cr - cp * sr, sp * sy * sr + cp * cr)
     depth = (cp * sy * cr + sp * sr, cp * sy * sr - sp * cr)
@@ -38,7 +43,8 @@ def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor,
 
 
 def camera_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
-    """Return a pinhole camera before zoom, fit and shift: homography (B, 3, 3) about the centres of image and photo."""
+    """Return a pinhole camera before zoom, fit and shift: homography (B, 3, 3) about the centres of
+    image and photo."""
     xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
     diagonal = (size[0] ** 2 + size[1] ** 2) ** 0.5
     f = diagonal / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
@@ -46,18 +52,20 @@ def camera_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) ->
 
 
 def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
-    """Return the homography of the paper's released code, M = A2 T RX RY RZ A1, in indices of the sensor's raster.
+    """Return the homography of the paper's released code, M = A2 T RX RY RZ A1, in indices of the
+    sensor's raster.
 
-    The focal length is d / (2 sin gamma), and d where sin gamma = 0, d being the raster's diagonal; a negative one is
-    used as it is. There gamma turns clockwise and theta moves the lower edge away: gamma = -roll,
-    theta = -pitch and phi = yaw.
+    The focal length is d / (2 sin gamma), and d where sin gamma = 0, d being the raster's diagonal;
+    a negative one is used as it is. There gamma turns clockwise and theta moves the lower edge
+    away: gamma = -roll, theta = -pitch and phi = yaw.
     """
     theta, phi, gamma = (torch.deg2rad(a) for a in (-view["pitch"], view["yaw"], -view["roll"]))
     h, w = size[0] * scale, size[1] * scale
     one, zero = torch.ones_like(gamma), torch.zeros_like(gamma)
     sin_gamma = torch.sin(gamma)
     frontal = sin_gamma == 0
-    f = torch.where(frontal, one, 0.5 / torch.where(frontal, one, sin_gamma)) * (h * h + w * w) ** 0.5
+    diagonal = (h * h + w * w) ** 0.5
+    f = torch.where(frontal, one, 0.5 / torch.where(frontal, one, sin_gamma)) * diagonal
 
     def turn(angle: Tensor, a: int, b: int) -> Tensor:
         entries = [[one if i == j else zero for j in range(4)] for i in range(4)]
@@ -69,10 +77,12 @@ def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) 
     t = _matrix([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, f], [0, 0, 0, 1.0]], gamma)
     a2 = _matrix([[f, 0, w / 2, 0], [0, f, h / 2, 0], [0, 0, 1.0, 0]], gamma)
     m = a2 @ t @ turn(theta, 1, 2) @ turn(phi, 0, 2) @ turn(gamma, 0, 1) @ a1
-    # index coordinates of the raster are scale * (x - centre) + scale * centre - 1/2 in centred image coordinates
+    # index coordinates of the raster are scale * (x - centre) + scale * centre - 1/2 in centred
+    # image coordinates
     to_index = _matrix([[scale, 0, w / 2 - 0.5], [0, scale, h / 2 - 0.5], [0, 0, 1.0]], gamma)
     to_index_inverse = _matrix(
-        [[1 / scale, 0, (0.5 - w / 2) / scale], [0, 1 / scale, (0.5 - h / 2) / scale], [0, 0, 1.0]], gamma
+        [[1 / scale, 0, (0.5 - w / 2) / scale], [0, 1 / scale, (0.5 - h / 2) / scale], [0, 0, 1.0]],
+        gamma,
     )
     m = to_index_inverse @ m @ to_index
     return m / m[:, 2:, 2:]  # depth positive in the centre, whatever the sign of the focal length
@@ -108,7 +118,9 @@ def homography(
     h, w = size
     if pose == "camera":
         zoom = view["zoom"] * (_fitting_zoom(m, k1, k2, size) if fit else 1.0)
-        place = _matrix([[zoom, 0, view["shift_x"] * w], [0, zoom, view["shift_y"] * h], [0, 0, 1.0]], zoom)
+        place = _matrix(
+            [[zoom, 0, view["shift_x"] * w], [0, zoom, view["shift_y"] * h], [0, 0, 1.0]], zoom
+        )
         m = place @ m
     centre = m.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
     back = m.new_tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
@@ -116,7 +128,8 @@ def homography(
 
 
 def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> Tensor:
-    """Return the greatest magnification at which the picture's border still lies inside the photo, (B,)."""
+    """Return the greatest magnification at which the picture's border still lies inside the photo,
+    (B,)."""
     half = m.new_tensor([size[1] / 2, size[0] / 2])
     seen = apply_homography(m, (m.new_tensor(BORDER) * half).expand(m.shape[0], -1, -1))
     to_edge = 1 / (seen / half).abs().amax(-1)  # along the ray through each point, (B, 16)
@@ -125,7 +138,8 @@ def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> T
 
 
 def apply_homography(m: Tensor, points: Tensor) -> Tensor:
-    """Return points (B, N, 2) through (B, 3, 3). Points behind the camera land far away, never on the photo.
+    """Return points (B, N, 2) through (B, 3, 3). Points behind the camera land far away, never on
+    the photo.
 
     kornia's `transform_points` mirrors these to its front.
     """

@@ -1,7 +1,7 @@
 """The sensor's lattice: which of its pixels a photo reads, and which colour each has.
 
-Raw readings of a Bayer sensor are kept packed, `(B, 4, h / 2, w / 2)`, in the order R, G, G, B of the RGGB cell; those
-of a sensor without colour filters are `(B, 3, h, w)`.
+Raw readings of a Bayer sensor are kept packed, `(B, 4, h / 2, w / 2)`, in the order R, G, G, B of
+the RGGB cell; those of a sensor without colour filters are `(B, 3, h, w)`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ class SampledPixels:
 
     @property
     def kept(self) -> slice:
-        """Of the pixels that are read, those that photo pixels are made of; the others fill up filter cells."""
+        """Of the pixels that are read, those that photo pixels are made of; the others fill up
+        filter cells."""
         count = self.size * self.step if self.step else max(1, round(self.size * self.scale))
         return slice(self.lead, self.lead + count)
 
@@ -78,8 +79,9 @@ class SampledPixels:
 def sampled_pixels(size: int, scale: float, resize: str, reach: int) -> SampledPixels:
     """Return what must be read of one axis so that `size` photo pixels can be developed.
 
-    A point resize looks at 1 (odd scale) or 2 (even scale) pixels of each axis in a photo pixel's centre, and
-    demosaicing `reach` pixels around them; a reach of 0 is a sensor without a cell. No other pixel is ever exposed.
+    A point resize looks at 1 (odd scale) or 2 (even scale) pixels of each axis in a photo pixel's
+    centre, and demosaicing `reach` pixels around them; a reach of 0 is a sensor without a cell. No
+    other pixel is ever exposed.
     """
     whole, side = float(scale).is_integer(), 2 if reach else 1
     step = (1 if scale % 2 else 2) + 2 * reach

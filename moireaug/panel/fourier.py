@@ -9,16 +9,24 @@ from moireaug.scene.layout import Layout, Subpixel
 
 
 def coefficient(
-    subpixel: Subpixel, period: tuple[int, int], k: Tensor | float, l: Tensor | float, width: Tensor, height: Tensor
+    subpixel: Subpixel,
+    period: tuple[int, int],
+    k: Tensor | float,
+    l: Tensor | float,
+    width: Tensor,
+    height: Tensor,
 ) -> Tensor:
-    """Return the Fourier coefficient (k, l) of a subpixel's mask about the subpixel's own centre: real.
+    """Return the Fourier coefficient (k, l) of a subpixel's mask about the subpixel's own centre:
+    real.
 
-    1 / (Px Py) * integral of mask(x, y) exp(-2 pi i (k x / Px + l y / Py)), which for a parallelogram is its share of
-    the cell times a sinc along each edge. For the RGB stripe: sin(pi k / 3) / (pi k).
+    1 / (Px Py) * integral of mask(x, y) exp(-2 pi i (k x / Px + l y / Py)), which for a
+    parallelogram is its share of the cell times a sinc along each edge. For the RGB stripe: sin(pi
+    k / 3) / (pi k).
 
     Args:
         k, l: harmonics, numbers or tensors.
-        width, height: shares of its two edges that emit, from `emitting_share`; the rest is black matrix.
+        width, height: shares of its two edges that emit, from `emitting_share`; the rest is black
+            matrix.
     """
     (px, py), (ax, ay), (dx, dy) = period, subpixel.across, subpixel.down
     along = torch.sinc((k * (ax / px) + l * (ay / py)) * width)

@@ -7,15 +7,21 @@ from torch import Tensor
 from moireaug.scene.layout import Subpixel
 
 
-def cell_of(subpixel: Subpixel, period: tuple[int, int], x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Return which copy of a subpixel is nearest to panel position (x, y): whole cells along both axes."""
+def cell_of(
+    subpixel: Subpixel, period: tuple[int, int], x: Tensor, y: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Return which copy of a subpixel is nearest to panel position (x, y): whole cells along both
+    axes."""
     across = ((x - subpixel.centre[0]) / period[0]).round()
     down = ((y - subpixel.centre[1]) / period[1]).round()
     return across, down
 
 
-def emits(subpixel: Subpixel, period: tuple[int, int], x: Tensor, y: Tensor, width: Tensor, height: Tensor) -> Tensor:
-    """Return 1 where a copy of a subpixel emits at panel position (x, y), in panel pixels, else 0. Not differentiable.
+def emits(
+    subpixel: Subpixel, period: tuple[int, int], x: Tensor, y: Tensor, width: Tensor, height: Tensor
+) -> Tensor:
+    """Return 1 where a copy of a subpixel emits at panel position (x, y), in panel pixels, else 0.
+    Not differentiable.
 
     Args:
         width, height: shares of its two edges that emit, as from `fourier.emitting_share`.

@@ -1,4 +1,5 @@
-"""Fields of a scene: numbers or ranges with bounds, checked at construction, and sentences for what is refused."""
+"""Fields of a scene: numbers or ranges with bounds, checked at construction, and sentences for what
+is refused."""
 
 from __future__ import annotations
 
@@ -13,12 +14,13 @@ Range = float | tuple[float, float]
 
 
 def ranged(default: Range, low: float, high: float, unit: str = "") -> Any:
-    """A field that is a number or a `(low, high)` pair inside the given bounds."""
+    """Declare a field that is a number or a `(low, high)` pair inside the given bounds."""
     return field(default=default, metadata={"low": low, "high": high, "unit": unit})
 
 
 def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
-    """Return `got` if it is allowed; otherwise a ValueError that lists what is, the closest first."""
+    """Return `got` if it is allowed; otherwise a ValueError that lists what is, the closest
+    first."""
     allowed = tuple(allowed)
     if isinstance(got, str) and got in allowed:
         return got
@@ -28,6 +30,7 @@ def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
 
 
 def check_number(name: str, value: object, low: float, high: float, unit: str) -> float:
+    """Return a finite number of [low, high] as a float, and refuse anything else in a sentence."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a number or a (low, high) pair of numbers; got {value!r}.")
     try:
@@ -35,12 +38,15 @@ def check_number(name: str, value: object, low: float, high: float, unit: str) -
     except OverflowError:
         number = math.inf
     if not math.isfinite(number) or number < low or number > high:
-        raise ValueError(f"{name} must lie in [{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}.")
+        raise ValueError(
+            f"{name} must lie in [{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}."
+        )
     return number
 
 
 class Part:
-    """Checks every ranged field at construction; drawn records (fields that have a shape) pass unchecked.
+    """Checks every ranged field at construction; drawn records (fields that have a shape) pass
+    unchecked.
 
     `ranged` names a class's ranged fields, in the order in which they are drawn.
     """
@@ -69,11 +75,14 @@ class Part:
             if isinstance(value, (tuple, list)):
                 if len(value) != 2:
                     raise ValueError(
-                        f"{name} must be a number or a (low, high) pair; got {len(value)} values: {value!r}."
+                        f"{name} must be a number or a (low, high) pair; got {len(value)} values: "
+                        f"{value!r}."
                     )
                 low, high = (check_number(name, v, **bounds) for v in value)
                 if low > high:
-                    raise ValueError(f"{name} must be a (low, high) pair with low <= high; got {value!r}.")
+                    raise ValueError(
+                        f"{name} must be a (low, high) pair with low <= high; got {value!r}."
+                    )
                 value = low if low == high else (low, high)
             else:
                 value = check_number(name, value, **bounds)
@@ -81,7 +90,7 @@ class Part:
 
 
 def ranged_fields(part: Part) -> tuple[str, ...]:
-    """The names of a part's ranged fields, in the order in which they are drawn."""
+    """Return the names of a part's ranged fields, in the order in which they are drawn."""
     return part.ranged
 
 

@@ -15,7 +15,8 @@ Vector = tuple[float, float]
 
 @dataclass(frozen=True)
 class Subpixel:
-    """A parallelogram that emits one channel, in panel pixels from the cell's upper left corner, x right, y down.
+    """A parallelogram that emits one channel, in panel pixels from the cell's upper left corner, x
+    right, y down.
 
     Args:
         channel: 0 red, 1 green, 2 blue.
@@ -43,7 +44,7 @@ class Subpixel:
         return math.floor(self.centre[0]) + 0.5, math.floor(self.centre[1]) + 0.5
 
     def corners(self) -> list[Vector]:
-        """The four corners, in order around it."""
+        """Return the four corners, in order around it."""
         (cx, cy), (ax, ay), (dx, dy) = self.centre, self.across, self.down
         turns = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
         return [(cx + s * ax + t * dx, cy + s * ay + t * dy) for s, t in turns]
@@ -56,14 +57,16 @@ class Layout:
         Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 0.5), (2, 0.5, 0.5, 1, 1))))
 
     Args:
-        subpixels: each `(channel, x0, y0, x1, y1)`, a rectangle, or `(channel, cx, cy, ax, ay, dx, dy)`, a
-            parallelogram by its centre and two edge vectors, which may reach into the next cell. Channel 0 is red,
-            1 green, 2 blue; lengths in panel pixels from the cell's upper left corner, x right, y down. Subpixels of
-            one channel must not overlap.
+        subpixels: each `(channel, x0, y0, x1, y1)`, a rectangle, or
+            `(channel, cx, cy, ax, ay, dx, dy)`, a parallelogram by its centre and two edge vectors,
+            which may reach into the next cell. Channel 0 is red, 1 green, 2 blue; lengths in panel
+            pixels from the cell's upper left corner, x right, y down. Subpixels of one channel must
+            not overlap.
         period: width and height of the cell, in whole panel pixels.
 
     Raises:
-        ValueError, TypeError: a subpixel that is empty or leaves the cell, an unknown channel, no subpixel at all.
+        ValueError, TypeError: a subpixel that is empty or leaves the cell, an unknown channel, no
+            subpixel at all.
     """
 
     subpixels: tuple[tuple[float, ...], ...]
@@ -75,10 +78,15 @@ class Layout:
                 raise TypeError(f"Layout.{name} must be a tuple; got {getattr(self, name)!r}.")
         period = tuple(self.period)
         if len(period) != 2 or any(type(p) is not int or not 1 <= p <= 16 for p in period):
-            raise ValueError(f"Layout.period must be two whole numbers of panel pixels in [1, 16]; got {period}.")
+            raise ValueError(
+                f"Layout.period must be two whole numbers of panel pixels in [1, 16]; got {period}."
+            )
         object.__setattr__(self, "period", period)
         if not self.subpixels:
-            raise ValueError("Layout.subpixels must hold at least one (channel, x0, y0, x1, y1) rectangle; got none.")
+            raise ValueError(
+                "Layout.subpixels must hold at least one (channel, x0, y0, x1, y1) rectangle; got "
+                "none."
+            )
         checked = tuple(_checked(numbers, period) for numbers in self.subpixels)
         object.__setattr__(self, "subpixels", checked)
         _check_overlaps(self)
@@ -99,7 +107,8 @@ class Layout:
 
     @property
     def raster(self) -> int:
-        """Raster subpixels along each side of a panel pixel, as few as the subpixels fill evenly; at most 24."""
+        """Raster subpixels along each side of a panel pixel, as few as the subpixels fill evenly;
+        at most 24."""
         edges = [v for s in self.all() for corner in s.corners() for v in corner]
         for n in range(1, MOST_RASTER + 1):
             if all(abs(e * n - round(e * n)) < 1e-6 for e in edges):
@@ -110,33 +119,41 @@ class Layout:
 def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
     """One subpixel's numbers, or a sentence for what is wrong with them."""
     numbers = tuple(numbers)
-    if len(numbers) not in (5, 7) or any(isinstance(v, bool) or not isinstance(v, Real) for v in numbers):
+    strange = [v for v in numbers if isinstance(v, bool) or not isinstance(v, Real)]
+    if len(numbers) not in (5, 7) or strange:
         raise TypeError(
-            "Layout.subpixels must be (channel, x0, y0, x1, y1) rectangles or (channel, cx, cy, ax, ay, dx, dy) "
-            f"parallelograms, all numbers; got {numbers!r}."
+            "Layout.subpixels must be (channel, x0, y0, x1, y1) rectangles or (channel, cx, cy, "
+            f"ax, ay, dx, dy) parallelograms, all numbers; got {numbers!r}."
         )
     if numbers[0] not in (RED, GREEN, BLUE):
         raise ValueError(
-            f"a subpixel's channel must be 0 (red), 1 (green) or 2 (blue); got {numbers[0]!r} in {numbers!r}."
+            f"a subpixel's channel must be 0 (red), 1 (green) or 2 (blue); got {numbers[0]!r} in "
+            f"{numbers!r}."
         )
     subpixel = _subpixel(numbers)
     if len(numbers) == 5:
         _, x0, y0, x1, y1 = numbers
         if not (0 <= x0 < x1 <= period[0] and 0 <= y0 < y1 <= period[1]):
             raise ValueError(
-                f"a subpixel must have x0 < x1 and y0 < y1 inside its cell of {period[0]} x {period[1]} panel pixels; "
-                f"got {numbers!r}."
+                f"a subpixel must have x0 < x1 and y0 < y1 inside its cell of {period[0]} x "
+                f"{period[1]} panel pixels; got {numbers!r}."
             )
         return (int(numbers[0]), *numbers[1:])
     for axis, name in enumerate(("wide", "high")):
         along = [corner[axis] for corner in subpixel.corners()]
-        if not (0 <= subpixel.centre[axis] <= period[axis] and max(along) - min(along) <= period[axis] + 1e-9):
+        if not (
+            0 <= subpixel.centre[axis] <= period[axis]
+            and max(along) - min(along) <= period[axis] + 1e-9
+        ):
             raise ValueError(
-                f"a parallelogram must have its centre in its cell and be no larger than it; got {numbers!r}, "
-                f"{max(along) - min(along):g} panel pixels {name} in a cell of {period[0]} x {period[1]}."
+                "a parallelogram must have its centre in its cell and be no larger than it; got "
+                f"{numbers!r}, {max(along) - min(along):g} panel pixels {name} in a cell of "
+                f"{period[0]} x {period[1]}."
             )
     if subpixel.area == 0:
-        raise ValueError(f"a parallelogram must have an area: its edges must not be parallel; got {numbers!r}.")
+        raise ValueError(
+            f"a parallelogram must have an area: its edges must not be parallel; got {numbers!r}."
+        )
     return (int(numbers[0]), *numbers[1:])
 
 
@@ -146,7 +163,12 @@ def _subpixel(numbers: tuple[float, ...]) -> Subpixel:
         return Subpixel(int(channel), (cx, cy), (ax, ay), (dx, dy))
     channel, x0, y0, x1, y1 = numbers
     # rounded, so that three thirds have one width
-    return Subpixel(int(channel), ((x0 + x1) / 2, (y0 + y1) / 2), (round(x1 - x0, 12), 0.0), (0.0, round(y1 - y0, 12)))
+    return Subpixel(
+        int(channel),
+        ((x0 + x1) / 2, (y0 + y1) / 2),
+        (round(x1 - x0, 12), 0.0),
+        (0.0, round(y1 - y0, 12)),
+    )
 
 
 def _check_overlaps(layout: Layout) -> None:
@@ -156,11 +178,13 @@ def _check_overlaps(layout: Layout) -> None:
             for b in rows[:i]:
                 for copy in _copies(_subpixel(b), layout.period):
                     if _overlap(_subpixel(a), copy):
-                        raise ValueError(f"subpixels of one channel must not overlap; got {b!r} and {a!r}.")
+                        raise ValueError(
+                            f"subpixels of one channel must not overlap; got {b!r} and {a!r}."
+                        )
 
 
 def _copies(subpixel: Subpixel, period: tuple[int, int]) -> Iterator[Subpixel]:
-    """A subpixel and its copies in the cells around."""
+    """Yield a subpixel and its copies in the cells around."""
     cx, cy = subpixel.centre
     for right in (-period[0], 0, period[0]):
         for down in (-period[1], 0, period[1]):
@@ -199,10 +223,16 @@ LAYOUTS: dict[str, Layout] = {
     "bgr_stripe": stripes(BLUE, GREEN, RED),
     # a stripe panel turned on its side: each pixel is a column of three bars
     "rgb_column": Layout(tuple((c, 0.0, c / 3, 1.0, (c + 1) / 3) for c in (RED, GREEN, BLUE))),
-    # PenTile RGBG: two pixels share a red and a blue subpixel, twice as wide as each pixel's own green
-    "pentile": Layout(((0, 0, 0, 2 / 3, 1), (1, 2 / 3, 0, 1, 1), (2, 1, 0, 5 / 3, 1), (1, 5 / 3, 0, 2, 1)), (2, 1)),
+    # PenTile RGBG: two pixels share a red and a blue subpixel, twice as wide as each pixel's own
+    # green
+    "pentile": Layout(
+        ((0, 0, 0, 2 / 3, 1), (1, 2 / 3, 0, 1, 1), (2, 1, 0, 5 / 3, 1), (1, 5 / 3, 0, 2, 1)), (2, 1)
+    ),
     # one package with three dies one above the other, as in surface-mounted LEDs
-    "led": Layout(tuple((c, 0.25, 0.25 + c / 6, 0.75, 0.25 + (c + 1) / 6) for c in (RED, GREEN, BLUE))),
-    # every pixel emits all colours over its whole area, as a print or a projection does: no moiré unless lit < 1
+    "led": Layout(
+        tuple((c, 0.25, 0.25 + c / 6, 0.75, 0.25 + (c + 1) / 6) for c in (RED, GREEN, BLUE))
+    ),
+    # every pixel emits all colours over its whole area, as a print or a projection does: no moiré
+    # unless lit < 1
     "even": Layout(tuple((c, 0.0, 0.0, 1.0, 1.0) for c in (RED, GREEN, BLUE))),
 }

@@ -1,4 +1,5 @@
-"""The five parts of a scene: panel, view, lens, sensor, develop. Plain numbers and ranges, checked; no tensors."""
+"""The five parts of a scene: panel, view, lens, sensor, develop. Plain numbers and ranges, checked;
+no tensors."""
 
 from __future__ import annotations
 
@@ -22,15 +23,16 @@ class Panel(Part):
     """The screen.
 
     Args:
-        scale: panel pixels per image pixel, along each axis (the paper's alpha). A range. A panel of fewer pixels than
-            the picture shows it antialiased.
-        layout: how a panel pixel is made of subpixels: a key of `moireaug.scene.layout.LAYOUTS`, or a `Layout`, a unit
-            cell of your own.
-        lit: share of each subpixel's area that emits, the rest being black matrix on both axes alike. A range.
-        lit_x, lit_y: shares of its width and of its height that emit besides: `lit_y=0.8` is a panel whose rows have
-            gaps. Ranges.
-        pwm: frequency of the pulse-width modulation that dims it, in hertz; 0 is a steady light. A range. Seen where
-            the sensor has a `shutter`.
+        scale: panel pixels per image pixel, along each axis (the paper's alpha). A range. A panel
+            of fewer pixels than the picture shows it antialiased.
+        layout: how a panel pixel is made of subpixels: a key of `moireaug.scene.layout.LAYOUTS`, or
+            a `Layout`, a unit cell of your own.
+        lit: share of each subpixel's area that emits, the rest being black matrix on both axes
+            alike. A range.
+        lit_x, lit_y: shares of its width and of its height that emit besides: `lit_y=0.8` is a
+            panel whose rows have gaps. Ranges.
+        pwm: frequency of the pulse-width modulation that dims it, in hertz; 0 is a steady light. A
+            range. Seen where the sensor has a `shutter`.
         duty: share of a pulse's cycle during which the panel is on. A range.
         phase: of the pulses when the first row begins to expose, in cycles. A range.
     """
@@ -58,18 +60,23 @@ class Panel(Part):
 class View(Part):
     """Where the camera stands. All fields but `fit` and `pose` are ranges.
 
-    The angles turn the screen about its centre: first `roll` in its plane, then `yaw`, then `pitch`.
+    The angles turn the screen about its centre: first `roll` in its plane, then `yaw`, then
+    `pitch`.
 
     Args:
         yaw: degrees about the vertical axis; positive moves the right edge away from the camera.
-        pitch: degrees about the horizontal axis; positive moves the upper edge away from the camera.
+        pitch: degrees about the horizontal axis; positive moves the upper edge away from the
+            camera.
         roll: degrees in the image plane, counter-clockwise positive as seen in the photo.
         zoom: magnification of the picture in the photo; 1 is edge to edge when frontal.
-        shift_x, shift_y: shift of the picture in the photo, as a fraction of the photo's width and height.
-        fov: degrees of view that the picture's diagonal spans from the camera: a small value is a far camera.
+        shift_x, shift_y: shift of the picture in the photo, as a fraction of the photo's width and
+            height.
+        fov: degrees of view that the picture's diagonal spans from the camera: a small value is a
+            far camera.
         fit: step back until the whole picture is in the photo, before `zoom` and the shifts apply.
-        pose: "camera" is a pinhole camera as described; "released" is the homography of the paper's released code:
-            whole degrees, focal length tied to the roll (`fov`, `zoom` and the shifts are not read).
+        pose: "camera" is a pinhole camera as described; "released" is the homography of the paper's
+            released code: whole degrees, focal length tied to the roll (`fov`, `zoom` and the
+            shifts are not read).
     """
 
     yaw: Range = ranged(0.0, -89.0, 89.0, "degrees")
@@ -89,15 +96,17 @@ class View(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class Lens(Part):
-    """The optics. Both coefficients map photo to ideal coordinates, `ideal = p (1 + k1 r^2 + k2 r^4)`, r = 1 in the
-    photo's corners: a positive coefficient bends the photo like a barrel, a negative one like a pincushion.
+    """The optics. Both coefficients map photo to ideal coordinates,
+    `ideal = p (1 + k1 r^2 + k2 r^4)`, r = 1 in the photo's corners: a positive coefficient bends
+    the photo like a barrel, a negative one like a pincushion.
 
     Args:
         k1, k2: radial distortion. Ranges.
         blur: standard deviation of the Gaussian point spread, in sensor pixels. A range.
-        olpf: how far the sensor's optical low-pass filter parts the four pictures that it makes of one, along both
-            axes, in sensor pixels; 0 is no filter. A range.
-        vignetting: share of the light that is lost in the photo's corners, by the cosine to the fourth. A range.
+        olpf: how far the sensor's optical low-pass filter parts the four pictures that it makes of
+            one, along both axes, in sensor pixels; 0 is no filter. A range.
+        vignetting: share of the light that is lost in the photo's corners, by the cosine to the
+            fourth. A range.
     """
 
     k1: Range = ranged(0.0, -1.0, 1.0)
@@ -112,14 +121,16 @@ class Lens(Part):
             return
         for k1 in bounds(self.k1):
             for k2 in bounds(self.k2):
-                # the slope of r (1 + k1 r^2 + k2 r^4) on 0..1 is least at its ends or where its own slope is zero
+                # the slope of r (1 + k1 r^2 + k2 r^4) on 0..1 is least at its ends or where its own
+                # slope is zero
                 inner = [-3 * k1 / (10 * k2)] if k2 else []
                 slopes = [1 + 3 * k1 * t + 5 * k2 * t * t for t in (1.0, *inner) if 0 <= t <= 1]
                 if min(slopes) <= 0.05:
                     raise ValueError(
-                        f"Lens.k1 = {self.k1!r}, Lens.k2 = {self.k2!r} fold the photo onto itself before its corners: "
-                        f"1 + 3 k1 r^2 + 5 k2 r^4 must stay above 0.05 for r in [0, 1], and is {min(slopes):.3g} at "
-                        f"k1 = {k1:g}, k2 = {k2:g}. Bring the coefficients closer to 0."
+                        f"Lens.k1 = {self.k1!r}, Lens.k2 = {self.k2!r} fold the photo onto itself "
+                        "before its corners: 1 + 3 k1 r^2 + 5 k2 r^4 must stay above 0.05 for r in "
+                        f"[0, 1], and is {min(slopes):.3g} at k1 = {k1:g}, k2 = {k2:g}. Bring the "
+                        "coefficients closer to 0."
                     )
 
 
@@ -128,20 +139,24 @@ class Sensor(Part):
     """The sensor.
 
     Args:
-        scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the raw reading.
+        scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the
+            raw reading.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
         fill: width of the light-sensitive aperture as a share of the pixel pitch. A range.
-        exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the panel's harmonics;
-            "box", the overlap of subpixel and aperture; "supersample:n" (n * n samples a pixel); "point" (as the paper
-            does); "mean" (the panel's mean light alone: a screen without moiré, the control of every
-            experiment); or "auto": "spectral" where harmonics of up to order 32 carry all contrast above the scene's
-            tolerance and there are no more than 1024 of them, else "box".
+        exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the
+            panel's harmonics; "box", the overlap of subpixel and aperture; "supersample:n" (n * n
+            samples a pixel); "point" (as the paper does); "mean" (the panel's mean light alone: a
+            screen without moiré, the control of every experiment); or "auto": "spectral" where
+            harmonics of up to order 32 carry all contrast above the scene's tolerance and there are
+            no more than 1024 of them, else "box".
         gain: what the raw reading is multiplied by before it saturates at 1. A range.
-        shutter: seconds for which each row exposes; 0 where a panel's flicker is not to be seen. A range.
-        readout: seconds from the first row's exposure to the last row's, of a rolling shutter. A range.
+        shutter: seconds for which each row exposes; 0 where a panel's flicker is not to be seen. A
+            range.
+        readout: seconds from the first row's exposure to the last row's, of a rolling shutter. A
+            range.
         read_noise: standard deviation of the Gaussian read noise, in raw units [0, 1]. A range.
-        shot_noise: standard deviation of the photon noise at full scale; it goes with the root of the reading. A full
-            well of N electrons has N^-1/2. A range.
+        shot_noise: standard deviation of the photon noise at full scale; it goes with the root of
+            the reading. A full well of N electrons has N^-1/2. A range.
         bits: of the converter, 1 to 16; None does not round. The gradient passes straight through.
     """
 
@@ -160,18 +175,24 @@ class Sensor(Part):
         super().__post_init__()
         if isinstance(self.scale, (tuple, list)):
             raise ValueError(
-                f"Sensor.scale must be one number, because it fixes the size of the raw reading of a whole batch; "
-                f"got {self.scale!r}. Vary Panel.scale or View.zoom instead."
+                "Sensor.scale must be one number, because it fixes the size of the raw reading of "
+                f"a whole batch; got {self.scale!r}. Vary Panel.scale or View.zoom instead."
             )
-        scale = check_number("Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel")
+        scale = check_number(
+            "Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel"
+        )
         object.__setattr__(self, "scale", scale)
         if not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
             one_of("Sensor.exposure", self.exposure, EXPOSURES)
         one_of("Sensor.cfa", self.cfa, CFAS)
         if self.bits is not None and (
-            isinstance(self.bits, bool) or not isinstance(self.bits, int) or not 1 <= self.bits <= 16
+            isinstance(self.bits, bool)
+            or not isinstance(self.bits, int)
+            or not 1 <= self.bits <= 16
         ):
-            raise ValueError(f"Sensor.bits must be a whole number in [1, 16], or None; got {self.bits!r}.")
+            raise ValueError(
+                f"Sensor.bits must be a whole number in [1, 16], or None; got {self.bits!r}."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,18 +200,20 @@ class Develop(Part):
     """From raw to photo.
 
     Args:
-        demosaic: "bilinear" (as in the paper) or "malvar" (Malvar, He and Cutler, 2004: sharper, and with the false
-            colours of a real camera).
+        demosaic: "bilinear" (as in the paper) or "malvar" (Malvar, He and Cutler, 2004: sharper,
+            and with the false colours of a real camera).
         red, blue: white balance, what red and blue are multiplied by. Ranges.
         brighten: added to the encoded photo before it is clipped to [0, 1]. A range.
-        denoise: None, "nlm" (OpenCV's non-local means, as in the paper; its gradient passes straight through) or
-            "bilateral" (differentiable). Works on codes, on every pixel of the sensor.
-        resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias" (triangle filter) or
-            "point" (bilinear without a prefilter, as the paper's code does).
-        registered: bring the photo back to the image's frame, so that labels, boxes and masks stay valid.
+        denoise: None, "nlm" (OpenCV's non-local means, as in the paper; its gradient passes
+            straight through) or "bilateral" (differentiable). Works on codes, on every pixel of the
+            sensor.
+        resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias"
+            (triangle filter) or "point" (bilinear without a prefilter, as the paper's code does).
+        registered: bring the photo back to the image's frame, so that labels, boxes and masks stay
+            valid.
         linear_light: the panel turns sRGB codes into light and the camera light into sRGB codes.
-        jpeg: quality of a JPEG file that the photo goes through, 1 to 100; 0 is no JPEG. A range. libjpeg's picture,
-            with the gradient of a differentiable codec.
+        jpeg: quality of a JPEG file that the photo goes through, 1 to 100; 0 is no JPEG. A range.
+            libjpeg's picture, with the gradient of a differentiable codec.
     """
 
     demosaic: str = "bilinear"
@@ -211,7 +234,13 @@ class Develop(Part):
             one_of("Develop.denoise", self.denoise, DENOISERS)
 
 
-PARTS: dict[str, type[Part]] = {"panel": Panel, "view": View, "lens": Lens, "sensor": Sensor, "develop": Develop}
+PARTS: dict[str, type[Part]] = {
+    "panel": Panel,
+    "view": View,
+    "lens": Lens,
+    "sensor": Sensor,
+    "develop": Develop,
+}
 
 
 def part_from_dict(name: str, values: dict[str, Any]) -> Any:

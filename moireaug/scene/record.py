@@ -11,7 +11,8 @@ from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 @dataclass(frozen=True, kw_only=True)
 class SceneRecord:
-    """The five parts of a `Scene` and its tolerance, checked. Effects judge by it; users hold a `Scene`.
+    """The five parts of a `Scene` and its tolerance, checked. Effects judge by it; users hold a
+    `Scene`.
 
     Raises:
         ValueError, TypeError: a value out of its range, with what was got and what is allowed.
@@ -27,11 +28,16 @@ class SceneRecord:
     def __post_init__(self) -> None:
         for name, kind in PARTS.items():
             if not isinstance(getattr(self, name), kind):
-                raise TypeError(f"Scene.{name} must be a {kind.__name__}; got {getattr(self, name)!r}.")
-        object.__setattr__(self, "tolerance", check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, ""))
+                raise TypeError(
+                    f"Scene.{name} must be a {kind.__name__}; got {getattr(self, name)!r}."
+                )
+        object.__setattr__(
+            self, "tolerance", check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "")
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers, strings and pairs, fit for JSON and YAML; `Scene.from_dict` is the inverse."""
+        """Return plain numbers, strings and pairs, fit for JSON and YAML; `Scene.from_dict` is the
+        inverse."""
         values = asdict(self)
         for name in PARTS:
             for key, value in values[name].items():

@@ -19,18 +19,19 @@ from moireaug.scene.shot import ShotRecord
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(SceneRecord):
-    """A camera in front of a screen: `Panel + View + Lens + Sensor + Develop`. Immutable, hashable, no tensors.
+    """A camera in front of a screen: `Panel + View + Lens + Sensor + Develop`. Immutable, hashable,
+    no tensors.
 
-    Every numeric field that is documented as a *range* takes a number or a `(low, high)` pair; pairs are drawn
-    uniformly, once per image, by `sample`. The same five records, filled with `(B,)` tensors, make up a `Shot`: a Shot
-    is a Scene whose ranges have been drawn.
+    Every numeric field that is documented as a *range* takes a number or a `(low, high)` pair;
+    pairs are drawn uniformly, once per image, by `sample`. The same five records, filled with
+    `(B,)` tensors, make up a `Shot`: a Shot is a Scene whose ranges have been drawn.
 
     Args:
-        panel, view, lens, sensor, develop: the five parts; each has its own defaults, which do nothing but show an RGB
-            stripe to a Bayer sensor.
-        tolerance: contrast, in raw units, below which the plan leaves a contribution out. Each effect and each harmonic
-            that is left out stays below it; of a sharp lens many harmonics are left out, whose sum may reach a few
-            times as much.
+        panel, view, lens, sensor, develop: the five parts; each has its own defaults, which do
+            nothing but show an RGB stripe to a Bayer sensor.
+        tolerance: contrast, in raw units, below which the plan leaves a contribution out. Each
+            effect and each harmonic that is left out stays below it; of a sharp lens many harmonics
+            are left out, whose sum may reach a few times as much.
 
     Raises:
         ValueError, TypeError: a value out of its range, with what was got and what is allowed.
@@ -46,29 +47,38 @@ class Scene(SceneRecord):
         return _PRESETS[one_of("a preset", name, PRESETS)]
 
     def plan(self) -> Plan:
-        """Return the ordered effects that this scene calls for, each with its reason. Computed once per scene."""
+        """Return the ordered effects that this scene calls for, each with its reason. Computed once
+        per scene."""
         found = getattr(self, "_plan", None)  # kept here so that torch.compile finds it ready
         if found is None:
             found = make_plan(self)
             object.__setattr__(self, "_plan", found)
         return found
 
-    def sample(self, n: int, size: tuple[int, int], generator: torch.Generator | None = None) -> Shot:
-        """Draw the ranges for `n` images of `size` (height, width), from `generator` or torch's global one."""
-        self.plan()  # a range that cannot be photographed is refused here, and not in the middle of a batch
+    def sample(
+        self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
+    ) -> Shot:
+        """Draw the ranges for `n` images of `size` (height, width), from `generator` or torch's
+        global one."""
+        # a range that cannot be photographed is refused here, and not in the middle of a batch
+        self.plan()
         return draw(self, n, size, generator)
 
-    def capture(self, images: torch.Tensor, generator: torch.Generator | None = None) -> torch.Tensor:
+    def capture(
+        self, images: torch.Tensor, generator: torch.Generator | None = None
+    ) -> torch.Tensor:
         """Draw a shot for `images` (B, 3, H, W) and return their photos, of the same shape."""
         n, _, h, w = images.shape
         return capture(images, self.sample(n, (h, w), generator))
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Scene:
-        """Rebuild a scene; a part that is absent keeps its defaults, `preset` may name the scene to start from.
+        """Rebuild a scene; a part that is absent keeps its defaults, `preset` may name the scene to
+        start from.
 
         Raises:
-            ValueError, TypeError: an unknown key (the message names the closest) or a value out of its range.
+            ValueError, TypeError: an unknown key (the message names the closest) or a value out of
+                its range.
         """
         values = dict(values)
         base = Scene.preset(values.pop("preset")) if "preset" in values else Scene()
@@ -89,7 +99,8 @@ _PRESETS = {name: _scene(record) for name, record in PRESETS.items()}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shot(ShotRecord):
-    """A Scene whose ranges have been drawn: the same five parts, each ranged field a `(B,)` float64 tensor.
+    """A Scene whose ranges have been drawn: the same five parts, each ranged field a `(B,)` float64
+    tensor.
 
     Args:
         scene: where it was drawn from; it decides which effects are computed.
@@ -97,8 +108,9 @@ class Shot(ShotRecord):
         panel, view, lens, sensor, develop: the drawn parts.
         seed: (B,) int64, the seeds of the sensor noise.
 
-    Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`. The scene's plan
-    decides which effects are computed: a field whose effect the scene does not call for is not read.
+    Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`.
+    The scene's plan decides which effects are computed: a field whose effect the scene does not
+    call for is not read.
     """
 
     @staticmethod
@@ -111,32 +123,46 @@ class Shot(ShotRecord):
         missing = [k for k in ("scene", "size", "seed", *PARTS) if k not in values]
         if missing:
             raise ValueError(
-                f"a shot's dict must have the keys scene, size, seed, {', '.join(PARTS)}; missing {missing}."
+                f"a shot's dict must have the keys scene, size, seed, {', '.join(PARTS)}; missing "
+                f"{missing}."
             )
         scene, n, parts = Scene.from_dict(values["scene"]), len(values["seed"]), {}
         for name in PARTS:
             part = getattr(scene, name)
             for k in ranged_fields(part):
                 if len(values[name].get(k, ())) != n:
-                    raise ValueError(f"a shot's {name}.{k} must hold {n} numbers, one per image of its seed list.")
-            drawn = {k: torch.tensor(values[name][k], dtype=torch.float64) for k in ranged_fields(part)}
+                    raise ValueError(
+                        f"a shot's {name}.{k} must hold {n} numbers, one per image of its seed "
+                        "list."
+                    )
+            drawn = {
+                k: torch.tensor(values[name][k], dtype=torch.float64) for k in ranged_fields(part)
+            }
             parts[name] = dataclasses.replace(part, **drawn)
         h, w = values["size"]
-        return Shot(scene=scene, size=(h, w), seed=torch.tensor(values["seed"], dtype=torch.int64), **parts)
+        return Shot(
+            scene=scene, size=(h, w), seed=torch.tensor(values["seed"], dtype=torch.int64), **parts
+        )
 
 
-def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator | None = None) -> Shot:
+def draw(
+    scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator | None = None
+) -> Shot:
     """Draw `n` shots for images of `size` (height, width).
 
-    Each image's numbers are drawn together, so the first rows of a larger draw are those of a smaller one. Only what
-    varies draws: a field that is one number leaves the others' draws as they are.
+    Each image's numbers are drawn together, so the first rows of a larger draw are those of a
+    smaller one. Only what varies draws: a field that is one number leaves the others' draws as they
+    are.
 
     Raises:
         ValueError: a negative n, or a size that is not two positive integers.
     """
     h, w = (int(s) for s in size) if len(size) == 2 else (0, 0)
     if n < 0 or h < 1 or w < 1:
-        raise ValueError(f"a shot needs n >= 0 images of at least 1 x 1 pixels; got n = {n}, size = {tuple(size)}.")
+        raise ValueError(
+            f"a shot needs n >= 0 images of at least 1 x 1 pixels; got n = {n}, size = "
+            f"{tuple(size)}."
+        )
     names, lows, highs = [], [], []
     for name in PARTS:
         part = getattr(scene, name)
@@ -161,11 +187,14 @@ def draw(scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator
 
 
 def as_scene(scene: Scene | str | dict[str, Any]) -> Scene:
-    """Return a Scene from a Scene, a preset's name or a plain dict; what every public `scene=` argument accepts."""
+    """Return a Scene from a Scene, a preset's name or a plain dict; what every public `scene=`
+    argument accepts."""
     if isinstance(scene, Scene):
         return scene
     if isinstance(scene, str):
         return Scene.preset(scene)
     if isinstance(scene, dict):
         return Scene.from_dict(scene)
-    raise TypeError(f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}.")
+    raise TypeError(
+        f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}."
+    )

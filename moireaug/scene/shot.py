@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from moireaug.scene.record import SceneRecord
     from moireaug.scene.scene import Scene
 
-REACH = {"bilinear": 1, "malvar": 2}  # sensor pixels to each side that a demosaiced colour is made from
+# sensor pixels to each side that a demosaiced colour is made from
+REACH = {"bilinear": 1, "malvar": 2}
 
 
 def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels, SampledPixels]:
@@ -35,7 +36,8 @@ def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShotRecord:
-    """The five parts with each ranged field a `(B,)` float64 tensor, scene and image size; users hold a `Shot`."""
+    """The five parts with each ranged field a `(B,)` float64 tensor, scene and image size; users
+    hold a `Shot`."""
 
     scene: Scene
     size: tuple[int, int]
@@ -57,7 +59,9 @@ class ShotRecord:
         parts = {}
         for name in PARTS:
             part = getattr(self, name)
-            parts[name] = dataclasses.replace(part, **{k: f(getattr(part, k)) for k in ranged_fields(part)})
+            parts[name] = dataclasses.replace(
+                part, **{k: f(getattr(part, k)) for k in ranged_fields(part)}
+            )
         return dataclasses.replace(self, **parts, seed=f(self.seed))
 
     def to(self, device: torch.device | str) -> Self:
@@ -65,7 +69,8 @@ class ShotRecord:
         return self if torch.device(device) == self.device else self._map(lambda t: t.to(device))
 
     def __getitem__(self, rows: Any) -> Self:
-        """Return the shots of some rows: a slice, a mask, an index tensor or list, or one integer (a batch of one)."""
+        """Return the shots of some rows: a slice, a mask, an index tensor or list, or one integer
+        (a batch of one)."""
         rows = [rows] if isinstance(rows, int) else rows
         return self._map(lambda t: t[rows])
 
@@ -91,12 +96,13 @@ class ShotRecord:
         return self._drawn("lens", "k1"), self._drawn("lens", "k2")
 
     def _drawn(self, part: str, field: str) -> Tensor:
-        """Return a drawn number, (B,); the parts' own types speak of a scene, where it is a range."""
+        """Return a drawn number, (B,); the parts' own types speak of a scene, where it is a
+        range."""
         return getattr(getattr(self, part), field)
 
     def matrix(self) -> Tensor:
-        """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64. Differentiable in every View
-        field that the scene's pose reads."""
+        """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
+        Differentiable in every View field that the scene's pose reads."""
         view = {k: getattr(self.view, k) for k in ranged_fields(self.view)}
         pose, fit, scale = self.scene.view.pose, self.scene.view.fit, self.scene.sensor.scale
         k1, k2 = self._drawn("lens", "k1"), self._drawn("lens", "k2")
@@ -107,36 +113,42 @@ class ShotRecord:
         return sampled_by(self.scene, self.size)
 
     def raw_shape(self) -> tuple[int, int, int, int]:
-        """Return the shape of the packed raw reading, and so of the attacker's noise: four Bayer planes, or three
-        colours."""
+        """Return the shape of the packed raw reading, and so of the attacker's noise: four Bayer
+        planes, or three colours."""
         rows, cols = self.sampled_pixels()
         planes, step = (4, 2) if self.scene.sensor.cfa == "rggb" else (3, 1)
         return len(self), planes, len(rows.index) // step, len(cols.index) // step
 
     @property
     def moves(self) -> bool:
-        """Whether things lie elsewhere in the photo than in the image: a camera-frame photo with a pose or a lens."""
+        """Whether things lie elsewhere in the photo than in the image: a camera-frame photo with a
+        pose or a lens."""
         return not self.scene.develop.registered and ("pose" in self.plan or "lens" in self.plan)
 
     def to_photo(self, points: Tensor) -> Tensor:
-        """Return where points (B, N, 2) of the image, x then y in pixels, lie in the photo's own frame.
+        """Return where points (B, N, 2) of the image, x then y in pixels, lie in the photo's own
+        frame.
 
         For a registered scene that frame is the image's, and points come back as they are.
         """
         if not self.moves:
             return points
         shot = self.to(points.device)
-        return grids.image_to_photo(points.double(), shot.matrix(), self.size, shot.distortion).to(points.dtype)
+        return grids.image_to_photo(points.double(), shot.matrix(), self.size, shot.distortion).to(
+            points.dtype
+        )
 
     def to_photo_mask(self, mask: Tensor) -> Tensor:
-        """Return a mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest pixel, 0 off the
-        image."""
+        """Return a mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest
+        pixel, 0 off the image."""
         if not self.moves:
             return mask
         h, w = self.size
         shot = self.to(mask.device)
         centres = grids.pixel_centres(self.size, mask.device)
-        x, y = grids.photo_to_image(centres, torch.linalg.inv(shot.matrix()), self.size, shot.distortion).unbind(-1)
+        x, y = grids.photo_to_image(
+            centres, torch.linalg.inv(shot.matrix()), self.size, shot.distortion
+        ).unbind(-1)
         on = (x >= 0) & (x < w) & (y >= 0) & (y < h)
         flat = torch.where(on, y.floor() * w + x.floor(), 0).long()[:, None].flatten(2)
         taken = mask.flatten(2).gather(2, flat.expand(-1, mask.shape[1], -1)).reshape(mask.shape)
@@ -154,7 +166,15 @@ class ShotRecord:
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and lists, exact; `Shot.from_dict` is the inverse."""
         drawn = {
-            name: {k: getattr(getattr(self, name), k).tolist() for k in ranged_fields(getattr(self, name))}
+            name: {
+                k: getattr(getattr(self, name), k).tolist()
+                for k in ranged_fields(getattr(self, name))
+            }
             for name in PARTS
         }
-        return {"scene": self.scene.to_dict(), "size": list(self.size), "seed": self.seed.tolist(), **drawn}
+        return {
+            "scene": self.scene.to_dict(),
+            "size": list(self.size),
+            "seed": self.seed.tolist(),
+            **drawn,
+        }

@@ -1,6 +1,8 @@
-"""The doors: classes through which an ecosystem enters. No physics lives here, and no door imports another's library.
+"""The doors: classes through which an ecosystem enters. No physics lives here, and no door imports
+another's library.
 
-`RandomMoire` is torchvision's; `kornia.RandomMoire` and `albumentations.RandomMoire` have the same arguments.
+`RandomMoire` is torchvision's; `kornia.RandomMoire` and `albumentations.RandomMoire` have the same
+arguments.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(f".{name}", __name__)
     if name in HOMES:
         return getattr(importlib.import_module(f".{HOMES[name]}", __name__), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}.")
+    raise AttributeError(
+        f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}."
+    )
 
 
 def __dir__() -> list[str]:

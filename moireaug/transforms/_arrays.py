@@ -12,17 +12,21 @@ from moireaug.transforms._convert import at_size, move_boxes, photograph
 
 
 def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
-    """The photo of one image, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], in its shape and dtype."""
+    """Return the photo of one image, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], in
+    its shape and dtype."""
     return apply_to_all([image], shot, noise)[0]
 
 
 def apply_to_all(
     images: Sequence[np.ndarray] | np.ndarray, shot: Shot, noise: torch.Tensor | None = None
 ) -> np.ndarray:
-    """The photos of N images by one shot of a single draw, stacked; of attacker's noise, each has its own."""
+    """Return the photos of N images by one shot of a single draw, stacked; of attacker's noise,
+    each has its own."""
     if not len(images):
         return np.asarray(images)
-    photos = photograph(torch.cat([planes(image) for image in images]), shot.repeat(len(images)), noise)
+    photos = photograph(
+        torch.cat([planes(image) for image in images]), shot.repeat(len(images)), noise
+    )
     return photos.permute(0, 2, 3, 1).reshape(len(images), *images[0].shape).numpy()
 
 
@@ -32,18 +36,20 @@ def planes(image: np.ndarray) -> torch.Tensor:
         raise ValueError(f"an image must have the shape (H, W, C) or (H, W); got {image.shape}.")
     if image.ndim == 3 and image.shape[2] not in (1, 3) and image.shape[0] in (1, 3):
         raise ValueError(
-            f"an image must have 3 channels (RGB) or 1 (grey), in the order (H, W, C); got {image.shape}. Its channels "
-            "seem to be first: put them last with transpose(1, 2, 0)."
+            "an image must have 3 channels (RGB) or 1 (grey), in the order (H, W, C); got "
+            f"{image.shape}. Its channels seem to be first: put them last with transpose(1, 2, 0)."
         )
-    return torch.from_numpy(np.array(image, order="C")).reshape(1, *image.shape[:2], -1).permute(0, 3, 1, 2)
+    pixels = torch.from_numpy(np.array(image, order="C"))
+    return pixels.reshape(1, *image.shape[:2], -1).permute(0, 3, 1, 2)
 
 
 def move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
     # torch moves few unsigned types, and moving them needs their bits alone
     bits = mask.view(f"i{mask.itemsize}") if mask.dtype.kind == "u" else mask
-    channels = torch.from_numpy(np.array(bits, order="C")).reshape(1, *mask.shape[:2], -1).permute(0, 3, 1, 2)
-    moved = at_size(shot, mask.shape[:2]).to_photo_mask(channels)[0].permute(1, 2, 0).reshape(mask.shape)
-    return moved.numpy().view(mask.dtype)
+    pixels = torch.from_numpy(np.array(bits, order="C"))
+    channels = pixels.reshape(1, *mask.shape[:2], -1).permute(0, 3, 1, 2)
+    moved = at_size(shot, mask.shape[:2]).to_photo_mask(channels)[0].permute(1, 2, 0)
+    return moved.reshape(mask.shape).numpy().view(mask.dtype)
 
 
 def move_bboxes(bboxes: np.ndarray, shot: Shot) -> np.ndarray:
@@ -51,12 +57,14 @@ def move_bboxes(bboxes: np.ndarray, shot: Shot) -> np.ndarray:
     bboxes, (h, w) = _as_float(bboxes), shot.size
     pixels = torch.from_numpy(bboxes[:, :4].astype(np.float64)) * torch.tensor([w, h, w, h])
     moved = bboxes.copy()
-    moved[:, :4] = (move_boxes(pixels, shot) / torch.tensor([w, h, w, h])).clamp(min=0, max=1).numpy()
+    shares = move_boxes(pixels, shot) / torch.tensor([w, h, w, h])
+    moved[:, :4] = shares.clamp(min=0, max=1).numpy()
     return moved
 
 
 def move_keypoints(keypoints: np.ndarray, shot: Shot) -> np.ndarray:
-    """Rows of x, y, or x, y, z, angle, scale, and anything after: angle in radians, from x towards y."""
+    """Rows of x, y, or x, y, z, angle, scale, and anything after: angle in radians, from x towards
+    y."""
     keypoints = _as_float(keypoints)
     step = 1e-3  # pixels, to see how the photo turns and magnifies around each point
     at = torch.from_numpy(keypoints[:, :2].astype(np.float64)) + 0.5
@@ -70,12 +78,14 @@ def move_keypoints(keypoints: np.ndarray, shot: Shot) -> np.ndarray:
     across = torch.stack([-angle.sin(), angle.cos()], -1) * step
     ahead, aside = ((shot.to_photo((at + way)[None])[0] - there) / step for way in (along, across))
     moved[:, 3] = (torch.atan2(ahead[:, 1], ahead[:, 0]) % (2 * np.pi)).numpy()
-    moved[moved[:, 3] >= 2 * np.pi, 3] = 0.0  # where rounding closed the circle, which albumentations refuses
+    # where rounding closed the circle, which albumentations refuses
+    moved[moved[:, 3] >= 2 * np.pi, 3] = 0.0
     moved[:, 4] *= torch.linalg.det(torch.stack([ahead, aside], -1)).abs().sqrt().numpy()
     return moved
 
 
 def _as_float(rows: np.ndarray) -> np.ndarray:
-    """Integer rows as float32, which a Compose makes of them, too: moved ones lie between the integers."""
+    """Integer rows as float32, which a Compose makes of them, too: moved ones lie between the
+    integers."""
     rows = np.asarray(rows)
     return rows if rows.dtype.kind == "f" else rows.astype(np.float32)

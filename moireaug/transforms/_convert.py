@@ -1,4 +1,5 @@
-"""What all doors share: images of any type to the capture's floats and back, and boxes in the camera's frame."""
+"""What all doors share: images of any type to the capture's floats and back, and boxes in the
+camera's frame."""
 
 from __future__ import annotations
 
@@ -32,13 +33,15 @@ def moves(scene: Scene) -> bool:
 
 
 def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
-    """The same shot of images of another size (height, width): every drawn number is relative to the picture."""
+    """Return the same shot of images of another size (height, width): every drawn number is
+    relative to the picture."""
     h, w = size
     return shot if shot.size == (h, w) else dataclasses.replace(shot, size=(h, w))
 
 
 def describe(scene: Scene) -> str:
-    """A scene for a `repr`: its preset's name in quotes, or the fields in which it differs from `Scene()`."""
+    """Return a scene for a `repr`: its preset's name in quotes, or the fields in which it differs
+    from `Scene()`."""
     for name in PRESETS:
         if scene == Scene.preset(name):
             return repr(name)
@@ -55,14 +58,18 @@ def describe(scene: Scene) -> str:
 
 
 def check_format(images: Tensor) -> None:
-    """Refuse images (..., C, H, W) of a dtype or a number of channels that no door takes; see `photograph`."""
+    """Refuse images (..., C, H, W) of a dtype or a number of channels that no door takes; see
+    `photograph`."""
     if images.dtype != torch.uint8 and not images.is_floating_point():
         raise TypeError(
             f"images must be uint8 or floating point in [0, 1]; got {images.dtype}. "
             "Convert them first, with v2.ToDtype(torch.float32, scale=True) for one."
         )
     if images.shape[-3] not in (1, 3):
-        advice = channels_last(images) or " Show the screen its RGB channels alone, and join the others again after."
+        advice = (
+            channels_last(images)
+            or " Show the screen its RGB channels alone, and join the others again after."
+        )
         raise ValueError(
             f"images must have 3 channels (RGB) or 1 (grey); got {images.shape[-3]} in the shape "
             f"{tuple(images.shape)}.{advice}"
@@ -70,13 +77,14 @@ def check_format(images: Tensor) -> None:
 
 
 def as_shown(images: Tensor) -> Tensor:
-    """Images of any type that a door takes as the capture's float RGB, (B, 3, H, W); see `photograph`."""
+    """Images of any type that a door takes as the capture's float RGB, (B, 3, H, W); see
+    `photograph`."""
     check_format(images)
     return dispatch.as_float(images).expand(-1, 3, -1, -1)
 
 
 def as_given(photo: Tensor, images: Tensor) -> Tensor:
-    """A photo (B, 3, H, W) with the channels and the dtype of the images that it is of."""
+    """Return a photo (B, 3, H, W) with the channels and the dtype of the images that it is of."""
     if images.shape[-3] == 1:
         photo = (photo * photo.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
     if images.dtype == torch.uint8:
@@ -85,12 +93,12 @@ def as_given(photo: Tensor, images: Tensor) -> Tensor:
 
 
 def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
-    """The photos of images of any type that a door takes, in that type.
+    """Return the photos of images of any type that a door takes, in that type.
 
     Args:
-        images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned as the photo's luma;
-            uint8, or floating point in [0, 1], where what lies a little outside is clipped, see `moireaug.checks`. Not
-            modified.
+        images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned
+            as the photo's luma; uint8, or floating point in [0, 1], where what lies a little
+            outside is clipped, see `moireaug.checks`. Not modified.
         shot: one draw for B images.
         noise: an attacker's, on the raw reading; see `capture`.
 
@@ -98,17 +106,21 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
         (B, C, H, W) of the same dtype. Differentiable in floating-point images.
 
     Raises:
-        TypeError, ValueError: another dtype or number of channels; a float image that cannot be a picture in [0, 1].
+        TypeError, ValueError: another dtype or number of channels; a float image that cannot be a
+            picture in [0, 1].
     """
     check_format(images)
     shot = at_size(shot, (images.shape[-2], images.shape[-1]))
-    if images.dtype == torch.uint8 and images.shape[-3] == 3 and dispatch.exposes(images, shot) and noise is None:
-        return as_given(develop(dispatch.expose(images, shot), shot), images)  # the engine reads bytes as they are
+    bytes_of_three = images.dtype == torch.uint8 and images.shape[-3] == 3
+    if bytes_of_three and noise is None and dispatch.exposes(images, shot):
+        # the engine reads bytes as they are
+        return as_given(develop(dispatch.expose(images, shot), shot), images)
     return as_given(capture(as_shown(images), shot, noise), images)
 
 
 def move_boxes(boxes: Tensor, shot: Shot) -> Tensor:
-    """Boxes (N, 4) of one image, x1, y1, x2, y2 in pixels, float, to those that enclose the same things in its photo.
+    """Boxes (N, 4) of one image, x1, y1, x2, y2 in pixels, float, to those that enclose the same
+    things in its photo.
 
     Edges may bend, so points all along them are moved. The result may reach out of the photo.
     """

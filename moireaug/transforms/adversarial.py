@@ -1,4 +1,5 @@
-"""AdversarialMoire: a batch transform that photographs each image with the noise that fools a model most."""
+"""AdversarialMoire: a batch transform that photographs each image with the noise that fools a model
+most."""
 
 from __future__ import annotations
 
@@ -21,32 +22,37 @@ from moireaug.transforms.torchvision import CARRIED, SHOWN, wrap
 
 
 class AdversarialMoire(v2.Transform):
-    """The adversarial variant of RandomMoire, used like `v2.MixUp`: on a batch, in the training step or a collate.
+    """The adversarial variant of RandomMoire, used like `v2.MixUp`: on a batch, in the training
+    step or a collate.
 
         adversarial = AdversarialMoire(model, scene="screen_photo", eps=4 / 255, steps=5)
         images, labels = adversarial(images, labels)
         loader = DataLoader(data, collate_fn=lambda batch: adversarial(*default_collate(batch)))
 
     Args:
-        model: [0, 1] images to logits; only read: its mode, statistics and gradients stay as they are. Not a submodule.
+        model: [0, 1] images to logits; only read: its mode, statistics and gradients stay as they
+            are. Not a submodule.
         scene: a Scene, a preset's name or a dict; one shot is drawn per image.
-        eps, steps, step_size, loss, random_start: as in `attacks.Attack`. `steps=1, random_start=2, step_size=1` is
-            N-FGSM (de Jorge et al., 2022).
-        labels_getter: as in `v2.MixUp`: "default" takes the second of several inputs, or what is named "labels", or
-            something with "label" in it, in a dict; or a callable that takes the sample and returns its labels.
+        eps, steps, step_size, loss, random_start: as in `attacks.Attack`.
+            `steps=1, random_start=2, step_size=1` is N-FGSM (de Jorge et al., 2022).
+        labels_getter: as in `v2.MixUp`: "default" takes the second of several inputs, or what is
+            named "labels", or something with "label" in it, in a dict; or a callable that takes the
+            sample and returns its labels.
         p: share of the images that are photographed; the others pass unchanged.
 
-    A sample is images and labels, or any nesting of dicts, tuples and lists that holds them; all else in it passes
-    untouched. Images are one pure tensor or `tv_tensors.Image` (B, C, H, W), C = 3 or 1 (grey), uint8 or float in
-    [0, 1], of which type and dtype are kept. Labels are (B,) class indices, also as whole floats, or (B, classes)
-    weights, as `v2.MixUp`, `v2.CutMix` and one-hot give them: then the class of the greatest weight is attacked. They
-    come back as they came.
+    A sample is images and labels, or any nesting of dicts, tuples and lists that holds them; all
+    else in it passes untouched. Images are one pure tensor or `tv_tensors.Image` (B, C, H, W),
+    C = 3 or 1 (grey), uint8 or float in [0, 1], of which type and dtype are kept. Labels are (B,)
+    class indices, also as whole floats, or (B, classes) weights, as `v2.MixUp`, `v2.CutMix` and
+    one-hot give them: then the class of the greatest weight is attacked. They come back as they
+    came.
 
     Call with `generator=` to draw from a CPU generator instead of torch's global one.
 
     Raises:
-        TypeError, ValueError: a sample without one batch of images and its labels; masks, boxes or key points beside a
-            scene in the camera's frame, where they would have to move; others as in `attacks.MoireAttack`.
+        TypeError, ValueError: a sample without one batch of images and its labels; masks, boxes or
+            key points beside a scene in the camera's frame, where they would have to move; others
+            as in `attacks.MoireAttack`.
     """
 
     _transformed_types = SHOWN
@@ -66,12 +72,20 @@ class AdversarialMoire(v2.Transform):
     ) -> None:
         super().__init__()
         if not callable(model):
-            raise TypeError(f"model must be a module or a function of images; got {type(model).__name__}.")
+            raise TypeError(
+                f"model must be a module or a function of images; got {type(model).__name__}."
+            )
         if isinstance(eps, (list, tuple)):
             raise ValueError(f"eps must be one number here; got {eps!r}.")
         self.p = check_probability(p)
         self.attack = MoireAttack(
-            model=model, scene=scene, eps=eps, steps=steps, step_size=step_size, loss=loss, random_start=random_start
+            model=model,
+            scene=scene,
+            eps=eps,
+            steps=steps,
+            step_size=step_size,
+            loss=loss,
+            random_start=random_start,
         )
         self._labels_getter = _parse_labels_getter(labels_getter)
 
@@ -87,21 +101,23 @@ class AdversarialMoire(v2.Transform):
         """Which leaf of a sample is the batch of images."""
         if moves(as_scene(self.attack.scene)) and any(isinstance(x, CARRIED) for x in flat):
             raise ValueError(
-                "masks, boxes and key points would not move with the images, because this scene's photo stays in the "
-                "camera's frame (Develop(registered=False)). Set registered=True, or leave them out."
+                "masks, boxes and key points would not move with the images, because this scene's "
+                "photo stays in the camera's frame (Develop(registered=False)). Set "
+                "registered=True, or leave them out."
             )
         others = [None if x is labels else x for x in flat]
         shown = [i for i, needed in enumerate(self._needs_transform_list(others)) if needed]
         if len(shown) != 1:
             raise ValueError(
-                f"a sample must hold one batch of images, a tensor (B, C, H, W), beside its labels; got {len(shown)}."
+                "a sample must hold one batch of images, a tensor (B, C, H, W), beside its labels; "
+                f"got {len(shown)}."
             )
         images = flat[shown[0]]
         if isinstance(images, (PIL.Image.Image, Video)) or images.ndim != 4:
             got = tuple(images.shape) if isinstance(images, Tensor) else "a PIL image"
             raise ValueError(
-                f"images must be a batch (B, C, H, W), no video; got {got}. Use AdversarialMoire after batching, in "
-                "the training step or a collate_fn."
+                f"images must be a batch (B, C, H, W), no video; got {got}. Use AdversarialMoire "
+                "after batching, in the training step or a collate_fn."
             )
         return shown[0]
 
@@ -124,26 +140,27 @@ class AdversarialMoire(v2.Transform):
 
 
 def class_of(labels: Any, n: int) -> Tensor:
-    """Return the class (n,) int64 of each of n labels: indices, whole floats, or (n, classes) weights.
+    """Return the class (n,) int64 of each of n labels: indices, whole floats, or (n, classes)
+    weights.
 
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
     if not isinstance(labels, Tensor):
         raise TypeError(
-            f"labels must be a tensor, (B,) or (B, classes); got {type(labels).__name__}. Say where it is in the "
-            "sample by labels_getter."
+            f"labels must be a tensor, (B,) or (B, classes); got {type(labels).__name__}. Say "
+            "where it is in the sample by labels_getter."
         )
     if labels.ndim == 2:
         if len(labels) != n or labels.shape[1] == 0 or not (labels >= 0).all():
             raise ValueError(
-                f"mixed labels must be weights >= 0 of the shape ({n}, classes); got {tuple(labels.shape)}, from "
-                f"{labels.min().item() if labels.numel() else 0:.4g}."
+                f"mixed labels must be weights >= 0 of the shape ({n}, classes); got "
+                f"{tuple(labels.shape)}, from {labels.min().item() if labels.numel() else 0:.4g}."
             )
         return labels.long().argmax(1) if labels.dtype == torch.bool else labels.argmax(1)
     if labels.is_floating_point() and not (labels == labels.round()).all():
         raise ValueError(
-            "labels (B,) in floating point must be whole numbers, class indices; got fractions or NaN. Mixed labels "
-            "have the shape (B, classes)."
+            "labels (B,) in floating point must be whole numbers, class indices; got fractions or "
+            "NaN. Mixed labels have the shape (B, classes)."
         )
     return check_labels(labels.long() if labels.is_floating_point() else labels, n, "labels")

@@ -1,4 +1,5 @@
-"""The albumentations door: RandomMoire and AdversarialMoire for numpy images in an `albumentations.Compose`."""
+"""The albumentations door: RandomMoire and AdversarialMoire for numpy images in an
+`albumentations.Compose`."""
 
 from __future__ import annotations
 
@@ -7,7 +8,8 @@ import os
 from collections.abc import Callable, Iterator
 from typing import Any, cast
 
-# albumentations asks a server for its newest version when it is imported, which hangs where there is no network
+# albumentations asks a server for its newest version when it is imported, which hangs where there
+# is no network
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 
 import numpy as np
@@ -19,18 +21,27 @@ from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack, Result
 from moireaug.scene.scene import Scene, Shot, as_scene
-from moireaug.transforms._arrays import apply_shot, apply_to_all, move_bboxes, move_keypoints, move_mask, planes
+from moireaug.transforms._arrays import (
+    apply_shot,
+    apply_to_all,
+    move_bboxes,
+    move_keypoints,
+    move_mask,
+    planes,
+)
 from moireaug.transforms._convert import as_shown, check_probability, moves
 
 
 class RandomMoire(DualTransform):
     """Photograph an image on a screen with probability `p`.
 
-        A.Compose([A.HorizontalFlip(), RandomMoire(scene="screen_photo", p=0.5), A.Normalize()], seed=0)
+        A.Compose([A.HorizontalFlip(), RandomMoire(scene="screen_photo", p=0.5), A.Normalize()],
+        seed=0)
 
     Args:
-        scene: a Scene, a preset's name or a dict. The shot is drawn from the transform's own generator: seed it by
-            `Compose(seed=)`, and in a DataLoader with `seed_worker`, without which workers repeat each other.
+        scene: a Scene, a preset's name or a dict. The shot is drawn from the transform's own
+            generator: seed it by `Compose(seed=)`, and in a DataLoader with `seed_worker`, without
+            which workers repeat each other.
         p: probability of a photo, in [0, 1].
 
     Targets:
@@ -42,14 +53,16 @@ class RandomMoire(DualTransform):
     Number of channels:
         1, 3
 
-    Images are (H, W, 3), or (H, W) and (H, W, 1) for grey, which is shown as grey RGB and returned as luma; uint8, or
-    any float in [0, 1], so use it before `A.Normalize`; what resizing, blur or noise left a little outside is clipped,
-    see `moireaug.checks`. Images and volumes share one shot. Shape and dtype are kept.
+    Images are (H, W, 3), or (H, W) and (H, W, 1) for grey, which is shown as grey RGB and returned
+    as luma; uint8, or any float in [0, 1], so use it before `A.Normalize`; what resizing, blur or
+    noise left a little outside is clipped, see `moireaug.checks`. Images and volumes share one
+    shot. Shape and dtype are kept.
 
-    Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's frame
-    (`Develop(registered=False)` with a pose or a lens): then they move with the picture: masks to the nearest pixel,
-    bboxes to those that enclose the moved ones, clamped to the photo, keypoints with their angle and scale, in
-    albumentations' pixel-index coordinates. The parameters are plain numbers: `ReplayCompose` and JSON hold them.
+    Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's
+    frame (`Develop(registered=False)` with a pose or a lens): then they move with the picture:
+    masks to the nearest pixel, bboxes to those that enclose the moved ones, clamped to the photo,
+    keypoints with their angle and scale, in albumentations' pixel-index coordinates. The parameters
+    are plain numbers: `ReplayCompose` and JSON hold them.
 
     Raises:
         TypeError, ValueError: an unknown keyword or scene, a p out of range, and images as above.
@@ -65,19 +78,27 @@ class RandomMoire(DualTransform):
     def get_transform_init_args(self) -> dict[str, Any]:
         return {"scene": self.scene.to_dict()}
 
-    def draw(self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
+    def draw(
+        self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
+    ) -> dict[str, Any]:
         """One shot of images of the size in `params`, as plain numbers."""
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
         return {"shot": self.scene.sample(1, params["shape"][:2], generator).to_dict()}
 
     if hasattr(DualTransform, "sample_parameters"):  # albumentationsx, which refuses the other name
 
-        def sample_parameters(self, params: dict[str, Any], data: dict[str, Any], targets: Any, sampling: Any) -> Any:
-            return transforms_interface.SampledParams(params=self.draw(params, data, sampling.random_generator))
+        def sample_parameters(
+            self, params: dict[str, Any], data: dict[str, Any], targets: Any, sampling: Any
+        ) -> Any:
+            return transforms_interface.SampledParams(
+                params=self.draw(params, data, sampling.random_generator)
+            )
 
     else:
 
-        def get_params_dependent_on_data(self, params: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
+        def get_params_dependent_on_data(
+            self, params: dict[str, Any], data: dict[str, Any]
+        ) -> dict[str, Any]:
             return self.draw(params, data, self.random_generator)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
@@ -101,17 +122,29 @@ class RandomMoire(DualTransform):
     def apply_to_masks(self, masks: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
         return super().apply_to_masks(masks, shot=shot, **params) if self._moves else masks
 
-    def apply_to_mask3d(self, mask3d: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
+    def apply_to_mask3d(
+        self, mask3d: np.ndarray, shot: dict[str, Any], **params: Any
+    ) -> np.ndarray:
         return self.apply_to_masks(mask3d, shot=shot, **params)
 
-    def apply_to_masks3d(self, masks3d: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return np.stack([self.apply_to_masks(m, shot=shot, **params) for m in masks3d]) if self._moves else masks3d
+    def apply_to_masks3d(
+        self, masks3d: np.ndarray, shot: dict[str, Any], **params: Any
+    ) -> np.ndarray:
+        if not self._moves:
+            return masks3d
+        return np.stack([self.apply_to_masks(m, shot=shot, **params) for m in masks3d])
 
-    def apply_to_bboxes(self, bboxes: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
+    def apply_to_bboxes(
+        self, bboxes: np.ndarray, shot: dict[str, Any], **params: Any
+    ) -> np.ndarray:
         return move_bboxes(bboxes, Shot.from_dict(shot)) if self._moves and len(bboxes) else bboxes
 
-    def apply_to_keypoints(self, keypoints: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return move_keypoints(keypoints, Shot.from_dict(shot)) if self._moves and len(keypoints) else keypoints
+    def apply_to_keypoints(
+        self, keypoints: np.ndarray, shot: dict[str, Any], **params: Any
+    ) -> np.ndarray:
+        if not self._moves or not len(keypoints):
+            return keypoints
+        return move_keypoints(keypoints, Shot.from_dict(shot))
 
 
 class AdversarialMoire(RandomMoire):
@@ -119,14 +152,18 @@ class AdversarialMoire(RandomMoire):
 
         A.Compose([AdversarialMoire(model, eps=4 / 255, steps=5, p=0.5)])(image=image, label=3)
 
-    One image at a time is slow: where a batch can be had, use `moireaug.transforms.AdversarialMoire`.
+    One image at a time is slow: where a batch can be had, use
+    `moireaug.transforms.AdversarialMoire`.
 
     Args:
-        model: (B, 3, H, W) images in [0, 1] to logits; it is asked on the device of its parameters, and left as it is.
-        scene, p: as in RandomMoire. eps, steps, step_size, loss, random_start: as in `attacks.MoireAttack`.
+        model: (B, 3, H, W) images in [0, 1] to logits; it is asked on the device of its parameters,
+            and left as it is.
+        scene, p: as in RandomMoire. eps, steps, step_size, loss, random_start: as in
+            `attacks.MoireAttack`.
         label_key: the name under which the call passes the class of its images, an integer.
-        name: as in `A.Lambda`: what `to_dict` writes and `from_dict(..., nonserializable={name: transform})` looks up,
-            because a model cannot be written.
+        name: as in `A.Lambda`: what `to_dict` writes and
+            `from_dict(..., nonserializable={name: transform})` looks up, because a model cannot be
+            written.
 
     Targets:
         image, mask, bboxes, keypoints, volume, mask3d
@@ -137,12 +174,12 @@ class AdversarialMoire(RandomMoire):
     Number of channels:
         1, 3
 
-    As in RandomMoire; each image, and each slice of a volume, gets noise of its own. The noise is one of the
-    parameters, as nested lists, so that `ReplayCompose.replay` needs no model.
+    As in RandomMoire; each image, and each slice of a volume, gets noise of its own. The noise is
+    one of the parameters, as nested lists, so that `ReplayCompose.replay` needs no model.
 
     Raises:
-        ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a model that cannot be called; a call
-            without the label; `to_dict` without a `name`.
+        ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a model that cannot be
+            called; a call without the label; `to_dict` without a `name`.
     """
 
     def __init__(
@@ -161,15 +198,22 @@ class AdversarialMoire(RandomMoire):
     ) -> None:
         super().__init__(scene, p)
         if not callable(model):
-            raise TypeError(f"model must be a module or a function of images; got {type(model).__name__}.")
+            raise TypeError(
+                f"model must be a module or a function of images; got {type(model).__name__}."
+            )
         if isinstance(eps, (list, tuple)):
             raise ValueError(f"eps must be one number here; got {eps!r}.")
         self.label_key, self.name = label_key, name
         self._available_keys.add(label_key)  # or Compose(strict=True) refuses it
         self.attack = MoireAttack(
-            model=model, scene=self.scene, eps=eps, steps=steps, step_size=step_size, loss=loss,
+            model=model,
+            scene=self.scene,
+            eps=eps,
+            steps=steps,
+            step_size=step_size,
+            loss=loss,
             random_start=random_start,
-        )  # fmt: skip
+        )
 
     @classmethod
     def is_serializable(cls) -> bool:
@@ -178,8 +222,8 @@ class AdversarialMoire(RandomMoire):
     def to_dict_private(self) -> dict[str, Any]:
         if self.name is None:
             raise ValueError(
-                "AdversarialMoire holds a model, which cannot be written: give it a name, and the transform itself to "
-                "from_dict(..., nonserializable={name: transform})."
+                "AdversarialMoire holds a model, which cannot be written: give it a name, and the "
+                "transform itself to from_dict(..., nonserializable={name: transform})."
             )
         return {"__class_fullname__": self.get_class_fullname(), "__name__": self.name}
 
@@ -192,9 +236,16 @@ class AdversarialMoire(RandomMoire):
         a = self.attack
         settings = {"eps": a.eps, "steps": a.steps, "step_size": a.step_size, "loss": a.loss}
         model = type(a.model).__name__
-        return {"model": model, **super().get_transform_init_args(), **settings, "random_start": a.random_start}
+        return {
+            "model": model,
+            **super().get_transform_init_args(),
+            **settings,
+            "random_start": a.random_start,
+        }
 
-    def draw(self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
+    def draw(
+        self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
+    ) -> dict[str, Any]:
         drawn = super().draw(params, data, random)
         label = self._label(data)
         parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
@@ -214,19 +265,21 @@ class AdversarialMoire(RandomMoire):
     def _label(self, data: dict[str, Any]) -> int:
         if self.label_key not in data:
             raise ValueError(
-                f"AdversarialMoire needs the image's class: call the Compose with {self.label_key}=<int>, or name "
-                f"another key by label_key; got the keys {', '.join(sorted(data))}."
+                "AdversarialMoire needs the image's class: call the Compose with "
+                f"{self.label_key}=<int>, or name another key by label_key; got the keys "
+                f"{', '.join(sorted(data))}."
             )
         try:
             return operator.index(data[self.label_key])
         except TypeError:
             raise TypeError(
-                f"{self.label_key} must be the index of the image's class, an integer; got {data[self.label_key]!r}."
+                f"{self.label_key} must be the index of the image's class, an integer; got "
+                f"{data[self.label_key]!r}."
             ) from None
 
 
 def _pictures(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]:
-    """The pictures of a call, and the place of each target's first one."""
+    """Return the pictures of a call, and the place of each target's first one."""
     pictures: list[np.ndarray] = []
     first: dict[str, int] = {}
     for target, levels in (("image", 0), ("images", 1), ("volume", 1), ("volumes", 2)):
@@ -241,33 +294,44 @@ def _pictures(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]:
 
 
 def _noise_of(
-    target: str, n: int, noise: list | None = None, first: dict[str, int] | None = None, **params: Any
+    target: str,
+    n: int,
+    noise: list | None = None,
+    first: dict[str, int] | None = None,
+    **params: Any,
 ) -> torch.Tensor | None:
-    """An attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
+    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
     if noise is None or first is None:
         return None
     return torch.tensor(noise[first[target] : first[target] + n])
 
 
 def seed_worker(worker_id: int) -> None:
-    """Seed the albumentations transforms of a DataLoader's data set, for `DataLoader(..., worker_init_fn=seed_worker)`.
+    """Seed the albumentations transforms of a DataLoader's data set, for
+    `DataLoader(..., worker_init_fn=seed_worker)`.
 
-    Without it workers repeat each other's draws, and with `Compose(seed=)` every epoch repeats the first. The seeds
-    follow torch's: distinct per worker and epoch, the same after `torch.manual_seed`.
+    Without it workers repeat each other's draws, and with `Compose(seed=)` every epoch repeats the
+    first. The seeds follow torch's: distinct per worker and epoch, the same after
+    `torch.manual_seed`.
 
     Raises:
-        ValueError: no transform is found among the data set's attributes, nor those of the data sets that it wraps.
+        ValueError: no transform is found among the data set's attributes, nor those of the data
+            sets that it wraps.
         RuntimeError: it is called outside a worker.
     """
     worker = torch.utils.data.get_worker_info()
     if worker is None:
-        raise RuntimeError("seed_worker is for the workers of a DataLoader: pass it as DataLoader(worker_init_fn=...).")
+        raise RuntimeError(
+            "seed_worker is for the workers of a DataLoader: pass it as "
+            "DataLoader(worker_init_fn=...)."
+        )
     dataset = worker.dataset
     found = list(_transforms_of(dataset))
     if not found:
         raise ValueError(
-            f"seed_worker found no albumentations transform among the attributes of {type(dataset).__name__}. Keep the "
-            "Compose as one, or call its set_random_seed(torch.initial_seed() % 2**32) in a worker_init_fn of your own."
+            "seed_worker found no albumentations transform among the attributes of "
+            f"{type(dataset).__name__}. Keep the Compose as one, or call its "
+            "set_random_seed(torch.initial_seed() % 2**32) in a worker_init_fn of your own."
         )
     for transform in found:
         transform.set_random_seed(torch.initial_seed() % 2**32)
@@ -275,7 +339,8 @@ def seed_worker(worker_id: int) -> None:
 
 def _transforms_of(owner: torch.utils.data.Dataset) -> Iterator[BaseCompose | BasicTransform]:
     for attribute in vars(owner).values():
-        short = isinstance(attribute, (list, tuple)) and len(attribute) <= 1000  # a list of samples holds no transform
+        # a list of samples holds no transform
+        short = isinstance(attribute, (list, tuple)) and len(attribute) <= 1000
         for value in attribute if short else [attribute]:
             if isinstance(value, (BaseCompose, BasicTransform)):
                 yield value

@@ -1,4 +1,5 @@
-"""The kornia door: RandomMoire for batches, alone or in an `AugmentationSequential`, on any device."""
+"""The kornia door: RandomMoire for batches, alone or in an `AugmentationSequential`, on any
+device."""
 
 from __future__ import annotations
 
@@ -12,36 +13,46 @@ from torch import Tensor
 from moireaug.scene.fields import ranged_fields
 from moireaug.scene.parts import PARTS
 from moireaug.scene.scene import Scene, Shot, as_scene
-from moireaug.transforms._convert import check_format, check_probability, describe, moves, photograph
+from moireaug.transforms._convert import (
+    check_format,
+    check_probability,
+    describe,
+    moves,
+    photograph,
+)
 
 
 class RandomMoire(IntensityAugmentationBase2D):
     """Photograph images on a screen, each with probability `p`.
 
-        AugmentationSequential(RandomHorizontalFlip(), RandomMoire("screen_photo", p=0.5), data_keys=["input", "mask"])
+        AugmentationSequential(RandomHorizontalFlip(), RandomMoire("screen_photo", p=0.5),
+        data_keys=["input", "mask"])
 
     Args:
-        scene: a Scene, a preset's name or a dict, whose photos are brought back to the image's frame
-            (`Develop(registered=True)`, or neither pose nor lens).
+        scene: a Scene, a preset's name or a dict, whose photos are brought back to the image's
+            frame (`Develop(registered=True)`, or neither pose nor lens).
         p: probability of a photo, in [0, 1].
         same_on_batch: all images share one draw, sensor noise included.
         keepdim: a (C, H, W) input comes back as (C, H, W), not as (1, C, H, W).
-        images_only: take scenes that leave the photo in the camera's frame, too, as the paper's do, for images and
-            class labels alone: masks, boxes and key points are then refused.
+        images_only: take scenes that leave the photo in the camera's frame, too, as the paper's do,
+            for images and class labels alone: masks, boxes and key points are then refused.
 
-    Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned as luma; floating
-    point in [0, 1], so use it before `Normalize`; what resizing, blur or noise left a little outside is clipped, see
-    `moireaug.checks`. Dtype and device are kept. Differentiable in the images. Only the chosen images are computed; the
-    others come back with their values. `torch.compile(fullgraph=True)` computes all of them, and checks no values.
+    Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned
+    as luma; floating point in [0, 1], so use it before `Normalize`; what resizing, blur or noise
+    left a little outside is clipped, see `moireaug.checks`. Dtype and device are kept.
+    Differentiable in the images. Only the chosen images are computed; the others come back with
+    their values. `torch.compile(fullgraph=True)` computes all of them, and checks no values.
 
-    Convention: an intensity augmentation: masks, boxes and key points stay as they are, `transform_matrix` is the
-    identity, and `inverse` leaves it out. The parameters hold the whole shot, so `seq(x, params=seq._params)` replays
-    bit for bit; those of one image replay on all rows of a batch. Draws come from torch's global generator.
+    Convention: an intensity augmentation: masks, boxes and key points stay as they are,
+    `transform_matrix` is the identity, and `inverse` leaves it out. The parameters hold the whole
+    shot, so `seq(x, params=seq._params)` replays bit for bit; those of one image replay on all rows
+    of a batch. Draws come from torch's global generator.
 
     Raises:
-        ValueError: a scene that leaves the photo in the camera's frame without `images_only`: kornia moves boxes and
-            key points by a matrix alone, and no matrix holds a lens. With it, masks, boxes and key points. Also a p out
-            of range, parameters of another number of images, and images as in `moireaug.capture`.
+        ValueError: a scene that leaves the photo in the camera's frame without `images_only`:
+            kornia moves boxes and key points by a matrix alone, and no matrix holds a lens. With
+            it, masks, boxes and key points. Also a p out of range, parameters of another number of
+            images, and images as in `moireaug.capture`.
     """
 
     def __init__(
@@ -57,10 +68,11 @@ class RandomMoire(IntensityAugmentationBase2D):
         self.images_only = images_only
         if moves(self.scene) and not images_only:
             raise ValueError(
-                "kornia would leave masks, boxes and key points where they were, because this scene's photo stays in "
-                "the camera's frame (Develop(registered=False)) and no matrix holds its lens. Set registered=True, or "
-                "use moireaug.transforms.RandomMoire, which moves them and takes batches on the GPU, too; "
-                "images_only=True takes the scene for images alone."
+                "kornia would leave masks, boxes and key points where they were, because this "
+                "scene's photo stays in the camera's frame (Develop(registered=False)) and no "
+                "matrix holds its lens. Set registered=True, or use "
+                "moireaug.transforms.RandomMoire, which moves them and takes batches on the GPU, "
+                "too; images_only=True takes the scene for images alone."
             )
 
     def __repr__(self) -> str:
@@ -75,7 +87,11 @@ class RandomMoire(IntensityAugmentationBase2D):
         return to_params(self.scene.sample(n, size))
 
     def apply_transform(
-        self, input: Tensor, params: dict[str, Tensor], flags: dict[str, Any], transform: Tensor | None = None
+        self,
+        input: Tensor,
+        params: dict[str, Tensor],
+        flags: dict[str, Any],
+        transform: Tensor | None = None,
     ) -> Tensor:
         check_format(input)
         shot = from_params(self.scene, (input.shape[-2], input.shape[-1]), params)
@@ -84,11 +100,12 @@ class RandomMoire(IntensityAugmentationBase2D):
             shot, chosen = shot.repeat(len(input)), chosen.expand(len(input))
         if not len(shot) == len(chosen) == len(input):
             raise ValueError(
-                f"the parameters are of {len(shot)} images; got {len(input)}. Replay them on a batch of that size, or "
-                "those of one image on any."
+                f"the parameters are of {len(shot)} images; got {len(input)}. Replay them on a "
+                "batch of that size, or those of one image on any."
             )
         if torch.compiler.is_compiling():
-            return photograph(input, shot)  # kornia puts back what was not chosen; a graph cannot leave it out
+            # kornia puts back what was not chosen; a graph cannot leave it out
+            return photograph(input, shot)
         if not chosen.any():
             return input
         if chosen.all():
@@ -121,17 +138,21 @@ def _refuse(what: str) -> NoReturn:
 
 
 def to_params(shot: Shot) -> dict[str, Tensor]:
-    """A shot as (B,) tensors named part_field, and seed: what kornia keeps of a draw."""
+    """Return a shot as (B,) tensors named part_field, and seed: what kornia keeps of a draw."""
     drawn = {
-        f"{part}_{k}": getattr(getattr(shot, part), k) for part in PARTS for k in ranged_fields(getattr(shot, part))
+        f"{part}_{k}": getattr(getattr(shot, part), k)
+        for part in PARTS
+        for k in ranged_fields(getattr(shot, part))
     }
     return {**drawn, "seed": shot.seed}
 
 
 def from_params(scene: Scene, size: tuple[int, int], params: dict[str, Tensor]) -> Shot:
-    """The inverse of `to_params`, for images of `size` (height, width)."""
+    """Return the inverse of `to_params`, for images of `size` (height, width)."""
     parts = {}
     for name in PARTS:
         part = getattr(scene, name)
-        parts[name] = dataclasses.replace(part, **{k: params[f"{name}_{k}"] for k in ranged_fields(part)})
+        parts[name] = dataclasses.replace(
+            part, **{k: params[f"{name}_{k}"] for k in ranged_fields(part)}
+        )
     return Shot(scene=scene, size=size, seed=params["seed"], **parts)

@@ -1,4 +1,5 @@
-"""The torchvision v2 door: RandomMoire for tensors, tv_tensors and PIL images, alone or in a `v2.Compose`."""
+"""The torchvision v2 door: RandomMoire for tensors, tv_tensors and PIL images, alone or in a
+`v2.Compose`."""
 
 from __future__ import annotations
 
@@ -34,32 +35,37 @@ PIL_MODES = ("RGB", "L", "RGBA", "LA")
 class RandomMoire(v2.Transform):
     """Photograph images on a screen, each with probability `p`.
 
-        v2.Compose([v2.RandomHorizontalFlip(), RandomMoire(scene="screen_photo", p=0.5), v2.Normalize(mean, std)])
+        v2.Compose([v2.RandomHorizontalFlip(), RandomMoire(scene="screen_photo", p=0.5),
+        v2.Normalize(mean, std)])
 
     Args:
-        scene: a Scene, a preset's name or a dict. One shot is drawn per image, from torch's global generator:
-            DataLoader workers differ, and `torch.manual_seed` reproduces.
+        scene: a Scene, a preset's name or a dict. One shot is drawn per image, from torch's global
+            generator: DataLoader workers differ, and `torch.manual_seed` reproduces.
         p: probability of a photo, in [0, 1].
 
-    Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H, W) and PIL images
-    of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB and returned as luma; uint8 or
-    floating point in [0, 1], so use it before `v2.Normalize`; what resizing, blur or noise left a little outside is
-    clipped, see `moireaug.checks`. Type, shape, dtype and device are kept; inputs are never modified.
+    Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H,
+    W) and PIL images of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB
+    and returned as luma; uint8 or floating point in [0, 1], so use it before `v2.Normalize`; what
+    resizing, blur or noise left a little outside is clipped, see `moireaug.checks`. Type, shape,
+    dtype and device are kept; inputs are never modified.
 
-    A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is one scene: its
-    frames share the shot and differ in sensor noise alone. Images of one sample share the draw. What is not chosen is
-    returned as it came. Differentiable in floating-point images.
+    A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is
+    one scene: its frames share the shot and differ in sensor noise alone. Images of one sample
+    share the draw. What is not chosen is returned as it came. Differentiable in floating-point
+    images.
 
-    Labels, masks, boxes and key points pass untouched, as the very objects that came, unless the scene leaves the
-    photo in the camera's frame (`Develop(registered=False)` with a pose or a lens): then masks, boxes, key points and
-    a PIL image's alpha move with the picture. Boxes become those that enclose the moved ones, clamped to the canvas
-    unless their `clamping_mode` is None; key points may leave the photo; both are in continuous coordinates, with pixel
-    centres at half integers. Integer ones are rounded.
+    Labels, masks, boxes and key points pass untouched, as the very objects that came, unless the
+    scene leaves the photo in the camera's frame (`Develop(registered=False)` with a pose or a
+    lens): then masks, boxes, key points and a PIL image's alpha move with the picture. Boxes become
+    those that enclose the moved ones, clamped to the canvas unless their `clamping_mode` is None;
+    key points may leave the photo; both are in continuous coordinates, with pixel centres at half
+    integers. Integer ones are rounded.
 
     Raises:
-        TypeError, ValueError: an unknown scene, a p out of range, another number of channels, dtype or PIL mode, numpy
-            arrays, float images that cannot be pictures in [0, 1], images of different batch sizes in one sample; in
-            the camera's frame also rotated boxes, and boxes or key points that cannot be told apart by image.
+        TypeError, ValueError: an unknown scene, a p out of range, another number of channels, dtype
+            or PIL mode, numpy arrays, float images that cannot be pictures in [0, 1], images of
+            different batch sizes in one sample; in the camera's frame also rotated boxes, and boxes
+            or key points that cannot be told apart by image.
     """
 
     def __init__(self, scene: Scene | str | dict = "screen_photo", p: float = 0.5) -> None:
@@ -69,19 +75,30 @@ class RandomMoire(v2.Transform):
         self._transformed_types = SHOWN + CARRIED if moves(self.scene) else SHOWN
 
     def check_inputs(self, flat_inputs: list[Any]) -> None:
-        flat = [x for x, needed in zip(flat_inputs, self._needs_transform_list(flat_inputs), strict=True) if needed]
+        flat = [
+            x
+            for x, needed in zip(flat_inputs, self._needs_transform_list(flat_inputs), strict=True)
+            if needed
+        ]
         shown = [x for x in flat if not isinstance(x, CARRIED)]
         _refuse_arrays(flat_inputs, shown)
         counts = sorted({_count(x) for x in shown})
         if len(counts) > 1:
-            raise ValueError(f"images of one sample must have one batch size; got {' and '.join(map(str, counts))}.")
+            raise ValueError(
+                "images of one sample must have one batch size; got "
+                f"{' and '.join(map(str, counts))}."
+            )
         for leaf in (x for x in flat if isinstance(x, CARRIED)):
             _check_carried(leaf, *counts)
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
         n = next((_count(x) for x in flat_inputs if not isinstance(x, CARRIED)), 1)
         # what is drawn does not depend on the size, and each leaf brings its own
-        return {"chosen": (torch.rand(n) < self.p).nonzero().flatten(), "n": n, "shot": self.scene.sample(n, (1, 1))}
+        return {
+            "chosen": (torch.rand(n) < self.p).nonzero().flatten(),
+            "n": n,
+            "shot": self.scene.sample(n, (1, 1)),
+        }
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
         chosen, shot = params["chosen"], params["shot"]
@@ -99,9 +116,11 @@ class RandomMoire(v2.Transform):
 
 
 def apply_shot(inpt: Any, shot: Shot) -> Any:
-    """One leaf of a sample, an image or something that is carried with it, as it is in the shot's photo.
+    """One leaf of a sample, an image or something that is carried with it, as it is in the shot's
+    photo.
 
-    Arguments and errors as in `RandomMoire`; `shot` holds one draw per image, of any size, and one per video.
+    Arguments and errors as in `RandomMoire`; `shot` holds one draw per image, of any size, and one
+    per video.
     """
     if isinstance(inpt, PIL.Image.Image):
         return _apply_to_pil(inpt, shot)
@@ -123,7 +142,9 @@ def apply_shot(inpt: Any, shot: Shot) -> Any:
 def _frames(shot: Shot, n: int) -> Shot:
     """Each draw for n frames, which differ in the seed of their sensor noise."""
     shot = shot[torch.arange(len(shot)).repeat_interleave(n)]
-    return dataclasses.replace(shot, seed=shot.seed + torch.arange(n).repeat(len(shot) // max(n, 1)))
+    return dataclasses.replace(
+        shot, seed=shot.seed + torch.arange(n).repeat(len(shot) // max(n, 1))
+    )
 
 
 def _apply_to_pil(image: PIL.Image.Image, shot: Shot) -> PIL.Image.Image:
@@ -142,7 +163,9 @@ def _apply_to_boxes(plain: Tensor, boxes: BoundingBoxes, shot: Shot) -> Tensor:
         moved = torch.minimum(moved.clamp(min=0), moved.new_tensor([w, h, w, h]))
     if not plain.is_floating_point():
         moved = moved.round()  # the corners: a rounded width could miss the rounded corner
-    return F.convert_bounding_box_format(moved, BoundingBoxFormat.XYXY, boxes.format).to(plain.dtype)
+    return F.convert_bounding_box_format(moved, BoundingBoxFormat.XYXY, boxes.format).to(
+        plain.dtype
+    )
 
 
 def _as(values: Tensor, dtype: torch.dtype) -> Tensor:
@@ -150,19 +173,22 @@ def _as(values: Tensor, dtype: torch.dtype) -> Tensor:
 
 
 def wrap(plain: Tensor, like: Tensor) -> Tensor:
-    """A tensor of the type of another one, with its format and canvas size if it has these."""
+    """Return a tensor of the type of another one, with its format and canvas size if it has
+    these."""
     return tv_tensors.wrap(plain, like=like) if isinstance(like, tv_tensors.TVTensor) else plain
 
 
 def _refuse_arrays(flat: list[Any], shown: list[Any]) -> None:
-    """Refuse a numpy image, which v2 would hand back untouched; arrays beside an image are none of its business."""
+    """Refuse a numpy image, which v2 would hand back untouched; arrays beside an image are none of
+    its business."""
     if any(isinstance(x, PIL.Image.Image) or x.ndim >= 3 for x in shown):
         return
     for x in flat:
         if isinstance(x, np.ndarray) and x.ndim >= 2:
             raise TypeError(
-                f"torchvision's door takes tensors and PIL images; got a numpy array of the shape {x.shape}. Use "
-                "moireaug.transforms.albumentations.RandomMoire, or v2.ToImage() before this transform."
+                "torchvision's door takes tensors and PIL images; got a numpy array of the shape "
+                f"{x.shape}. Use moireaug.transforms.albumentations.RandomMoire, or v2.ToImage() "
+                "before this transform."
             )
 
 
@@ -173,8 +199,8 @@ def _count(image: Any) -> int:
             deep = image.mode.startswith(("I", "F"))  # whose values PIL would cut off at 255
             how = "Scale it to float in [0, 1] as a tensor" if deep else "Convert with v2.RGB()"
             raise ValueError(
-                f"PIL images must be of mode {', '.join(PIL_MODES)}; got {image.mode}. {how} before this transform, "
-                "or wrap a segmentation map as tv_tensors.Mask."
+                f"PIL images must be of mode {', '.join(PIL_MODES)}; got {image.mode}. {how} "
+                "before this transform, or wrap a segmentation map as tv_tensors.Mask."
             )
         return 1
     video = isinstance(image, Video)
@@ -182,23 +208,27 @@ def _count(image: Any) -> int:
     if image.ndim - video not in (3, 4):
         hint = "" if video else " Wrap frames of one scene as tv_tensors.Video."
         raise ValueError(
-            f"{'videos' if video else 'images'} must have the shape {shape}; got {tuple(image.shape)}.{hint}"
+            f"{'videos' if video else 'images'} must have the shape {shape}; got "
+            f"{tuple(image.shape)}.{hint}"
         )
     check_format(image)
     return image.shape[0] if image.ndim - video == 4 else 1
 
 
 def _check_carried(leaf: Tensor, n: int = 1) -> None:
-    """Refuse what cannot be moved: rotated boxes, and leaves of a batch that do not say which row is which image's."""
+    """Refuse what cannot be moved: rotated boxes, and leaves of a batch that do not say which row
+    is which image's."""
     if isinstance(leaf, BoundingBoxes) and leaf.format not in UPRIGHT:
         raise ValueError(
-            f"rotated boxes ({leaf.format.value}) do not stay boxes in a photo with perspective or a lens. Give them "
-            "as XYXY, XYWH or CXCYWH, or use a scene with Develop(registered=True), which moves nothing."
+            f"rotated boxes ({leaf.format.value}) do not stay boxes in a photo with perspective or "
+            "a lens. Give them as XYXY, XYWH or CXCYWH, or use a scene with "
+            "Develop(registered=True), which moves nothing."
         )
-    smallest = 4 if isinstance(leaf, BoundingBoxes) else 3  # boxes are (N, 4): they have no room for a batch
+    # boxes are (N, 4): they have no room for a batch
+    smallest = 4 if isinstance(leaf, BoundingBoxes) else 3
     if n != 1 and (leaf.ndim < smallest or leaf.shape[0] != n):
         raise ValueError(
-            f"a {type(leaf).__name__} of shape {tuple(leaf.shape)} does not say which of {n} images each row "
-            "belongs to. Apply the transform before batching, or use a scene with Develop(registered=True): it moves "
-            "nothing."
+            f"a {type(leaf).__name__} of shape {tuple(leaf.shape)} does not say which of {n} "
+            "images each row belongs to. Apply the transform before batching, or use a scene with "
+            "Develop(registered=True): it moves nothing."
         )

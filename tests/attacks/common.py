@@ -5,9 +5,12 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks
 
 SCENE = Scene(
-    panel=Panel(scale=1.1), view=View(roll=(-5, 5)), lens=Lens(blur=0.25), sensor=Sensor(scale=2.0, gain=2.0),
+    panel=Panel(scale=1.1),
+    view=View(roll=(-5, 5)),
+    lens=Lens(blur=0.25),
+    sensor=Sensor(scale=2.0, gain=2.0),
     develop=Develop(brighten=0.1),
-)  # fmt: skip
+)
 EPS = 4 / 255
 
 

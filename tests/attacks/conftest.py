@@ -9,9 +9,14 @@ class Small(nn.Module):
     def __init__(self, classes=5):
         super().__init__()
         self.net = nn.Sequential(
-            nn.Conv2d(3, 8, 3, 2), nn.BatchNorm2d(8), nn.ReLU(), nn.Dropout(0.5), nn.AdaptiveAvgPool2d(4), nn.Flatten(),
+            nn.Conv2d(3, 8, 3, 2),
+            nn.BatchNorm2d(8),
+            nn.ReLU(),
+            nn.Dropout(0.5),
+            nn.AdaptiveAvgPool2d(4),
+            nn.Flatten(),
             nn.Linear(128, classes),
-        )  # fmt: skip
+        )
 
     def forward(self, x):
         return self.net(x)

@@ -1,4 +1,5 @@
-"""Models that do not answer as they should: every attack says so in a sentence, and no answer is a wrong one."""
+"""Models that do not answer as they should: every attack says so in a sentence, and no answer is a
+wrong one."""
 
 import math
 from collections import namedtuple
@@ -15,7 +16,9 @@ ATTACKS = {
     "ma": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2),
     "ma apgd": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, rule="apgd", restarts=2),
     "ma eot": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, eot=2),
-    "ma turned": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2, optimise=("noise", "view")),
+    "ma turned": lambda m: MoireAttack(
+        m, scene=SCENE, eps=EPS, steps=2, optimise=("noise", "view")
+    ),
     "pgd": lambda m: PGD(m, eps=EPS, steps=2),
     "bim": lambda m: BIM(m, eps=EPS, steps=2),
     "mifgsm": lambda m: MIFGSM(m, eps=EPS, steps=2),
@@ -26,7 +29,11 @@ DOORS = ATTACKS | {"transform": lambda m: AdversarialMoire(m, scene=SCENE, eps=E
 Outputs = namedtuple("Outputs", "logits aux")
 
 NO_LOGITS = {
-    "dict": (lambda z: {"loss": z.sum(), "logits": z}, "got a dict of 'loss', 'logits'.", "model(images)['logits']"),
+    "dict": (
+        lambda z: {"loss": z.sum(), "logits": z},
+        "got a dict of 'loss', 'logits'.",
+        "model(images)['logits']",
+    ),
     "dict of another key": (lambda z: {"out": z}, "got a dict of 'out'.", "model(images)['out']"),
     "tuple": (lambda z: (z, z), "got a tuple of 2.", "model(images)[0]"),
     "list": (lambda z: [z], "got a list of 1.", "model(images)[0]"),
@@ -40,7 +47,9 @@ NO_LOGITS = {
 @pytest.mark.parametrize("door", DOORS)
 def test_what_is_no_tensor_is_named_with_its_wrapper(door, form, model, batch):
     change, got, wrap = NO_LOGITS[form]
-    with pytest.raises(ValueError, match=r"the model must return a tensor of logits \(B, K\)") as error:
+    with pytest.raises(
+        ValueError, match=r"the model must return a tensor of logits \(B, K\)"
+    ) as error:
         DOORS[door](lambda x: change(model(x)))(*batch)
     assert got in str(error.value) and wrap in str(error.value)
 
@@ -48,7 +57,9 @@ def test_what_is_no_tensor_is_named_with_its_wrapper(door, form, model, batch):
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 @pytest.mark.parametrize("door", DOORS)
 def test_a_model_without_any_answer_is_refused(door, bad, model, batch):
-    with pytest.raises(NoAnswerError, match="NaN or infinite for all 6 clean images: it is broken, not robust"):
+    with pytest.raises(
+        NoAnswerError, match="NaN or infinite for all 6 clean images: it is broken, not robust"
+    ):
         DOORS[door](lambda x: model(x) + bad)(*batch)
 
 
@@ -57,7 +68,9 @@ def test_targets_that_are_labels_are_refused(door, model, batch):
     images, labels = batch
     targets = (labels + 1) % 5
     targets[4] = labels[4]
-    with pytest.raises(ValueError, match=r"targets must be other classes.*1 of 6 .*image 4.*Leave targets out"):
+    with pytest.raises(
+        ValueError, match=r"targets must be other classes.*1 of 6 .*image 4.*Leave targets out"
+    ):
         ATTACKS[door](model)(images, labels, targets)
 
 
@@ -68,7 +81,8 @@ def test_logits_without_a_gradient_are_refused(door, model, batch):
 
 
 def broken_on(rows, model):
-    """Answers NaN to these rows of a batch, whatever they show; the others' gradients stay whole."""
+    """Answers NaN to these rows of a batch, whatever they show; the others' gradients stay
+    whole."""
 
     def answer(x):
         spoilt = torch.zeros(len(x), 1)
@@ -85,7 +99,9 @@ def test_an_image_without_an_answer_is_fooled_and_never_at_its_target(door, targ
     model.eval()
     labels = torch.zeros(6, dtype=torch.long)  # where argmax of NaN lies
     targets = torch.full((6,), 1)
-    whole = ATTACKS[door](model)(images, labels, targets if targeted else None, generator=torch.Generator())
+    whole = ATTACKS[door](model)(
+        images, labels, targets if targeted else None, generator=torch.Generator()
+    )
     result = ATTACKS[door](broken_on([1, 2], model))(
         images, labels, targets if targeted else None, generator=torch.Generator()
     )
@@ -111,11 +127,18 @@ def nan_when_shown_noise(clean):
     "make",
     [
         lambda m: PGD(m, eps=EPS, steps=3),
-        lambda m: MoireAttack(m, scene=Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0)), eps=EPS, steps=3,
-                              random_start=1.0),
-        lambda m: SquareMoire(m, scene=Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0)), eps=EPS, steps=3),
+        lambda m: MoireAttack(
+            m,
+            scene=Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0)),
+            eps=EPS,
+            steps=3,
+            random_start=1.0,
+        ),
+        lambda m: SquareMoire(
+            m, scene=Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0)), eps=EPS, steps=3
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_model_that_hides_behind_nan_is_fooled(make, batch):
     images = batch[0] * 0.5 + 0.2
     result = make(nan_when_shown_noise(images))(images, torch.zeros(6, dtype=torch.long))
@@ -142,6 +165,8 @@ def test_a_result_prints_as_one_line(model, batch):
     for one, eps in zip(result, (2, 4), strict=True):
         fooled = int(one.success.sum())
         losses = f"loss {one.loss[0]:.3g} to {one.loss[-1]:.3g} in 2 steps"
-        assert str(one) == repr(one) == f"Result(eps {eps}/255, {fooled} of 6 images fooled, {losses})"
+        assert (
+            str(one) == repr(one) == f"Result(eps {eps}/255, {fooled} of 6 images fooled, {losses})"
+        )
     assert "\n" not in str(result)
     assert str(PGD(model, steps=0)(*batch)).endswith("images fooled)")

@@ -15,7 +15,9 @@ from tests.attacks.common import EPS, SCENE, predicted
 METHODS = {
     "ma": lambda m, **k: MoireAttack(model=m, scene=SCENE, **k),
     "ma margin": lambda m, **k: MoireAttack(model=m, scene=SCENE, loss="margin", **k),
-    "ma restarts": lambda m, **k: MoireAttack(model=m, scene=SCENE, restarts=2, random_start=1.0, **k),
+    "ma restarts": lambda m, **k: MoireAttack(
+        model=m, scene=SCENE, restarts=2, random_start=1.0, **k
+    ),
     "ma eot": lambda m, **k: MoireAttack(model=m, scene=SCENE, eot=2, **k),
     "ma paper_code": lambda m, **k: MoireAttack(model=m, scene="paper_code", **k),
     "ma dlr": lambda m, **k: MoireAttack(model=m, scene=SCENE, loss="dlr", **k),
@@ -24,7 +26,9 @@ METHODS = {
     "ma printed": lambda m, **k: MoireAttack(model=m, scene=SCENE, rule="printed", **k),
     "ma photo": lambda m, **k: MoireAttack(model=m, scene=SCENE, noise_at="photo", **k),
     "ma turned": lambda m, **k: MoireAttack(model=m, scene=SCENE, optimise=("noise", "view"), **k),
-    "ma pose": lambda m, **k: MoireAttack(model=m, scene=SCENE, optimise=("view",), rule="apgd", **k),
+    "ma pose": lambda m, **k: MoireAttack(
+        model=m, scene=SCENE, optimise=("view",), rule="apgd", **k
+    ),
     "pgd": lambda m, **k: PGD(model=m, **k),
     "pgd margin": lambda m, **k: PGD(model=m, loss="margin", **k),
     "bim": lambda m, **k: BIM(model=m, **k),
@@ -44,9 +48,15 @@ def test_a_result_is_what_it_says(name, targeted, model, batch):
     kept = images.clone()
     result = METHODS[name](model, eps=EPS, steps=3)(images, labels, targets)
     assert torch.equal(images, kept)
-    assert result.images.shape == images.shape and result.images.min() >= 0 and result.images.max() <= 1
+    assert (
+        result.images.shape == images.shape
+        and result.images.min() >= 0
+        and result.images.max() <= 1
+    )
     assert result.noise.abs().max() <= EPS * EXCEEDS.get(name, 1.0) * (1 + 1e-5)
-    assert result.loss.shape == (3,) and result.eps == (result.noise.abs().max() if name == "cw" else EPS)
+    assert result.loss.shape == (3,) and result.eps == (
+        result.noise.abs().max() if name == "cw" else EPS
+    )
     hit = predicted(model, result.images)
     assert torch.equal(result.success, hit == targets if targeted else hit != labels)
     if result.shot is None:
@@ -61,7 +71,9 @@ def test_a_result_is_what_it_says(name, targeted, model, batch):
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("n", [0, 1])
 def test_batches_of_none_and_one(name, n, model):
-    result = METHODS[name](model, eps=EPS, steps=2)(torch.rand(n, 3, 8, 8), torch.zeros(n, dtype=torch.long))
+    result = METHODS[name](model, eps=EPS, steps=2)(
+        torch.rand(n, 3, 8, 8), torch.zeros(n, dtype=torch.long)
+    )
     assert result.images.shape == (n, 3, 8, 8) and len(result.success) == len(result.noise) == n
 
 
@@ -73,7 +85,9 @@ def test_what_lies_a_little_outside_of_0_and_1_is_clipped_before_the_attack(name
     results = []
     for given in (outside, clip(outside)):
         results.append(attack(given, labels, generator=torch.Generator().manual_seed(0)))
-    assert torch.equal(results[0].images, results[1].images) and torch.equal(results[0].noise, results[1].noise)
+    assert torch.equal(results[0].images, results[1].images) and torch.equal(
+        results[0].noise, results[1].noise
+    )
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -81,7 +95,11 @@ def test_what_lies_a_little_outside_of_0_and_1_is_clipped_before_the_attack(name
 def test_saturated_logits_on_flat_images(name, level, model):
     images, labels = torch.full((2, 3, 8, 8), level), torch.tensor([0, 1])
     result = METHODS[name](lambda x: model(x) * 1e4, eps=EPS, steps=3)(images, labels)
-    assert result.images.isfinite().all() and result.noise.isfinite().all() and result.loss.isfinite().all()
+    assert (
+        result.images.isfinite().all()
+        and result.noise.isfinite().all()
+        and result.loss.isfinite().all()
+    )
     assert result.images.min() >= 0 and result.images.max() <= 1
 
 
@@ -90,7 +108,9 @@ def test_restarts_are_no_worse(model, batch):
     shot = SCENE.sample(6, (16, 16))
     margins = []
     for restarts in (1, 4):
-        result = MoireAttack(model=model, scene=SCENE, eps=EPS, steps=2, restarts=restarts)(images, labels, shot=shot)
+        result = MoireAttack(model=model, scene=SCENE, eps=EPS, steps=2, restarts=restarts)(
+            images, labels, shot=shot
+        )
         with attacks.evaluating(model), torch.no_grad():
             margins.append(attacks.margin(model(result.images), labels))
     assert (margins[1] >= margins[0] - 1e-5).all()
@@ -117,7 +137,10 @@ def test_the_model_is_left_as_it_was_found(name, after, model, batch):
     model(images).sum().backward()
     state = {k: v.clone() for k, v in model.state_dict().items()}
     grads = [p.grad.clone() for p in model.parameters()]
-    modes, flags = [m.training for m in model.modules()], [p.requires_grad for p in model.parameters()]
+    modes, flags = (
+        [m.training for m in model.modules()],
+        [p.requires_grad for p in model.parameters()],
+    )
     attack = METHODS[name](Explodes(model, after), eps=EPS, steps=2)
     if after == 1:
         with pytest.raises(RuntimeError, match="out of memory"):
@@ -136,7 +159,8 @@ def test_attacks_work_where_gradients_are_off(context, model, batch):
         images, labels = (t.clone() for t in batch)
         for name in METHODS:
             result = METHODS[name](model, eps=EPS, steps=2)(images, labels)
-            assert result.noise.any() != (name in ("cw", "ma pose"))  # two steps do not bring CW to its goal
+            # two steps do not bring CW to its goal
+            assert result.noise.any() != (name in ("cw", "ma pose"))
 
 
 def test_one_generator_one_result(model, batch):
@@ -160,9 +184,15 @@ BAD = [
     (lambda m, x, y: MoireAttack(m, rule="signs"), "Did you mean 'sign'?"),
     (lambda m, x, y: MoireAttack(m, noise_at="raws"), "Did you mean 'raw'?"),
     (lambda m, x, y: MoireAttack(m, rule="printed", eot=2), "needs eot = 1"),
-    (lambda m, x, y: MoireAttack(m, scene=SCENE, rule="printed", optimise=("view",)), "'printed' adds to the reading"),
+    (
+        lambda m, x, y: MoireAttack(m, scene=SCENE, rule="printed", optimise=("view",)),
+        "'printed' adds to the reading",
+    ),
     (lambda m, x, y: PGD(m, rule="printed"), "a pixel attack has none"),
-    (lambda m, x, y: PGD(lambda i: m(i)[:, :2], loss="dlr")(x, y * 0), "at least 3 classes; got logits of 2"),
+    (
+        lambda m, x, y: PGD(lambda i: m(i)[:, :2], loss="dlr")(x, y * 0),
+        "at least 3 classes; got logits of 2",
+    ),
     (lambda m, x, y: SquareMoire(m, rule="momentum"), "no use for rule = 'momentum'"),
     (lambda m, x, y: SquareMoire(m, step_size=0.1), "no use for step_size"),
     (lambda m, x, y: SquareMoire(m, eot=2), "no use for eot"),
@@ -181,7 +211,10 @@ BAD = [
     (lambda m, x, y: PGD(model=m)(x, y, y + 7), "the model's classes"),
     (lambda m, x, y: PGD(model=m)(x * 255, y), "lie in [0, 1]"),
     (lambda m, x, y: PGD(model=m)(x, y, shot=SCENE.sample(6, (16, 16))), "no camera"),
-    (lambda m, x, y: MoireAttack(model=m)(x, y, shot=SCENE.sample(2, (16, 16))), "drawn for 2 images"),
+    (
+        lambda m, x, y: MoireAttack(model=m)(x, y, shot=SCENE.sample(2, (16, 16))),
+        "drawn for 2 images",
+    ),
     (lambda m, x, y: PGD(model=lambda i: i)(x, y), "must return logits (B, K)"),
     (lambda m, x, y: AdversarialMoire(m, p=2), "p must be a probability"),
     (lambda m, x, y: Normalized(m, std=(0.1, 0.0, 0.1)), "positive std"),
@@ -211,7 +244,9 @@ def test_adversarial_moire_in_a_collate(model, batch):
     from torch.utils.data import DataLoader, TensorDataset, default_collate
 
     adversarial = AdversarialMoire(model, scene=SCENE, eps=EPS, steps=1)
-    loader = DataLoader(TensorDataset(*batch), 3, collate_fn=lambda b: adversarial(*default_collate(b)))
+    loader = DataLoader(
+        TensorDataset(*batch), 3, collate_fn=lambda b: adversarial(*default_collate(b))
+    )
     shown = torch.cat([x for x, _ in loader])
     assert shown.shape == batch[0].shape and not torch.equal(shown, batch[0])
     assert list(adversarial.parameters()) == []  # the model is not a part of it
@@ -226,7 +261,8 @@ def test_normalized_puts_the_normalisation_inside(model, batch):
 
 
 def test_saturated_and_black_pixels_are_reached(model):
-    """A white screen that overexposes, and a black one under read noise: no site hides from the attack."""
+    """A white screen that overexposes, and a black one under read noise: no site hides from the
+    attack."""
     scene = Scene(lens=Lens(blur=3.0), sensor=Sensor(gain=4.0, read_noise=0.01))
     for level in (0.0, 1.0):
         images = torch.full((2, 3, 12, 12), level)
@@ -238,7 +274,10 @@ def test_saturated_and_black_pixels_are_reached(model):
 
 def test_half_precision_models_are_attacked(model, batch):
     images, labels = batch[0].bfloat16(), batch[1]
-    for attack in (MoireAttack(model.bfloat16(), scene=SCENE, eps=EPS, steps=2), PGD(model, eps=EPS, steps=2)):
+    for attack in (
+        MoireAttack(model.bfloat16(), scene=SCENE, eps=EPS, steps=2),
+        PGD(model, eps=EPS, steps=2),
+    ):
         result = attack(images, labels)
         assert result.images.dtype == torch.bfloat16 and result.noise.abs().max() > 0
 
@@ -249,7 +288,8 @@ def test_n_fgsm_may_leave_the_ball(model, batch):
 
 
 def test_unread_sensor_pixels_get_no_noise(model, batch):
-    """Where the gradient is exactly zero the noise stays zero: paper_code reads 3 x 3 pixels around a centre."""
+    """Where the gradient is exactly zero the noise stays zero: paper_code reads 3 x 3 pixels around
+    a centre."""
     result = MoireAttack(model=model, scene="paper_code", eps=EPS, steps=2)(*batch)
     raw = expose(batch[0], result.shot)
     assert result.noise.shape == raw.shape

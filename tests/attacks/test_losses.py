@@ -8,7 +8,8 @@ import torch
 from moireaug.attacks import LOSSES, margin
 
 LOGITS = torch.tensor(
-    [[4.0, 1.0, 2.0, -3.0, 0.5], [0.0, 1.0, 5.0, 3.0, -2.0], [-1.0, 7.0, 6.9, 0.0, 2.0]], dtype=torch.float64
+    [[4.0, 1.0, 2.0, -3.0, 0.5], [0.0, 1.0, 5.0, 3.0, -2.0], [-1.0, 7.0, 6.9, 0.0, 2.0]],
+    dtype=torch.float64,
 )
 LABELS = torch.tensor([0, 0, 2])
 TARGETS = torch.tensor([2, 1, 4])
@@ -82,7 +83,9 @@ def test_ties_give_finite_losses_with_finite_gradients(name, targeted, dtype, ti
     logits = torch.zeros(3, 5, dtype=dtype)
     logits[:, ties:] = -1
     logits.requires_grad_()
-    loss = LOSSES[name](logits, torch.tensor([0, 1, 4]), torch.tensor([1, 4, 0]) if targeted else None)
+    loss = LOSSES[name](
+        logits, torch.tensor([0, 1, 4]), torch.tensor([1, 4, 0]) if targeted else None
+    )
     (slope,) = torch.autograd.grad(loss.sum(), logits)
     assert loss.isfinite().all() and slope.isfinite().all()
     assert slope.any(1).all()
@@ -105,13 +108,24 @@ def test_the_ratio_goes_on_where_the_label_is_third():
 @pytest.mark.parametrize(
     ("classes", "targeted", "sentence"),
     [
-        (2, False, "the loss 'dlr' needs a model of at least 3 classes; got logits of 2. Use 'margin'."),
-        (3, True, "the loss 'dlr', targeted, needs a model of at least 4 classes; got logits of 3. Use 'margin'."),
+        (
+            2,
+            False,
+            "the loss 'dlr' needs a model of at least 3 classes; got logits of 2. Use 'margin'.",
+        ),
+        (
+            3,
+            True,
+            "the loss 'dlr', targeted, needs a model of at least 4 classes; got logits of 3. Use "
+            "'margin'.",
+        ),
     ],
 )
 def test_too_few_classes_are_refused(classes, targeted, sentence):
     with pytest.raises(ValueError) as error:
-        LOSSES["dlr"](torch.zeros(1, classes), torch.tensor([0]), torch.tensor([1]) if targeted else None)
+        LOSSES["dlr"](
+            torch.zeros(1, classes), torch.tensor([0]), torch.tensor([1]) if targeted else None
+        )
     assert str(error.value) == sentence
 
 

@@ -1,4 +1,5 @@
-"""APGD and APGD-T: as strong as an independent implementation, right about what they give back, calm in hard cases."""
+"""APGD and APGD-T: as strong as an independent implementation, right about what they give back,
+calm in hard cases."""
 
 import warnings
 
@@ -48,7 +49,8 @@ LOSS_NAMES = {"ce": "ce", "dlr": "dlr", "targeted dlr": "dlr"}
 @pytest.mark.parametrize("loss", LOSS_NAMES)
 @pytest.mark.parametrize("saturated", [False, True])
 def test_no_more_readings_stay_right_than_under_torchattacks(loss, saturated, learnt, theirs):
-    """On the raw reading, of 48 images at most one more; on logits times 1e4, where softmax is 0 and 1, as few."""
+    """On the raw reading, of 48 images at most one more; on logits times 1e4, where softmax is 0
+    and 1, as few."""
     small, images, labels, shot = learnt
     model = nn.Sequential(small, Times(1e4)).eval() if saturated else small
     camera = Photographed(model, images, shot)
@@ -89,26 +91,33 @@ def test_no_more_images_stay_right_than_under_torchattacks(loss, learnt, theirs)
 
 
 def test_noise_stays_where_pixels_can_go():
-    """A white pixel that was pushed outward comes back when the gradient turns: the noise is kept inside [0, 1]."""
+    """A white pixel that was pushed outward comes back when the gradient turns: the noise is kept
+    inside [0, 1]."""
 
     def model(x):
         far = (x.mean((1, 2, 3)) - 0.99).abs()
         return torch.stack([-far, far - 0.015, far * 0 - 9], 1)
 
     images = torch.full((1, 3, 4, 4), 0.999)
-    for attack in (PGD(model, eps=EPS, steps=20, step_size=0.5), PGD(model, eps=EPS, steps=20, rule="apgd")):
+    for attack in (
+        PGD(model, eps=EPS, steps=20, step_size=0.5),
+        PGD(model, eps=EPS, steps=20, rule="apgd"),
+    ):
         _, point = attack.walk(images, torch.tensor([1]))
         shown = images + point["noise"]
         assert shown.max() <= 1 and shown.min() > 0.9
         start = torch.Generator().manual_seed(1)
-        assert (attack(images, torch.tensor([1]), generator=start).images.mean() - 0.99).abs() < 0.005
+        assert (
+            attack(images, torch.tensor([1]), generator=start).images.mean() - 0.99
+        ).abs() < 0.005
 
 
 DECOY = torch.tensor([[0.0, 0.03, -1.0, 0.0, 0.0], [0.0, -0.1, -2.0, -9.0, -9.0]])
 
 
 def misled(x):
-    """Logits in one number s in [-3, 3]: the second class is near and never reached, the third is the way out."""
+    """Logits in one number s in [-3, 3]: the second class is near and never reached, the third is
+    the way out."""
     s = (x.mean((1, 2, 3)) - 0.5)[:, None] * 100
     return 20 * (s * DECOY[0] + DECOY[1])
 
@@ -145,7 +154,11 @@ def test_a_result_is_what_it_says(name, learnt):
     result = attack(images, labels, shot=shot, generator=torch.Generator().manual_seed(0))
     assert torch.equal(result.success, predicted(model, result.images) != labels)
     assert 0.2 < result.success.float().mean() < 1
-    assert result.noise.abs().max() <= EPS * (1 + 1e-5) and result.loss.shape == (3,) and result.eps == EPS
+    assert (
+        result.noise.abs().max() <= EPS * (1 + 1e-5)
+        and result.loss.shape == (3,)
+        and result.eps == EPS
+    )
     if name == "photo":
         shown = (capture(images, result.shot) + result.noise).clamp(0, 1)
     else:
@@ -154,10 +167,13 @@ def test_a_result_is_what_it_says(name, learnt):
     turned = (result.shot.view.roll != shot.view.roll).any()
     assert turned == (name == "turned")
     with torch.no_grad():
-        before, after = (attacks.margin(model(x), labels) for x in (capture(images, shot), result.images))
+        before, after = (
+            attacks.margin(model(x), labels) for x in (capture(images, shot), result.images)
+        )
     assert (after >= before - 1e-5)[~result.success].all() and after.mean() > before.mean() + 0.1
     wrong = before > 0
-    assert wrong.any() and (result.noise[wrong] == 0).all()  # was wrong unattacked, and is given back as it was
+    # was wrong unattacked, and is given back as it was
+    assert wrong.any() and (result.noise[wrong] == 0).all()
 
 
 def test_more_targets_never_leave_more_right(learnt):
@@ -168,8 +184,8 @@ def test_more_targets_never_leave_more_right(learnt):
 
 
 def test_what_is_done_is_not_asked_again(learnt):
-    """Four targets of five classes, and in each only the images that are still right: one query and three of steps,
-    one that judges, one that measures."""
+    """Four targets of five classes, and in each only the images that are still right: one query and
+    three of steps, one that judges, one that measures."""
     model, images, labels, shot = learnt
     asked = []
 
@@ -181,7 +197,10 @@ def test_what_is_done_is_not_asked_again(learnt):
     result = MultiTargeted(attack)(images, labels, shot=shot)
     assert asked[0] == N and len(asked) == 1 + 4 * 6
     rounds = asked[1::6]
-    assert rounds == sorted(rounds, reverse=True) and N > rounds[0] > rounds[-1] >= (~result.success).sum()
+    assert (
+        rounds == sorted(rounds, reverse=True)
+        and N > rounds[0] > rounds[-1] >= (~result.success).sum()
+    )
 
 
 def test_a_list_of_eps_gives_a_list(learnt):
@@ -230,11 +249,20 @@ def test_batches_of_none_and_one(n, learnt):
 
 
 BAD = [
-    (lambda m: MultiTargeted(m), "runs an attack whose steps have a target, like MoireAttack or PGD; got"),
+    (
+        lambda m: MultiTargeted(m),
+        "runs an attack whose steps have a target, like MoireAttack or PGD; got",
+    ),
     (lambda m: MultiTargeted(CW(m)), "runs an attack whose steps have a target"),
-    (lambda m: MultiTargeted(PGD(m), targets=0), "targets must be an integer >= 1, the classes to go toward; got 0."),
+    (
+        lambda m: MultiTargeted(PGD(m), targets=0),
+        "targets must be an integer >= 1, the classes to go toward; got 0.",
+    ),
     (lambda m: MultiTargeted(PGD(m), targets=True), "got True."),
-    (lambda m: PGD(m, eps=[0.1]).toward(torch.rand(1, 3, 16, 16), *torch.tensor([[1], [2]])), "one number here; got"),
+    (
+        lambda m: PGD(m, eps=[0.1]).toward(torch.rand(1, 3, 16, 16), *torch.tensor([[1], [2]])),
+        "one number here; got",
+    ),
 ]
 
 
@@ -248,5 +276,7 @@ def test_wrong_settings_get_a_sentence(do, sentence, model):
 def test_three_classes_have_no_targeted_ratio(model, batch):
     images, _ = batch
     attack = PGD(lambda x: model.eval()(x)[:, :3], steps=1, rule="apgd", loss="dlr")
-    with pytest.raises(ValueError, match="'dlr', targeted, needs a model of at least 4 classes; got logits of 3"):
+    with pytest.raises(
+        ValueError, match="'dlr', targeted, needs a model of at least 4 classes; got logits of 3"
+    ):
         MultiTargeted(attack)(images, predicted(attack.model, images))

@@ -1,4 +1,5 @@
-"""Attacks of other libraries through the camera: every row meets its own shot, whatever an attack does to the batch."""
+"""Attacks of other libraries through the camera: every row meets its own shot, whatever an attack
+does to the batch."""
 
 import warnings
 
@@ -34,7 +35,8 @@ def learnt(trained):
 
 
 class Naive(nn.Module):
-    """A camera that takes the rows as they come: the mistake that Photographed is there to avoid."""
+    """A camera that takes the rows as they come: the mistake that Photographed is there to
+    avoid."""
 
     def __init__(self, model, shot, noise_at="raw"):
         super().__init__()
@@ -97,7 +99,9 @@ def of_foolbox(name, **settings):
     def attack(camera, labels):
         foolbox = quietly("foolbox")
         model = foolbox.PyTorchModel(camera, bounds=(0, 1))
-        return getattr(foolbox.attacks, name)(**settings)(model, camera.clean, labels, epsilons=EPS)[1]
+        return getattr(foolbox.attacks, name)(**settings)(
+            model, camera.clean, labels, epsilons=EPS
+        )[1]
 
     return attack
 
@@ -107,7 +111,12 @@ def of_art(name, **settings):
         quietly("art.estimators.classification")
         art = quietly("art")
         classifier = art.estimators.classification.PyTorchClassifier(
-            camera, nn.CrossEntropyLoss(), tuple(camera.clean.shape[1:]), 5, clip_values=(0, 1), device_type="cpu"
+            camera,
+            nn.CrossEntropyLoss(),
+            tuple(camera.clean.shape[1:]),
+            5,
+            clip_values=(0, 1),
+            device_type="cpu",
         )
         made = getattr(quietly("art.attacks.evasion"), name)(classifier, verbose=False, **settings)
         return torch.from_numpy(made.generate(camera.clean.numpy(), labels.numpy()))
@@ -119,7 +128,9 @@ BOUNDED = {
     "torchattacks AutoAttack": of_torchattacks("AutoAttack", eps=EPS, n_classes=5, seed=0),
     "torchattacks PGD": of_torchattacks("PGD", eps=EPS, alpha=EPS / 4, steps=20),
     "foolbox PGD": of_foolbox("LinfPGD", rel_stepsize=0.25, steps=20),
-    "ART PGD": of_art("ProjectedGradientDescent", eps=EPS, eps_step=EPS / 4, max_iter=20, batch_size=5),
+    "ART PGD": of_art(
+        "ProjectedGradientDescent", eps=EPS, eps_step=EPS / 4, max_iter=20, batch_size=5
+    ),
 }
 
 
@@ -145,7 +156,9 @@ def test_what_others_find_in_the_ball_is_what_we_find(learnt, attack):
     assert x.min() >= 0 and x.max() <= 1 and (x - expose(images, shot)).abs().max() <= EPS * 1.001
     theirs = predicted(model, develop(x, shot)) != labels  # judged with all rows in order
     assert torch.equal(theirs, predicted(camera, x) != labels)
-    ours = MoireAttack(model, scene=SCENE, eps=EPS, steps=40, rule="apgd", loss="margin", restarts=2)
+    ours = MoireAttack(
+        model, scene=SCENE, eps=EPS, steps=40, rule="apgd", loss="margin", restarts=2
+    )
     ours = ours(images, labels, shot=shot).success
     assert 0.1 < ours.float().mean() < 1
     assert (ours.sum() - theirs.sum()).abs() <= 2
@@ -159,7 +172,8 @@ UNBOUNDED = {
 
 @pytest.mark.parametrize("attack", UNBOUNDED.values(), ids=UNBOUNDED)
 def test_attacks_that_take_rows_one_by_one_or_few_at_a_time(learnt, attack):
-    """All rows are fooled by the smallest noise where each meets its own shot; with another's, most need luck."""
+    """All rows are fooled by the smallest noise where each meets its own shot; with another's, most
+    need luck."""
     model, images, labels, shot = learnt
     camera, naive = Photographed(model, images, shot), Naive(model, shot).eval()
     naive.clean = camera.clean
@@ -177,7 +191,9 @@ def test_what_cannot_be_told_apart_is_refused(learnt, noise_at):
     camera = Photographed(model, images, shot, noise_at=noise_at)
     clean = camera.clean
     between = torch.stack([clean[0], (clean[1] + clean[2]) / 2])
-    with pytest.raises(ValueError, match=r"row 1 is too far .* row (1|2) is the nearest .*one image at a time"):
+    with pytest.raises(
+        ValueError, match=r"row 1 is too far .* row (1|2) is the nearest .*one image at a time"
+    ):
         camera(between)
     with pytest.raises(ValueError, match="one image at a time"):
         camera(torch.rand(3, *clean.shape[1:], generator=torch.Generator().manual_seed(7)))
@@ -197,7 +213,9 @@ def test_one_image_at_a_time_takes_any_attack(learnt):
     foolbox = quietly("foolbox")
     attack = foolbox.attacks.BoundaryAttack(steps=30)
     camera = Photographed(model, images[3:4], shot[3:4])
-    (x, *_), hit = attack(foolbox.PyTorchModel(camera, bounds=(0, 1)), camera.clean, labels[3:4], epsilons=None)[1:]
+    (x, *_), hit = attack(
+        foolbox.PyTorchModel(camera, bounds=(0, 1)), camera.clean, labels[3:4], epsilons=None
+    )[1:]
     assert hit.all() and predicted(model, develop(x[None], shot[3:4])) != labels[3]
     many = Photographed(model, images, shot)
     with pytest.raises(ValueError, match="one image at a time"):
@@ -207,21 +225,33 @@ def test_one_image_at_a_time_takes_any_attack(learnt):
 STILL = Scene(sensor=Sensor(scale=2.0, gain=2.0))  # nothing is drawn
 
 
-@pytest.mark.parametrize(("scene", "noise_at", "fine"), [
-    (STILL, "raw", True), (STILL, "image", True), (SCENE, "raw", True), (SCENE, "image", False),
-    (Scene(sensor=Sensor(read_noise=0.01)), "raw", True), (Scene(sensor=Sensor(read_noise=0.01)), "image", False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("scene", "noise_at", "fine"),
+    [
+        (STILL, "raw", True),
+        (STILL, "image", True),
+        (SCENE, "raw", True),
+        (SCENE, "image", False),
+        (Scene(sensor=Sensor(read_noise=0.01)), "raw", True),
+        (Scene(sensor=Sensor(read_noise=0.01)), "image", False),
+    ],
+)
 def test_the_same_image_twice(learnt, scene, noise_at, fine):
-    """Fine where a turned camera or the sensor's noise makes two readings of it, or where either shot will do."""
+    """Fine where a turned camera or the sensor's noise makes two readings of it, or where either
+    shot will do."""
     model, images, _, _ = learnt
     images = images[[0, 1, 0]]
     shot = scene.sample(3, (16, 16))
     if not fine:
-        with pytest.raises(ValueError, match="rows 0 and 2 have the same image but different shots"):
+        with pytest.raises(
+            ValueError, match="rows 0 and 2 have the same image but different shots"
+        ):
             Photographed(model, images, shot, noise_at=noise_at)
         return
     camera = Photographed(model, images, shot, noise_at=noise_at)
-    assert torch.allclose(camera(camera.clean[[2, 1]]), model(capture(images, shot))[[2, 1]], atol=1e-5)
+    assert torch.allclose(
+        camera(camera.clean[[2, 1]]), model(capture(images, shot))[[2, 1]], atol=1e-5
+    )
 
 
 def test_black_readings_of_turned_screens_are_refused(learnt):
@@ -249,11 +279,15 @@ def test_photos_are_of_the_images_dtype(learnt, dtype):
     assert seen == [dtype] and camera.photos(camera.clean).dtype == dtype
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"model": 3}, "model must be callable"), ({"noise_at": "photo"}, "noise_at must be one of 'raw', 'image'"),
-    ({"images": torch.rand(2, 3, 16, 16)}, "drawn for 16 images"),
-    ({"images": torch.rand(N, 3, 16, 16) * 255}, r"lie in \[0, 1\]"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": 3}, "model must be callable"),
+        ({"noise_at": "photo"}, "noise_at must be one of 'raw', 'image'"),
+        ({"images": torch.rand(2, 3, 16, 16)}, "drawn for 16 images"),
+        ({"images": torch.rand(N, 3, 16, 16) * 255}, r"lie in \[0, 1\]"),
+    ],
+)
 def test_arguments_that_do_not_go_together(learnt, change, message):
     model, images, _, shot = learnt
     with pytest.raises((TypeError, ValueError), match=message):

@@ -1,4 +1,5 @@
-"""The adversary turns the camera: poses stay in range, serve it at least as well as the drawn ones, and replay."""
+"""The adversary turns the camera: poses stay in range, serve it at least as well as the drawn ones,
+and replay."""
 
 import dataclasses
 
@@ -34,10 +35,14 @@ TABLE = {
 
 
 def fields_of(shot):
-    return {(p, k): getattr(getattr(shot, p), k) for p in PARTS for k in ranged_fields(getattr(shot, p))}
+    return {
+        (p, k): getattr(getattr(shot, p), k) for p in PARTS for k in ranged_fields(getattr(shot, p))
+    }
 
 
-@pytest.mark.parametrize(("name", "targeted"), [*((name, False) for name in TABLE), ("view", True), ("all", True)])
+@pytest.mark.parametrize(
+    ("name", "targeted"), [*((name, False) for name in TABLE), ("view", True), ("all", True)]
+)
 def test_a_found_pose_is_what_it_says(name, targeted, model, batch):
     scene, settings = TABLE[name]
     (images, labels), model = batch, model.eval()
@@ -48,7 +53,12 @@ def test_a_found_pose_is_what_it_says(name, targeted, model, batch):
     drawn, found = fields_of(shot), fields_of(result.shot)
     for (part, k), value in found.items():
         low, high = bounds(getattr(getattr(scene, part), k))
-        assert value.shape == (6,) and not value.requires_grad and (value >= low).all() and (value <= high).all()
+        assert (
+            value.shape == (6,)
+            and not value.requires_grad
+            and (value >= low).all()
+            and (value <= high).all()
+        )
         if part not in attack.optimise or low == high:
             assert torch.equal(value, drawn[part, k]), (part, k)
     assert any(not torch.equal(value, drawn[key]) for key, value in found.items())
@@ -63,7 +73,10 @@ def test_a_found_pose_is_what_it_says(name, targeted, model, batch):
     if attack.eot == 1:  # with more, other shots have judged it
         with torch.no_grad():
             goal, sign = (labels, 1) if targets is None else (targets, -1)
-            before, after = (sign * attacks.margin(model(x), goal) for x in (capture(images, shot), result.images))
+            before, after = (
+                sign * attacks.margin(model(x), goal)
+                for x in (capture(images, shot), result.images)
+            )
         assert (after >= before - 1e-5).all() and after.mean() > before.mean() + 1e-3
 
 
@@ -73,13 +86,17 @@ def test_turning_the_camera_adds_to_the_noise(model, batch):
     for optimise in (("noise",), ("noise", *PARTS)):
         attack = MoireAttack(model, scene=SCENE, eps=2 / 255, steps=10, optimise=optimise)
         with torch.no_grad():
-            reached[optimise] = attacks.margin(model(attack(images, labels, shot=shot).images), labels).mean()
+            reached[optimise] = attacks.margin(
+                model(attack(images, labels, shot=shot).images), labels
+            ).mean()
     assert reached["noise", *PARTS] > reached["noise",]
 
 
 def test_brightness_goes_to_its_end():
     """A closed form: a model that only wants light gets the greatest gain and the most added."""
-    scene = Scene(sensor=Sensor(gain=(1.0, 2.0)), lens=Lens(blur=0.5), develop=Develop(brighten=(-0.1, 0.1)))
+    scene = Scene(
+        sensor=Sensor(gain=(1.0, 2.0)), lens=Lens(blur=0.5), develop=Develop(brighten=(-0.1, 0.1))
+    )
 
     def model(x):
         return torch.stack([-x.mean((1, 2, 3)), x.mean((1, 2, 3))], 1)
@@ -87,14 +104,19 @@ def test_brightness_goes_to_its_end():
     for rule in ("sign", "momentum", "apgd"):
         attack = MoireAttack(model, scene=scene, steps=8, optimise=("sensor", "develop"), rule=rule)
         result = attack(torch.full((3, 3, 8, 8), 0.4), torch.zeros(3, dtype=torch.long))
-        assert result.shot.sensor.gain.tolist() == [2.0] * 3 and result.shot.develop.brighten.tolist() == [0.1] * 3
+        assert (
+            result.shot.sensor.gain.tolist() == [2.0] * 3
+            and result.shot.develop.brighten.tolist() == [0.1] * 3
+        )
 
 
 def test_what_no_effect_reads_stays(model, batch):
     """The phase of pulses that no shutter sees, and a file's quality, which has no gradient."""
     scene = dataclasses.replace(SCENE, panel=Panel(), develop=Develop(jpeg=(40.0, 90.0)))
     shot = scene.sample(6, (16, 16))
-    result = MoireAttack(model, scene=scene, steps=2, optimise=("panel", "develop"))(*batch, shot=shot)
+    result = MoireAttack(model, scene=scene, steps=2, optimise=("panel", "develop"))(
+        *batch, shot=shot
+    )
     assert torch.allclose(result.shot.panel.phase, shot.panel.phase, atol=1e-12)
     assert torch.allclose(result.shot.develop.jpeg, shot.develop.jpeg, atol=1e-12)
 
@@ -126,7 +148,10 @@ def test_one_generator_one_pose(model, batch):
 STILL = Scene(view=View(roll=3.0))
 POINT = Scene(view=View(roll=(0.0, 3.0)), sensor=Sensor(exposure="point"))
 BAD = [
-    ({"scene": "paper", "optimise": ("view",)}, "got 'point' in the scene's plan. Set Sensor(exposure='spectral')"),
+    (
+        {"scene": "paper", "optimise": ("view",)},
+        "got 'point' in the scene's plan. Set Sensor(exposure='spectral')",
+    ),
     ({"scene": "paper_code", "optimise": ("view",)}, "set pose='camera'"),
     ({"scene": STILL, "optimise": ("view",)}, "optimise names 'view', which has no range"),
     ({"scene": SCENE, "optimise": ("noise", "views")}, "Did you mean 'view'?"),

@@ -1,4 +1,5 @@
-"""Rivals beside an independent implementation, torchattacks, and the random search beside chance."""
+"""Rivals beside an independent implementation, torchattacks, and the random search beside
+chance."""
 
 import copy
 import warnings
@@ -24,8 +25,9 @@ def theirs():
 
 @pytest.fixture(scope="module")
 def learnt(trained):
-    """A model that is right, and not sure, with logits above 0 (torchattacks' CW takes 0 for the logit left out); and
-    images away from black and white, where torchattacks projects and we have no gradient."""
+    """A model that is right, and not sure, with logits above 0 (torchattacks' CW takes 0 for the
+    logit left out); and images away from black and white, where torchattacks projects and we have
+    no gradient."""
     g = torch.Generator().manual_seed(0)
     images, labels = torch.rand(32, 3, 16, 16, generator=g) * 0.6 + 0.2, torch.arange(32) % 5
     images[torch.arange(32), 0, :, labels * 3] *= 0.7  # the class is where a column is dark
@@ -54,11 +56,15 @@ def test_the_same_images_as_torchattacks(name, targeted, theirs, learnt):
         return attack(images, goal)
 
     start = {"random_start": 0.0} if name == "PGD" else {}
-    ours = {"BIM": BIM, "MIFGSM": MIFGSM, "PGD": PGD}[name](model, eps=EPS, step_size=0.25, steps=6, **start)
+    ours = {"BIM": BIM, "MIFGSM": MIFGSM, "PGD": PGD}[name](
+        model, eps=EPS, step_size=0.25, steps=6, **start
+    )
     result = ours(images, labels, goal if targeted else None)
     with torch.no_grad():
         for k in (1, 3, 5):  # the losses before each step are those of as many steps of theirs
-            assert torch.allclose(result.loss[k], nn.functional.cross_entropy(model(of(k)), goal), atol=1e-5)
+            assert torch.allclose(
+                result.loss[k], nn.functional.cross_entropy(model(of(k)), goal), atol=1e-5
+            )
         expected = of(6)
         hit = model(expected).argmax(1) == goal
     theirs_rate = (hit if targeted else ~hit).float().mean()
@@ -71,7 +77,8 @@ def test_the_same_images_as_torchattacks(name, targeted, theirs, learnt):
 @pytest.mark.parametrize(("c", "lr"), [(0.1, 0.01), (0.1, 0.003), (0.2, 0.003), (1.0, 0.01)])
 def test_cw_agrees_with_torchattacks(targeted, c, lr, theirs, learnt):
     model, images, labels = learnt
-    # in float64: Adam divides by the size of a gradient, and would make steps of what rounding leaves of a zero
+    # in float64: Adam divides by the size of a gradient, and would make steps of what rounding
+    # leaves of a zero
     model, images = copy.deepcopy(model).double(), images.double()
     other = theirs.CW(model, c=c, kappa=0, steps=50, lr=lr)
     targets = (labels + 1) % 5 if targeted else None
@@ -87,9 +94,13 @@ def test_cw_agrees_with_torchattacks(targeted, c, lr, theirs, learnt):
         assert (ours_far <= far * (1 + 1e-3)).all()
     else:
         assert torch.allclose(ours_far, far, rtol=1e-3)
-        # all but the last row and column, which the model does not read: there rounding does lead astray
+        # all but the last row and column, which the model does not read: there rounding does lead
+        # astray
         assert ours.images.sub(expected)[..., :-1, :-1].abs().max() < 1e-5
-    assert torch.equal(ours.images[~ours.success], images[~ours.success]) and ours.eps == ours.noise.abs().max()
+    assert (
+        torch.equal(ours.images[~ours.success], images[~ours.success])
+        and ours.eps == ours.noise.abs().max()
+    )
 
 
 def test_cw_with_more_confidence_goes_farther(learnt):
@@ -98,15 +109,20 @@ def test_cw_with_more_confidence_goes_farther(learnt):
     margins = [attacks.margin(model(r.images), labels) for r in results]
     both = results[0].success & results[1].success
     assert both.float().mean() > 0.5 and (margins[1][both] >= 1).all()
-    assert (results[1].noise.flatten(1).norm(dim=1) > results[0].noise.flatten(1).norm(dim=1))[both].all()
+    assert (results[1].noise.flatten(1).norm(dim=1) > results[0].noise.flatten(1).norm(dim=1))[
+        both
+    ].all()
 
 
 def test_cw_reaches_from_black_and_white_when_it_may_go_far():
     """Black and white lie at infinity in tanh space; they are moved in, and gradients arrive."""
     images = torch.stack([torch.zeros(3, 4, 4), torch.ones(3, 4, 4)])
-    result = CW(lambda x: torch.stack([x.mean((1, 2, 3)) - 0.3, 0.7 - x.mean((1, 2, 3))], 1), c=1e4, steps=60, lr=0.3)(
-        images, torch.tensor([1, 0])
-    )
+    result = CW(
+        lambda x: torch.stack([x.mean((1, 2, 3)) - 0.3, 0.7 - x.mean((1, 2, 3))], 1),
+        c=1e4,
+        steps=60,
+        lr=0.3,
+    )(images, torch.tensor([1, 0]))
     assert result.success.all() and result.images.isfinite().all()
 
 
@@ -128,7 +144,9 @@ def test_square_needs_no_gradient_and_beats_chance(learnt, trained):
     model = trained(capture(images, shot), labels)
     g = torch.Generator().manual_seed(5)
     eps = 4 / 255
-    result = SquareMoire(Blind(model), scene=SCENE, eps=eps, steps=60)(images, labels, shot=shot, generator=g)
+    result = SquareMoire(Blind(model), scene=SCENE, eps=eps, steps=60)(
+        images, labels, shot=shot, generator=g
+    )
     chance = (torch.randint(0, 2, shot.raw_shape(), generator=g) * 2.0 - 1) * eps
     with torch.no_grad():
         found, by_chance, clean, white = (
@@ -137,7 +155,9 @@ def test_square_needs_no_gradient_and_beats_chance(learnt, trained):
                 result.images,
                 capture(images, shot, chance),
                 capture(images, shot),
-                MoireAttack(model, scene=SCENE, eps=eps, steps=10)(images, labels, shot=shot).images,
+                MoireAttack(model, scene=SCENE, eps=eps, steps=10)(
+                    images, labels, shot=shot
+                ).images,
             )
         )
     assert white > found > by_chance + 0.5 * (white - clean) * 0.3
@@ -157,7 +177,9 @@ def test_square_asks_as_often_as_it_says_and_never_gets_worse(learnt):
             return model(x)
 
         attack = SquareMoire(counting, scene=SCENE, steps=steps)
-        kept.append(attack.last(images, labels, shot=shot, generator=torch.Generator().manual_seed(2)))
+        kept.append(
+            attack.last(images, labels, shot=shot, generator=torch.Generator().manual_seed(2))
+        )
         assert len(asked) == steps
         asked.clear()
     with torch.no_grad():

@@ -11,7 +11,10 @@ from moireaug.attacks import LOSSES, PGD, MoireAttack
 from moireaug.attacks.rules import RULES, Ball, checkpoints
 
 SCENE = Scene(
-    panel=Panel(scale=1.1), lens=Lens(blur=0.25), sensor=Sensor(scale=2.0, gain=2.0), develop=Develop(brighten=0.1)
+    panel=Panel(scale=1.1),
+    lens=Lens(blur=0.25),
+    sensor=Sensor(scale=2.0, gain=2.0),
+    develop=Develop(brighten=0.1),
 )
 EPS = 4 / 255
 
@@ -30,12 +33,15 @@ def ascend(rule, gradient_of, steps, x, **ball):
 
 def test_apgd_looks_back_where_the_paper_says():
     assert checkpoints(100) == {22, 41, 57, 70, 80, 87, 93, 99}
-    assert checkpoints(0) == {0} and max(checkpoints(1)) == 1  # a single step is never looked back on
+    # a single step is never looked back on
+    assert checkpoints(0) == {0} and max(checkpoints(1)) == 1
 
 
 def test_momentum_is_the_papers_sum():
-    """g = g + gradient / mean|gradient|, per image: a weak late gradient does not turn a strong early direction."""
-    slopes = torch.tensor([[[2.0, -1.0]], [[-1.0, -1.0]], [[-1.0, 8.0]]])  # three steps of one image, two variables
+    """g = g + gradient / mean|gradient|, per image: a weak late gradient does not turn a strong
+    early direction."""
+    # three steps of one image, two variables
+    slopes = torch.tensor([[[2.0, -1.0]], [[-1.0, -1.0]], [[-1.0, 8.0]]])
     rule, x = RULES["momentum"](Ball(1.0, 1.0, 10, 0.1)), torch.zeros(1, 2)
     # normalised: (4/3, -2/3), (-1, -1), (-2/9, 16/9); summed: (4/3, -2/3), (1/3, -5/3), (1/9, 1/9)
     for slope, expected in zip(slopes, [(0.1, -0.1), (0.2, -0.2), (0.3, -0.1)], strict=True):
@@ -45,7 +51,8 @@ def test_momentum_is_the_papers_sum():
 
 
 def published(value_and_slope, x, steps, low=-1.0, high=1.0):
-    """Auto-PGD (Croce & Hein, 2020, Algorithm 1) on one variable, in plain words: the points x_0 to x_steps."""
+    """Auto-PGD (Croce & Hein, 2020, Algorithm 1) on one variable, in plain words: the points x_0 to
+    x_steps."""
     p, marks = [0.0, 0.22], []
     while p[-1] < 1:
         marks.append(math.ceil(p[-1] * steps - 1e-9))
@@ -81,9 +88,13 @@ def published(value_and_slope, x, steps, low=-1.0, high=1.0):
 @pytest.mark.parametrize("steps", [1, 9, 40, 100])
 @pytest.mark.parametrize("boxed", [False, True])
 def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
-    """Beside a plain transcription, image by image, on waves with many summits; with the bounds of [0, 1], too."""
+    """Beside a plain transcription, image by image, on waves with many summits; with the bounds of
+    [0, 1], too."""
     g = torch.Generator().manual_seed(5)
-    waves, phase = torch.randn(6, 7, 4, generator=g).double() * 4, torch.rand(6, 7, generator=g).double() * 6
+    waves, phase = (
+        torch.randn(6, 7, 4, generator=g).double() * 4,
+        torch.rand(6, 7, generator=g).double() * 6,
+    )
 
     def loss_of(x, rows=slice(None)):
         return ((x[:, None] * waves[rows]).sum(-1) + phase[rows]).sin().sum(1) + x.sum(1) / 4
@@ -108,7 +119,8 @@ def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
 
 
 def test_apgd_halves_where_the_best_has_not_changed_since_the_start():
-    """The second condition alone: a loss that falls at first and then rises at every step, but never to its start."""
+    """The second condition alone: a loss that falls at first and then rises at every step, but
+    never to its start."""
     rule = RULES["apgd"](Ball(1.0, 1.0, 100))
     x = torch.zeros(1, 1)
     for k in range(23):
@@ -132,7 +144,8 @@ def test_the_first_apgd_step_crosses_the_ball():
 
 
 def test_apgd_closes_in_where_signs_go_to_and_fro():
-    """On a bowl whose floor lies inside the ball, fixed steps stay a step away; halved ones come nearer."""
+    """On a bowl whose floor lies inside the ball, fixed steps stay a step away; halved ones come
+    nearer."""
     g = torch.Generator().manual_seed(0)
     floor = torch.rand(8, 5, generator=g) * 1.2 - 0.6
     mixed = torch.randn(5, 5, generator=g) * 0.4 + torch.eye(5)
@@ -174,7 +187,8 @@ def test_apgd_is_at_least_as_strong_as_sign():
 
 
 def test_printed_adds_the_whole_delta_at_every_step():
-    """On a linear model every gradient has the same sign: delta grows by eps / K, the total to (K + 1) / 2 eps."""
+    """On a linear model every gradient has the same sign: delta grows by eps / K, the total to (K +
+    1) / 2 eps."""
     g = torch.Generator().manual_seed(1)
     weight = torch.randn(2, 192, generator=g)
 
@@ -197,7 +211,8 @@ def test_printed_adds_the_whole_delta_at_every_step():
 
 
 def test_printed_is_algorithm_1_step_by_step(model, batch):
-    """Beside a plain transcription, on a model with curvature and readings that reach both bounds."""
+    """Beside a plain transcription, on a model with curvature and readings that reach both
+    bounds."""
     (images, labels), steps, eps = batch, 5, 0.2
     model.eval()
     shot = SCENE.sample(6, (16, 16))

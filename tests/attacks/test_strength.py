@@ -1,4 +1,5 @@
-"""Attacks find what there is to find: closed forms, models broken by construction, and more than random noise does."""
+"""Attacks find what there is to find: closed forms, models broken by construction, and more than
+random noise does."""
 
 import pytest
 import torch
@@ -15,7 +16,9 @@ class Linear(nn.Module):
     def __init__(self, size):
         super().__init__()
         g = torch.Generator().manual_seed(9)
-        self.weight = nn.Parameter(torch.randn(2, 3 * size * size, generator=g, dtype=torch.float64))
+        self.weight = nn.Parameter(
+            torch.randn(2, 3 * size * size, generator=g, dtype=torch.float64)
+        )
 
     def forward(self, x):
         return x.flatten(1) @ self.weight.T.to(x)
@@ -25,7 +28,8 @@ class Linear(nn.Module):
 @pytest.mark.parametrize("loss", ["ce", "margin"])
 @pytest.mark.parametrize("steps", [1, 5])
 def test_a_linear_model_is_attacked_optimally(loss, steps, rule):
-    """margin(delta) - margin(0) = eps * ||A^T w||_1, reached exactly, as long as nothing is clipped."""
+    """margin(delta) - margin(0) = eps * ||A^T w||_1, reached exactly, as long as nothing is
+    clipped."""
     scene = Scene(
         panel=Panel(scale=1.1),
         view=View(roll=3.0),
@@ -49,7 +53,8 @@ def test_a_linear_model_is_attacked_optimally(loss, steps, rule):
 
 
 def test_a_model_broken_by_construction_is_broken():
-    """Its decision hangs on a difference far below eps: an attack that cannot flip it is a broken attack."""
+    """Its decision hangs on a difference far below eps: an attack that cannot flip it is a broken
+    attack."""
 
     class Fragile(nn.Module):
         def forward(self, x):
@@ -63,13 +68,17 @@ def test_a_model_broken_by_construction_is_broken():
     scene = Scene(lens=Lens(blur=2.0), sensor=Sensor(scale=2.0, gain=3.0))
     labels = predicted(model, scene.capture(images))
     assert labels.tolist() == [0] * 4 + [1] * 4
-    settings = [{"rule": rule, "loss": loss} for rule in RULES for loss in ("ce", "margin")] + [{"noise_at": "photo"}]
+    settings = [{"rule": rule, "loss": loss} for rule in RULES for loss in ("ce", "margin")] + [
+        {"noise_at": "photo"}
+    ]
     for setting in settings:
         attack = MoireAttack(model=model, scene=scene, eps=EPS, steps=5, **setting)
         for targets in (None, 1 - labels):
             assert attack(images, labels, targets).success.all(), setting
     # and what it cannot reach, it does not claim
-    assert not MoireAttack(model=model, scene=scene, eps=1e-7, steps=5)(images, labels).success.any()
+    assert not MoireAttack(model=model, scene=scene, eps=1e-7, steps=5)(
+        images, labels
+    ).success.any()
 
 
 class Brightness(nn.Module):
@@ -90,7 +99,8 @@ class OnePixel(nn.Module):
 @pytest.mark.parametrize("broken", [Brightness, OnePixel])
 @pytest.mark.parametrize("targeted", [False, True])
 def test_every_attack_breaks_what_is_broken(name, broken, targeted):
-    """Decisions that hang on one number, which eps moves far enough; gradient or none, each attack must find it."""
+    """Decisions that hang on one number, which eps moves far enough; gradient or none, each attack
+    must find it."""
     images = torch.tensor([0.498, 0.502]).view(2, 1, 1, 1).expand(2, 3, 8, 8).clone()
     labels, settings = torch.tensor([1, 0]), {"steps": 20}
     if name != "cw":
@@ -123,7 +133,9 @@ def test_more_eps_never_fools_fewer(trained):
     images, labels = torch.rand(40, 3, 16, 16, generator=g), torch.arange(40) % 5
     shot = SCENE.sample(len(images), (16, 16))
     model = trained(capture(images, shot), labels)
-    curve = MoireAttack(model=model, scene=SCENE, eps=[0, 2 / 255, 8 / 255, 1.0], steps=10)(images, labels, shot=shot)
+    curve = MoireAttack(model=model, scene=SCENE, eps=[0, 2 / 255, 8 / 255, 1.0], steps=10)(
+        images, labels, shot=shot
+    )
     rates = [r.success.float().mean().item() for r in curve]
     assert [r.eps for r in curve] == [0, 2 / 255, 8 / 255, 1.0]
     assert rates == sorted(rates) and rates[-1] == 1.0

@@ -1,4 +1,5 @@
-"""Every benchmark runs in its quick form, one of them as a user would run it. No time is asserted."""
+"""Every benchmark runs in its quick form, one of them as a user would run it. No time is
+asserted."""
 
 import json
 import math
@@ -18,7 +19,16 @@ from moireaug.scene.presets import PRESETS
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICKLY = ["--quick", "--threads", "1", "--out", "."]
-FACTS = {"date", "device", "cpu", "cores", "threads", "load_average_at_start", "python", *measure.LIBRARIES}
+FACTS = {
+    "date",
+    "device",
+    "cpu",
+    "cores",
+    "threads",
+    "load_average_at_start",
+    "python",
+    *measure.LIBRARIES,
+}
 
 
 @pytest.fixture
@@ -51,22 +61,30 @@ def test_accuracy_vs_time(ran):
             same = rows[name.removeprefix("reference ")]
             assert same["by"] == "engine" and rows[name]["by"] == "reference"
             assert rows[name]["rmse_percent"] == pytest.approx(same["rmse_percent"], abs=0.1)
-        assert {"seconds", "rmse_percent", "max_percent", "delta_e", "samples", "frontier"} <= rows["auto"].keys()
+        assert {"seconds", "rmse_percent", "max_percent", "delta_e", "samples", "frontier"} <= rows[
+            "auto"
+        ].keys()
         assert rows["supersample:8"]["samples"] == 64
         brute = problem["brute_force"]
         assert 0 < brute["error_left_percent"] < brute["difference_to_half_percent"] < 15
         assert rows["supersample:8"]["rmse_percent"] < rows["supersample:2"]["rmse_percent"]
         assert rows["auto"]["rmse_percent"] < rows["point"]["rmse_percent"] / 5
         assert {"chosen", "beaten_by", "times_as_fast"} <= problem["auto"].keys()
-        assert problem["auto"]["within"] == (rows["auto"]["rmse_percent"] <= math.hypot(1, brute["error_left_percent"]))
+        assert problem["auto"]["within"] == (
+            rows["auto"]["rmse_percent"] <= math.hypot(1, brute["error_left_percent"])
+        )
         assert (
             rows["auto"]["rmse_percent"]
             < rows[WITHOUT]["rmse_percent"] / (1 if "grey" in problem["title"] else 2) + 1e-3
         )
         without = rows[WITHOUT]["seconds"]["median"]
-        assert problem["auto"]["over_without"] == pytest.approx(rows["auto"]["seconds"]["median"] / without)
+        assert problem["auto"]["over_without"] == pytest.approx(
+            rows["auto"]["seconds"]["median"] / without
+        )
         assert f"{problem['title']};" in out
-    assert out.count("order seen") == len(written["problems"]) and "and is on the frontier of" in out
+    assert (
+        out.count("order seen") == len(written["problems"]) and "and is on the frontier of" in out
+    )
 
 
 def test_effects_cost(ran):
@@ -75,17 +93,24 @@ def test_effects_cost(ran):
     assert effects.keys() == {*effects_cost.WITHOUT, *effects_cost.WITH, *effects_cost.ALWAYS}
     whole = written["default_photo"]["seconds"]["engine"]["median"]
     assert effects["pose"]["share"] == pytest.approx(effects["pose"]["engine"] / whole)
-    assert effects["denoise bilateral"]["run_by"] == "expose" and effects["jpeg"]["run_by"] == "expose and develop"
+    assert (
+        effects["denoise bilateral"]["run_by"] == "expose"
+        and effects["jpeg"]["run_by"] == "expose and develop"
+    )
     assert len(written["presets"]) == effects_cost.QUICK["presets"]
     for name, rows in written["presets"].items():
         plan = Scene.preset(name).plan()
-        assert rows[-1]["effects"] == [step.name for step in plan] and rows[-1]["exposure"] == plan.exposure
+        assert (
+            rows[-1]["effects"] == [step.name for step in plan]
+            and rows[-1]["exposure"] == plan.exposure
+        )
     assert "develop.registered False" in out and "demosaic malvar" in out
 
 
 @pytest.mark.parametrize("name", effects_cost.WITHOUT)
 def test_the_default_photo_has_what_is_left_out(name):
-    """All of it in the plan, nothing of it without; `saturate` goes with a gain that cannot exceed the full well."""
+    """All of it in the plan, nothing of it without; `saturate` goes with a gain that cannot exceed
+    the full well."""
     whole = Scene.preset(effects_cost.DEFAULT)
     bare = effects_cost.changed(whole, effects_cost.WITHOUT[name])
     for effect in name.split(", "):
@@ -97,7 +122,8 @@ def test_what_is_added_is_not_in_the_default_photo(name):
     whole = Scene.preset(effects_cost.DEFAULT)
     more = effects_cost.changed(whole, effects_cost.WITH[name])
     assert str(more.plan()) != str(whole.plan())
-    if name in {step.name for step in whole.plan().steps}:  # else it is another kind of one that is there
+    # else it is another kind of one that is there
+    if name in {step.name for step in whole.plan().steps}:
         assert name in more.plan() and name not in whole.plan()
 
 
@@ -112,7 +138,11 @@ def test_speed(tmp_path):
     assert not any("older checkout" in row["against"] for row in written["rows"])
     assert "Without --before DIR" in out and written["metadata"]["before"] is None
     for row in written["rows"]:
-        assert row["what"] in out and row["value"] >= 0 and {"low", "high", "unit", "ratio"} <= row.keys()
+        assert (
+            row["what"] in out
+            and row["value"] >= 0
+            and {"low", "high", "unit", "ratio"} <= row.keys()
+        )
         assert row["met"] == (row["ratio"] <= row["bar"] if row["bar"] else None)
 
 
@@ -122,7 +152,10 @@ def test_training_steps(ran):
     assert rows.keys() == {p.stem for p in (ROOT / "recipes").glob("*.yaml")}
     assert rows["clean"]["relative"] == 1 and rows["clean"]["passes"] == 1
     assert rows["moire_at"]["relative"] > 1.5  # two and a half passes, and a camera
-    assert {row["option"] for row in written["options"]} >= {"as it is", "train.channels_last=false"}
+    assert {row["option"] for row in written["options"]} >= {
+        "as it is",
+        "train.channels_last=false",
+    }
     assert all(row["loaded"] > 0 and row["share"] > 0 for row in written["loading"])
     assert "images/s loaded" in out
 
@@ -132,11 +165,15 @@ def test_attack_budget(ran):
     assert (folder / "attack_budget.png").stat().st_size > 10_000
     (rows,) = written["results"].values()
     assert {(row["attacker"], row["steps"]) for row in rows} == {
-        (name, steps) for steps in attack_budget.QUICK["steps"] for name in attack_budget.attackers(1)
+        (name, steps)
+        for steps in attack_budget.QUICK["steps"]
+        for name in attack_budget.attackers(1)
     }
     assert all(0 <= row["accuracy"] <= 1 and row["seconds_per_image"] > 0 for row in rows)
     (best,) = written["recommended"].values()
-    assert best["accuracy"] <= min(row["accuracy"] for row in rows) + 0.25 + 1e-9  # an image of four
+    assert (
+        best["accuracy"] <= min(row["accuracy"] for row in rows) + 0.25 + 1e-9
+    )  # an image of four
     assert f"Within a point of the least for the least time: {best['attacker']}" in out
 
 
@@ -227,7 +264,9 @@ def row(method, seconds, error):
     }  # fmt: skip
 
 
-JUDGED = [  # rows beside auto's 1 s and 2 %; what beats it; its rival; whether that is as accurate; times as fast
+# rows beside auto's 1 s and 2 %; what beats it; its rival; whether that is as accurate; times as
+# fast
+JUDGED = [
     ([row("supersample:2", 2, 9), row("supersample:4", 8, 1)], [], "supersample:4", True, 8),
     ([row("supersample:2", 2, 9), row("supersample:4", 8, 5)], [], "supersample:4", False, 8),
     ([row("supersample:2", 3, 1), row("box", 0.5, 1)], ["box"], "supersample:2", True, 3),
@@ -245,7 +284,9 @@ def test_auto_is_judged_beyond_noise(others, beaten_by, rival, able, times):
 
 def test_the_reference_says_how_far_it_is_off():
     """Against sixteen times as many points."""
-    scene = Scene(panel=Panel(scale=1.4), view=View(roll=5), lens=Lens(blur=0.3), sensor=Sensor(scale=2))
+    scene = Scene(
+        panel=Panel(scale=1.4), view=View(roll=5), lens=Lens(blur=0.3), sensor=Sensor(scale=2)
+    )
     image = torch.rand(1, 3, 12, 12, dtype=torch.float64)
     reading, told = accuracy_vs_time.converged(scene, image, 8)
     shot = accuracy_vs_time.draw(accuracy_vs_time.with_method(scene, "supersample:32"), image)
@@ -258,8 +299,13 @@ def test_candidates_take_turns_and_slow_ones_sit_out():
     calls = {"a": lambda: seen.append("a"), "b": lambda: seen.append("b")}
     times = measure.timed_together(calls, repeats=5, warmup=1, budget=0.0)
     assert seen[:2] == ["a", "b"] and seen.count("a") == seen.count("b") == 1 + measure.FEWEST
-    assert times["a"].runs == measure.FEWEST and times["a"].low <= times["a"].median <= times["a"].high
+    assert (
+        times["a"].runs == measure.FEWEST and times["a"].low <= times["a"].median <= times["a"].high
+    )
 
 
 def test_a_table_is_aligned():
-    assert measure.table(("a", "b"), [("x", 1.5), ("yy", 12345.0)]) == "a       b\n--  -----\nx     1.5\nyy  12345"
+    assert (
+        measure.table(("a", "b"), [("x", 1.5), ("yy", 12345.0)])
+        == "a       b\n--  -----\nx     1.5\nyy  12345"
+    )

@@ -1,5 +1,5 @@
-"""Closed forms of the camera: where it looks, light over its sensor, and from raw to photo. A check asserts them in one
-dtype."""
+"""Closed forms of the camera: where it looks, light over its sensor, and from raw to photo. A check
+asserts them in one dtype."""
 
 import dataclasses
 import math
@@ -18,12 +18,20 @@ from tests.closed_forms.common import CLOSE, COLOUR, EVEN, read, sinc
 
 # -- geometry
 
-PLACES = View(yaw=(-30, 30), pitch=(-20, 20), roll=(-45, 45), zoom=(0.7, 1.2), shift_x=(-0.1, 0.1), shift_y=(-0.1, 0.1))
+PLACES = View(
+    yaw=(-30, 30),
+    pitch=(-20, 20),
+    roll=(-45, 45),
+    zoom=(0.7, 1.2),
+    shift_x=(-0.1, 0.1),
+    shift_y=(-0.1, 0.1),
+)
 BENDS = ((0.0, 0.0), (0.2, 0.0), (-0.15, 0.0), (0.05, 0.1), (0.3, -0.15), (-0.2, 0.05))
 
 
 def check_round_trip(dtype):
-    """Where a photo point looks is shown at that photo point. Coordinates are float64 whatever the image's dtype."""
+    """Where a photo point looks is shown at that photo point. Coordinates are float64 whatever the
+    image's dtype."""
     size, n = (30, 40), 8
     points = grids.grid(*(torch.linspace(0, s, 9, dtype=torch.float64) for s in size))
     corners = points.flatten(1, 2)
@@ -31,7 +39,9 @@ def check_round_trip(dtype):
         for k1, k2 in BENDS:
             scene = Scene(view=dataclasses.replace(PLACES, pose=pose), lens=Lens(k1=k1, k2=k2))
             shot = scene.sample(n, size, torch.Generator().manual_seed(1))
-            seen = grids.photo_to_image(points, torch.linalg.inv(shot.matrix()), size, shot.distortion).flatten(1, 2)
+            seen = grids.photo_to_image(
+                points, torch.linalg.inv(shot.matrix()), size, shot.distortion
+            ).flatten(1, 2)
             back = grids.image_to_photo(seen, shot.matrix(), size, shot.distortion)
             assert (back - corners).norm(dim=-1).max() < 1e-9
             assert (seen - corners).norm(dim=-1).max() > 1
@@ -41,12 +51,23 @@ def check_round_trip(dtype):
 
 
 def check_bands(dtype):
-    """pwm * readout bands from the first row to the last, of depth 2 sinc(duty) |sinc(pwm * shutter)|."""
+    """pwm * readout bands from the first row to the last, of depth 2 sinc(duty) |sinc(pwm *
+    shutter)|."""
     n, readout = 256, 1 / 50
-    cases = (250.0, 1 / 1000, 0.5), (350.0, 1 / 120, 0.3), (1050.0, 1 / 3000, 0.8), (250.0, 1 / 125, 0.4)
+    cases = (
+        (250.0, 1 / 1000, 0.5),
+        (350.0, 1 / 120, 0.3),
+        (1050.0, 1 / 3000, 0.8),
+        (250.0, 1 / 125, 0.4),
+    )
     for pwm, shutter, duty in cases:
         sensor = Sensor(scale=2.0, shutter=shutter, readout=readout)
-        raw = read(Scene(panel=Panel(layout="even", pwm=pwm, duty=duty), sensor=sensor), (n, 1), dtype, level=0.2)
+        raw = read(
+            Scene(panel=Panel(layout="even", pwm=pwm, duty=duty), sensor=sensor),
+            (n, 1),
+            dtype,
+            level=0.2,
+        )
         spectrum, bands = torch.fft.fft(raw[..., 0]) / n, round(pwm * readout)
         depth = 2 * sinc(duty) * abs(sinc(pwm * shutter))
         mean, first = spectrum[:, 0].real, spectrum[:, bands]
@@ -55,12 +76,14 @@ def check_bands(dtype):
         if depth < 1e-9:
             assert raw.std() < CLOSE[dtype]
             continue
-        later = (first[2:] / first[:2]).angle() / (2 * math.pi)  # the cell's second row exposes one row later
+        # the cell's second row exposes one row later
+        later = (first[2:] / first[:2]).angle() / (2 * math.pi)
         assert later.tolist() == pytest.approx([bands / (2 * n)] * 2, abs=1e-4)
 
 
 def check_vignetting(dtype):
-    """Of a ray's light its cosine to the fourth is left: 1 in the centre, and in the corner all but its loss."""
+    """Of a ray's light its cosine to the fourth is left: 1 in the centre, and in the corner all but
+    its loss."""
     (h, w), loss = (5, 9), 0.4
     for scale in (1, 3):  # without colour filters and with
         sensor = Sensor(scale=scale, cfa="none" if scale == 1 else "rggb")
@@ -68,7 +91,8 @@ def check_vignetting(dtype):
         dark = (raw if scale == 1 else unpack(raw[None]))[0, : h * scale, : w * scale].numpy()
         v, u = ((np.arange(n * scale) + 0.5) / scale - n / 2 for n in (h, w))
         r = np.hypot(v[:, None], u) / math.hypot(h / 2, w / 2)
-        corner = math.acos((1 - loss) ** 0.25)  # the angle of its ray, whose cosine to the fourth is left
+        # the angle of its ray, whose cosine to the fourth is left
+        corner = math.acos((1 - loss) ** 0.25)
         assert np.abs(dark - np.cos(np.arctan(r * math.tan(corner))) ** 4).max() < CLOSE[dtype]
         assert dark[h * scale // 2, w * scale // 2] == 1
 
@@ -81,7 +105,9 @@ def to_light(codes):
 
 
 def to_codes(light):
-    return np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.where(
+        light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+    )
 
 
 def photo_of(mosaic, dtype, size, **parts):
@@ -113,7 +139,9 @@ def check_demosaic_of_a_ramp(dtype):
     """Away from the border by as much as the filters reach."""
     for demosaic in DEMOSAICS:
         for scale in (1, 2, 3, 4):
-            v, u = ((torch.arange(n, dtype=torch.float64) + 0.5) / scale for n in sensor_of(SIZE, scale))
+            v, u = (
+                (torch.arange(n, dtype=torch.float64) + 0.5) / scale for n in sensor_of(SIZE, scale)
+            )
             parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
             photo = photo_of(0.1 + 0.05 * v[:, None] + 0.03 * u, dtype, SIZE, **parts)
             v, u = (torch.arange(n, dtype=torch.float64) + 0.5 for n in SIZE)
@@ -122,11 +150,14 @@ def check_demosaic_of_a_ramp(dtype):
 
 
 def check_mosaic_to_photo(dtype):
-    """Demosaic at every sensor pixel, whose outermost cells go on past the border, and then the mean of each window."""
+    """Demosaic at every sensor pixel, whose outermost cells go on past the border, and then the
+    mean of each window."""
     plain = {"bilinear": demosaic_bilinear, "malvar": demosaic_malvar}
     for demosaic, scale in ((d, s) for d in plain for s in (1, 2, 3, 4)):
         h, w = sensor_of(SIZE, scale)
-        mosaic = torch.rand(h, w, dtype=torch.float64, generator=torch.Generator().manual_seed(scale))
+        mosaic = torch.rand(
+            h, w, dtype=torch.float64, generator=torch.Generator().manual_seed(scale)
+        )
         parts = {"sensor": Sensor(scale=scale), "develop": Develop(demosaic=demosaic)}
         photo = photo_of(mosaic, dtype, SIZE, **parts)
         wide = unpack(F.pad(pack(mosaic[None]), (2, 2, 2, 2), mode="replicate"))
@@ -135,16 +166,23 @@ def check_mosaic_to_photo(dtype):
 
 
 # weights of four sensor pixels in a row for the first of two photo pixels
-WEIGHTS = {"area": (1 / 2, 1 / 2, 0, 0), "point": (1 / 2, 1 / 2, 0, 0), "antialias": (3 / 7, 3 / 7, 1 / 7, 0)}
+WEIGHTS = {
+    "area": (1 / 2, 1 / 2, 0, 0),
+    "point": (1 / 2, 1 / 2, 0, 0),
+    "antialias": (3 / 7, 3 / 7, 1 / 7, 0),
+}
 
 
 def check_resize_of_codes(dtype):
-    """Light becomes codes on the sensor's pixels, and these become photo pixels: a mean of codes, not of light."""
+    """Light becomes codes on the sensor's pixels, and these become photo pixels: a mean of codes,
+    not of light."""
     light = torch.tensor([[0.02, 0.9, 0.3, 0.0], [0.6, 0.001, 0.08, 1.0]], dtype=torch.float64)
     codes = to_codes(light.numpy())
     for resize, weights in WEIGHTS.items():
         how = Develop(linear_light=True, resize=resize)
-        shot = Scene(panel=EVEN, sensor=Sensor(scale=2.0, cfa="none"), develop=how).sample(1, (1, 2))
+        shot = Scene(panel=EVEN, sensor=Sensor(scale=2.0, cfa="none"), develop=how).sample(
+            1, (1, 2)
+        )
         photo = develop(light.to(dtype).expand(1, 3, 2, 4), shot)[0, :, 0].double().numpy()
         expected = [codes.mean(0) @ weights, codes.mean(0)[::-1] @ weights]
         assert np.abs(photo - expected).max() < max(1e-5, CLOSE[dtype])
@@ -165,9 +203,13 @@ def check_gain(dtype):
 
 
 def check_bits(dtype):
-    """As many levels as there are, evenly from 0 to 1, and a gradient that passes straight through."""
+    """As many levels as there are, evenly from 0 to 1, and a gradient that passes straight
+    through."""
     for bits in (1, 3, 8):
-        scene, image = Scene(panel=EVEN, sensor=Sensor(cfa="none", bits=bits)), shade(dtype).clone().requires_grad_()
+        scene, image = (
+            Scene(panel=EVEN, sensor=Sensor(cfa="none", bits=bits)),
+            shade(dtype).clone().requires_grad_(),
+        )
         photo = capture(image, scene.sample(1, (1, 101)))
         levels = photo.detach() * (2**bits - 1)
         assert (levels - levels.round()).abs().max() < 300 * CLOSE[dtype]
@@ -181,7 +223,10 @@ def check_balance(dtype):
     """White balance multiplies light, and brighten adds to codes."""
     gains = np.array([1.3, 1.0, 0.6])[None, :, None, None]
     for linear in (True, False):
-        how, codes = Develop(red=1.3, blue=0.6, brighten=0.05, linear_light=linear), shade(torch.float64).numpy()
+        how, codes = (
+            Develop(red=1.3, blue=0.6, brighten=0.05, linear_light=linear),
+            shade(torch.float64).numpy(),
+        )
         expected = to_codes(to_light(codes) * gains) if linear else codes * gains
         shot = Scene(panel=EVEN, sensor=COLOUR, develop=how).sample(1, (1, 101))
         photo = capture(shade(dtype), shot).double().numpy()

@@ -1,4 +1,5 @@
-"""What the closed forms share: a flat screen's reading, and how near to its formula it must come."""
+"""What the closed forms share: a flat screen's reading, and how near to its formula it must
+come."""
 
 import numpy as np
 import torch

@@ -1,4 +1,5 @@
-"""Closed forms of the screen: moiré and the picture that carries it. A check asserts them in one dtype."""
+"""Closed forms of the screen: moiré and the picture that carries it. A check asserts them in one
+dtype."""
 
 import dataclasses
 import functools
@@ -20,7 +21,8 @@ STEEP = math.degrees(math.atan(3 / 4))  # of cosine 4/5 and sine 3/5
 
 
 def red_spectrum(scene, n, dtype):
-    """Fourier coefficients of the red plane that n x n white pixels give, frequencies along v first."""
+    """Fourier coefficients of the red plane that n x n white pixels give, frequencies along v
+    first."""
     return torch.fft.fft2(read(scene, (n, n), dtype)[0]) / n**2
 
 
@@ -28,7 +30,8 @@ def red_spectrum(scene, n, dtype):
 
 
 def check_alias(dtype):
-    """Harmonic (k, l) of the panel shows at J^T (k, l), folded to the red pixels' lattice, with |a| times the MTF."""
+    """Harmonic (k, l) of the panel shows at J^T (k, l), folded to the red pixels' lattice, with |a|
+    times the MTF."""
     n, fill, blur, olpf, side, close = 64, 0.8, 0.08, 0.3, 0.9, CLOSE[dtype] / 10
     red = {  # width and height of the red subpixel, and some harmonics
         "rgb_stripe": (1 / 3, 1, ((1, 0), (2, 0), (4, 0))),
@@ -44,28 +47,45 @@ def check_alias(dtype):
     for layout, (w, h, harmonics) in red.items():
         for turn, c, s in turns:
             panel = Panel(layout=layout, lit=side**2, scale=95 / n * turn.zoom)
-            spectrum = red_spectrum(Scene(panel=panel, view=turn, lens=lens, sensor=sensor, tolerance=1e-5), n, dtype)
+            spectrum = red_spectrum(
+                Scene(panel=panel, view=turn, lens=lens, sensor=sensor, tolerance=1e-5), n, dtype
+            )
             for k, l in harmonics:
-                across, down = 95 * (c * k + s * l), 95 * (c * l - s * k)  # cycles over n red pixels: whole
+                # cycles over n red pixels: whole
+                across, down = 95 * (c * k + s * l), 95 * (c * l - s * k)
                 fu, fv = across / (2 * n), down / (2 * n)  # cycles per sensor pixel
                 a = w * h * side**2 * sinc(k * w * side) * sinc(l * h * side)
-                mtf = sinc(fill * fu) * sinc(fill * fv) * math.exp(-2 * (math.pi * blur) ** 2 * (fu * fu + fv * fv))
+                mtf = (
+                    sinc(fill * fu)
+                    * sinc(fill * fv)
+                    * math.exp(-2 * (math.pi * blur) ** 2 * (fu * fu + fv * fv))
+                )
                 mtf *= math.cos(math.pi * olpf * fu) * math.cos(math.pi * olpf * fv)
                 assert abs(a * mtf) > 50 * close
-                assert abs(spectrum[round(down) % n, round(across) % n].abs() - abs(a * mtf)) < close
+                assert (
+                    abs(spectrum[round(down) % n, round(across) % n].abs() - abs(a * mtf)) < close
+                )
 
 
 def check_whole_pitches(dtype):
     """An aperture as wide as a whole number of pitches sees no contrast."""
     for exposure in ("spectral", "box"):
-        for alpha, fill, whole in ((2.5, 0.8, True), (4.5, 8 / 9, True), (2.5, 0.7, False), (4.5, 1.0, False)):
+        for alpha, fill, whole in (
+            (2.5, 0.8, True),
+            (4.5, 8 / 9, True),
+            (2.5, 0.7, False),
+            (4.5, 1.0, False),
+        ):
             sensor = Sensor(scale=2.0, fill=fill, exposure=exposure)
-            contrast = read(Scene(panel=Panel(scale=alpha), sensor=sensor, tolerance=1e-7), (2, 63), dtype)[0].std()
+            contrast = read(
+                Scene(panel=Panel(scale=alpha), sensor=sensor, tolerance=1e-7), (2, 63), dtype
+            )[0].std()
             assert contrast < CLOSE[dtype] if whole else contrast > 1e-3
 
 
 def check_low_pass_filter(dtype):
-    """One that parts its pictures by half a pitch removes the first harmonic and leaves the second."""
+    """One that parts its pictures by half a pitch removes the first harmonic and leaves the
+    second."""
     n = 64
     for share, gone in ((1 / 2, True), (1 / 3, False)):  # of the pitch, 2 n / 95 sensor pixels
         lens, sensor = Lens(olpf=share * 2 * n / 95), Sensor(scale=2.0, exposure="spectral")
@@ -76,22 +96,33 @@ def check_low_pass_filter(dtype):
 
 
 def check_mean_light(dtype):
-    """Over all phases of the panel, 31 along each axis. Points do not integrate, so `point` has no such form."""
+    """Over all phases of the panel, 31 along each axis. Points do not integrate, so `point` has no
+    such form."""
     methods = {"mean": 1e-5, "spectral": 1e-5, "box": 1e-5, "supersample:4": 0.02}
     for layout in (*LAYOUTS, CELL):
         cell = as_layout(layout)
-        area = [sum(s.area for s in cell.of(site.channels[0])) / math.prod(cell.period) for site in SITES]
+        area = [
+            sum(s.area for s in cell.of(site.channels[0])) / math.prod(cell.period)
+            for site in SITES
+        ]
         for lit in (1.0, 0.6):
             for method, bound in methods.items():
-                panel, sensor = Panel(layout=layout, lit=lit, scale=44 / 31), Sensor(scale=2.0, exposure=method)
+                panel, sensor = (
+                    Panel(layout=layout, lit=lit, scale=44 / 31),
+                    Sensor(scale=2.0, exposure=method),
+                )
                 mean = read(Scene(panel=panel, sensor=sensor), (31, 31), dtype).mean((1, 2))
                 assert mean.tolist() == pytest.approx([lit * a for a in area], rel=bound)
 
 
 def overlap(centre, reach, start, width, period):
-    """How much of [centre - reach, centre + reach] lies in the copies of [start, start + width], one each period."""
+    """How much of [centre - reach, centre + reach] lies in the copies of [start, start + width],
+    one each period."""
     left = start + period * np.arange(-200, 200)
-    low, high = np.maximum(centre[:, None] - reach, left), np.minimum(centre[:, None] + reach, left + width)
+    low, high = (
+        np.maximum(centre[:, None] - reach, left),
+        np.minimum(centre[:, None] + reach, left + width),
+    )
     return np.clip(high - low, 0, None).sum(1)
 
 
@@ -100,9 +131,13 @@ def check_box(dtype):
     size, scale, fill, lit = (8, 12), 3.0, 0.9, 0.7
     for layout in (*LAYOUTS, CELL):
         for alpha in (0.31, 1.7):
-            panel, sensor = Panel(layout=layout, lit=lit, scale=alpha), Sensor(scale=scale, fill=fill, exposure="box")
+            panel, sensor = (
+                Panel(layout=layout, lit=lit, scale=alpha),
+                Sensor(scale=scale, fill=fill, exposure="box"),
+            )
             raw = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), size, dtype)
-            centres = [(np.arange(n * scale) + 0.5) * alpha / scale for n in size]  # of sensor pixels, on the panel
+            # of sensor pixels, on the panel
+            centres = [(np.arange(n * scale) + 0.5) * alpha / scale for n in size]
             reach, cell = fill / 2 * alpha / scale, as_layout(layout)
             for plane, (r, c, (channel,)) in zip(raw, SITES, strict=True):
                 light = 0
@@ -116,18 +151,31 @@ def check_box(dtype):
 
 
 def check_point(dtype):
-    """A reading is bilinear in a raster of subpixels, as few as their edges allow and each of one value."""
+    """A reading is bilinear in a raster of subpixels, as few as their edges allow and each of one
+    value."""
     n, scale, lit = 8, 2.5, 0.6
     for layout in (*LAYOUTS, CELL):
         for alpha in (1.3, 4.0):
-            panel, sensor = Panel(layout=layout, lit=lit, scale=alpha), Sensor(scale=scale, exposure="point")
-            raw, cell = read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype), as_layout(layout)
-            at = ((np.arange(n * scale) + 0.5) * alpha / scale) * cell.raster - 0.5  # of sensor pixels, on the raster
-            left, height, width = np.floor(at).astype(int), *(cell.raster * p for p in cell.period[::-1])
+            panel, sensor = (
+                Panel(layout=layout, lit=lit, scale=alpha),
+                Sensor(scale=scale, exposure="point"),
+            )
+            raw, cell = (
+                read(Scene(panel=panel, sensor=sensor, tolerance=1e-6), (n, n), dtype),
+                as_layout(layout),
+            )
+            # of sensor pixels, on the raster
+            at = ((np.arange(n * scale) + 0.5) * alpha / scale) * cell.raster - 0.5
+            left, height, width = (
+                np.floor(at).astype(int),
+                *(cell.raster * p for p in cell.period[::-1]),
+            )
             for plane, (r, c, (channel,)) in zip(raw, SITES, strict=True):
                 raster = np.zeros((height, width))
                 for s in cell.of(channel):
-                    (x0, y0), _, (x1, y1), _ = ([round(v * cell.raster) for v in corner] for corner in s.corners())
+                    (x0, y0), _, (x1, y1), _ = (
+                        [round(v * cell.raster) for v in corner] for corner in s.corners()
+                    )
                     raster[y0:y1, x0:x1] = 1
                 light = 0
                 for y, x in np.ndindex(2, 2):
@@ -137,16 +185,21 @@ def check_point(dtype):
                 assert np.abs(plane.numpy() - lit * light).max() < 1e-6
 
 
-MAGNIFIED = Scene(panel=Panel(scale=0.3, layout="pentile", lit=0.8), sensor=Sensor(scale=2.0), tolerance=1e-4)
+MAGNIFIED = Scene(
+    panel=Panel(scale=0.3, layout="pentile", lit=0.8), sensor=Sensor(scale=2.0), tolerance=1e-4
+)
 MINIFIED = dataclasses.replace(MAGNIFIED, panel=Panel(scale=1.3, layout=CELL, lit=0.8))
 
 
 def from_everywhere(scene, exposure, dtype):
-    """The raw reading of three flat screens, seen from three places through bent and blurred lenses."""
+    """The raw reading of three flat screens, seen from three places through bent and blurred
+    lenses."""
     scene = dataclasses.replace(
-        scene, view=View(yaw=(-25, 25), pitch=(-10, 10), roll=(-30, 30)), lens=Lens(blur=0.25, olpf=0.4, k1=(0, 0.05)),
+        scene,
+        view=View(yaw=(-25, 25), pitch=(-10, 10), roll=(-30, 30)),
+        lens=Lens(blur=0.25, olpf=0.4, k1=(0, 0.05)),
         sensor=Sensor(scale=2.0, exposure=exposure),
-    )  # fmt: skip
+    )
     shot = scene.sample(3, (8, 8), torch.Generator().manual_seed(0))
     return expose(torch.full((3, 3, 8, 8), 0.7, dtype=dtype), shot).double()
 
@@ -157,10 +210,16 @@ def brute_force(scene, n):
 
 
 def check_supersampling(dtype):
-    """Spectral is exact in any view; box, for magnified screens, to the Gaussian that stands for what is not a box."""
-    for method, scene, bound, gain in (("spectral", MINIFIED, 0.02, 10), ("box", MAGNIFIED, 0.015, 2)):
+    """Spectral is exact in any view; box, for magnified screens, to the Gaussian that stands for
+    what is not a box."""
+    for method, scene, bound, gain in (
+        ("spectral", MINIFIED, 0.02, 10),
+        ("box", MAGNIFIED, 0.015, 2),
+    ):
         ours = from_everywhere(scene, method, dtype)
-        coarse, fine = ((ours - brute_force(scene, n)).square().mean().sqrt() / ours.max() for n in (4, 24))
+        coarse, fine = (
+            (ours - brute_force(scene, n)).square().mean().sqrt() / ours.max() for n in (4, 24)
+        )
         assert fine < bound and fine < coarse / gain
 
 
@@ -168,17 +227,22 @@ def check_supersampling(dtype):
 
 
 def check_held_picture(dtype):
-    """Six sensor pixels a panel pixel, two a stripe: every other reading of a colour lies wholly inside a subpixel."""
-    places = (0, 0, 3), (1, 1, 4), (2, 1, 4), (3, 2, 5)  # plane, and where the left and the right panel pixel are read
+    """Six sensor pixels a panel pixel, two a stripe: every other reading of a colour lies wholly
+    inside a subpixel."""
+    # plane, and where the left and the right panel pixel are read
+    places = (0, 0, 3), (1, 1, 4), (2, 1, 4), (3, 2, 5)
     for exposure in ("spectral", "box", "supersample:3"):
         scene = Scene(sensor=Sensor(scale=6.0, exposure=exposure))
-        pictures = torch.tensor([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=dtype)[:, None, None].expand(-1, 3, 4, -1)
+        pictures = torch.tensor([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=dtype)[
+            :, None, None
+        ].expand(-1, 3, 4, -1)
         left, right, both = expose(pictures, scene.sample(3, (4, 2)))
         for plane, a, b in places:
             for own, other, here in ((left, right, a), (right, left, b)):
                 assert (own - both)[plane, :, here].abs().max() < CLOSE[dtype]
                 assert other[plane, :, here].abs().max() < CLOSE[dtype]
-            assert (both[plane, :, [a, b]] - 1).abs().max() < 0.02  # the series is cut at the tolerance
+            # the series is cut at the tolerance
+            assert (both[plane, :, [a, b]] - 1).abs().max() < 0.02
 
 
 FAR = (  # one reading spans more than 8 image pixels everywhere, or at the far end

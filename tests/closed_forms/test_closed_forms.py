@@ -1,7 +1,7 @@
 """The whole chain against closed forms, and beside each what must make it fail.
 
-Each check runs once in float64 and once in float32. `BROKEN` spoils one effect at a time: the check that is named
-beside it must notice.
+Each check runs once in float64 and once in float32. `BROKEN` spoils one effect at a time: the check
+that is named beside it must notice.
 """
 
 import inspect
@@ -16,7 +16,12 @@ pytest.register_assert_rewrite("tests.closed_forms.screen", "tests.closed_forms.
 from moireaug.geometry.sensor import pack
 from tests.closed_forms import camera, screen
 
-CHECKS = [f for module in (screen, camera) for name, f in vars(module).items() if name.startswith("check_")]
+CHECKS = [
+    f
+    for module in (screen, camera)
+    for name, f in vars(module).items()
+    if name.startswith("check_")
+]
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["float64", "float32"])
@@ -78,7 +83,10 @@ def resized_first(effects):
     return (*others[:before], *resize, *others[before:])
 
 
-TRANSFER, FOOTPRINT = "moireaug.exposure.optics.Optics.transfer", "moireaug.exposure.content.footprint"
+TRANSFER, FOOTPRINT = (
+    "moireaug.exposure.optics.Optics.transfer",
+    "moireaug.exposure.content.footprint",
+)
 SHARES, PREFILTER = "moireaug.exposure.content.shares", "moireaug.effects.prefilter.mipmap"
 DEMOSAICS, FLICKER = "moireaug.effects.demosaic.DEMOSAICS", "moireaug.effects.flicker.flicker"
 FALLOFF, NOISE = "moireaug.effects.vignetting.falloff", "moireaug.effects.sensor.add_noise"
@@ -87,12 +95,20 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_alias, TRANSFER, argument("self", optics("olpf", 0.99))),
     (screen.check_alias, TRANSFER, argument("self", optics("fill", 0.999))),
     (screen.check_alias, "moireaug.exposure.smooth.coefficient", argument("width", torch.square)),
-    (screen.check_alias, "moireaug.geometry.homography._rotation_columns", argument("roll", torch.neg)),
+    (
+        screen.check_alias,
+        "moireaug.geometry.homography._rotation_columns",
+        argument("roll", torch.neg),
+    ),
     (screen.check_whole_pitches, TRANSFER, argument("self", optics("fill", 0.99))),
     (screen.check_whole_pitches, FOOTPRINT, argument("optics", optics("fill", 0.99))),
     (screen.check_low_pass_filter, TRANSFER, argument("self", optics("olpf", 0.9))),
     (screen.check_mean_light, "moireaug.exposure.smooth.mean_light", argument("width", torch.sqrt)),
-    (screen.check_mean_light, "moireaug.exposure.smooth.coefficient", argument("width", torch.sqrt)),
+    (
+        screen.check_mean_light,
+        "moireaug.exposure.smooth.coefficient",
+        argument("width", torch.sqrt),
+    ),
     (screen.check_mean_light, SHARES, argument("width", times(0.999))),
     (screen.check_mean_light, "moireaug.exposure.sampled.emits", argument("width", torch.square)),
     (screen.check_box, FOOTPRINT, argument("optics", optics("fill", 0.999))),
@@ -100,11 +116,19 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (screen.check_point, "moireaug.exposure.sampled._raster", argument("at", times(1.01))),
     (screen.check_supersampling, TRANSFER, argument("self", optics("blur", 0.5))),
     (screen.check_supersampling, FOOTPRINT, argument("optics", optics("fill", 0.8))),
-    (screen.check_held_picture, SHARES, argument("seen", lambda seen: seen._replace(box=4 * seen.box))),
+    (
+        screen.check_held_picture,
+        SHARES,
+        argument("seen", lambda seen: seen._replace(box=4 * seen.box)),
+    ),
     (screen.check_checkerboard_from_afar, PREFILTER, instead(lambda image, *_: image)),
     (screen.check_checkerboard_from_afar, PREFILTER, argument("variance", times(0.01))),
     (camera.check_round_trip, "moireaug.geometry.distortion.NEWTON_STEPS", instead(1)),
-    (camera.check_round_trip, "moireaug.geometry.grids.inverse_radial_factor", argument("k2", times(1.01))),
+    (
+        camera.check_round_trip,
+        "moireaug.geometry.grids.inverse_radial_factor",
+        argument("k2", times(1.01)),
+    ),
     (camera.check_bands, FLICKER, argument("readout", times(2))),
     (camera.check_bands, FLICKER, argument("shutter", times(1.01))),
     (camera.check_bands, FLICKER, argument("duty", times(0.99))),
@@ -114,26 +138,41 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (camera.check_demosaic_of_a_constant, DEMOSAICS, every(result(times(0.999)))),
     (camera.check_demosaic_of_a_ramp, DEMOSAICS, every(instead(nearest))),
     (camera.check_mosaic_to_photo, DEMOSAICS, every(instead(nearest))),
-    (camera.check_mosaic_to_photo, "moireaug.effects.resize.resize",
-     instead(lambda photo, rows, cols, how: photo[..., :: rows.step, :: cols.step])),
+    (
+        camera.check_mosaic_to_photo,
+        "moireaug.effects.resize.resize",
+        instead(lambda photo, rows, cols, how: photo[..., :: rows.step, :: cols.step]),
+    ),
     (camera.check_resize_of_codes, "moireaug.pipeline.DEVELOP", resized_first),
-    (camera.check_resize_of_codes, "moireaug.effects.resize.resize", argument("how", lambda how: "area")),
+    (
+        camera.check_resize_of_codes,
+        "moireaug.effects.resize.resize",
+        argument("how", lambda how: "area"),
+    ),
     (camera.check_gain, "moireaug.effects.sensor.clip", instead(lambda raw: raw)),
-    (camera.check_gain, "moireaug.effects.sensor.Gain.__call__", instead(lambda self, raw, shot: raw)),
+    (
+        camera.check_gain,
+        "moireaug.effects.sensor.Gain.__call__",
+        instead(lambda self, raw, shot: raw),
+    ),
     (camera.check_bits, "moireaug.effects.sensor.quantise", argument("bits", lambda n: n + 1)),
-    (camera.check_bits, "moireaug.effects.sensor.quantise",
-     instead(lambda raw, bits: torch.round(raw * (2**bits - 1)) / (2**bits - 1))),
+    (
+        camera.check_bits,
+        "moireaug.effects.sensor.quantise",
+        instead(lambda raw, bits: torch.round(raw * (2**bits - 1)) / (2**bits - 1)),
+    ),
     (camera.check_balance, "moireaug.effects.tone.balance", argument("red", times(1.01))),
     (camera.check_balance, "moireaug.effects.srgb.rgb_to_linear_rgb", instead(lambda x: x**2.2)),
     (camera.check_noise_variance, NOISE, argument("raw", times(1.01))),
     (camera.check_noise_variance, NOISE, argument("shot", times(1.05))),
     (camera.check_noise_variance, NOISE, argument("read", times(1.05))),
-]  # fmt: skip
+]
 
 
 @pytest.fixture
 def remembered_nothing():
-    """Plans, kernels and readouts of a spoilt effect must not outlive it, nor those of a sound one reach it."""
+    """Plans, kernels and readouts of a spoilt effect must not outlive it, nor those of a sound one
+    reach it."""
 
     def forget():
         for name, module in list(sys.modules.items()):
@@ -147,7 +186,9 @@ def remembered_nothing():
     forget()
 
 
-@pytest.mark.parametrize(("check", "path", "spoil"), BROKEN, ids=[f"{c.__name__}-{p}" for c, p, _ in BROKEN])
+@pytest.mark.parametrize(
+    ("check", "path", "spoil"), BROKEN, ids=[f"{c.__name__}-{p}" for c, p, _ in BROKEN]
+)
 def test_a_broken_effect_is_noticed(check, path, spoil, remembered_nothing, monkeypatch):
     owner, name = path.rpartition(".")[::2]
     owner = pkgutil.resolve_name(owner)

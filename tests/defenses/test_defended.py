@@ -22,15 +22,25 @@ from moireaug.defenses import (
 from moireaug.defenses.base import straight_through
 
 TITLES = {
-    "jpeg_20": "JPEG 20", "jpeg_40": "JPEG 40", "jpeg_60": "JPEG 60", "jpeg_80": "JPEG 80",
-    "pixel_deflection": "pixel deflection", "bits_4": "bit depth 4", "bits_5": "bit depth 5",
-    "median_2": "median 2 × 2", "median_3": "median 3 × 3", "tvm": "TVM", "gain": "gain",
-}  # fmt: skip
+    "jpeg_20": "JPEG 20",
+    "jpeg_40": "JPEG 40",
+    "jpeg_60": "JPEG 60",
+    "jpeg_80": "JPEG 80",
+    "pixel_deflection": "pixel deflection",
+    "bits_4": "bit depth 4",
+    "bits_5": "bit depth 5",
+    "median_2": "median 2 × 2",
+    "median_3": "median 3 × 3",
+    "tvm": "TVM",
+    "gain": "gain",
+}
 RANDOMISED = {"pixel_deflection", "tvm", "randomised row"}
 ALL = {
     **DEFENSES,
     "median_4": lambda: Median(4),
-    "quilting": lambda: Quilting(torch.rand(300, 3, 5, 5, generator=torch.Generator().manual_seed(7))),
+    "quilting": lambda: Quilting(
+        torch.rand(300, 3, 5, 5, generator=torch.Generator().manual_seed(7))
+    ),
     "row": lambda: Compose((Gain(), Median(2))),
     "randomised row": lambda: Compose((Compose((PixelDeflection(50),)), Gain())),
     "no row": lambda: Compose(()),
@@ -81,7 +91,9 @@ def test_half_precision_is_computed_in_float32_and_an_empty_batch_passes(name, p
         wanted = defence(half.float())
     assert out.dtype == torch.float16
     # a row hands half precision on between its defences
-    assert torch.allclose(out.float(), wanted, atol=1e-3) and ("row" in name or torch.equal(out, wanted.half()))
+    assert torch.allclose(out.float(), wanted, atol=1e-3) and (
+        "row" in name or torch.equal(out, wanted.half())
+    )
     empty = torch.rand(0, 3, 9, 20, requires_grad=True)
     assert torch.autograd.grad(defence(empty).sum(), empty)[0].shape == empty.shape
 
@@ -97,7 +109,8 @@ def test_replay_by_seed(name, photos):
     assert defence.randomised == (name in RANDOMISED)
     assert torch.equal(first, second) != defence.randomised
     torch.manual_seed(3)
-    assert torch.equal(torch.get_rng_state(), state) != defence.randomised  # one that is not takes no random numbers
+    # one that is not takes no random numbers
+    assert torch.equal(torch.get_rng_state(), state) != defence.randomised
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -112,10 +125,14 @@ def test_images_of_a_batch_do_not_meet(name, photos):
 def test_bad_images_are_refused(name):
     defence = ALL[name]()
     for bad, error in [
-        (torch.rand(3, 8, 8), ValueError), (torch.rand(1, 4, 8, 8), ValueError), (torch.rand(1, 3, 0, 8), ValueError),
-        (torch.full((1, 3, 8, 8), 2.0), ValueError), (torch.full((1, 3, 8, 8), float("nan")), ValueError),
-        (torch.zeros(1, 3, 8, 8, dtype=torch.uint8), TypeError), ([[0.5]], TypeError),
-    ]:  # fmt: skip
+        (torch.rand(3, 8, 8), ValueError),
+        (torch.rand(1, 4, 8, 8), ValueError),
+        (torch.rand(1, 3, 0, 8), ValueError),
+        (torch.full((1, 3, 8, 8), 2.0), ValueError),
+        (torch.full((1, 3, 8, 8), float("nan")), ValueError),
+        (torch.zeros(1, 3, 8, 8, dtype=torch.uint8), TypeError),
+        ([[0.5]], TypeError),
+    ]:
         with pytest.raises(error, match="images must"):
             defence(bad)
 
@@ -159,7 +176,11 @@ def test_the_same_defence_equals_itself_and_survives_pickling(name, photos):
         (lambda: Compose((Gain(), "jpeg")), TypeError, "'jpeg'"),
         (lambda: Defended(Mean(), Gain(), draws=0), ValueError, "draws must be"),
         (lambda: Defended(3, Gain()), TypeError, "callable"),
-        (lambda: restore_mean(torch.rand(1, 3, 4, 4), torch.rand(1, 3, 4, 5)), ValueError, "Give each image"),
+        (
+            lambda: restore_mean(torch.rand(1, 3, 4, 4), torch.rand(1, 3, 4, 5)),
+            ValueError,
+            "Give each image",
+        ),
     ],
 )
 def test_bad_settings_are_refused(build, error, says):
@@ -172,7 +193,9 @@ def test_straight_through_is_exact_forward_and_the_identity_backward():
     values = torch.tensor([0.7, 1e-9])
     out = straight_through(x, values)
     assert torch.equal(out, values)
-    assert torch.equal(torch.autograd.grad((out * torch.tensor([2.0, 3.0])).sum(), x)[0], torch.tensor([2.0, 3.0]))
+    assert torch.equal(
+        torch.autograd.grad((out * torch.tensor([2.0, 3.0])).sum(), x)[0], torch.tensor([2.0, 3.0])
+    )
 
 
 def test_a_row_goes_in_order_and_takes_networks(photos):
@@ -193,7 +216,10 @@ def test_a_row_goes_in_order_and_takes_networks(photos):
 def test_defended_is_the_model_behind_the_defence(photos):
     images, model = photos(), Mean().eval()
     assert torch.equal(Defended(model, Median(3))(images), model(Median(3)(images)))
-    assert torch.equal(Defended(lambda x: x.mean((2, 3)), Median(3), draws=4)(images), Median(3)(images).mean((2, 3)))
+    assert torch.equal(
+        Defended(lambda x: x.mean((2, 3)), Median(3), draws=4)(images),
+        Median(3)(images).mean((2, 3)),
+    )
 
 
 def test_draws_are_averaged_as_probabilities(photos):
@@ -218,7 +244,9 @@ class Counted:
         return x
 
 
-@pytest.mark.parametrize(("randomised", "draws", "calls"), [(False, 5, 1), (True, 5, 5), (True, 1, 1)])
+@pytest.mark.parametrize(
+    ("randomised", "draws", "calls"), [(False, 5, 1), (True, 5, 5), (True, 1, 1)]
+)
 def test_only_a_randomised_defence_is_drawn_again(photos, randomised, draws, calls):
     defence = Counted()
     defence.randomised = randomised
@@ -243,7 +271,9 @@ def test_modules_are_reached_wherever_they_stand(photos):
         model.train()
 
 
-@pytest.mark.parametrize("name", ["jpeg_60", "bits_4", "median_3", "pixel_deflection", "tvm", "gain", "quilting"])
+@pytest.mark.parametrize(
+    "name", ["jpeg_60", "bits_4", "median_3", "pixel_deflection", "tvm", "gain", "quilting"]
+)
 def test_an_attack_goes_through_the_defence(name, photos):
     images, labels = photos(b=4, h=16, w=16), torch.tensor([0, 1, 2, 0])
     model = Defended(Mean(), ALL[name](), draws=2)

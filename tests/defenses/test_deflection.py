@@ -14,9 +14,13 @@ def test_denoising_is_scikit_images(photos, dtype):
     images = photos(h=33, w=48, dtype=dtype)
     for out, image in zip(denoise(images, 0.04), images, strict=True):
         wanted = denoise_wavelet(
-            image.permute(1, 2, 0).numpy(), sigma=0.04, mode="soft", method="BayesShrink", convert2ycbcr=True,
+            image.permute(1, 2, 0).numpy(),
+            sigma=0.04,
+            mode="soft",
+            method="BayesShrink",
+            convert2ycbcr=True,
             channel_axis=-1,
-        )  # fmt: skip
+        )
         assert np.allclose(out.permute(1, 2, 0).numpy(), wanted.clip(0, 1), atol=1e-6)
 
 
@@ -59,12 +63,16 @@ def test_places_and_offsets_are_uniform():
     wanted = 1000 * np.array([3 / 4, 5 / 6, 3 / 4, 5 / 6, 8 / 9, 5 / 6, 3 / 4, 5 / 6, 3 / 4])
     assert np.abs(np.bincount(at, minlength=9) - wanted).max() < 5 * np.sqrt(1000)
     middle = np.bincount(source[image[at == 4], 4], minlength=9)
-    assert middle[4] == 0 and np.abs(np.delete(middle, 4) - middle.sum() / 8).max() < 5 * np.sqrt(middle.sum() / 8)
+    assert middle[4] == 0 and np.abs(np.delete(middle, 4) - middle.sum() / 8).max() < 5 * np.sqrt(
+        middle.sum() / 8
+    )
 
 
 def test_deflections_follow_each_other(monkeypatch):
     # pixel 1 takes 0's colour, then 2 takes 1's, which is 0's by now
-    u = torch.tensor([[[0.0], [0.0]], [[0.4], [0.7]], [[0.0], [0.0]], [[0.0], [0.0]]], dtype=torch.float64)
+    u = torch.tensor(
+        [[[0.0], [0.0]], [[0.4], [0.7]], [[0.0], [0.0]], [[0.0], [0.0]]], dtype=torch.float64
+    )
     monkeypatch.setattr(torch, "rand", lambda *a, **k: u)
     assert PixelDeflection(2, window=1)._sources(1, 1, 3).tolist() == [[0, 0, 0]]
 

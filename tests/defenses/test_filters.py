@@ -21,7 +21,9 @@ def test_jpeg_is_pils(photos, quality):
         file = io.BytesIO()
         codes = (image * 255).round().to(torch.uint8).permute(1, 2, 0).numpy()
         Image.fromarray(codes).save(file, "JPEG", quality=quality)
-        assert np.array_equal((out * 255).round().permute(1, 2, 0).numpy(), np.asarray(Image.open(file)))
+        assert np.array_equal(
+            (out * 255).round().permute(1, 2, 0).numpy(), np.asarray(Image.open(file))
+        )
 
 
 def test_jpegs_gradient_is_that_of_the_cameras(photos):
@@ -53,17 +55,28 @@ def test_bit_depths_gradient_is_the_identity(photos):
 @pytest.mark.parametrize("size", [2, 3, 4, 5, 6, 7])
 def test_median_is_scipys(photos, size, dtype):
     for shape in [(1, 1), (1, 5), (2, 3), (16, 21)]:
-        for images in (photos(h=shape[0], w=shape[1], dtype=dtype), torch.rand(2, 3, *shape, dtype=dtype)):
-            wanted = [[median_filter(c.numpy(), size, mode="reflect") for c in image] for image in images]
+        for images in (
+            photos(h=shape[0], w=shape[1], dtype=dtype),
+            torch.rand(2, 3, *shape, dtype=dtype),
+        ):
+            wanted = [
+                [median_filter(c.numpy(), size, mode="reflect") for c in image] for image in images
+            ]
             assert np.array_equal(Median(size)(images).numpy(), np.stack(wanted))
 
 
 def test_the_lower_median_and_another_border_would_be_noticed():
     images = torch.rand(1, 3, 6, 6)
     out = Median(2)(images)
-    windows = torch.nn.functional.pad(images, (1, 0, 1, 0), mode="replicate").unfold(2, 2, 1).unfold(3, 2, 1)
+    windows = (
+        torch.nn.functional.pad(images, (1, 0, 1, 0), mode="replicate")
+        .unfold(2, 2, 1)
+        .unfold(3, 2, 1)
+    )
     assert not torch.equal(windows.flatten(4).median(-1).values, out)  # torch takes the lower
-    other = torch.from_numpy(np.stack([median_filter(c.numpy(), 3, mode="mirror") for c in images[0]]))
+    other = torch.from_numpy(
+        np.stack([median_filter(c.numpy(), 3, mode="mirror") for c in images[0]])
+    )
     assert not torch.equal(Median(3)(images)[0], other)
 
 
@@ -107,7 +120,9 @@ def test_gains_gradient_is_exact(photos):
 def test_mean_normalisation_brings_back_the_clean_mean(photos, dtype):
     clean = (photos(b=3, dtype=torch.float64) * 0.5 + 0.25).to(dtype)
     shifted = clean + torch.tensor([-0.2, 0.0, 0.2], dtype=dtype)[:, None, None, None]
-    assert torch.allclose(restore_mean(shifted, clean), clean, atol=1e-3 if dtype == torch.float16 else 1e-6)
+    assert torch.allclose(
+        restore_mean(shifted, clean), clean, atol=1e-3 if dtype == torch.float16 else 1e-6
+    )
     out = restore_mean(torch.rand(3, 3, 32, 40).to(dtype), clean)
     assert out.dtype == dtype and out.min() >= 0 and out.max() <= 1
 
@@ -116,7 +131,9 @@ def test_mean_normalisation_clips_and_has_gradients_in_both(photos):
     dark, bright = photos(b=1) * 0.5, photos(b=1) * 0.5 + 0.5
     out = restore_mean(dark, bright)
     assert torch.equal(out, (dark - (dark.mean() - bright.mean())).clamp(0, 1))
-    images, clean = (x.double().mul(0.5).add(0.2)[..., :3, :4].requires_grad_() for x in (dark, bright))
+    images, clean = (
+        x.double().mul(0.5).add(0.2)[..., :3, :4].requires_grad_() for x in (dark, bright)
+    )
     assert torch.autograd.gradcheck(restore_mean, (images, clean))
     with pytest.raises(ValueError, match="images must"):
         restore_mean(dark, bright + 1)

@@ -1,4 +1,5 @@
-"""Quilting: the nearest patch, the cheapest cut, the order of laying, against slow versions; the bank and its file."""
+"""Quilting: the nearest patch, the cheapest cut, the order of laying, against slow versions; the
+bank and its file."""
 
 import itertools
 import os
@@ -24,7 +25,8 @@ def cheapest(error):
 def test_the_cut_is_the_cheapest_path(length, overlap):
     error = torch.rand(20, length, overlap)
     fresh = cut(error)
-    assert (fresh.int().diff(dim=-1) >= 0).all() and fresh[..., -1].all()  # old to the left, new to the right
+    # old to the left, new to the right
+    assert (fresh.int().diff(dim=-1) >= 0).all() and fresh[..., -1].all()
     at = overlap - fresh.sum(-1)
     assert (at.diff(dim=-1).abs() <= 1).all()
     cost = error.gather(-1, at[..., None]).sum((1, 2))
@@ -70,11 +72,19 @@ def test_the_nearest_patch_is_found(photos, monkeypatch, blocks):
     monkeypatch.setattr("moireaug.defenses.quilting.QUERIES", blocks[0])
     monkeypatch.setattr("moireaug.defenses.quilting.BLOCK", blocks[1])
     defence = Quilting.from_images(photos(b=3), 700, progress=False)
-    asked = photos(b=1, seed=5).unfold(2, 5, 3).unfold(3, 5, 3).permute(0, 2, 3, 1, 4, 5).reshape(-1, 3, 5, 5)
+    asked = (
+        photos(b=1, seed=5)
+        .unfold(2, 5, 3)
+        .unfold(3, 5, 3)
+        .permute(0, 2, 3, 1, 4, 5)
+        .reshape(-1, 3, 5, 5)
+    )
     distance = torch.cdist(asked.flatten(1).double(), defence.bank.flatten(1).double())
     found = distance.gather(1, defence.nearest(asked)[:, None])[:, 0]
     assert torch.allclose(found, distance.amin(1), atol=1e-4)
-    assert (found < distance.gather(1, (defence.nearest(asked)[:, None] + 1) % 700)[:, 0]).float().mean() > 0.9
+    assert (
+        found < distance.gather(1, (defence.nearest(asked)[:, None] + 1) % 700)[:, 0]
+    ).float().mean() > 0.9
 
 
 @pytest.mark.parametrize(("h", "w"), [(20, 23), (21, 24), (22, 25), (5, 5)])
@@ -93,7 +103,9 @@ def test_every_pixel_is_the_banks(photos):
     patches = torch.rand(40, 1, 1, 1).expand(40, 3, 5, 5)
     out = Quilting(patches)(photos(h=17, w=22))
     assert set(out.unique().tolist()) <= set(patches.unique().tolist())
-    assert torch.equal(Quilting(torch.full((1, 3, 5, 5), 0.25))(photos()), torch.full((2, 3, 32, 40), 0.25))
+    assert torch.equal(
+        Quilting(torch.full((1, 3, 5, 5), 0.25))(photos()), torch.full((2, 3, 32, 40), 0.25)
+    )
 
 
 def test_the_gradient_is_the_identity(photos):
@@ -125,14 +137,21 @@ def test_every_place_is_as_likely():
             corners = draw_bank(batches, 5, patch=5, seed=seed, progress=False)[:, 0, 0, 0]
             counts[(corners * 200).round().long()] += 1
     counts = counts[counts > 0]
-    assert len(counts) == 4 * 2 * 3 and (counts - 4000 / 24).abs().max() < 5 * (2 * 4000 / 24) ** 0.5
+    assert (
+        len(counts) == 4 * 2 * 3 and (counts - 4000 / 24).abs().max() < 5 * (2 * 4000 / 24) ** 0.5
+    )
 
 
 def test_the_bank_does_not_depend_on_batches_or_on_other_random_numbers(photos):
     images = photos(b=7, h=12, w=14)
     wanted = draw_bank(images, 60, progress=False)
     state = torch.get_rng_state()
-    for batches in (images.split(1), images.split(3), [(images, torch.zeros(7))], iter(images.double().split(2))):
+    for batches in (
+        images.split(1),
+        images.split(3),
+        [(images, torch.zeros(7))],
+        iter(images.double().split(2)),
+    ):
         torch.rand(1)
         assert torch.equal(draw_bank(batches, 60, progress=False), wanted)
     torch.set_rng_state(state)
@@ -154,19 +173,29 @@ def test_the_file_is_used_only_where_it_matches(photos, tmp_path, monkeypatch):
     drawn = []
     kept = bank._draw
     monkeypatch.setattr(bank, "_draw", lambda *a: drawn.append(1) or kept(*a))
-    assert torch.equal(Quilting.from_images(images, 50, cache=str(file), progress=False).bank, first) and not drawn
+    assert (
+        torch.equal(Quilting.from_images(images, 50, cache=str(file), progress=False).bank, first)
+        and not drawn
+    )
     other = images.clone()
     other[0, 0, 0, 0] = 1 - other[0, 0, 0, 0]
     changes = [
-        ({"patches": 51}, images), ({"patch": 4}, images), ({"seed": 1}, images), ({}, other), ({}, images[:2]),
+        ({"patches": 51}, images),
+        ({"patch": 4}, images),
+        ({"seed": 1}, images),
+        ({}, other),
+        ({}, images[:2]),
         ({}, images.double()),
-    ]  # fmt: skip
+    ]
     for count, (settings, given) in enumerate(changes, start=1):
         wanted = draw_bank(given, **{"patches": 50, **settings}, progress=False)
         drawn.clear()
         got = draw_bank(given, **{"patches": 50, **settings}, cache=file, progress=False)
         assert torch.equal(got, wanted) and len(drawn) == 1, count
-        assert torch.equal(draw_bank(given, **{"patches": 50, **settings}, cache=file), got) and len(drawn) == 1
+        assert (
+            torch.equal(draw_bank(given, **{"patches": 50, **settings}, cache=file), got)
+            and len(drawn) == 1
+        )
 
 
 def test_loaders_are_told_apart_by_length(photos, tmp_path, monkeypatch):

@@ -28,7 +28,9 @@ def test_the_objective_falls_to_that_of_a_long_run(photos, keep, h, w):
     mask = masked(x, keep)
     best = minimise(x, mask, WEIGHT, 1000)
     least = objective(best, x, mask, WEIGHT)
-    values = torch.stack([objective(minimise(x, mask, WEIGHT, n), x, mask, WEIGHT) for n in (1, 10, 100)])
+    values = torch.stack(
+        [objective(minimise(x, mask, WEIGHT, n), x, mask, WEIGHT) for n in (1, 10, 100)]
+    )
     assert (values >= least * (1 - 1e-4)).all()
     assert (values[2] <= least * 1.01 + 1e-9).all() and (values[2] <= values[0] + 1e-9).all()
     assert (minimise(x, mask, WEIGHT, 100) - best).abs().mean() < 1 / 255
@@ -49,10 +51,13 @@ def test_the_minimum_is_one(photos):
 
 def test_without_a_mask_it_is_another_solvers(photos):
     x = photos(b=1, h=24, w=30, dtype=torch.float64)
-    wanted = denoise_tv_chambolle(x[0].numpy(), weight=WEIGHT, eps=1e-13, max_num_iter=2000, channel_axis=0)
+    wanted = denoise_tv_chambolle(
+        x[0].numpy(), weight=WEIGHT, eps=1e-13, max_num_iter=2000, channel_axis=0
+    )
     ours = minimise(x, torch.ones_like(x), WEIGHT, 500)[0]
     assert (ours - torch.from_numpy(wanted)).abs().max() < 1e-3
-    other = minimise(x, torch.ones_like(x), 2 * WEIGHT, 500)[0]  # half the data term would be noticed
+    # half the data term would be noticed
+    other = minimise(x, torch.ones_like(x), 2 * WEIGHT, 500)[0]
     assert (other - torch.from_numpy(wanted)).abs().max() > 1e-2
 
 
@@ -112,4 +117,6 @@ def test_holes_are_filled_from_what_is_near():
 
 def test_the_gradient_is_the_identity(photos):
     images, weight = photos(h=9, w=11).requires_grad_(), torch.randn(2, 3, 9, 11)
-    assert torch.equal(torch.autograd.grad((TotalVariation()(images) * weight).sum(), images)[0], weight)
+    assert torch.equal(
+        torch.autograd.grad((TotalVariation()(images) * weight).sum(), images)[0], weight
+    )

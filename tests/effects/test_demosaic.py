@@ -8,9 +8,27 @@ from moireaug.effects.demosaic import demosaic_bilinear, demosaic_malvar
 
 # Malvar, He and Cutler (2004), figure 2, in eighths, as printed: (wanted colour, site) to filter
 AT_OTHER = [[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]
-IN_ROW = [[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]]
-IN_COLUMN = [[0, 0, -1, 0, 0], [0, -1, 4, -1, 0], [0.5, 0, 5, 0, 0.5], [0, -1, 4, -1, 0], [0, 0, -1, 0, 0]]
-ACROSS = [[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]]
+IN_ROW = [
+    [0, 0, 0.5, 0, 0],
+    [0, -1, 0, -1, 0],
+    [-1, 4, 5, 4, -1],
+    [0, -1, 0, -1, 0],
+    [0, 0, 0.5, 0, 0],
+]
+IN_COLUMN = [
+    [0, 0, -1, 0, 0],
+    [0, -1, 4, -1, 0],
+    [0.5, 0, 5, 0, 0.5],
+    [0, -1, 4, -1, 0],
+    [0, 0, -1, 0, 0],
+]
+ACROSS = [
+    [0, 0, -1.5, 0, 0],
+    [0, 2, 0, 2, 0],
+    [-1.5, 0, 6, 0, -1.5],
+    [0, 2, 0, 2, 0],
+    [0, 0, -1.5, 0, 0],
+]
 OWN = [[0] * 5, [0] * 5, [0, 0, 8, 0, 0], [0] * 5, [0] * 5]
 MALVAR = {  # for each site of the cell, the filters of red, green and blue
     (0, 0): (OWN, AT_OTHER, ACROSS),
@@ -40,7 +58,11 @@ def nearest_mean(mosaic):
             colour[channel, y, x] = mosaic[y, x]
             continue
         around = [(y + i, x + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-        own = [mosaic[p] for p in around if (p[0] % 2, p[1] % 2) in sites[channel] and 0 <= p[0] < h and 0 <= p[1] < w]
+        own = [
+            mosaic[p]
+            for p in around
+            if (p[0] % 2, p[1] % 2) in sites[channel] and 0 <= p[0] < h and 0 <= p[1] < w
+        ]
         colour[channel, y, x] = np.mean(own)
     return colour
 
@@ -49,7 +71,8 @@ MOSAICS = torch.rand(3, 8, 10, dtype=torch.float64, generator=torch.Generator().
 
 
 @pytest.mark.parametrize(
-    ("demosaic", "loops", "border"), [(demosaic_malvar, published, 0), (demosaic_bilinear, nearest_mean, 1)]
+    ("demosaic", "loops", "border"),
+    [(demosaic_malvar, published, 0), (demosaic_bilinear, nearest_mean, 1)],
 )
 def test_demosaics_are_the_published_ones(demosaic, loops, border):
     inner = (slice(border, 8 - border), slice(border, 10 - border))

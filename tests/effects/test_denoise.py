@@ -14,7 +14,12 @@ from moireaug.effects.denoise import DENOISERS, bilateral, nlm
 
 SIZES = [(1, 1), (1, 7), (7, 1), (2, 2), (5, 6), (20, 23), (33, 40)]
 DTYPES = [torch.float32, torch.float64]
-FLAT = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0), "grey": (0.5, 0.5, 0.5), "colour": (0.9, 0.2, 0.4)}
+FLAT = {
+    "black": (0.0, 0.0, 0.0),
+    "white": (1.0, 1.0, 1.0),
+    "grey": (0.5, 0.5, 0.5),
+    "colour": (0.9, 0.2, 0.4),
+}
 
 
 def psnr(a, b):
@@ -26,7 +31,8 @@ def flat(name, size=(9, 9), dtype=torch.float32):
 
 
 def opencv(photo, *, swapped=False):
-    """cv2 on each uint8 image, without our code; `swapped` forgets that OpenCV's channels are B, G, R."""
+    """cv2 on each uint8 image, without our code; `swapped` forgets that OpenCV's channels are B, G,
+    R."""
     rows = []
     for codes in (photo * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy():
         order = slice(None) if swapped else slice(None, None, -1)
@@ -66,7 +72,8 @@ def test_noise_goes_and_edges_stay(name):
     noisy = (clean + 4 / 255 * torch.randn(clean.shape)).clamp(0, 1)
     out = DENOISERS[name](noisy)
     assert psnr(out, clean) > psnr(noisy, clean) + 2
-    assert psnr(out, clean) > psnr(F.avg_pool2d(noisy, 5, 1, 2), clean) + 5  # a plain blur is no denoiser
+    # a plain blur is no denoiser
+    assert psnr(out, clean) > psnr(F.avg_pool2d(noisy, 5, 1, 2), clean) + 5
     others = [DENOISERS[name](row[None])[0] for row in noisy]
     torch.testing.assert_close(out, torch.stack(others))  # each photo on its own
 
@@ -108,7 +115,9 @@ def test_bilateral_gradcheck():
 @pytest.mark.parametrize("name", DENOISERS)
 def test_gradients_of_flat_photos_are_finite(name, colour, size):
     photo = flat(colour, size).requires_grad_()
-    (gradient,) = torch.autograd.grad((DENOISERS[name](photo) * torch.rand(photo.shape)).sum(), photo)
+    (gradient,) = torch.autograd.grad(
+        (DENOISERS[name](photo) * torch.rand(photo.shape)).sum(), photo
+    )
     assert gradient.isfinite().all() and (gradient > 0).all()
 
 
@@ -121,7 +130,10 @@ def test_nlm_refuses_nan():
 def test_compiles_in_one_graph(name):
     photo = torch.rand(2, 3, 9, 11, requires_grad=True)
     weight = torch.rand(photo.shape)
-    out, want = torch.compile(DENOISERS[name], fullgraph=True, backend="aot_eager")(photo), DENOISERS[name](photo)
+    out, want = (
+        torch.compile(DENOISERS[name], fullgraph=True, backend="aot_eager")(photo),
+        DENOISERS[name](photo),
+    )
     torch.testing.assert_close(out, want)
     gradients = [torch.autograd.grad((o * weight).sum(), photo)[0] for o in (out, want)]
     torch.testing.assert_close(*gradients)
@@ -136,4 +148,9 @@ def test_nlm_is_a_sound_operator():
 
 def test_opencv_is_imported_only_when_used():
     code = "import sys, moireaug.effects.denoise; sys.exit('cv2' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=False).returncode == 0
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=False
+        ).returncode
+        == 0
+    )

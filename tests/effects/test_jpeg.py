@@ -21,12 +21,19 @@ def scenes(b=2, n=48, dtype=torch.float32):
 
 
 def opencv(photo, qualities, *, swapped=False):
-    """Another library's libjpeg; `swapped` forgets that OpenCV's channels are B, G, R on the way in."""
+    """Another library's libjpeg; `swapped` forgets that OpenCV's channels are B, G, R on the way
+    in."""
     rows = []
-    for codes, q in zip((photo * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy(), qualities, strict=True):
+    for codes, q in zip(
+        (photo * 255).round().to(torch.uint8).permute(0, 2, 3, 1).numpy(), qualities, strict=True
+    ):
         bgr = np.ascontiguousarray(codes if swapped else codes[..., ::-1])
         file = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, int(q)])[1]
-        rows.append(torch.from_numpy(cv2.imdecode(file, cv2.IMREAD_COLOR)[..., ::-1].copy()).permute(2, 0, 1))
+        rows.append(
+            torch.from_numpy(cv2.imdecode(file, cv2.IMREAD_COLOR)[..., ::-1].copy()).permute(
+                2, 0, 1
+            )
+        )
     return torch.stack(rows).to(photo.dtype) / 255
 
 
@@ -51,7 +58,9 @@ def test_no_photos_at_all():
 
 def test_a_swap_of_channels_is_noticed():
     photo = scenes(4)
-    assert (jpeg(photo, torch.tensor(QUALITIES)) - opencv(photo, QUALITIES, swapped=True)).abs().max() > 0.1
+    assert (
+        jpeg(photo, torch.tensor(QUALITIES)) - opencv(photo, QUALITIES, swapped=True)
+    ).abs().max() > 0.1
 
 
 def test_each_photo_has_its_own_quality():
@@ -61,21 +70,31 @@ def test_each_photo_has_its_own_quality():
         assert torch.equal(together[i : i + 1], jpeg(photo[i : i + 1], torch.tensor([q])))
 
 
-@pytest.mark.parametrize(("given", "used"), [(-3.0, 1.0), (0.0, 1.0), (74.6, 75.0), (75.4, 75.0), (1e9, 100.0)])
+@pytest.mark.parametrize(
+    ("given", "used"), [(-3.0, 1.0), (0.0, 1.0), (74.6, 75.0), (75.4, 75.0), (1e9, 100.0)]
+)
 def test_quality_is_rounded_and_clamped(given, used):
     photo = scenes(1)
     assert torch.equal(jpeg(photo, torch.tensor([given])), jpeg(photo, torch.tensor([used])))
-    assert torch.equal(jpeg(photo, torch.tensor([given]).long()), jpeg(photo, torch.tensor([given]).long().float()))
+    assert torch.equal(
+        jpeg(photo, torch.tensor([given]).long()), jpeg(photo, torch.tensor([given]).long().float())
+    )
 
 
 def test_less_quality_is_more_error():
     photo = scenes(1)
-    errors = [(jpeg(photo, torch.tensor([q])) - photo).square().mean().item() for q in (5.0, 25.0, 50.0, 75.0, 95.0)]
+    errors = [
+        (jpeg(photo, torch.tensor([q])) - photo).square().mean().item()
+        for q in (5.0, 25.0, 50.0, 75.0, 95.0)
+    ]
     assert errors == sorted(errors, reverse=True) and len(set(errors)) == 5
 
 
 def test_backward_is_kornias_with_a_little_straight_through_and_computed_only_then(monkeypatch):
-    photo, quality = scenes(3, dtype=torch.float64)[..., :37, :21].requires_grad_(), torch.tensor([10.0, 60.0, 95.0])
+    photo, quality = (
+        scenes(3, dtype=torch.float64)[..., :37, :21].requires_grad_(),
+        torch.tensor([10.0, 60.0, 95.0]),
+    )
     weight = torch.randn(photo.shape, dtype=torch.float64)
     (want,) = torch.autograd.grad((jpeg_codec_differentiable(photo, quality) * weight).sum(), photo)
     out = jpeg(photo, quality.requires_grad_())
@@ -88,7 +107,9 @@ def test_backward_is_kornias_with_a_little_straight_through_and_computed_only_th
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (9, 20)], ids=str)
-@pytest.mark.parametrize("colour", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.5, 0.5, 0.5), (0.9, 0.2, 0.4)], ids=str)
+@pytest.mark.parametrize(
+    "colour", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.5, 0.5, 0.5), (0.9, 0.2, 0.4)], ids=str
+)
 def test_gradients_of_flat_photos_are_finite(colour, size):
     photo = torch.tensor(colour)[:, None, None].expand(100, 3, *size).clone().requires_grad_()
     out = jpeg(photo, torch.arange(1.0, 101.0))
@@ -117,7 +138,8 @@ def test_signed_gradient_steps_beat_random_signs(quality):
         return torch.autograd.grad(loss(x), x)[0].sign()
 
     start = loss(photo)
-    # no step within eps can take more than eps off this loss by an identity; chance takes next to nothing
+    # no step within eps can take more than eps off this loss by an identity; chance takes next to
+    # nothing
     assert start - reached(gradient) > 0.5 * eps
     assert start - reached(lambda x: torch.randn(x.shape).sign()) < 0.1 * eps
 
@@ -139,7 +161,10 @@ def test_what_is_refused(photo, quality, sentence):
 def test_compiles_in_one_graph():
     photo, quality = scenes(2).requires_grad_(), torch.tensor([30.0, 80.0])
     weight = torch.rand(photo.shape)
-    out, want = torch.compile(jpeg, fullgraph=True, backend="aot_eager")(photo, quality), jpeg(photo, quality)
+    out, want = (
+        torch.compile(jpeg, fullgraph=True, backend="aot_eager")(photo, quality),
+        jpeg(photo, quality),
+    )
     assert torch.equal(out, want)
     gradients = [torch.autograd.grad((o * weight).sum(), photo)[0] for o in (out, want)]
     torch.testing.assert_close(*gradients, atol=1e-3, rtol=1e-3)

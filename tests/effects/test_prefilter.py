@@ -1,4 +1,5 @@
-"""The prefilter: a picture blurred by a given variance, and by as much as the exposure cannot see."""
+"""The prefilter: a picture blurred by a given variance, and by as much as the exposure cannot
+see."""
 
 import dataclasses
 
@@ -11,7 +12,8 @@ from moireaug.geometry import grids
 
 
 def variance_of(blur):
-    """Of a point of light along x and y, in squared pixels, the mean over the places that it may have."""
+    """Of a point of light along x and y, in squared pixels, the mean over the places that it may
+    have."""
     n, places = 64, range(24, 40)
     image = torch.zeros(len(places), 3, n, n, dtype=torch.float64)
     for row, at in zip(image, places, strict=True):
@@ -25,7 +27,9 @@ def variance_of(blur):
 @pytest.mark.parametrize("variance", [0.0, 0.3, 1.0, 5.0, 10.0])
 def test_a_prefilter_blurs_by_its_variance(variance):
     wanted = torch.full((16, 1, 1, 1), variance, dtype=torch.float64)
-    assert variance_of(lambda image: mipmap(image, wanted, 4)) == pytest.approx([variance] * 2, abs=1e-9)
+    assert variance_of(lambda image: mipmap(image, wanted, 4)) == pytest.approx(
+        [variance] * 2, abs=1e-9
+    )
 
 
 def test_a_prefilter_blurs_each_place_by_its_own_variance():
@@ -34,7 +38,9 @@ def test_a_prefilter_blurs_each_place_by_its_own_variance():
     variance[..., 16:] = 4.0
     half = mipmap(image, variance, 3)
     assert torch.equal(half[..., :16], image[..., :16])
-    assert torch.equal(half[..., 16:], mipmap(image, torch.full((1, 1, 1, 1), 4.0).double(), 3)[..., 16:])
+    assert torch.equal(
+        half[..., 16:], mipmap(image, torch.full((1, 1, 1, 1), 4.0).double(), 3)[..., 16:]
+    )
 
 
 @pytest.mark.parametrize("v", [0.0, 0.2, 0.5])
@@ -45,15 +51,25 @@ def test_a_spread_blurs_by_its_variance(v):
 
 @pytest.mark.parametrize("v", [0.2, 0.4, 0.5])
 def test_a_spread_inverts_no_pattern(v):
-    point, wanted = torch.zeros(1, 3, 16, 16, dtype=torch.float64), torch.full((1,), v, dtype=torch.float64)
+    point, wanted = (
+        torch.zeros(1, 3, 16, 16, dtype=torch.float64),
+        torch.full((1,), v, dtype=torch.float64),
+    )
     point[..., 8, 8] = 1
     transfer = torch.fft.fft2(torch.roll(spread(point, wanted), (-8, -8), (2, 3)))
-    assert transfer.imag.abs().max() < 1e-12 and transfer.real.min() > -1e-12 and transfer.real.max() < 1 + 1e-12
+    assert (
+        transfer.imag.abs().max() < 1e-12
+        and transfer.real.min() > -1e-12
+        and transfer.real.max() < 1 + 1e-12
+    )
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (2, 3)])
 def test_what_blurs_keeps_a_flat_picture_of_any_size(size):
-    flat, v = torch.full((1, 3, *size), 0.7, dtype=torch.float64), torch.full((1,), 0.4, dtype=torch.float64)
+    flat, v = (
+        torch.full((1, 3, *size), 0.7, dtype=torch.float64),
+        torch.full((1,), 0.4, dtype=torch.float64),
+    )
     for blurred in (spread(flat, v), mipmap(flat, 9 * v[:, None, None, None], 4)):
         assert torch.allclose(blurred, flat, atol=1e-12)
 
@@ -68,13 +84,16 @@ def test_windows_of_an_odd_picture_are_all_as_large():
     assert once_more.shape == (1, 1, 4, 4) and (once_more[..., :-1, :-1] == 0.5).all()
 
 
-@pytest.mark.parametrize(("variance", "halvings"), [(0.6, 1), (1.0, 1), (1.1, 2), (4.0, 2), (16.0, 3), (1e12, 10)])
+@pytest.mark.parametrize(
+    ("variance", "halvings"), [(0.6, 1), (1.0, 1), (1.1, 2), (4.0, 2), (16.0, 3), (1e12, 10)]
+)
 def test_a_pyramid_is_as_high_as_its_variance(variance, halvings):
     assert levels(variance) == halvings
 
 
 def test_what_taps_do_not_hold_is_blurred_first():
-    """An aperture and a spread of twelve pixels: seven see part of their variance, and the picture has the rest."""
+    """An aperture and a spread of twelve pixels: seven see part of their variance, and the picture
+    has the rest."""
     scene = Scene(
         panel=Panel(layout="even"), view=View(zoom=0.1, fit=False), lens=Lens(blur=0.1),
         sensor=Sensor(cfa="none", exposure="spectral"),
@@ -86,12 +105,15 @@ def test_what_taps_do_not_hold_is_blurred_first():
     assert ((lost > 0.3 * whole) & (lost < whole)).all()
     near = dataclasses.replace(scene, view=View())
     assert "prefilter" not in near.plan()
-    assert (variance_at(grids.pixel_centres((9, 9), torch.device("cpu")), near.sample(1, (9, 9))) == 0).all()
+    assert (
+        variance_at(grids.pixel_centres((9, 9), torch.device("cpu")), near.sample(1, (9, 9))) == 0
+    ).all()
 
 
 @pytest.mark.parametrize("exposure", ["spectral", "point", "supersample:2"])
 def test_a_coarse_panel_shows_no_detail_of_its_own(exposure):
-    """Half as many panel pixels as image pixels: stripes of one pixel are nearly grey, whatever the method."""
+    """Half as many panel pixels as image pixels: stripes of one pixel are nearly grey, whatever the
+    method."""
     stripes = (torch.arange(40) % 2).double().expand(1, 3, 40, 40)
     sensor = Sensor(cfa="none", exposure=exposure)
     scene = Scene(panel=Panel(layout="even", scale=0.5), sensor=sensor)

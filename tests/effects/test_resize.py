@@ -13,7 +13,9 @@ def resized(photo, size, scale, how):
     return resize(photo, rows, cols, how)
 
 
-@pytest.mark.parametrize(("step", "middle"), [(1, [0]), (2, [0, 1]), (3, [1]), (4, [1, 2]), (5, [2])])
+@pytest.mark.parametrize(
+    ("step", "middle"), [(1, [0]), (2, [0, 1]), (3, [1]), (4, [1, 2]), (5, [2])]
+)
 def test_the_centre_of_a_window(step, middle):
     photo = torch.rand(1, 3, 2 * step, 3 * step, dtype=torch.float64)
     found = window_centres(photo, step)
@@ -37,12 +39,15 @@ def test_area_is_the_mean_of_windows(scale):
 
 @pytest.mark.parametrize("scale", [9.0, 8.0, 3.0])
 def test_points_are_those_of_a_resize_without_antialias(scale):
-    """Of the few pixels that a point reads, what a bilinear resize of the whole sensor gives: the paper's resize."""
+    """Of the few pixels that a point reads, what a bilinear resize of the whole sensor gives: the
+    paper's resize."""
     s = int(scale)
     whole = torch.rand(1, 3, 3 * s, 4 * s, dtype=torch.float64)
     rows, cols = (torch.tensor(sampled_pixels(n, scale, "point", 0).index) for n in (3, 4))
     found = resized(whole[..., rows, :][..., cols], (3, 4), scale, "point")
-    wanted = torch.nn.functional.interpolate(whole, size=(3, 4), mode="bilinear", align_corners=False)
+    wanted = torch.nn.functional.interpolate(
+        whole, size=(3, 4), mode="bilinear", align_corners=False
+    )
     assert torch.allclose(found, wanted)
 
 

@@ -42,7 +42,11 @@ def test_read_noise_is_as_large_as_it_says_and_none_is_none():
 
 def test_photon_noise_ends_at_the_dark_current():
     """Below it, and below zero, its slope and size stay finite."""
-    raw = torch.tensor([-1.0, 0.0, DARK, 1.0], dtype=torch.float64).reshape(1, 1, 1, 4).requires_grad_()
+    raw = (
+        torch.tensor([-1.0, 0.0, DARK, 1.0], dtype=torch.float64)
+        .reshape(1, 1, 1, 4)
+        .requires_grad_()
+    )
     read, shot = torch.zeros(1, dtype=torch.float64), torch.full((1,), 0.1, dtype=torch.float64)
     noisy = add_noise(raw, read, shot, SEEDS[:1])
     size = (noisy - raw) / normal(raw.shape[1:], SEEDS[:1])
@@ -53,13 +57,18 @@ def test_photon_noise_ends_at_the_dark_current():
 
 def test_gradients_of_every_argument():
     raw = (torch.rand(2, 1, 2, 3, dtype=torch.float64) + 0.1).requires_grad_()
-    read, shot = (torch.tensor(v, dtype=torch.float64, requires_grad=True) for v in ([0.02, 0.1], [0.05, 0.01]))
+    read, shot = (
+        torch.tensor(v, dtype=torch.float64, requires_grad=True)
+        for v in ([0.02, 0.1], [0.05, 0.01])
+    )
     assert torch.autograd.gradcheck(lambda *a: add_noise(*a, SEEDS[:2]), (raw, read, shot))
 
 
 @pytest.mark.parametrize("bits", [1, 2, 8, 16])
 def test_a_converter_ends_at_its_levels(bits):
-    raw = torch.tensor([-0.3, 0.0, 0.5 / (2**bits - 1) * 0.99, 1 - 1e-9, 1.0, 1.4], dtype=torch.float64)
+    raw = torch.tensor(
+        [-0.3, 0.0, 0.5 / (2**bits - 1) * 0.99, 1 - 1e-9, 1.0, 1.4], dtype=torch.float64
+    )
     assert quantise(raw, bits).tolist() == pytest.approx([0, 0, 0, 1, 1, 1], abs=1e-12)
 
 

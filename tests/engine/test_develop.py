@@ -23,7 +23,9 @@ SCENES = {
     "codes": Scene(sensor=Sensor(scale=2.0)),
     "light": Scene(sensor=Sensor(scale=2.0, gain=2.0), develop=LIGHT),
     "registered": Scene(view=TURNED, sensor=Sensor(scale=2.0, gain=2.0), develop=LIGHT),
-    "registered and bent": Scene(view=TURNED, lens=BENT, sensor=Sensor(scale=2.0, gain=2.0), develop=LIGHT),
+    "registered and bent": Scene(
+        view=TURNED, lens=BENT, sensor=Sensor(scale=2.0, gain=2.0), develop=LIGHT
+    ),
     "pincushion": Scene(lens=Lens(k1=-0.1), sensor=Sensor(scale=2.0, gain=2.0), develop=LIGHT),
     "one": Scene(sensor=Sensor(gain=2.0), develop=LIGHT),
     "three": Scene(sensor=Sensor(scale=3.0, gain=2.0), develop=LIGHT),
@@ -38,16 +40,20 @@ SCENES = {
     "eight, point, malvar": Scene(sensor=Sensor(scale=8.0), develop=resized("point", "malvar")),
     "malvar": Scene(sensor=Sensor(scale=2.0), develop=resized("area", "malvar")),
     "no colour filters": Scene(sensor=Sensor(scale=2.0, cfa="none"), develop=LIGHT),
-    "no colour filters, antialias": Scene(sensor=Sensor(scale=2.5, cfa="none"), develop=resized("antialias")),
+    "no colour filters, antialias": Scene(
+        sensor=Sensor(scale=2.5, cfa="none"), develop=resized("antialias")
+    ),
     "balance": Scene(
-        sensor=Sensor(scale=2.0, gain=2.0), develop=Develop(linear_light=True, red=1.8, blue=0.6, brighten=-0.1)
+        sensor=Sensor(scale=2.0, gain=2.0),
+        develop=Develop(linear_light=True, red=1.8, blue=0.6, brighten=-0.1),
     ),
     "bits": Scene(sensor=Sensor(scale=2.0, bits=6), develop=LIGHT),
 }
 
 
 def both(scene, size, n=2):
-    """Photo and gradient by the kernels, and by the reference in float64, of a reading that leaves [0, 1]."""
+    """Photo and gradient by the kernels, and by the reference in float64, of a reading that leaves
+    [0, 1]."""
     shot = scene.sample(n, size)
     reading = torch.rand(shot.raw_shape()) * 1.3 - 0.1
     reading[..., :3] = reading[..., :3].round()  # exactly on the bounds, too
@@ -55,7 +61,10 @@ def both(scene, size, n=2):
     assert dispatch.develops(raw, shot)
     photo, expected = develop(raw, shot), pipeline.develop(precise, shot)
     ahead = torch.randn_like(photo)
-    (grad,), (slope,) = torch.autograd.grad(photo, raw, ahead), torch.autograd.grad(expected, precise, ahead.double())
+    (grad,), (slope,) = (
+        torch.autograd.grad(photo, raw, ahead),
+        torch.autograd.grad(expected, precise, ahead.double()),
+    )
     return photo, expected, grad, slope
 
 
@@ -67,7 +76,9 @@ def test_equals_the_reference_and_its_gradient(name):
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (9, 1), (2, 2), (17, 67)])
-@pytest.mark.parametrize("name", ["registered and bent", "two and a half, area", "eight, point", "malvar"])
+@pytest.mark.parametrize(
+    "name", ["registered and bent", "two and a half, area", "eight, point", "malvar"]
+)
 def test_any_size(name, size):
     photo, expected, grad, slope = both(SCENES[name], size)
     assert (photo - expected).abs().max() < 1e-5
@@ -91,17 +102,24 @@ def test_the_gradient_has_no_gradient():
 
 
 @pytest.mark.parametrize("how", ["area", "antialias", "point"])
-@pytest.mark.parametrize(("n", "m"), [(10, 10), (20, 10), (25, 10), (7, 10), (3, 1), (1, 3), (101, 37)])
+@pytest.mark.parametrize(
+    ("n", "m"), [(10, 10), (20, 10), (25, 10), (7, 10), (3, 1), (1, 3), (101, 37)]
+)
 def test_resize_is_torchs(n, m, how):
     resize = lower_resize(n, m, n, how, 0, 0, 0, 1, 16)
     line = torch.randn(n, dtype=torch.float64)
-    got = [float((resize.taps[i] * line[s : s + resize.taps.shape[1]].numpy()).sum()) for i, s in _whole(resize, n)]
+    got = [
+        float((resize.taps[i] * line[s : s + resize.taps.shape[1]].numpy()).sum())
+        for i, s in _whole(resize, n)
+    ]
     if how == "area":
         expected = F.interpolate(line[None, None], size=m, mode="area")[0, 0]
     else:
         lifted = line[None, None, None].expand(1, 1, 2, n)
         aa = how == "antialias"
-        expected = F.interpolate(lifted, size=(2, m), mode="bilinear", align_corners=False, antialias=aa)[0, 0, 0]
+        expected = F.interpolate(
+            lifted, size=(2, m), mode="bilinear", align_corners=False, antialias=aa
+        )[0, 0, 0]
     known = [i for i, _ in _whole(resize, n)]
     np.testing.assert_allclose(got, expected.numpy()[known], rtol=0, atol=1e-6)
 
@@ -118,7 +136,9 @@ def test_stencils_keep_grey(demosaic):
         for channel in range(3):
             taps = [
                 stencil.weight[first : first + count].sum()
-                for first, count in zip(stencil.first[site, channel], stencil.count[site, channel], strict=True)
+                for first, count in zip(
+                    stencil.first[site, channel], stencil.count[site, channel], strict=True
+                )
             ]
             assert sum(taps) == pytest.approx(1, abs=1e-6)
 

@@ -1,4 +1,5 @@
-"""The engine's exposure equals the reference in float64, on random pictures: the hardest there are."""
+"""The engine's exposure equals the reference in float64, on random pictures: the hardest there
+are."""
 
 import dataclasses
 
@@ -9,7 +10,10 @@ from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, 
 from moireaug.engine import dispatch, from_shot, run
 from moireaug.scene.presets import PRESETS
 
-DELTA = Layout(((0, 0, 0, 1.2, 0.5), (1, 0.4, 0.5, 2, 1.0), (2, 1, 1, 1.9, 1.9), (2, 0.1, 1.1, 0.8, 1.8)), (2, 2))
+DELTA = Layout(
+    ((0, 0, 0, 1.2, 0.5), (1, 0.4, 0.5, 2, 1.0), (2, 1, 1, 1.9, 1.9), (2, 0.1, 1.1, 0.8, 1.8)),
+    (2, 2),
+)
 TURNED = View(yaw=(-25.0, 25.0), pitch=(-15.0, 15.0), roll=(-12.0, 12.0), fov=(20.0, 50.0))
 SHARP, SOFT = Lens(), Lens(blur=(0.2, 0.4))
 BENT = Lens(k1=(-0.03, 0.05), k2=(-0.02, 0.02), blur=(0.2, 0.4))
@@ -25,20 +29,32 @@ SCENES = {
     "three": Scene(panel=Panel(scale=1.7), view=TURNED, lens=SOFT, sensor=Sensor(scale=3.0)),
     "two and a half": Scene(view=TURNED, lens=SOFT, sensor=Sensor(scale=2.5)),
     "no colour filters": Scene(view=TURNED, lens=SOFT, sensor=Sensor(scale=2.0, cfa="none")),
-    "camera's frame": Scene(view=TURNED, lens=SOFT, sensor=TWICE, develop=Develop(registered=False)),
+    "camera's frame": Scene(
+        view=TURNED, lens=SOFT, sensor=TWICE, develop=Develop(registered=False)
+    ),
     "light": Scene(view=TURNED, lens=SOFT, sensor=TWICE, develop=Develop(linear_light=True)),
-    "noise": Scene(view=TURNED, lens=SOFT, sensor=Sensor(scale=2.0, gain=(2.0, 3.0), read_noise=0.02)),
-    "photon noise": Scene(view=TURNED, lens=SOFT, sensor=Sensor(scale=2.0, gain=2.0, read_noise=0.01, shot_noise=0.05)),
+    "noise": Scene(
+        view=TURNED, lens=SOFT, sensor=Sensor(scale=2.0, gain=(2.0, 3.0), read_noise=0.02)
+    ),
+    "photon noise": Scene(
+        view=TURNED, lens=SOFT, sensor=Sensor(scale=2.0, gain=2.0, read_noise=0.01, shot_noise=0.05)
+    ),
     "vignetting": Scene(view=TURNED, lens=Lens(vignetting=(0.2, 0.6), blur=0.3), sensor=TWICE),
-    "low-pass": Scene(view=TURNED, lens=Lens(olpf=(0.3, 0.9), blur=0.2), sensor=Sensor(scale=2.0, fill=(0.5, 1.0))),
+    "low-pass": Scene(
+        view=TURNED, lens=Lens(olpf=(0.3, 0.9), blur=0.2), sensor=Sensor(scale=2.0, fill=(0.5, 1.0))
+    ),
     "flicker": Scene(
-        panel=Panel(pwm=(200.0, 500.0)), lens=SOFT, sensor=Sensor(scale=2.0, shutter=(0.001, 0.004), readout=0.03)
+        panel=Panel(pwm=(200.0, 500.0)),
+        lens=SOFT,
+        sensor=Sensor(scale=2.0, shutter=(0.001, 0.004), readout=0.03),
     ),
     "black matrix": Scene(panel=Panel(lit=(0.35, 0.9)), view=TURNED, lens=BENT, sensor=TWICE),
     "pentile": Scene(panel=Panel(layout="pentile"), view=TURNED, lens=BENT, sensor=TWICE),
     "led": Scene(panel=Panel(layout="led"), view=TURNED, lens=BENT, sensor=TWICE),
     "delta": Scene(panel=Panel(layout=DELTA), view=TURNED, lens=Lens(blur=0.4), sensor=TWICE),
-    "mean": Scene(panel=Panel(lit=0.7), view=TURNED, lens=BENT, sensor=Sensor(scale=2.0, exposure="mean")),
+    "mean": Scene(
+        panel=Panel(lit=0.7), view=TURNED, lens=BENT, sensor=Sensor(scale=2.0, exposure="mean")
+    ),
     "upside down": Scene(view=View(roll=(150.0, 180.0)), lens=SOFT, sensor=TWICE),
 }
 RMS, MOST = 1e-4, 1 / 512
@@ -89,17 +105,30 @@ def random_scene(i):
 
     return Scene(
         panel=Panel(
-            scale=between(0.4, 3), layout=one_of("rgb_stripe", "rgb_column", "pentile", "led", DELTA),
-            lit=between(0.35, 1), lit_x=between(0.7, 1), lit_y=between(0.7, 1),
+            scale=between(0.4, 3),
+            layout=one_of("rgb_stripe", "rgb_column", "pentile", "led", DELTA),
+            lit=between(0.35, 1),
+            lit_x=between(0.7, 1),
+            lit_y=between(0.7, 1),
         ),
-        view=View(yaw=between(-40, 40), pitch=between(-30, 30), roll=between(-180, 180), zoom=between(0.8, 1.5)),
+        view=View(
+            yaw=between(-40, 40),
+            pitch=between(-30, 30),
+            roll=between(-180, 180),
+            zoom=between(0.8, 1.5),
+        ),
         lens=Lens(k1=between(-0.05, 0.05), blur=between(0.15, 0.6), vignetting=between(0, 0.5)),
         sensor=Sensor(
-            scale=one_of(1.0, 1.5, 2.0, 3.0), cfa=one_of("rggb", "none"), fill=between(0.5, 1), gain=between(0.5, 3),
-            read_noise=between(0, 0.05), shot_noise=between(0, 0.05), exposure=one_of("auto", "auto", "mean"),
+            scale=one_of(1.0, 1.5, 2.0, 3.0),
+            cfa=one_of("rggb", "none"),
+            fill=between(0.5, 1),
+            gain=between(0.5, 3),
+            read_noise=between(0, 0.05),
+            shot_noise=between(0, 0.05),
+            exposure=one_of("auto", "auto", "mean"),
         ),
         develop=Develop(registered=one_of(True, False), linear_light=one_of(True, False)),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("part", range(10))
@@ -149,7 +178,9 @@ def test_threads_and_parts_of_a_batch_change_nothing():
     "change",
     [
         lambda s: dataclasses.replace(s, lens=dataclasses.replace(s.lens, blur=s.lens.blur * 1.1)),
-        lambda s: dataclasses.replace(s, panel=dataclasses.replace(s.panel, scale=s.panel.scale * 1.0005)),
+        lambda s: dataclasses.replace(
+            s, panel=dataclasses.replace(s.panel, scale=s.panel.scale * 1.0005)
+        ),
         lambda s: dataclasses.replace(s, seed=s.seed + 1),
     ],
     ids=["blur", "pitch", "seed"],
@@ -163,7 +194,10 @@ def test_another_shot_is_not_equal(change):
 
 
 STEEP = {
-    "oblique": (Scene(panel=Panel(scale=1.1), view=View(yaw=35.0, fov=40.0), lens=SOFT, sensor=TWICE), (40, 40)),
+    "oblique": (
+        Scene(panel=Panel(scale=1.1), view=View(yaw=35.0, fov=40.0), lens=SOFT, sensor=TWICE),
+        (40, 40),
+    ),
     "barrel": (Scene(lens=Lens(k1=0.1, k2=0.02, blur=0.3), sensor=TWICE), (40, 40)),
     "pincushion": (Scene(lens=Lens(k1=-0.08, blur=0.3), sensor=TWICE), (31, 50)),
 }
@@ -192,5 +226,8 @@ def test_an_image_is_read_the_same_beside_one_that_does_not_fit():
     shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=yaw))
     images = torch.rand(3, 3, 40, 40, generator=torch.Generator().manual_seed(1))
     assert run.fits(from_shot.exposure_of(shot, decoded=False)).tolist() == [True, False, True]
-    together, alone = expose(images, shot), [expose(images[i : i + 1], shot[i : i + 1]) for i in range(3)]
+    together, alone = (
+        expose(images, shot),
+        [expose(images[i : i + 1], shot[i : i + 1]) for i in range(3)],
+    )
     assert torch.equal(together, torch.cat(alone))

@@ -6,14 +6,25 @@ import torch
 from moireaug import Lens, Scene, View
 from moireaug.engine import from_shot, pose
 
-RANGES = {"yaw": (-60.0, 60.0), "pitch": (-50.0, 50.0), "roll": (-180.0, 180.0), "zoom": (0.2, 3.0), "fov": (5.0, 80.0)}
+RANGES = {
+    "yaw": (-60.0, 60.0),
+    "pitch": (-50.0, 50.0),
+    "roll": (-180.0, 180.0),
+    "zoom": (0.2, 3.0),
+    "fov": (5.0, 80.0),
+}
 SHIFTED = {"shift_x": (-0.5, 0.5), "shift_y": (-0.5, 0.5)}
 LENS = Lens(k1=(-0.05, 0.2), k2=(-0.02, 0.02))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (40, 40), (33, 200)])
 @pytest.mark.parametrize(
-    "view", [View(**RANGES, **SHIFTED), View(**RANGES, fit=False), View(pose="released", roll=(-45.0, 45.0))]
+    "view",
+    [
+        View(**RANGES, **SHIFTED),
+        View(**RANGES, fit=False),
+        View(pose="released", roll=(-45.0, 45.0)),
+    ],
 )
 def test_homographies_agree(view, size):
     shot = Scene(view=view, lens=LENS).sample(200, size, torch.Generator().manual_seed(0))

@@ -10,7 +10,14 @@ from torch import nn
 from moireaug import Scene
 from moireaug.evaluation import Cell, Table, images_frame, rates
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.conditions import Clean, Condition, Photo, PhotoWithoutMoire, RandomNoise, Rotated
+from moireaug.evaluation.conditions import (
+    Clean,
+    Condition,
+    Photo,
+    PhotoWithoutMoire,
+    RandomNoise,
+    Rotated,
+)
 from moireaug.evaluation.judges import UNDEFENDED, Judge, another
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of

@@ -26,10 +26,11 @@ def test_taps_are_as_many_as_are_seen(scene, taps):
 
 
 def error(problem, fewer, more):
-    """Of what "auto" chooses, relative to brute force: root mean square of the raw reading, in per cent.
+    """Of what "auto" chooses, relative to brute force: root mean square of the raw reading, in per
+    cent.
 
-    Brute force is off by itself, with each number of points another way: the product of the distances from two of them
-    holds none of that.
+    Brute force is off by itself, with each number of points another way: the product of the
+    distances from two of them holds none of that.
     """
     side = problem.side(24)
     image = problems.images(problem.picture, 1, side).double()
@@ -37,12 +38,17 @@ def error(problem, fewer, more):
     ours, distances = expose(image, shot), []
     for n in (fewer, more):
         sensor = dataclasses.replace(problem.scene.sensor, exposure=f"supersample:{n}")
-        brute = expose(image, dataclasses.replace(shot, scene=dataclasses.replace(problem.scene, sensor=sensor)))
+        brute = expose(
+            image,
+            dataclasses.replace(shot, scene=dataclasses.replace(problem.scene, sensor=sensor)),
+        )
         distances.append((ours - brute) / brute.square().mean().sqrt())
     return 100 * float((distances[0] * distances[1]).mean().clamp(min=0).sqrt())
 
 
-@pytest.mark.parametrize("given", problems.SET, ids=lambda g: f"{g['picture']}-{g['layout']}-{g['pitch']}-{g['view']}")
+@pytest.mark.parametrize(
+    "given", problems.SET, ids=lambda g: f"{g['picture']}-{g['layout']}-{g['pitch']}-{g['view']}"
+)
 def test_auto_is_within_a_per_cent_of_brute_force(given):
     small = given["layout"] == "led" or given["pitch"] < 1  # subpixels are hit by few points
     points = (17, 32) if small else (13, 21)
@@ -51,5 +57,7 @@ def test_auto_is_within_a_per_cent_of_brute_force(given):
 
 def test_another_exposure_is_not():
     given = problems.problem(**problems.SET[6])
-    mean = dataclasses.replace(given.scene, sensor=dataclasses.replace(given.scene.sensor, exposure="mean"))
+    mean = dataclasses.replace(
+        given.scene, sensor=dataclasses.replace(given.scene.sensor, exposure="mean")
+    )
     assert error(dataclasses.replace(given, scene=mean), 13, 21) > 5

@@ -1,4 +1,5 @@
-"""Which panel pixels a sensor pixel sees: shares in closed form against the integral that they stand for."""
+"""Which panel pixels a sensor pixel sees: shares in closed form against the integral that they
+stand for."""
 
 import math
 
@@ -44,7 +45,9 @@ def test_shares_of_all_subpixels_are_the_masks_mean(box, sigma, width):
     whole = share.sum(-1)
     assert whole.mean().item() == pytest.approx(width, rel=0.2)
     narrow = torch.full_like(OFFSETS, 1.0)  # a mask without gaps is seen whole from everywhere
-    assert torch.allclose(shares(OFFSETS, seen, narrow, 21).sum(-1), torch.ones(()).double(), atol=1e-9)
+    assert torch.allclose(
+        shares(OFFSETS, seen, narrow, 21).sum(-1), torch.ones(()).double(), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(("box", "sigma", "width"), CASES)
@@ -57,26 +60,35 @@ def test_shares_are_the_integral_of_box_gaussian_and_subpixel(box, sigma, width)
     for i, offset in enumerate(OFFSETS.flatten().tolist()):
         for j, k in enumerate(range(-2, 3)):
             at = offset - k + u
-            inside = torch.special.ndtr((at + width / 2) / sigma) - torch.special.ndtr((at - width / 2) / sigma)
+            inside = torch.special.ndtr((at + width / 2) / sigma) - torch.special.ndtr(
+                (at - width / 2) / sigma
+            )
             assert found[0, 0, i, j].item() == pytest.approx(inside.mean().item(), abs=5e-5)
 
 
 def test_a_wrong_width_is_noticed():
     seen, wide = fields(0.7, 0.25, 1 / 3)
-    assert (shares(OFFSETS, seen, wide, 5) - shares(OFFSETS, seen, 1.01 * wide, 5)).abs().max() > 1e-3
+    assert (
+        shares(OFFSETS, seen, wide, 5) - shares(OFFSETS, seen, 1.01 * wide, 5)
+    ).abs().max() > 1e-3
 
 
 def test_gradients_of_every_argument():
     offset = torch.tensor([[[-0.4, 0.0, 0.13, 0.5]]], dtype=torch.float64, requires_grad=True)
     box, variance, width = (torch.full_like(offset, v).requires_grad_() for v in (0.8, 0.04, 0.3))
-    assert torch.autograd.gradcheck(lambda o, b, v, w: shares(o, Footprint(b, v), w, 3), (offset, box, variance, width))
     assert torch.autograd.gradcheck(
-        lambda o, b, v, w: normalised(shares(o, Footprint(b, v), w, 3)), (offset, box, variance, width)
+        lambda o, b, v, w: shares(o, Footprint(b, v), w, 3), (offset, box, variance, width)
+    )
+    assert torch.autograd.gradcheck(
+        lambda o, b, v, w: normalised(shares(o, Footprint(b, v), w, 3)),
+        (offset, box, variance, width),
     )
 
 
 def test_normalised_shares_sum_to_one_where_nothing_is_seen_too():
-    share = torch.tensor([[[[0.2, 0.3, 0.1], [0.0, 0.0, 0.0], [-1e-18, 0.0, 0.4]]]], dtype=torch.float64)
+    share = torch.tensor(
+        [[[[0.2, 0.3, 0.1], [0.0, 0.0, 0.0], [-1e-18, 0.0, 0.4]]]], dtype=torch.float64
+    )
     whole = normalised(share.requires_grad_())
     assert torch.allclose(whole.sum(-1), torch.ones(()).double())
     assert whole[0, 0, 1].tolist() == [0, 1, 0] and whole[0, 0, 2, 2] > 0.999
@@ -84,7 +96,9 @@ def test_normalised_shares_sum_to_one_where_nothing_is_seen_too():
     assert gradient.isfinite().all()
 
 
-STEPS = torch.tensor([[1.2, 0.0], [0.9, -0.5], [-0.3, 0.3], [0.0, 0.0], [1e-9, 2.0]], dtype=torch.float64)[None]
+STEPS = torch.tensor(
+    [[1.2, 0.0], [0.9, -0.5], [-0.3, 0.3], [0.0, 0.0], [1e-9, 2.0]], dtype=torch.float64
+)[None]
 
 
 def test_a_footprint_has_the_variance_of_what_blurs():
@@ -102,7 +116,9 @@ def test_what_is_fitted_reaches_no_further_and_loses_no_variance(taps):
     seen = Footprint(box, torch.tensor([[1e-4, 0.3, 9.0]], dtype=torch.float64))
     kept, lost = content.fitted(seen, width, taps)
     assert (kept.reach() + width / 2 <= taps / 2 + 1e-12).all()
-    assert torch.allclose(kept.box.square() / 12 + kept.variance + lost, seen.box.square() / 12 + seen.variance)
+    assert torch.allclose(
+        kept.box.square() / 12 + kept.variance + lost, seen.box.square() / 12 + seen.variance
+    )
     assert ((lost == 0) == (seen.reach() + width / 2 <= taps / 2)).all()
     assert lost[0, 0] == 0 and lost[0, 2] > 0
 

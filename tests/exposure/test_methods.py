@@ -8,10 +8,19 @@ from moireaug.scene.layout import Layout
 
 OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))
 SAME = Layout(
-    ((0, 0.25, 0.5, 0.5, 0.0, 0.0, 1.0), (1, 0.75, 0.2, 0.5, 0.0, 0.0, 0.4), (2, 1.5, 0.75, 0.5, 0.0, 0.0, 0.5)), (2, 1)
+    (
+        (0, 0.25, 0.5, 0.5, 0.0, 0.0, 1.0),
+        (1, 0.75, 0.2, 0.5, 0.0, 0.0, 0.4),
+        (2, 1.5, 0.75, 0.5, 0.0, 0.0, 0.5),
+    ),
+    (2, 1),
 )
 SLANTED = Layout(
-    ((0, 0.5, 0.5, 0.4, 0.2, -0.1, 0.6), (1, 0.9, 0.1, 0.3, 0.0, 0.2, 0.5), (2, 0.5, 0.5, 0.5, 0.5, -0.5, 0.5))
+    (
+        (0, 0.5, 0.5, 0.4, 0.2, -0.1, 0.6),
+        (1, 0.9, 0.1, 0.3, 0.0, 0.2, 0.5),
+        (2, 0.5, 0.5, 0.5, 0.5, -0.5, 0.5),
+    )
 )
 RED_ONLY = Layout(((0, 0.0, 0.0, 0.5, 1.0),))
 METHODS = ("spectral", "box", "mean", "point", "supersample:3")
@@ -31,19 +40,26 @@ def test_a_colour_that_a_layout_lacks_is_dark(cfa, exposure, images):
 
 @pytest.mark.parametrize("exposure", ["auto", "spectral", "box", "mean", "point", "supersample:3"])
 def test_a_layout_of_ones_own_is_captured(exposure, images):
-    """The mean over a picture is, to the alias at hand, the mean light of each colour's rectangles."""
+    """The mean over a picture is, to the alias at hand, the mean light of each colour's
+    rectangles."""
     sensor = Sensor(scale=2.0, cfa="none", exposure=exposure)
-    scene = Scene(panel=Panel(layout=OWN, scale=1.37), view=View(roll=3.0), lens=Lens(blur=0.3), sensor=sensor)
+    scene = Scene(
+        panel=Panel(layout=OWN, scale=1.37), view=View(roll=3.0), lens=Lens(blur=0.3), sensor=sensor
+    )
     photo = capture(torch.full_like(images, 0.9), scene.sample(4, (24, 32)))
-    assert photo.mean((0, 2, 3)).tolist() == pytest.approx([0.9 * a for a in (0.25, 0.1, 0.125)], rel=0.02)
+    assert photo.mean((0, 2, 3)).tolist() == pytest.approx(
+        [0.9 * a for a in (0.25, 0.1, 0.125)], rel=0.02
+    )
 
 
 def seen(layout, exposure, picture, scale=1.3, **panel):
     """The raw reading of a picture from an oblique view."""
     scene = Scene(
-        panel=Panel(layout=layout, scale=scale, **panel), view=View(yaw=20, roll=8), lens=Lens(blur=0.3, k1=0.03),
+        panel=Panel(layout=layout, scale=scale, **panel),
+        view=View(yaw=20, roll=8),
+        lens=Lens(blur=0.3, k1=0.03),
         sensor=Sensor(scale=2.0, exposure=exposure),
-    )  # fmt: skip
+    )
     shot = scene.sample(len(picture), tuple(picture.shape[-2:]), torch.Generator().manual_seed(0))
     return expose(picture, shot)
 
@@ -56,7 +72,8 @@ def test_a_rectangle_given_as_a_parallelogram_is_the_rectangle(exposure, dtype, 
 
 
 def distance(layout, n):
-    """Of the series from brute force, both on a white screen near enough for its subpixels to be seen."""
+    """Of the series from brute force, both on a white screen near enough for its subpixels to be
+    seen."""
     white = torch.ones(1, 3, 8, 8, dtype=torch.float64)
     brute = seen(SLANTED, f"supersample:{n}", white, scale=0.6)
     series = seen(layout, "spectral", white, scale=0.6)
@@ -70,14 +87,18 @@ def test_brute_force_converges_to_the_series_of_slanted_subpixels():
 
 def test_a_cell_slanted_the_other_way_gives_another_photo():
     """Negative control: what converges above is not what any slant would give."""
-    mirrored = Layout(tuple((c, cx, cy, ax, -ay, -dx, dy) for c, cx, cy, ax, ay, dx, dy in SLANTED.subpixels))
+    mirrored = Layout(
+        tuple((c, cx, cy, ax, -ay, -dx, dy) for c, cx, cy, ax, ay, dx, dy in SLANTED.subpixels)
+    )
     assert distance(mirrored, 24) > 0.04
 
 
 def test_points_of_slanted_subpixels_are_refused():
     scene = Scene(panel=Panel(layout=SLANTED), sensor=Sensor(exposure="point"))
     for use in (scene.plan, lambda: scene.sample(1, (4, 4))):
-        with pytest.raises(ValueError, match=r"samples a raster of rectangles.*Use 'auto' or 'supersample:8'"):
+        with pytest.raises(
+            ValueError, match=r"samples a raster of rectangles.*Use 'auto' or 'supersample:8'"
+        ):
             use()
 
 
@@ -86,7 +107,9 @@ def test_a_lit_area_is_its_two_sides(exposure, images):
     """lit = 0.64 is lit_x = lit_y = 0.8; and points, which have no area, are dimmed by it alike."""
     picture = images.double()
     area = seen("rgb_stripe", exposure, picture, lit=0.64)
-    assert torch.allclose(seen("rgb_stripe", exposure, picture, lit_x=0.8, lit_y=0.8), area, atol=1e-12)
+    assert torch.allclose(
+        seen("rgb_stripe", exposure, picture, lit_x=0.8, lit_y=0.8), area, atol=1e-12
+    )
     other = seen("rgb_stripe", exposure, picture, lit_x=0.64)
     assert torch.allclose(other.mean(), area.mean(), rtol=0.1)
     if exposure not in ("mean", "point"):
@@ -96,18 +119,27 @@ def test_a_lit_area_is_its_two_sides(exposure, images):
 @pytest.mark.parametrize("exposure", ["spectral", "box", "supersample:6"])
 def test_gaps_between_rows_alias_along_the_columns(exposure):
     """A panel of even colour whose rows have gaps: bands go down the photo, and none across."""
-    panel, sensor = Panel(layout="even", lit_y=0.5, scale=1.1), Sensor(cfa="none", exposure=exposure)
-    raw = expose(torch.ones(1, 3, 20, 20, dtype=torch.float64), Scene(panel=panel, sensor=sensor).sample(1, (20, 20)))
+    panel, sensor = (
+        Panel(layout="even", lit_y=0.5, scale=1.1),
+        Sensor(cfa="none", exposure=exposure),
+    )
+    raw = expose(
+        torch.ones(1, 3, 20, 20, dtype=torch.float64),
+        Scene(panel=panel, sensor=sensor).sample(1, (20, 20)),
+    )
     assert raw.std(2).min() > 0.02 and raw.std(3).max() < 0.002
     assert raw.mean().item() == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean"])
 def test_a_narrowed_view_sees_as_much_of_a_small_picture_as_the_whole(exposure):
-    """In the camera's frame, from so far that the picture is a third of a sensor pixel, wherever that pixel lies."""
+    """In the camera's frame, from so far that the picture is a third of a sensor pixel, wherever
+    that pixel lies."""
     for size in ((12, 12), (13, 13)):
         view, sensor = View(zoom=0.03, fit=False), Sensor(cfa="none", exposure=exposure)
-        scene = Scene(panel=Panel(layout="even"), view=view, sensor=sensor, develop=Develop(registered=False))
+        scene = Scene(
+            panel=Panel(layout="even"), view=view, sensor=sensor, develop=Develop(registered=False)
+        )
         raw = expose(torch.ones(1, 3, *size, dtype=torch.float64), scene.sample(1, size))
         assert raw.sum().item() == pytest.approx(3 * size[0] * size[1] * 0.03**2, rel=0.01)
         assert raw.max() < 0.2
@@ -116,7 +148,9 @@ def test_a_narrowed_view_sees_as_much_of_a_small_picture_as_the_whole(exposure):
 def test_mean_is_the_same_camera_without_moire(images):
     """The mean of a screen is what its moiré is around."""
     picture = torch.full_like(images, 0.9).double()
-    with_moire, without = (seen("rgb_stripe", exposure, picture) for exposure in ("spectral", "mean"))
+    with_moire, without = (
+        seen("rgb_stripe", exposure, picture) for exposure in ("spectral", "mean")
+    )
     assert without.std() < 1e-12 < 0.01 < with_moire.std()
     assert with_moire.mean().item() == pytest.approx(without.mean().item(), rel=0.01)
 
@@ -130,7 +164,11 @@ def looked_up(picture, shot):
 
 def test_a_panel_of_more_pixels_than_are_looked_at_is_not_built(images, monkeypatch):
     """Where both ways are open they show one thing."""
-    scene = Scene(panel=Panel(scale=1.3), view=View(yaw=20, roll=8, zoom=0.8), develop=Develop(registered=False))
+    scene = Scene(
+        panel=Panel(scale=1.3),
+        view=View(yaw=20, roll=8, zoom=0.8),
+        develop=Develop(registered=False),
+    )
     shot, picture = scene.sample(4, (24, 32)), images.double()
     assert torch.allclose(looked_up(picture, shot), expose(picture, shot), atol=1e-12)
 
@@ -148,6 +186,8 @@ def test_a_panel_of_more_pixels_than_are_looked_at_is_not_built(images, monkeypa
 def test_light_past_the_taps_is_not_lost(exposure, blur):
     """On a white screen without stripes every reading is 1, however far its view reaches."""
     sensor = Sensor(cfa="none", exposure=exposure)
-    scene = Scene(panel=Panel(layout="even"), view=View(roll=20), lens=Lens(blur=blur), sensor=sensor)
+    scene = Scene(
+        panel=Panel(layout="even"), view=View(roll=20), lens=Lens(blur=blur), sensor=sensor
+    )
     raw = expose(torch.ones(1, 3, 8, 8, dtype=torch.float64), scene.sample(1, (8, 8)))
     assert (raw - 1).abs().max() < 1e-5

@@ -19,12 +19,18 @@ SCENES = {
 def seen(scene, points):
     shot = scene.sample(1, SIZE, torch.Generator().manual_seed(1))
     inverse = torch.linalg.inv(shot.matrix())
-    return lambda p: grids.photo_to_image(p, inverse, SIZE, shot.distortion), (inverse, SIZE, shot.distortion)
+    return lambda p: grids.photo_to_image(p, inverse, SIZE, shot.distortion), (
+        inverse,
+        SIZE,
+        shot.distortion,
+    )
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_jacobian_is_the_derivative(name):
-    points = grids.grid(torch.tensor([2.0, 15.0, 29.0]).double(), torch.tensor([1.0, 20.0, 39.0]).double())
+    points = grids.grid(
+        torch.tensor([2.0, 15.0, 29.0]).double(), torch.tensor([1.0, 20.0, 39.0]).double()
+    )
     look, given = seen(SCENES[name], points)
     found = grids.jacobian(points, *given)
     step = 1e-5
@@ -45,5 +51,9 @@ def test_past_the_horizon_positions_and_jacobians_are_finite_in_float32():
 def test_a_look_up_is_bilinear_between_centres_and_ends_at_the_border():
     picture = torch.tensor([[0.0, 1.0], [2.0, 3.0]]).double()[None, None]
     x = torch.tensor([[[0.5, 1.0, 1.5, -9.0, 99.0]]]).double()
-    assert grids.look_up(picture, x, torch.full_like(x, 0.5)).flatten().tolist() == pytest.approx([0, 0.5, 1, 0, 1])
-    assert grids.look_up(picture, torch.full_like(x, 0.5), x).flatten().tolist() == pytest.approx([0, 1, 2, 0, 2])
+    assert grids.look_up(picture, x, torch.full_like(x, 0.5)).flatten().tolist() == pytest.approx(
+        [0, 0.5, 1, 0, 1]
+    )
+    assert grids.look_up(picture, torch.full_like(x, 0.5), x).flatten().tolist() == pytest.approx(
+        [0, 1, 2, 0, 2]
+    )

@@ -18,7 +18,16 @@ SAMPLED = [  # size, scale, resize, reach, sensor pixels read, per photo pixel, 
     (3, 1.0, "area", 1, [0, 1, 2, 3], 1, 0, [0, 1, 2]),
     (2, 3.0, "area", 1, [0, 1, 2, 3, 4, 5], 3, 0, [0, 1, 2, 3, 4, 5]),
     (2, 9.0, "point", 1, [2, 3, 4, 5, 12, 13, 14, 15], 3, 1, [3, 4, 5, 12, 13, 14]),
-    (2, 9.0, "point", 2, [2, 3, 4, 5, 6, 11, 12, 13, 14, 15], 5, 0, [2, 3, 4, 5, 6, 11, 12, 13, 14, 15]),
+    (
+        2,
+        9.0,
+        "point",
+        2,
+        [2, 3, 4, 5, 6, 11, 12, 13, 14, 15],
+        5,
+        0,
+        [2, 3, 4, 5, 6, 11, 12, 13, 14, 15],
+    ),
     (2, 8.0, "point", 1, [2, 3, 4, 5, 10, 11, 12, 13], 4, 0, [2, 3, 4, 5, 10, 11, 12, 13]),
     (2, 8.0, "point", 0, [3, 4, 11, 12], 2, 0, [3, 4, 11, 12]),
     (2, 9.0, "point", 0, [4, 13], 1, 0, [4, 13]),
@@ -30,13 +39,16 @@ SAMPLED = [  # size, scale, resize, reach, sensor pixels read, per photo pixel, 
 ]
 
 
-@pytest.mark.parametrize(("size", "scale", "resize", "reach", "index", "step", "lead", "kept"), SAMPLED)
+@pytest.mark.parametrize(
+    ("size", "scale", "resize", "reach", "index", "step", "lead", "kept"), SAMPLED
+)
 def test_what_is_read_of_an_axis(size, scale, resize, reach, index, step, lead, kept):
     pixels = sampled_pixels(size, scale, resize, reach)
     assert (list(pixels.index), pixels.step, pixels.lead) == (index, step, lead)
     assert list(pixels.index[pixels.kept]) == kept
     if reach:
-        assert [i % 2 for i in pixels.index] == [0, 1] * (len(index) // 2)  # each of the parity of its place
+        # each of the parity of its place
+        assert [i % 2 for i in pixels.index] == [0, 1] * (len(index) // 2)
 
 
 @pytest.mark.parametrize("b", [0, 2])

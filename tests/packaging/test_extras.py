@@ -34,7 +34,10 @@ importlib.import_module(sys.argv[2])
 
 @pytest.mark.parametrize(
     ("package", "hidden", "extra"),
-    [("moireaug.defenses", "skimage,pandas,matplotlib,tqdm", "eval"), ("training", "hydra,omegaconf", "train")],
+    [
+        ("moireaug.defenses", "skimage,pandas,matplotlib,tqdm", "eval"),
+        ("training", "hydra,omegaconf", "train"),
+    ],
 )
 def test_a_missing_extra_is_named_and_the_core_does_without_it(package, hidden, extra):
     program = [sys.executable, "-c", WITHOUT, hidden, package]

@@ -12,7 +12,12 @@ from moireaug.scene.layout import LAYOUTS, Layout
 
 OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))
 SLANTED = Layout(
-    ((0, 0.5, 0.5, 0.4, 0.2, -0.1, 0.6), (1, 0.9, 0.1, 0.3, 0.0, 0.2, 0.5), (2, 1.5, 0.5, 0.5, 0.5, -0.5, 0.5)), (2, 1)
+    (
+        (0, 0.5, 0.5, 0.4, 0.2, -0.1, 0.6),
+        (1, 0.9, 0.1, 0.3, 0.0, 0.2, 0.5),
+        (2, 1.5, 0.5, 0.5, 0.5, -0.5, 0.5),
+    ),
+    (2, 1),
 )
 PAIRS = ((0, 0), (1, 0), (0, 1), (2, -1), (-3, 4), (5, 2))
 
@@ -24,12 +29,15 @@ def number(x):
 def sampled(layout, channel, n, width, height):
     """Coefficients of a channel's mask by its discrete transform, n samples a panel pixel."""
     px, py = layout.period
-    y, x = torch.meshgrid(*((torch.arange(n * p).double() + 0.5) / n for p in (py, px)), indexing="ij")
+    y, x = torch.meshgrid(
+        *((torch.arange(n * p).double() + 0.5) / n for p in (py, px)), indexing="ij"
+    )
     mask = sum(emits(s, layout.period, x, y, width, height) for s in layout.of(channel))
     spectrum, found = torch.fft.fft2(mask) / x.numel(), {}
     for k, l in PAIRS:
         held = torch.sinc(number([k / (n * px), l / (n * py)])).prod()
-        half = math.pi * (k / (n * px) + l / (n * py))  # samples lie half a step from the cell's corner
+        # samples lie half a step from the cell's corner
+        half = math.pi * (k / (n * px) + l / (n * py))
         found[k, l] = spectrum[l, k] * held * torch.exp(torch.tensor(-1j * half))
     return found
 
@@ -49,7 +57,8 @@ def test_coefficients_are_those_of_what_is_emitted(name, width, height):
     """The mask's samples are constant on a lattice that holds every edge."""
     layout = OWN if name == "own" else LAYOUTS[name]
     for channel in range(3):
-        # 240 / 8 is a multiple of every raster, so that edges after a share of eighths are on the lattice, too
+        # 240 / 8 is a multiple of every raster, so that edges after a share of eighths are on the
+        # lattice, too
         wanted = sampled(layout, channel, 480, number(width), number(height))
         for k, l in PAIRS:
             found = in_closed_form(layout, channel, k, l, number(width), number(height))
@@ -62,14 +71,20 @@ def test_coefficients_of_parallelograms_are_those_of_what_is_emitted(channel, wi
     wanted = sampled(SLANTED, channel, 500, number(width), number(height))
     assert max(abs(wanted[pair]) for pair in PAIRS[1:]) > 0.02
     for k, l in PAIRS:
-        assert abs(in_closed_form(SLANTED, channel, k, l, number(width), number(height)) - wanted[k, l]) < 5e-4
+        assert (
+            abs(
+                in_closed_form(SLANTED, channel, k, l, number(width), number(height)) - wanted[k, l]
+            )
+            < 5e-4
+        )
 
 
 def test_a_slant_the_other_way_is_another_cell():
     mirrored = Layout(((0, 0.5, 0.5, 0.4, -0.2, 0.1, 0.6),), (2, 1))
     one = number(1.0)
     changes = [
-        in_closed_form(SLANTED, 0, *pair, one, one) - in_closed_form(mirrored, 0, *pair, one, one) for pair in PAIRS
+        in_closed_form(SLANTED, 0, *pair, one, one) - in_closed_form(mirrored, 0, *pair, one, one)
+        for pair in PAIRS
     ]
     assert max(map(abs, changes)) > 0.01
 
@@ -82,7 +97,8 @@ def test_coefficients_of_a_stripe_are_the_textbooks():
 
 
 def test_a_row_with_a_gap_has_the_harmonics_of_a_pulse():
-    """Of a stripe 1/3 wide and 1 high, lit_x goes to the width, lit_y to the height and the root of lit to both."""
+    """Of a stripe 1/3 wide and 1 high, lit_x goes to the width, lit_y to the height and the root of
+    lit to both."""
     shot = Scene(panel=Panel(lit=0.81, lit_x=0.5, lit_y=0.8)).sample(1, (4, 4))
     width, height = emitting_share(shot.panel)
     assert (width.item(), height.item()) == pytest.approx((0.45, 0.72))

@@ -16,7 +16,10 @@ ALL = {**LAYOUTS, "own": OWN}
 
 BAD = [
     (lambda: Layout(()), "at least one"),
-    (lambda: Layout(((0, 0, 0, 1, 1),), (1,)), "two whole numbers of panel pixels in [1, 16]; got (1,)"),
+    (
+        lambda: Layout(((0, 0, 0, 1, 1),), (1,)),
+        "two whole numbers of panel pixels in [1, 16]; got (1,)",
+    ),
     (lambda: Layout(((0, 0, 0, 1, 1),), (1, 0)), "in [1, 16]; got (1, 0)"),
     (lambda: Layout(((0, 0, 0, 1, 1),), (1.0, 1)), "in [1, 16]; got (1.0, 1)"),
     (
@@ -29,14 +32,38 @@ BAD = [
     (lambda: Layout(((0, 0, 0, 1.5, 1),)), "inside its cell of 1 x 1 panel pixels"),
     (lambda: Layout(((0, 0.5, 0, 0.5, 1),)), "x0 < x1 and y0 < y1"),
     (lambda: Layout(((0, 0, math.nan, 1, 1),)), "x0 < x1 and y0 < y1"),
-    (lambda: Layout(((1, 0, 0, 0.6, 1), (1, 0.5, 0.5, 1, 1))), "must not overlap; got (1, 0, 0, 0.6, 1) and"),
-    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, 0, "a"),)), "all numbers; got (0, 0.5, 0.5, 0.4, 0, 0, 'a')"),
-    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0.2, 0.2, 0.1),)), "must have an area: its edges must not be parallel"),
-    (lambda: Layout(((0, 1.1, 0.5, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger than it"),
-    (lambda: Layout(((0, 0.5, 0.5, 0.8, 0, 0.3, 0.4),)), "1.1 panel pixels wide in a cell of 1 x 1"),
-    (lambda: Layout(((0, 0.5, 0.5, 0.1, 0.6, 0, 0.6),)), "1.2 panel pixels high in a cell of 1 x 1"),
-    (lambda: Layout(((0, 0.5, math.nan, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger than it"),
-    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, math.nan, 0.4),)), "centre in its cell and be no larger than it"),
+    (
+        lambda: Layout(((1, 0, 0, 0.6, 1), (1, 0.5, 0.5, 1, 1))),
+        "must not overlap; got (1, 0, 0, 0.6, 1) and",
+    ),
+    (
+        lambda: Layout(((0, 0.5, 0.5, 0.4, 0, 0, "a"),)),
+        "all numbers; got (0, 0.5, 0.5, 0.4, 0, 0, 'a')",
+    ),
+    (
+        lambda: Layout(((0, 0.5, 0.5, 0.4, 0.2, 0.2, 0.1),)),
+        "must have an area: its edges must not be parallel",
+    ),
+    (
+        lambda: Layout(((0, 1.1, 0.5, 0.4, 0, 0, 0.4),)),
+        "centre in its cell and be no larger than it",
+    ),
+    (
+        lambda: Layout(((0, 0.5, 0.5, 0.8, 0, 0.3, 0.4),)),
+        "1.1 panel pixels wide in a cell of 1 x 1",
+    ),
+    (
+        lambda: Layout(((0, 0.5, 0.5, 0.1, 0.6, 0, 0.6),)),
+        "1.2 panel pixels high in a cell of 1 x 1",
+    ),
+    (
+        lambda: Layout(((0, 0.5, math.nan, 0.4, 0, 0, 0.4),)),
+        "centre in its cell and be no larger than it",
+    ),
+    (
+        lambda: Layout(((0, 0.5, 0.5, 0.4, 0, math.nan, 0.4),)),
+        "centre in its cell and be no larger than it",
+    ),
     (
         lambda: Layout(((2, 0.1, 0.5, 0.4, 0, 0.2, 0.4), (2, 0.8, 0.5, 0.4, 0, 0, 0.4))),
         "must not overlap",
@@ -70,7 +97,12 @@ def test_subpixels_know_their_place():
     assert red == Subpixel(0, (0.25, 0.5), (0.5, 0.0), (0.0, 1.0))
     assert green == Subpixel(1, (0.75, 0.2), (0.5, 0.0), (0.0, 0.4))
     assert blue.corners() == [(1.25, 0.5), (1.75, 0.5), (1.75, 1.0), (1.25, 1.0)]
-    assert (blue.area, blue.centre, blue.pixel, blue.is_rectangle) == (0.25, (1.5, 0.75), (1.5, 0.5), True)
+    assert (blue.area, blue.centre, blue.pixel, blue.is_rectangle) == (
+        0.25,
+        (1.5, 0.75),
+        (1.5, 0.5),
+        True,
+    )
     assert [s.pixel for s in LAYOUTS["pentile"].of(1)] == [(0.5, 0.5), (1.5, 0.5)]
     assert RED_ONLY.of(1) == ()
 
@@ -78,26 +110,42 @@ def test_subpixels_know_their_place():
 def test_parallelograms_know_their_place():
     ((red,), (green,)) = SLANTED.of(0), SLANTED.of(1)
     assert not red.is_rectangle and red.area == pytest.approx(0.4 * 0.6 + 0.1 * 0.2)
-    assert sum(green.corners(), ()) == pytest.approx((0.65, -0.15, 0.95, -0.15, 1.15, 0.35, 0.85, 0.35))
+    assert sum(green.corners(), ()) == pytest.approx(
+        (0.65, -0.15, 0.95, -0.15, 1.15, 0.35, 0.85, 0.35)
+    )
     assert green.pixel == (0.5, 0.5)  # of its centre, though it reaches into the next
 
 
 def test_diamonds_touch_and_do_not_overlap():
     """As in a PenTile of diamonds: the bounding boxes overlap, the subpixels do not."""
-    diamonds = tuple((1, x, y, 0.5, 0.5, -0.5, 0.5) for x, y in ((0.5, 0.5), (1.0, 1.0), (1.5, 0.5), (0.0, 1.0)))
+    diamonds = tuple(
+        (1, x, y, 0.5, 0.5, -0.5, 0.5) for x, y in ((0.5, 0.5), (1.0, 1.0), (1.5, 0.5), (0.0, 1.0))
+    )
     assert len(Layout(diamonds[:2], (2, 2)).subpixels) == 2
     with pytest.raises(ValueError, match="must not overlap"):
         Layout((diamonds[0], (1, 0.9, 0.9, 0.5, 0.5, -0.5, 0.5)), (2, 2))
 
 
-RASTERS = {"rgb_stripe": 3, "bgr_stripe": 3, "rgb_column": 3, "pentile": 3, "led": 12, "even": 1, "own": 20}
+RASTERS = {
+    "rgb_stripe": 3,
+    "bgr_stripe": 3,
+    "rgb_column": 3,
+    "pentile": 3,
+    "led": 12,
+    "even": 1,
+    "own": 20,
+}
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_a_raster_is_as_coarse_as_fits_the_rectangles(name):
     assert ALL[name].raster == RASTERS[name]
     edges = [v for s in ALL[name].subpixels for v in s[1:]]
-    fits = [n for n in range(1, RASTERS[name] + 1) if max(abs(v * n - round(v * n)) for v in edges) < 1e-6]
+    fits = [
+        n
+        for n in range(1, RASTERS[name] + 1)
+        if max(abs(v * n - round(v * n)) for v in edges) < 1e-6
+    ]
     assert fits == [RASTERS[name]]
     assert Layout(((0, 0.0137, 0.2, 0.777, 0.9001),)).raster == 24
 

@@ -18,7 +18,20 @@ from torchvision.io import write_png
 
 from moireaug import files
 from tests.conftest import THREADS
-from tests.training.small import BRIEF, LONG, ROOT, TINY, configured, epoch, inside, same, start, train, wait, weights
+from tests.training.small import (
+    BRIEF,
+    LONG,
+    ROOT,
+    TINY,
+    configured,
+    epoch,
+    inside,
+    same,
+    start,
+    train,
+    wait,
+    weights,
+)
 from training import checkpoints, commands, fit, runs
 from training import train as training
 from training.classifier import Classifier

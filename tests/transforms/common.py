@@ -13,7 +13,9 @@ def sample_of_leaves(image):
     return {
         "image": image,
         "mask": tv_tensors.Mask(torch.ones(2, 9, 12, dtype=torch.uint8)),
-        "boxes": tv_tensors.BoundingBoxes([[1.0, 2.0, 5.0, 6.0]], format="XYXY", canvas_size=(9, 12)),
+        "boxes": tv_tensors.BoundingBoxes(
+            [[1.0, 2.0, 5.0, 6.0]], format="XYXY", canvas_size=(9, 12)
+        ),
         "points": tv_tensors.KeyPoints([[1.0, 2.0]], canvas_size=(9, 12)),
         "label": torch.tensor(3),
         "name": "a",

@@ -1,4 +1,5 @@
-"""Scenes small enough for many tests, one per frame, and a picture whose parts can be found again in its photo."""
+"""Scenes small enough for many tests, one per frame, and a picture whose parts can be found again
+in its photo."""
 
 import dataclasses
 
@@ -14,7 +15,8 @@ REGISTERED = Scene(
     sensor=Sensor(gain=2.5, read_noise=0.01),
 )
 CAMERA = dataclasses.replace(REGISTERED, develop=Develop(registered=False))
-CLEAR = dataclasses.replace(CAMERA, panel=Panel(scale=3.0), sensor=Sensor(scale=4.0))  # next to no moiré, no noise
+# next to no moiré, no noise
+CLEAR = dataclasses.replace(CAMERA, panel=Panel(scale=3.0), sensor=Sensor(scale=4.0))
 SQUARE = (30.0, 10.0, 40.0, 18.0)  # x1, y1, x2, y2
 
 
@@ -48,7 +50,8 @@ def marked():
 
 @pytest.fixture
 def find():
-    """Where the light is in a photo (C, H, W): its centroid (x, y), and the box of the brighter half."""
+    """Where the light is in a photo (C, H, W): its centroid (x, y), and the box of the brighter
+    half."""
 
     def look(photo):
         light = photo.float().mean(0)
@@ -56,6 +59,8 @@ def find():
         centroid = torch.stack([(light.sum(0) * x).sum(), (light.sum(1) * y).sum()]) / light.sum()
         on = light > light.max() / 2
         xs, ys = x[on.any(0)], y[on.any(1)]
-        return centroid, torch.stack([xs.min() - 0.5, ys.min() - 0.5, xs.max() + 0.5, ys.max() + 0.5])
+        return centroid, torch.stack(
+            [xs.min() - 0.5, ys.min() - 0.5, xs.max() + 0.5, ys.max() + 0.5]
+        )
 
     return look

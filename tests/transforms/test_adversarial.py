@@ -37,7 +37,9 @@ def test_a_tv_image_stays_one(dtype, p, model):
     shown, labels = drawn(attack(model, p=p), images, LABELS)
     assert type(shown) is tv_tensors.Image and shown.dtype == dtype and labels is LABELS
     plain, _ = drawn(attack(model, p=p), images.as_subclass(torch.Tensor), LABELS)
-    assert type(plain) is torch.Tensor and torch.equal(plain, shown) and not torch.equal(shown, images)
+    assert (
+        type(plain) is torch.Tensor and torch.equal(plain, shown) and not torch.equal(shown, images)
+    )
 
 
 @pytest.mark.parametrize(
@@ -73,7 +75,12 @@ def test_dict_samples(first, key, model):
     if first == "label":
         sample = {key: LABELS, "image": IMAGES, "other": other, "name": ["a", "b"]}
     out = drawn(attack(model), sample)
-    assert list(out) == list(sample) and out[key] is LABELS and out["other"] is other and out["name"] == ["a", "b"]
+    assert (
+        list(out) == list(sample)
+        and out[key] is LABELS
+        and out["other"] is other
+        and out["name"] == ["a", "b"]
+    )
     assert torch.equal(out["image"], drawn(attack(model), IMAGES, LABELS)[0])
 
 
@@ -96,7 +103,10 @@ def test_labels_getter_says_where_the_labels_are(model):
         (({"image": IMAGES, "label": [0, 1, 2, 3]},), "labels must be a tensor.*labels_getter"),
         ((IMAGES[0], LABELS[:1]), "after batching"),
         ((tv_tensors.Video(IMAGES[None]), LABELS[:1]), "after batching"),
-        ((tv_tensors.Image(IMAGES), LABELS, tv_tensors.Image(IMAGES)), "one batch of images.*got 2"),
+        (
+            (tv_tensors.Image(IMAGES), LABELS, tv_tensors.Image(IMAGES)),
+            "one batch of images.*got 2",
+        ),
         ((IMAGES * 255, LABELS), "Divide them by 255"),
     ],
 )
@@ -106,7 +116,11 @@ def test_what_is_no_batch_with_labels_gets_a_sentence(sample, sentence, model):
 
 
 def test_masks_beside_a_scene_in_the_cameras_frame_are_refused(model):
-    sample = {"image": tv_tensors.Image(IMAGES), "label": LABELS, "mask": tv_tensors.Mask(torch.ones(4, 9, 12))}
+    sample = {
+        "image": tv_tensors.Image(IMAGES),
+        "label": LABELS,
+        "mask": tv_tensors.Mask(torch.ones(4, 9, 12)),
+    }
     assert attack(model)(sample)["mask"] is sample["mask"]
     with pytest.raises(ValueError, match="would not move with the images"):
         AdversarialMoire(model, "paper", steps=1)(sample)
@@ -118,4 +132,6 @@ def test_what_is_no_model_is_refused():
 
 
 def test_repr_names_the_preset(model):
-    assert repr(AdversarialMoire(model, "screen_photo")).startswith("AdversarialMoire(scene='screen_photo', eps=")
+    assert repr(AdversarialMoire(model, "screen_photo")).startswith(
+        "AdversarialMoire(scene='screen_photo', eps="
+    )

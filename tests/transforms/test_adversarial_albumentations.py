@@ -2,6 +2,8 @@
 
 import json
 
+# isort: skip  # after the door, which keeps it from asking for its newest version
+import albumentations as A
 import numpy as np
 import pytest
 import torch
@@ -10,14 +12,17 @@ from torch import nn
 from moireaug import Shot
 from moireaug.transforms import albumentations as door
 
-import albumentations as A  # isort: skip  # after the door, which keeps it from asking for its newest version
-
 
 @pytest.fixture
 def model():
     torch.manual_seed(0)
     return nn.Sequential(
-        nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4), nn.ReLU(), nn.AdaptiveAvgPool2d(2), nn.Flatten(), nn.Linear(16, 3)
+        nn.Conv2d(3, 4, 3),
+        nn.BatchNorm2d(4),
+        nn.ReLU(),
+        nn.AdaptiveAvgPool2d(2),
+        nn.Flatten(),
+        nn.Linear(16, 3),
     )
 
 
@@ -35,7 +40,9 @@ def test_it_raises_the_loss(dtype, shape, model, registered):
     plain = door.apply_shot(image, Shot.from_dict(params["shot"]))
 
     def loss(shown):
-        x = torch.from_numpy(np.ascontiguousarray(shown)).float() / (255 if dtype == np.uint8 else 1)
+        x = torch.from_numpy(np.ascontiguousarray(shown)).float() / (
+            255 if dtype == np.uint8 else 1
+        )
         x = x.reshape(1, *shape[:2], -1).permute(0, 3, 1, 2).expand(-1, 3, -1, -1)
         with torch.no_grad():
             return nn.functional.cross_entropy(model.eval()(x), torch.tensor([1])).item()
@@ -56,9 +63,13 @@ def test_mode_is_kept_and_draws_follow_the_seed(model, registered):
 
 def test_a_call_without_the_label_is_told_so(model, registered):
     with pytest.raises(ValueError, match="call the Compose with label=<int>"):
-        A.Compose([door.AdversarialMoire(model, registered, p=1)])(image=np.zeros((8, 8, 3), np.uint8))
+        A.Compose([door.AdversarialMoire(model, registered, p=1)])(
+            image=np.zeros((8, 8, 3), np.uint8)
+        )
     with pytest.raises(ValueError, match=r"\[0, 2\], the model's classes"):
-        A.Compose([door.AdversarialMoire(model, registered, p=1)])(image=np.zeros((8, 8, 3), np.uint8), label=7)
+        A.Compose([door.AdversarialMoire(model, registered, p=1)])(
+            image=np.zeros((8, 8, 3), np.uint8), label=7
+        )
 
 
 def frames(n=3, shape=(12, 14, 3)):
@@ -70,13 +81,17 @@ def test_strict_and_with_images_alone(model, registered):
     images = frames()
     out = steps(images=images, label=1)["images"]
     assert out.shape == images.shape and not np.array_equal(out, images)
-    out = A.Compose([door.RandomMoire(registered, p=1)], strict=True, seed=0)(images=images)["images"]
+    out = A.Compose([door.RandomMoire(registered, p=1)], strict=True, seed=0)(images=images)[
+        "images"
+    ]
     assert out.shape == images.shape and not np.array_equal(out, images)
 
 
 def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered):
     images = frames(4)
-    steps = A.ReplayCompose([door.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)], is_check_shapes=False)
+    steps = A.ReplayCompose(
+        [door.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)], is_check_shapes=False
+    )
     given = {
         "image": images[0],
         "images": images[1:3],
@@ -91,13 +106,17 @@ def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered
     for target, i in (("images", 1), ("volume", 2), ("volumes", 3)):
         pictures, photos = (x[target].reshape(-1, 12, 14, 3) for x in (given, out))
         row = params["first"][target] + i
-        expected = door.apply_shot(pictures[i], Shot.from_dict(params["shot"]), noise[row : row + 1])
+        expected = door.apply_shot(
+            pictures[i], Shot.from_dict(params["shot"]), noise[row : row + 1]
+        )
         assert np.array_equal(photos[i], expected)
 
 
 def test_a_replay_needs_no_model(model, registered):
     image = frames(1)[0]
-    out = A.ReplayCompose([door.AdversarialMoire(model, registered, steps=2, p=1)])(image=image, label=1)
+    out = A.ReplayCompose([door.AdversarialMoire(model, registered, steps=2, p=1)])(
+        image=image, label=1
+    )
     again = A.ReplayCompose.replay(json.loads(json.dumps(out["replay"])), image=image)
     assert np.array_equal(again["image"], out["image"])
 
@@ -118,5 +137,7 @@ def test_what_is_no_model_or_no_label_is_refused(model, registered):
         door.AdversarialMoire("resnet18", registered)
     with pytest.raises(ValueError, match="eps must be one number"):
         door.AdversarialMoire(model, registered, eps=[0.1, 0.2])
-    with pytest.raises(TypeError, match="label must be the index of the image's class, an integer; got 'cat'"):
+    with pytest.raises(
+        TypeError, match="label must be the index of the image's class, an integer; got 'cat'"
+    ):
         A.Compose([door.AdversarialMoire(model, registered, p=1)])(image=frames(1)[0], label="cat")

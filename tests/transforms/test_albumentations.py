@@ -2,6 +2,8 @@
 
 import json
 
+# isort: skip  # after the door, which keeps it from asking for its newest version
+import albumentations as A
 import numpy as np
 import pytest
 import torch
@@ -10,8 +12,6 @@ from torch.utils.data import DataLoader, Dataset, Subset
 from moireaug import Shot
 from moireaug.transforms import albumentations as door
 from moireaug.transforms.albumentations import RandomMoire
-
-import albumentations as A  # isort: skip  # after the door, which keeps it from asking for its newest version
 
 
 def values(shape, dtype, seed=0):
@@ -35,7 +35,9 @@ def compose(scene, kind=A.Compose):
     return kind(
         [RandomMoire(scene, p=1)],
         bbox_params=A.BboxParams(format="pascal_voc", label_fields=["kinds"]),
-        keypoint_params=A.KeypointParams(format="xyas", remove_invisible=False, angle_in_degrees=True),
+        keypoint_params=A.KeypointParams(
+            format="xyas", remove_invisible=False, angle_in_degrees=True
+        ),
     )
 
 
@@ -55,13 +57,16 @@ def test_registered_photos_leave_all_else_alone(registered, square):
     given = sample(values((48, 64, 3), np.float32), square, [(35.0, 14.0, 30.0, 2.0)])
     out = compose(registered)(**given)
     assert out["mask"] is given["mask"] and out["masks"] is given["masks"]
-    assert np.allclose(out["bboxes"], [square]) and np.allclose(out["keypoints"], given["keypoints"])
+    assert np.allclose(out["bboxes"], [square]) and np.allclose(
+        out["keypoints"], given["keypoints"]
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_carried_lands_on_the_light(seed, clear, marked, square, find):
     x1, y1, x2, y2 = square
-    tip = ((x1 + x2) / 2 - 0.5, (y1 + y2) / 2 - 0.5, 0.0, 10.0)  # points right, as long as the rectangle is wide
+    # points right, as long as the rectangle is wide
+    tip = ((x1 + x2) / 2 - 0.5, (y1 + y2) / 2 - 0.5, 0.0, 10.0)
     image = marked.permute(1, 2, 0).numpy()
     steps = compose(clear, A.ReplayCompose)
     steps.set_random_seed(seed)
@@ -84,7 +89,9 @@ def test_what_is_carried_lands_on_the_light(seed, clear, marked, square, find):
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32, bool])
 def test_masks_of_any_type_move(dtype, camera):
     mask = np.ones((9, 12, 2), dtype)
-    out = A.Compose([RandomMoire(camera, p=1)], seed=0)(image=values((9, 12, 3), np.uint8), mask=mask)["mask"]
+    out = A.Compose([RandomMoire(camera, p=1)], seed=0)(
+        image=values((9, 12, 3), np.uint8), mask=mask
+    )["mask"]
     assert out.dtype == dtype and out.shape == mask.shape and set(np.unique(out)) == {0, 1}
 
 
@@ -97,14 +104,20 @@ def test_images_and_volumes_share_one_shot(camera):
     frames = np.repeat(values((1, 9, 12, 3), np.uint8), 3, 0)
     out = A.Compose([RandomMoire(camera, p=1)])(images=frames)["images"]
     assert out.shape == frames.shape and np.array_equal(out[0], out[2]) and np.any(out != frames)
-    both = A.Compose([RandomMoire(camera, p=1)])(volume=frames, mask3d=np.ones((3, 9, 12), np.uint8))
-    assert both["mask3d"].shape == (3, 9, 12) and np.array_equal(both["mask3d"][0], both["mask3d"][2])
+    both = A.Compose([RandomMoire(camera, p=1)])(
+        volume=frames, mask3d=np.ones((3, 9, 12), np.uint8)
+    )
+    assert both["mask3d"].shape == (3, 9, 12) and np.array_equal(
+        both["mask3d"][0], both["mask3d"][2]
+    )
 
 
 @pytest.mark.parametrize("frame", ["registered", "camera"])
 def test_replay_is_exact_and_survives_json(frame, request):
     image = values((9, 12, 3), np.uint8)
-    steps = A.ReplayCompose([RandomMoire(request.getfixturevalue(frame), p=1), A.HorizontalFlip(p=0.5)])
+    steps = A.ReplayCompose(
+        [RandomMoire(request.getfixturevalue(frame), p=1), A.HorizontalFlip(p=0.5)]
+    )
     out = steps(image=image)
     assert np.array_equal(A.ReplayCompose.replay(out["replay"], image=image)["image"], out["image"])
     shot = out["replay"]["transforms"][0]["params"]["shot"]
@@ -128,7 +141,11 @@ def test_p_and_seed(registered):
         steps = A.Compose([RandomMoire(registered, p=0.5)], seed=seed)
         runs.append(np.stack([steps(image=image)["image"] for _ in range(16)]))
     changed = [np.any(x != image) for x in runs[0]]
-    assert np.array_equal(runs[0], runs[1]) and not np.array_equal(runs[0], runs[2]) and 0 < sum(changed) < 16
+    assert (
+        np.array_equal(runs[0], runs[1])
+        and not np.array_equal(runs[0], runs[2])
+        and 0 < sum(changed) < 16
+    )
 
 
 def test_torchs_global_generator_is_left_alone(registered):
@@ -167,7 +184,9 @@ def test_seeded_workers_draw_differently_and_reproducibly(registered):
 def test_a_worker_without_a_transform_says_so(monkeypatch):
     info = type("Info", (), {"dataset": Same(None)})
     monkeypatch.setattr(torch.utils.data, "get_worker_info", lambda: info)
-    with pytest.raises(ValueError, match="found no albumentations transform among the attributes of Same"):
+    with pytest.raises(
+        ValueError, match="found no albumentations transform among the attributes of Same"
+    ):
         door.seed_worker(0)
 
 

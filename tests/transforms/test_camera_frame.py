@@ -23,7 +23,11 @@ def test_camera_frame_moves_only_what_is_in_the_picture(camera):
     sample = sample_of_leaves(tv_tensors.Image(values((3, 9, 12), torch.uint8)))
     out = RandomMoire(camera, p=1)(sample)
     for k in ("mask", "boxes", "points"):
-        assert type(out[k]) is type(sample[k]) and out[k].shape == sample[k].shape and out[k].dtype == sample[k].dtype
+        assert (
+            type(out[k]) is type(sample[k])
+            and out[k].shape == sample[k].shape
+            and out[k].dtype == sample[k].dtype
+        )
         assert not torch.equal(out[k], sample[k])
     assert all(out[k] is sample[k] for k in ("label", "name", "id"))
 
@@ -35,7 +39,9 @@ def test_what_is_carried_lands_on_the_light(seed, clear, marked, square, find):
     boxes = tv_tensors.BoundingBoxes([square], format="XYXY", canvas_size=(48, 64))
     mask = tv_tensors.Mask(marked[0].to(torch.uint8))
     torch.manual_seed(seed)
-    image, centre, boxes, mask = RandomMoire(clear, p=1)(tv_tensors.Image(marked), centre, boxes, mask)
+    image, centre, boxes, mask = RandomMoire(clear, p=1)(
+        tv_tensors.Image(marked), centre, boxes, mask
+    )
     light, box = find(image)
     assert (centre[0] - light).norm() < 1.0
     assert (boxes[0] - box).abs().max() < 2.0
@@ -58,7 +64,11 @@ def test_every_upright_box_format_moves_alike(form, dtype, camera, square):
 
 def test_boxes_enclose_bent_edges_and_are_clamped(camera):
     scene = Scene.from_dict(
-        {"lens": {"k1": -0.2}, "view": {"zoom": 1.0, "fit": False}, "develop": {"registered": False}}
+        {
+            "lens": {"k1": -0.2},
+            "view": {"zoom": 1.0, "fit": False},
+            "develop": {"registered": False},
+        }
     )
     shot = scene.sample(1, (48, 64))
     whole = {"format": "XYXY", "canvas_size": (48, 64)}
@@ -89,7 +99,10 @@ def test_empty_leaves_stay_empty(leaf, camera):
 
 def test_batch_masks_and_points_follow_their_own_image(camera):
     torch.manual_seed(0)
-    images, masks = tv_tensors.Image(torch.rand(6, 3, 12, 12)), tv_tensors.Mask(torch.ones(6, 12, 12))
+    images, masks = (
+        tv_tensors.Image(torch.rand(6, 3, 12, 12)),
+        tv_tensors.Mask(torch.ones(6, 12, 12)),
+    )
     points = tv_tensors.KeyPoints(torch.full((6, 1, 2), 3.0), canvas_size=(12, 12))
     new, mask, point = RandomMoire(camera, p=0.5)(images, masks, points)
     kept = [torch.equal(a, b) for a, b in zip(new, images, strict=True)]

@@ -23,7 +23,9 @@ def through_pil(image, shot):
     if image.dtype != torch.uint8:
         pytest.skip("PIL images are uint8")
     grey = len(image) == 1
-    array = np.asarray(torchvision.apply_shot(PIL.Image.fromarray(image.permute(1, 2, 0).numpy().squeeze()), shot))
+    array = np.asarray(
+        torchvision.apply_shot(PIL.Image.fromarray(image.permute(1, 2, 0).numpy().squeeze()), shot)
+    )
     return torch.tensor(array[None] if grey else array.transpose(2, 0, 1))
 
 
@@ -49,17 +51,22 @@ def test_the_doors_give_the_same_photo(name, channels, dtype, registered):
     if channels == 3:
         shown = image.float() / 255 if dtype == torch.uint8 else image
         expected = capture(shown[None], shot)[0]
-        assert torch.equal(photo, (expected * 255).round().to(dtype) if dtype == torch.uint8 else expected)
+        assert torch.equal(
+            photo, (expected * 255).round().to(dtype) if dtype == torch.uint8 else expected
+        )
 
 
-IMPORTS = {  # one process each, as what is imported stays; after each statement, what must not be there yet
+# one process each, as what is imported stays; after each statement, what must not be there yet
+IMPORTS = {
     "torchvision last": [
         ("import moireaug", ("torchvision", "albumentations")),
         ("moireaug.transforms.kornia.RandomMoire", ("torchvision", "albumentations")),
         ("moireaug.transforms.RandomMoire", ("albumentations",)),
         ("from moireaug.transforms import RandomMoire; RandomMoire()", ("albumentations",)),
     ],
-    "albumentations": [("import moireaug; moireaug.transforms.albumentations.RandomMoire()", ("torchvision",))],
+    "albumentations": [
+        ("import moireaug; moireaug.transforms.albumentations.RandomMoire()", ("torchvision",))
+    ],
 }
 
 
@@ -67,7 +74,10 @@ IMPORTS = {  # one process each, as what is imported stays; after each statement
 def test_a_door_opens_no_other(name):
     lines = ["import sys"]
     for statement, absent in IMPORTS[name]:
-        lines += [statement, f"for m in {absent!r}: assert m not in sys.modules, ({statement!r}, m)"]
+        lines += [
+            statement,
+            f"for m in {absent!r}: assert m not in sys.modules, ({statement!r}, m)",
+        ]
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True)
     assert done.returncode == 0 and done.stderr.strip() == "", done.stderr
 
@@ -75,6 +85,8 @@ def test_a_door_opens_no_other(name):
 def test_an_unknown_name_lists_the_doors():
     import moireaug
 
-    with pytest.raises(AttributeError, match="it has AdversarialMoire, RandomMoire, albumentations"):
+    with pytest.raises(
+        AttributeError, match="it has AdversarialMoire, RandomMoire, albumentations"
+    ):
         _ = moireaug.transforms.RandomMoires
     assert {"RandomMoire", "kornia"} <= set(dir(moireaug.transforms))

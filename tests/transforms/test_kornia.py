@@ -10,22 +10,31 @@ from moireaug import Develop, Panel, Scene, Sensor, View, capture
 from moireaug.transforms.kornia import RandomMoire, from_params, to_params
 
 
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64], ids=str)
+@pytest.mark.parametrize(
+    "dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64], ids=str
+)
 @pytest.mark.parametrize("shape", [(3, 9, 12), (1, 9, 12), (2, 3, 9, 12), (2, 1, 9, 12)], ids=str)
 @pytest.mark.parametrize("keepdim", [False, True])
 def test_shape_dtype_and_range_are_kept(shape, dtype, keepdim, registered):
     image = torch.rand(shape).to(dtype)
     before = image.clone()
     out = RandomMoire(registered, p=1, keepdim=keepdim)(image)
-    assert out.shape == (shape if keepdim or len(shape) == 4 else (1, *shape)) and out.dtype == dtype
+    assert (
+        out.shape == (shape if keepdim or len(shape) == 4 else (1, *shape)) and out.dtype == dtype
+    )
     assert out.min() >= 0 and out.max() <= 1 and not torch.equal(out.reshape(shape), image)
     assert torch.equal(image, before), "the input was modified"
 
 
 def test_masks_boxes_and_keypoints_stay(registered):
-    steps = AugmentationSequential(RandomMoire(registered, p=1), data_keys=["input", "mask", "bbox_xyxy", "keypoints"])
+    steps = AugmentationSequential(
+        RandomMoire(registered, p=1), data_keys=["input", "mask", "bbox_xyxy", "keypoints"]
+    )
     image, mask = torch.rand(2, 3, 9, 12), torch.rand(2, 1, 9, 12).round()
-    boxes, points = torch.tensor([[[1.0, 2.0, 5.0, 6.0]]]).expand(2, -1, -1), torch.rand(2, 4, 2) * 9
+    boxes, points = (
+        torch.tensor([[[1.0, 2.0, 5.0, 6.0]]]).expand(2, -1, -1),
+        torch.rand(2, 4, 2) * 9,
+    )
     new = steps(image, mask, boxes, points)
     assert not torch.equal(new[0], image)
     assert torch.equal(new[1], mask) and torch.equal(new[2], boxes) and torch.equal(new[3], points)
@@ -45,7 +54,9 @@ def test_p_and_replay(p, same_on_batch, registered):
     torch.manual_seed(1)
     batch = torch.rand(8, 3, 9, 12)
     flip = RandomHorizontalFlip(p=0.5)
-    steps = AugmentationSequential(flip, RandomMoire(registered, p=p, same_on_batch=same_on_batch), data_keys=["input"])
+    steps = AugmentationSequential(
+        flip, RandomMoire(registered, p=p, same_on_batch=same_on_batch), data_keys=["input"]
+    )
     out = steps(batch)
     assert torch.equal(out, steps(batch, params=steps._params))
     assert p == 0 or not torch.equal(out, steps(batch))
@@ -80,7 +91,9 @@ def test_skipped_rows_cost_nothing_and_may_hold_nan(registered, monkeypatch):
     seen = []
     real = RandomMoire.apply_transform.__globals__["photograph"]
     monkeypatch.setitem(
-        RandomMoire.apply_transform.__globals__, "photograph", lambda x, s: seen.append(len(x)) or real(x, s)
+        RandomMoire.apply_transform.__globals__,
+        "photograph",
+        lambda x, s: seen.append(len(x)) or real(x, s),
     )
     out = door(batch, params=params)
     assert seen == [int(chosen.sum())]
@@ -91,8 +104,14 @@ def test_skipped_rows_cost_nothing_and_may_hold_nan(registered, monkeypatch):
 
 def test_in_a_video_sequence_frames_share_the_shot(registered):
     clip = torch.rand(2, 1, 3, 9, 12).expand(-1, 4, -1, -1, -1)
-    out = VideoSequential(RandomMoire(registered, p=1), data_format="BTCHW", same_on_frame=True)(clip)
-    assert out.shape == clip.shape and torch.equal(out[:, 0], out[:, 3]) and not torch.equal(out[0, 0], out[1, 0])
+    out = VideoSequential(RandomMoire(registered, p=1), data_format="BTCHW", same_on_frame=True)(
+        clip
+    )
+    assert (
+        out.shape == clip.shape
+        and torch.equal(out[:, 0], out[:, 3])
+        and not torch.equal(out[0, 0], out[1, 0])
+    )
 
 
 def test_a_copy_and_an_empty_batch(registered):
@@ -102,17 +121,23 @@ def test_a_copy_and_an_empty_batch(registered):
 
 @pytest.mark.parametrize("scene", ["paper", "paper_code"])
 def test_the_cameras_frame_is_refused(scene):
-    with pytest.raises(ValueError, match=r"registered=True, or use moireaug\.transforms\.RandomMoire"):
+    with pytest.raises(
+        ValueError, match=r"registered=True, or use moireaug\.transforms\.RandomMoire"
+    ):
         RandomMoire(scene)
 
 
 @pytest.mark.parametrize("scene", ["paper", "paper_code"])
 def test_the_cameras_frame_is_taken_for_images_alone(scene):
     image, labels = torch.rand(2, 3, 9, 12), torch.tensor([[1.0], [2.0]])
-    steps = AugmentationSequential(RandomMoire(scene, p=1, images_only=True), data_keys=["input", "class"])
+    steps = AugmentationSequential(
+        RandomMoire(scene, p=1, images_only=True), data_keys=["input", "class"]
+    )
     photo, same = steps(image, labels)
     assert not torch.equal(photo, image) and torch.equal(same, labels)
-    assert torch.equal(photo, capture(image, from_params(Scene.preset(scene), (9, 12), steps[0]._params)))
+    assert torch.equal(
+        photo, capture(image, from_params(Scene.preset(scene), (9, 12), steps[0]._params))
+    )
 
 
 @pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
@@ -125,7 +150,9 @@ def test_the_cameras_frame_is_taken_for_images_alone(scene):
     ],
 )
 def test_images_only_refuses_what_would_have_to_move(key, leaf, p):
-    steps = AugmentationSequential(RandomMoire("paper", p=p, images_only=True), data_keys=["input", key])
+    steps = AugmentationSequential(
+        RandomMoire("paper", p=p, images_only=True), data_keys=["input", key]
+    )
     with pytest.raises(ValueError, match="images_only=True takes no"):
         steps(torch.rand(2, 3, 9, 12), leaf)
 
@@ -147,7 +174,9 @@ def test_parameters_of_one_image_replay_on_all_rows(p, registered):
 
 
 def test_repr_shows_the_scene(registered):
-    assert repr(RandomMoire("phone_at_monitor", p=0.25)).startswith("RandomMoire(scene='phone_at_monitor', p=0.25,")
+    assert repr(RandomMoire("phone_at_monitor", p=0.25)).startswith(
+        "RandomMoire(scene='phone_at_monitor', p=0.25,"
+    )
     assert "scene=Scene(panel.scale=(0.8, 1.5), view.yaw=" in repr(RandomMoire(registered))
     assert "scene=Scene(), " in repr(RandomMoire(Scene()))
     assert "scene='paper', images_only=True" in repr(RandomMoire("paper", images_only=True))
@@ -155,7 +184,8 @@ def test_repr_shows_the_scene(registered):
 
 @pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
 def test_one_graph_gives_the_same_photos_as_no_graph():
-    """As of kornia's RandomBrightness; traced alone, because a compiler draws other random numbers."""
+    """As of kornia's RandomBrightness; traced alone, because a compiler draws other random
+    numbers."""
     torch._dynamo.reset()
     scene = Scene(panel=Panel(scale=(2.0, 3.0)), sensor=Sensor(exposure="point"))
     door, batch = RandomMoire(scene, p=0.5), torch.rand(6, 3, 8, 8)

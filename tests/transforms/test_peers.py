@@ -1,7 +1,10 @@
-"""Each peer's resampling, blur and noise in front of each door: what it leaves outside [0, 1] is clipped."""
+"""Each peer's resampling, blur and noise in front of each door: what it leaves outside [0, 1] is
+clipped."""
 
 import functools
 
+# isort: skip  # after the door, which keeps it from asking for its newest version
+import albumentations as A
 import kornia.augmentation as K
 import numpy as np
 import pytest
@@ -12,7 +15,6 @@ from moireaug import Scene, Sensor, capture, expose
 from moireaug.transforms import AdversarialMoire, RandomMoire, albumentations, kornia
 from moireaug.transforms.torchvision import apply_shot
 
-import albumentations as A  # isort: skip  # after the door, which keeps it from asking for its newest version
 import cv2  # isort: skip
 
 DRAWS, SIZE = 60, (12, 16)
@@ -34,15 +36,20 @@ def of_kornia(step):
 
 
 def of_albumentations(step):
-    return lambda image: torch.from_numpy(step(image=image.permute(1, 2, 0).numpy())["image"]).permute(2, 0, 1)
+    return lambda image: torch.from_numpy(
+        step(image=image.permute(1, 2, 0).numpy())["image"]
+    ).permute(2, 0, 1)
 
 
-# whether some draws lie outside is what these libraries do today: a peer that clips is here so that it goes on to pass
+# whether some draws lie outside is what these libraries do today: a peer that clips is here so that
+# it goes on to pass
 PEERS = {
     "v2.Resize": of_torchvision(v2.Resize(SIZE)),
     "v2.Resize bicubic": of_torchvision(v2.Resize(SIZE, BICUBIC)),
     "v2.RandomResizedCrop": of_torchvision(v2.RandomResizedCrop(SIZE)),
-    "v2.RandomResizedCrop bicubic": of_torchvision(v2.RandomResizedCrop(SIZE, interpolation=BICUBIC)),
+    "v2.RandomResizedCrop bicubic": of_torchvision(
+        v2.RandomResizedCrop(SIZE, interpolation=BICUBIC)
+    ),
     "v2.GaussianBlur": of_torchvision(v2.GaussianBlur(5)),
     "v2.GaussianNoise": of_torchvision(v2.GaussianNoise(sigma=0.2, clip=False)),
     "kornia.RandomResizedCrop": of_kornia(K.RandomResizedCrop(SIZE, p=1.0)),
@@ -51,7 +58,9 @@ PEERS = {
     "kornia.RandomBoxBlur": of_kornia(K.RandomBoxBlur(p=1.0)),
     "kornia.RandomMotionBlur": of_kornia(K.RandomMotionBlur(5, 35.0, 0.5, p=1.0)),
     "kornia.RandomGaussianNoise": of_kornia(K.RandomGaussianNoise(0.0, 0.2, p=1.0)),
-    "albumentations.Resize bicubic": of_albumentations(A.Resize(*SIZE, interpolation=cv2.INTER_CUBIC, p=1)),
+    "albumentations.Resize bicubic": of_albumentations(
+        A.Resize(*SIZE, interpolation=cv2.INTER_CUBIC, p=1)
+    ),
     "albumentations.Affine Lanczos": of_albumentations(
         A.Affine(scale=(0.6, 1.8), rotate=(-30, 30), interpolation=cv2.INTER_LANCZOS4, p=1)
     ),
@@ -63,7 +72,9 @@ PEERS = {
     "albumentations.GaussNoise": of_albumentations(A.GaussNoise(p=1)),
 }
 OVERSHOOT = [
-    name for name in PEERS if any(k in name for k in ("bicubic", "Lanczos", "v2.GaussianN", "RandomGaussianN"))
+    name
+    for name in PEERS
+    if any(k in name for k in ("bicubic", "Lanczos", "v2.GaussianN", "RandomGaussianN"))
 ]
 
 
@@ -83,7 +94,9 @@ def drawn(name):
 
 def through_albumentations(images):
     steps = A.Compose([albumentations.RandomMoire(SCENE, p=1)], seed=0)
-    return torch.from_numpy(steps(images=images.permute(0, 2, 3, 1).numpy())["images"]).permute(0, 3, 1, 2)
+    return torch.from_numpy(steps(images=images.permute(0, 2, 3, 1).numpy())["images"]).permute(
+        0, 3, 1, 2
+    )
 
 
 def through_attack(images):
@@ -116,7 +129,9 @@ def test_single_images_pass_too():
     shot = SCENE.sample(1, (16, 20))
     for image in drawn("albumentations.Affine Lanczos")[:20]:
         photo = apply_shot(image, shot)
-        array = albumentations.apply_shot(np.ascontiguousarray(image.permute(1, 2, 0).numpy()), shot)
+        array = albumentations.apply_shot(
+            np.ascontiguousarray(image.permute(1, 2, 0).numpy()), shot
+        )
         assert torch.equal(torch.from_numpy(array).permute(2, 0, 1), photo)
 
 

@@ -41,14 +41,22 @@ def test_type_shape_dtype_and_range_are_kept(container, shape, dtype, frame, req
     before = image.clone()
     out = RandomMoire(request.getfixturevalue(frame), p=1)(image)
     assert type(out) is type(image) and out.shape == image.shape and out.dtype == dtype
-    assert out.isfinite().all() and out.min() >= 0 and out.max() <= (255 if dtype == torch.uint8 else 1)
+    assert (
+        out.isfinite().all()
+        and out.min() >= 0
+        and out.max() <= (255 if dtype == torch.uint8 else 1)
+    )
     assert not torch.equal(out, image)
     assert torch.equal(image, before), "the input was modified"
 
 
 @pytest.mark.parametrize("mode", ["RGB", "L", "RGBA", "LA"])
 def test_pil_modes_are_kept(mode, registered):
-    image = PIL.Image.fromarray(values((9, 12, 4), torch.uint8).numpy(), "RGBA") if mode == "RGBA" else None
+    image = (
+        PIL.Image.fromarray(values((9, 12, 4), torch.uint8).numpy(), "RGBA")
+        if mode == "RGBA"
+        else None
+    )
     image = image or PIL.Image.fromarray(values((9, 12, 3), torch.uint8).numpy()).convert(mode)
     out = RandomMoire(registered, p=1)(image)
     assert out.mode == mode and out.size == image.size
@@ -62,7 +70,8 @@ def test_a_grey_image_is_shown_as_grey_rgb(registered):
     shot = registered.sample(1, (9, 12))
     rgb = apply_shot(grey.expand(3, -1, -1), shot)
     expected = F.rgb_to_grayscale(rgb)
-    torch.testing.assert_close(apply_shot(grey, shot), expected, atol=2e-4, rtol=0)  # torchvision rounds the weights
+    # torchvision rounds the weights
+    torch.testing.assert_close(apply_shot(grey, shot), expected, atol=2e-4, rtol=0)
 
 
 @pytest.mark.parametrize("as_image", [tv_tensors.Image, F.to_pil_image], ids=["Image", "PIL"])
@@ -75,7 +84,8 @@ def test_registered_photos_leave_all_else_alone(as_image, registered):
 
 def test_what_is_not_chosen_comes_back_as_it_came(registered, camera):
     for scene, image in itertools.product(
-        (registered, camera), (values((3, 9, 12), torch.uint8), values((2, 3, 9, 12), torch.float32))
+        (registered, camera),
+        (values((3, 9, 12), torch.uint8), values((2, 3, 9, 12), torch.float32)),
     ):
         sample = sample_of_leaves(tv_tensors.Image(image))
         if image.ndim == 4 and scene is camera:
@@ -95,7 +105,9 @@ def test_a_batch_has_one_draw_per_image_and_p_per_image(registered):
 
 
 def test_a_video_is_one_scene(registered):
-    quiet = dataclasses.replace(registered, sensor=dataclasses.replace(registered.sensor, read_noise=0.0))
+    quiet = dataclasses.replace(
+        registered, sensor=dataclasses.replace(registered.sensor, read_noise=0.0)
+    )
     frames = values((1, 3, 9, 12), torch.float32).expand(3, -1, -1, -1)
     still = RandomMoire(quiet, p=1)(tv_tensors.Video(frames))
     assert torch.equal(still[0], still[1]) and torch.equal(still[0], still[2])
@@ -108,7 +120,9 @@ def test_a_video_is_one_scene(registered):
 def test_images_of_one_sample_share_the_draw(registered):
     image = values((3, 9, 12), torch.float32)
     a, b, c = RandomMoire(registered, p=1)(
-        tv_tensors.Image(image), tv_tensors.Image(image), tv_tensors.Image(values((3, 7, 20), torch.float32))
+        tv_tensors.Image(image),
+        tv_tensors.Image(image),
+        tv_tensors.Image(values((3, 7, 20), torch.float32)),
     )
     assert torch.equal(a, b) and c.shape == (3, 7, 20)
 
@@ -206,12 +220,20 @@ BOXES = tv_tensors.BoundingBoxes(torch.rand(2, 4), format="XYXY", canvas_size=(9
         ((IMAGE * 9).to(torch.int32), TypeError, "uint8 or floating point"),
         (PIL.Image.new("P", (12, 9)), ValueError, r"mode RGB, L, RGBA, LA; got P.*v2\.RGB"),
         (PIL.Image.new("CMYK", (12, 9)), ValueError, "got CMYK"),
-        ((tv_tensors.Image(IMAGE), tv_tensors.Image(torch.rand(2, 3, 9, 12))), ValueError, "batch size; got 1 and 2"),
+        (
+            (tv_tensors.Image(IMAGE), tv_tensors.Image(torch.rand(2, 3, 9, 12))),
+            ValueError,
+            "batch size; got 1 and 2",
+        ),
         ((tv_tensors.Image(IMAGE), ROTATED), ValueError, "rotated boxes"),
         ((tv_tensors.Image(torch.rand(2, 3, 9, 12)), BOXES), ValueError, "which of 2 images"),
-        ((tv_tensors.Image(torch.rand(2, 3, 9, 12)), tv_tensors.Mask(torch.ones(9, 12))), ValueError, "which of 2"),
+        (
+            (tv_tensors.Image(torch.rand(2, 3, 9, 12)), tv_tensors.Mask(torch.ones(9, 12))),
+            ValueError,
+            "which of 2",
+        ),
     ],
-)  # fmt: skip
+)
 def test_errors_are_sentences(sample, error, sentence, camera):
     with pytest.raises(error, match=sentence):
         RandomMoire(camera, p=1)(sample)
@@ -252,7 +274,8 @@ def test_arrays_beside_an_image_pass(registered):
 
 @pytest.mark.parametrize("p", [0.0, 1.0])
 @pytest.mark.parametrize(
-    ("shape", "order"), [((9, 12, 3), r"permute\(2, 0, 1\)"), ((2, 9, 12, 1), r"permute\(0, 3, 1, 2\)")]
+    ("shape", "order"),
+    [((9, 12, 3), r"permute\(2, 0, 1\)"), ((2, 9, 12, 1), r"permute\(0, 3, 1, 2\)")],
 )
 @pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
 def test_channels_last_are_told_how_to_come_first(dtype, shape, order, p, registered):

@@ -7,7 +7,14 @@ tables lack the rungs between clean and attacked: on ImageNet the moiré alone o
 from __future__ import annotations
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
-from moireaug.evaluation.conditions import Clean, Condition, Dimmed, Photo, PhotoWithoutMoire, RandomNoise
+from moireaug.evaluation.conditions import (
+    Clean,
+    Condition,
+    Dimmed,
+    Photo,
+    PhotoWithoutMoire,
+    RandomNoise,
+)
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 
 ANSWER = "answer"  # the one column
