@@ -1,10 +1,12 @@
-"""What the accuracy of an evaluation costs: robust accuracy against the steps, restarts and seconds of each attacker.
+"""What the accuracy of an evaluation costs: robust accuracy against the steps, restarts and seconds
+of each attacker.
 
     python benchmarks/attack_budget.py runs/baseline/seed0 runs/moire_at/seed0
 
-Attacks runs of training/fit.py on the raw reading of their own scene, at one eps, with every attacker at every budget,
-all on the same images and shots. Prints a table per run and the cheapest budget whose accuracy is within a point of the
-least that anybody reached; writes results/attack_budget.json and attack_budget.png.
+Attacks runs of training/fit.py on the raw reading of their own scene, at one eps, with every
+attacker at every budget, all on the same images and shots. Prints a table per run and the cheapest
+budget whose accuracy is within a point of the least that anybody reached; writes
+results/attack_budget.json and attack_budget.png.
 """
 
 from __future__ import annotations
@@ -81,7 +83,8 @@ def measured(
 
 
 def recommended(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the cheapest row that is within a point, or an image, of the least accuracy that anybody reached."""
+    """Return the cheapest row that is within a point, or an image, of the least accuracy that
+    anybody reached."""
     least = min(row["accuracy"] for row in rows)
     slack = max(NEAR, 1 / rows[0]["n"])
     enough = [row for row in rows if row["accuracy"] <= least + slack + 1e-9]

@@ -24,7 +24,8 @@ AUGMENT = ("none", "shift", "shift_flip")
 
 
 class Splits(NamedTuple):
-    """Three data sets of (uint8 image, label), the classes' names, and the number of classes of a model for them."""
+    """Three data sets of (uint8 image, label), the classes' names, and the number of classes of a
+    model for them."""
 
     train: Dataset
     val: Dataset
@@ -34,7 +35,8 @@ class Splits(NamedTuple):
 
 
 def _resize(size: int) -> v2.Compose:
-    """The shorter side to `size`, the centre cut out: what ImageNet models are evaluated on, less the 256 px margin."""
+    """The shorter side to `size`, the centre cut out: what ImageNet models are evaluated on, less
+    the 256 px margin."""
     return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
 
 
@@ -51,13 +53,18 @@ def _split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
     total = len(data)  # type: ignore[arg-type]
     held = cfg.val if cfg.val is not None else total // 10
     if not 0 < held < total:
-        raise ValueError(f"data.val must leave training images: got {held} of {total}. Pass data.val=N below that.")
+        raise ValueError(
+            f"data.val must leave training images: got {held} of {total}. Pass data.val=N below that."
+        )
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()
     return _take(Subset(data, order[held:]), cfg.train), Subset(data, order[:held])
 
 
 def _signs(cfg: Data) -> Splits:
-    counts = {s: getattr(DATA["signs"], s) if getattr(cfg, s) is None else getattr(cfg, s) for s in signs.SPLITS}
+    counts = {
+        s: getattr(DATA["signs"], s) if getattr(cfg, s) is None else getattr(cfg, s)
+        for s in signs.SPLITS
+    }
     sets = [TensorDataset(*signs.make(s, n, size=cfg.size)) for s, n in counts.items()]
     return Splits(*sets, dict(enumerate(signs.CLASSES)), len(signs.CLASSES))
 
@@ -66,7 +73,8 @@ def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Calla
     def load(cfg: Data) -> Splits:
         try:
             sets = [
-                make(cfg.root, transform=_resize(cfg.size), download=cfg.download, **split) for split in (train, test)
+                make(cfg.root, transform=_resize(cfg.size), download=cfg.download, **split)
+                for split in (train, test)
             ]
         except (RuntimeError, OSError) as error:
             raise ValueError(
@@ -74,18 +82,26 @@ def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Calla
                 "Pass data.download=true to fetch it, or data.root=DIR where torchvision has put it."
             ) from error
         names = getattr(sets[1], "classes", None) or [str(i) for i in range(43)]
-        return Splits(*_split(sets[0], cfg), _take(sets[1], cfg.test), dict(enumerate(names)), len(names))
+        return Splits(
+            *_split(sets[0], cfg), _take(sets[1], cfg.test), dict(enumerate(names)), len(names)
+        )
 
     return load
 
 
 def _folder(cfg: Data) -> Splits:
     if not cfg.root:
-        raise ValueError("data=folder needs data.root=DIR, a folder with train/ and test/ inside it.")
+        raise ValueError(
+            "data=folder needs data.root=DIR, a folder with train/ and test/ inside it."
+        )
     root = Path(cfg.root)
     if not root.is_dir():
-        raise ValueError(f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ inside it.")
-    halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]  # the latter: to attack
+        raise ValueError(
+            f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ inside it."
+        )
+    halves = (
+        [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
+    )  # the latter: to attack
     try:
         sets = [ImageFolder(half, transform=_resize(cfg.size), loader=read) for half in halves]
     except (FileNotFoundError, RuntimeError) as error:
@@ -104,7 +120,9 @@ def _folder(cfg: Data) -> Splits:
         half.target_transform = [index[name] for name in half.classes].__getitem__
     train, val = _split(sets[0], cfg) if halves[0] != halves[1] else (sets[0], sets[0])
     classes = {number: name for index in numbers for name, number in index.items()}
-    return Splits(train, val, _take(sets[1], cfg.test), classes, IMAGENET if cfg.class_index else len(classes))
+    return Splits(
+        train, val, _take(sets[1], cfg.test), classes, IMAGENET if cfg.class_index else len(classes)
+    )
 
 
 def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
@@ -146,21 +164,26 @@ def load(cfg: Data) -> Splits:
     """The data set of that name.
 
     Raises:
-        ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says what to do.
+        ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says
+            what to do.
     """
     one_of("data.augment", cfg.augment, AUGMENT)
     return LOADERS[one_of("data", cfg.name, LOADERS)](cfg)
 
 
 def augment(images: Tensor, kind: str) -> Tensor:
-    """Shift each image of a float batch (B, 3, H, W) by up to an eighth, zero padded, and flip half of them."""
+    """Shift each image of a float batch (B, 3, H, W) by up to an eighth, zero padded, and flip half
+    of them."""
     if kind == "none":
         return images
     b, _, h, w = images.shape
     reach = max(1, h // 8)
     where = {"device": images.device}
     dy, dx = (torch.randint(-reach, reach + 1, (b, 1, 1), **where) for _ in range(2))
-    rows, cols = torch.arange(h, **where)[None, :, None] + dy, torch.arange(w, **where)[None, None, :] + dx
+    rows, cols = (
+        torch.arange(h, **where)[None, :, None] + dy,
+        torch.arange(w, **where)[None, None, :] + dx,
+    )
     if kind == "shift_flip":
         flip = torch.rand(b, 1, 1, **where) < 0.5
         cols = torch.where(flip, w - 1 - cols, cols)

@@ -9,21 +9,23 @@ from torch.utils.data import Subset, default_collate
 from training.data import Splits
 from training.schema import Reattack
 
-PIXELS = 25 * 224 * 224  # of a batch whose size nobody gave: some gigabytes for a large network and its gradients
+PIXELS = (
+    25 * 224 * 224
+)  # of a batch whose size nobody gave: some gigabytes for a large network and its gradients
 MOST = 96
 
 
 class EvalBatches:
-    """The first n test images of a fixed shuffle: `batches[index]` is ((B, 3, H, W) in [0, 1], (B,)).
+    """The first n test images of a fixed shuffle: `batches[index]` is ((B, 3, H, W) in [0, 1],
+    (B,)).
 
     Args:
-        splits: of the data. reattack: its n, batch_size and seed are used. side: of the images, in pixels.
+        splits: of the data. reattack: its n, batch_size and seed are used. side: of the images, in
+            pixels.
         device: where the batches go.
     """
 
-    def __init__(
-        self, splits: Splits, reattack: Reattack, side: int, device: torch.device
-    ) -> None:
+    def __init__(self, splits: Splits, reattack: Reattack, side: int, device: torch.device) -> None:
         self.data, self.device = splits.test, device
         total = len(self.data)  # type: ignore[arg-type]
         shuffle = torch.Generator().manual_seed(reattack.seed)
@@ -43,7 +45,8 @@ class EvalBatches:
         return images.to(self.device).float() / 255, labels.to(self.device)
 
     def others(self, splits: Splits) -> Subset:
-        """Return images that are not attacked here: those of training, or, where a folder has no split, the rest."""
+        """Return images that are not attacked here: those of training, or, where a folder has no
+        split, the rest."""
         if splits.train is not splits.val:
             return Subset(splits.train, range(len(splits.train)))  # type: ignore[arg-type]
         return Subset(splits.test, self.rest)

@@ -1,11 +1,13 @@
-"""What robustness costs: every run of a folder, attacked by suite=recipes, in one table and one plot.
+"""What robustness costs: every run of a folder, attacked by suite=recipes, in one table and one
+plot.
 
     python training/fit.py -m recipe=baseline,moire_at,pgd_at seed=0,1,2
-    python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50    # and so on, run by run
-    python training/frontier.py runs
+    python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50    # and so
+    on, run by run python training/frontier.py runs
 
-Writes frontier.md, frontier.csv (a line a run), frontier.json and frontier.png into runs/frontier/, or where out=DIR
-says. A run that was not attacked yet is left out, and the command that attacks it is printed.
+Writes frontier.md, frontier.csv (a line a run), frontier.json and frontier.png into runs/frontier/,
+or where out=DIR says. A run that was not attacked yet is left out, and the command that attacks it
+is printed.
 """
 
 from __future__ import annotations
@@ -44,7 +46,9 @@ HEADS = ("clean", "moiré", "unseen", "worst 4/255 [95 %]", "gain", "8/255", "PG
 def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
     """Return what the figures are of, and what their intervals are."""
     said = [
-        "Accuracy in % of {n} test images: {data}, {model}, scene {scene}, {steps} steps an attack.".format(**shared),
+        "Accuracy in % of {n} test images: {data}, {model}, scene {scene}, {steps} steps an attack.".format(
+            **shared
+        ),
         "Intervals of 95 % hold the choice of seeds and of images (two-way bootstrap).",
         "Worst case: each image at the worst of the photo alone and three Moiré Attacks.",
         "Time is of training alone, on top of the clean weights that a recipe starts from; × clean counts both.",
@@ -58,14 +62,18 @@ def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
 
 def markdown(recipes: Sequence[Recipe], found: Found) -> str:
     """Return the table, its caption, what to beware of, and the commands that would complete it."""
-    return environment().from_string(TEMPLATE.read_text("utf-8")).render(
-        name_of=name_of,
-        recipes=recipes,
-        gained=[recipe for recipe in recipes if recipe.gains],
-        titles=TITLES,
-        caption=caption(recipes, found.shared),
-        warnings=found.warnings,
-        commands=found.commands,
+    return (
+        environment()
+        .from_string(TEMPLATE.read_text("utf-8"))
+        .render(
+            name_of=name_of,
+            recipes=recipes,
+            gained=[recipe for recipe in recipes if recipe.gains],
+            titles=TITLES,
+            caption=caption(recipes, found.shared),
+            warnings=found.warnings,
+            commands=found.commands,
+        )
     )
 
 
@@ -134,7 +142,9 @@ def _plain(recipe: Recipe) -> dict[str, Any]:
 def main(argv: Sequence[str]) -> None:
     folders = [a for a in argv if not a.startswith("out=")]
     if len(folders) != 1 or len(argv) > 2:
-        raise SystemExit("error: pass one folder of runs, as in: python training/frontier.py runs [out=DIR]")
+        raise SystemExit(
+            "error: pass one folder of runs, as in: python training/frontier.py runs [out=DIR]"
+        )
     root = Path(folders[0])
     out = root / "frontier"
     for argument in argv:

@@ -1,4 +1,5 @@
-"""The plot of robustness against training time: a point for each recipe, labelled where there is room."""
+"""The plot of robustness against training time: a point for each recipe, labelled where there is
+room."""
 
 from __future__ import annotations
 
@@ -43,12 +44,21 @@ def figure(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> Figure:
         _points(ax, recipes, key)
         ax.set_title(title, size=11, color=INK, loc="left")
         _axes(ax, recipes, key)
-        ax.set_xlabel("training time with its start, relative to clean (log scale)", size=10, color=INK)
+        ax.set_xlabel(
+            "training time with its start, relative to clean (log scale)", size=10, color=INK
+        )
     panels[0].set_ylabel("accuracy at the worst attacker, %", size=10, color=INK)
     facts = "{data}, {model}, {scene}; n = {n}, {steps} steps an attack".format(**shared)
     fig.suptitle(f"What robustness costs: {facts}", size=11.5, color=INK, parse_math=False)
     handles, _ = panels[0].get_legend_handles_labels()
-    fig.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False, fontsize=9, labelcolor=INK)
+    fig.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=5,
+        frameon=False,
+        fontsize=9,
+        labelcolor=INK,
+    )
     fig.canvas.draw()
     fig.set_layout_engine("none")  # labels find their places among points that no longer move
     for ax, key in zip(panels, PANELS, strict=True):
@@ -63,15 +73,35 @@ def _places(recipes: Sequence[Recipe], key: str) -> list[tuple[float, float]]:
 def _points(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     ax.set_xscale("log")
     places = _places(recipes, key)
-    ax.plot(*zip(*_front(places), strict=True), color=OURS, linewidth=1.2, alpha=0.5, label="Pareto front")
+    ax.plot(
+        *zip(*_front(places), strict=True),
+        color=OURS,
+        linewidth=1.2,
+        alpha=0.5,
+        label="Pareto front",
+    )
     looks = {True: ("o", OURS, OURS, "on it"), False: ("D", THEIRS, "white", "behind it")}
     for r, (x, y), front in zip(recipes, places, pareto(places), strict=True):
         marker, colour, fill, _ = looks[front]
         for along, e, scale in (("y", r.rates[key], 100), ("x", r.relative, 1)):
             ends = [scale * e.low, scale * e.high]
             pair = ([x, x], ends) if along == "y" else (ends, [y, y])
-            ax.plot(*pair, color=colour, linewidth=1.6 if along == "y" else 1.0, alpha=0.55, solid_capstyle="butt")
-        ax.plot([x], [y], marker, color=colour, markerfacecolor=fill, markersize=7 if front else 6, zorder=3)
+            ax.plot(
+                *pair,
+                color=colour,
+                linewidth=1.6 if along == "y" else 1.0,
+                alpha=0.55,
+                solid_capstyle="butt",
+            )
+        ax.plot(
+            [x],
+            [y],
+            marker,
+            color=colour,
+            markerfacecolor=fill,
+            markersize=7 if front else 6,
+            zorder=3,
+        )
     for marker, colour, fill, name in looks.values():
         ax.plot([], [], marker, color=colour, markerfacecolor=fill, label=name)
     ax.plot([], [], "|", color=RIVALS, markersize=13, markeredgewidth=1.6, label="95 % interval")
@@ -88,10 +118,18 @@ def _front(places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 
 def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     left, right = min(r.relative.low for r in recipes), max(r.relative.high for r in recipes)
-    left = max(left, 0.2 * min(r.relative.value for r in recipes))  # two seeds may leave an interval down to 0
-    low, high = min(100 * r.rates[key].low for r in recipes), max(100 * r.rates[key].high for r in recipes)
+    left = max(
+        left, 0.2 * min(r.relative.value for r in recipes)
+    )  # two seeds may leave an interval down to 0
+    low, high = (
+        min(100 * r.rates[key].low for r in recipes),
+        max(100 * r.rates[key].high for r in recipes),
+    )
     margin, wide = max(2.0, 0.08 * (high - low)), max(math.log(right / left), math.log(1.5))
-    left, right = left * math.exp(-0.1 * wide), right * math.exp(0.28 * wide)  # a name may stand at the right
+    left, right = (
+        left * math.exp(-0.1 * wide),
+        right * math.exp(0.28 * wide),
+    )  # a name may stand at the right
     ax.set(xlim=(left, right), ylim=(max(-margin / 2, low - margin), min(102.0, high + margin)))
     inside = [t for t in TICKS if left <= t <= right]
     ticks = inside[:: -(-len(inside) // 8)]
@@ -105,7 +143,8 @@ def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
 
 
 def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
-    """A name beside each point, at the nearest place that is free of points, intervals and other names."""
+    """A name beside each point, at the nearest place that is free of points, intervals and other
+    names."""
     frame, places = np.array(ax.get_window_extent().extents), _places(recipes, key)
     renderer = ax.figure.canvas.get_renderer()  # type: ignore[attr-defined]
     pixels, data = ax.transData.transform, ax.transData.inverted().transform
@@ -115,21 +154,36 @@ def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
         taken += _thick(pixels([(x, 100 * r.rates[key].low), (x, 100 * r.rates[key].high)]))
         taken += _thick(pixels([(max(r.relative.low, 1e-9), y), (r.relative.high, y)]))
     for r, point in sorted(zip(recipes, pixels(places), strict=True), key=lambda pair: -pair[1][1]):
-        text = ax.text(0, 0, r.name + (" †" if r.collapsed else ""), size=9.5, color=INK, parse_math=False, zorder=4)
+        text = ax.text(
+            0,
+            0,
+            r.name + (" †" if r.collapsed else ""),
+            size=9.5,
+            color=INK,
+            parse_math=False,
+            zorder=4,
+        )
         extent = text.get_window_extent(renderer)
-        boxes = [np.concatenate([point, point]) + box for box in _around(extent.width, extent.height)]
+        boxes = [
+            np.concatenate([point, point]) + box for box in _around(extent.width, extent.height)
+        ]
         best = min(boxes, key=lambda box: _cost(box, point, np.array(taken), frame))
         taken.append(best)
         text.set_position(data(best[:2]))
         end = np.clip(point, best[:2], best[2:])
         if np.hypot(*(end - point)) > 20:
             ax.plot(*data([point, end]).T, color=RIVALS, linewidth=0.7)
-            taken += _thick(point + np.linspace(0, 1, 12)[:, None] * (end - point))  # other lines keep clear of it
+            taken += _thick(
+                point + np.linspace(0, 1, 12)[:, None] * (end - point)
+            )  # other lines keep clear of it
 
 
 def _thick(line: np.ndarray) -> list[np.ndarray]:
-    """The upright and lying pieces of a line, as boxes (left, bottom, right, top) of some pixels."""
-    return [np.concatenate([np.minimum(a, b) - 1.5, np.maximum(a, b) + 1.5]) for a, b in pairwise(line)]
+    """The upright and lying pieces of a line, as boxes (left, bottom, right, top) of some
+    pixels."""
+    return [
+        np.concatenate([np.minimum(a, b) - 1.5, np.maximum(a, b) + 1.5]) for a, b in pairwise(line)
+    ]
 
 
 def _around(width: float, height: float) -> list[np.ndarray]:
@@ -144,8 +198,8 @@ def _around(width: float, height: float) -> list[np.ndarray]:
 
 
 def _cost(box: np.ndarray, point: np.ndarray, taken: np.ndarray, frame: np.ndarray) -> float:
-    """How bad a place for a name is: what it covers, what sticks out of the panel, how far its point is, and what lies
-    between the two."""
+    """How bad a place for a name is: what it covers, what sticks out of the panel, how far its
+    point is, and what lies between the two."""
     end = np.clip(point, box[:2], box[2:])
     between = point + np.linspace(0, 1, 16)[:, None] * (end - point)
     between = between[np.hypot(*(between - point).T) > 9, None]

@@ -8,26 +8,38 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 DEEP = ("I;16", "I;16L", "I;16B")  # grey of 16 bits
-AS_RGB = ("1", "L", "P", "RGB", "CMYK", "YCbCr", "HSV")  # what PIL turns into RGB without loss or doubt
+AS_RGB = (
+    "1",
+    "L",
+    "P",
+    "RGB",
+    "CMYK",
+    "YCbCr",
+    "HSV",
+)  # what PIL turns into RGB without loss or doubt
 
 
 def read(path: str) -> Image.Image:
     """Return the picture in a file, in mode RGB.
 
-    Grey of 16 bits keeps its high byte, as PIL does with 16-bit RGB. Transparent pixels show white, as on a page.
+    Grey of 16 bits keeps its high byte, as PIL does with 16-bit RGB. Transparent pixels show white,
+    as on a page.
 
     Raises:
-        ValueError: a file that is damaged, no image, too large (`PIL.Image.MAX_IMAGE_PIXELS`), or of a mode whose black
-            and white nobody knows, such as 32-bit numbers; names the file.
+        ValueError: a file that is damaged, no image, too large (`PIL.Image.MAX_IMAGE_PIXELS`), or
+            of a mode whose black and white nobody knows, such as 32-bit numbers; names the file.
     """
     try:
         with open(path, "rb") as file, warnings.catch_warnings():
             # PIL warns of a size that it suspects, and opens the file all the same
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             return _rgb(Image.open(file))
-    # a damaged file surfaces as OSError, SyntaxError, struct.error, EOFError, ...: whichever byte was hit
+    # a damaged file surfaces as OSError, SyntaxError, struct.error, EOFError, ...: whichever byte
+    # was hit
     except Exception as error:
-        raise ValueError(f"The image {path} could not be read ({_why(error)}). Remove or replace the file.") from error
+        raise ValueError(
+            f"The image {path} could not be read ({_why(error)}). Remove or replace the file."
+        ) from error
 
 
 def _rgb(image: Image.Image) -> Image.Image:
@@ -37,7 +49,9 @@ def _rgb(image: Image.Image) -> Image.Image:
     if image.has_transparency_data:
         return _on_white(image)
     if image.mode not in AS_RGB:
-        raise ValueError(f"its mode is {image.mode!r}, whose black and white are not known; save it with 8 or 16 bits")
+        raise ValueError(
+            f"its mode is {image.mode!r}, whose black and white are not known; save it with 8 or 16 bits"
+        )
     return image.convert("RGB")
 
 

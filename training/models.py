@@ -1,4 +1,5 @@
-"""Classifiers to train and to attack: one compact ResNet for small images, and every torchvision classifier by name."""
+"""Classifiers to train and to attack: one compact ResNet for small images, and every torchvision
+classifier by name."""
 
 import argparse
 import difflib
@@ -14,7 +15,8 @@ from moireaug.attacks import Normalized
 
 
 class ResidualBlock(nn.Module):
-    """Pre-activation residual block: (B, inputs, H, W) to (B, outputs, H / stride, W / stride), rounded up.
+    """Pre-activation residual block: (B, inputs, H, W) to (B, outputs, H / stride, W / stride),
+    rounded up.
 
     Source: He et al., "Identity Mappings in Deep Residual Networks" (2016), figure 1b.
     """
@@ -42,8 +44,8 @@ class SmallResNet(nn.Module):
         num_classes: number of logits.
         width: channels of the stem; the two stages have twice and four times as many.
 
-    Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is centred inside, so
-    an attack in [0, 1] needs no wrapper.
+    Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is
+    centred inside, so an attack in [0, 1] needs no wrapper.
     """
 
     def __init__(self, num_classes: int, width: int = 16) -> None:
@@ -53,7 +55,8 @@ class SmallResNet(nn.Module):
                 f"SmallResNet got num_classes={num_classes} and width={width}; both must be at least 1. "
                 "Please pass positive integers."
             )
-        # Stride 2 at once: full resolution costs most of the time, and a 48 px sign is still legible at 24 px.
+        # Stride 2 at once: full resolution costs most of the time, and a 48 px sign is still
+        # legible at 24 px.
         self.stem = nn.Conv2d(3, width, 3, 2, 1, bias=False)
         self.blocks = nn.Sequential(
             ResidualBlock(width, 2 * width, stride=2),
@@ -69,8 +72,10 @@ class SmallResNet(nn.Module):
         return self.head(torch.relu(self.norm(x)).mean((2, 3)))
 
 
-# The auxiliary heads exist for training from scratch in the original recipes and turn the output into a tuple.
-# transform_input undoes the ImageNet normalisation that every other torchvision model expects, in favour of their own.
+# The auxiliary heads exist for training from scratch in the original recipes and turn the output
+# into a tuple.
+# transform_input undoes the ImageNet normalisation that every other torchvision model expects, in
+# favour of their own.
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
@@ -80,7 +85,8 @@ _WRAPPERS = ("module.", "model.", "_orig_mod.")
 
 
 def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = False) -> nn.Module:
-    """Return a classifier of [0, 1] images: torchvision's models get their ImageNet normalisation put inside.
+    """Return a classifier of [0, 1] images: torchvision's models get their ImageNet normalisation
+    put inside.
 
     Args, Raises: as in `build`.
     """
@@ -94,20 +100,25 @@ def names() -> list[str]:
     return ["small_resnet", *torchvision.models.list_models(module=torchvision.models)]
 
 
-def build(name: str, num_classes: int, weights: str | None = None, *, whole: bool = False) -> nn.Module:
+def build(
+    name: str, num_classes: int, weights: str | None = None, *, whole: bool = False
+) -> nn.Module:
     """A classifier by name, freshly initialised or with weights.
 
     Args:
-        name: "small_resnet" (takes [0, 1] images) or any torchvision classifier (its ImageNet normalisation is the
-            caller's to apply).
+        name: "small_resnet" (takes [0, 1] images) or any torchvision classifier (its ImageNet
+            normalisation is the caller's to apply).
         num_classes: number of logits.
-        weights: a file with a state_dict, or a checkpoint that holds one as "state_dict", "model_state_dict" or
-            "model", with or without a wrapper's "module.", "model." or "_orig_mod." before its names; or the name of
-            torchvision weights such as "IMAGENET1K_V1" or "DEFAULT". When they were made for another number of
-            classes, the head stays freshly initialised and all else is loaded.
-        whole: refuse weights made for another number of classes: nothing is fit to be evaluated with a fresh head.
+        weights: a file with a state_dict, or a checkpoint that holds one as "state_dict",
+            "model_state_dict" or "model", with or without a wrapper's "module.", "model." or
+            "_orig_mod." before its names; or the name of torchvision weights such as
+            "IMAGENET1K_V1" or "DEFAULT". When they were made for another number of classes, the
+            head stays freshly initialised and all else is loaded.
+        whole: refuse weights made for another number of classes: nothing is fit to be evaluated
+            with a fresh head.
 
-    Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of another model.
+    Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of
+    another model.
     """
     if name not in names():
         closest = difflib.get_close_matches(name, names(), n=3, cutoff=0.3)
@@ -117,11 +128,20 @@ def build(name: str, num_classes: int, weights: str | None = None, *, whole: boo
             "Please use 'small_resnet' or a name from torchvision.models.list_models(module=torchvision.models)."
         )
     if num_classes < 1:
-        raise ValueError(f"num_classes={num_classes} must be at least 1. Please pass the number of classes.")
+        raise ValueError(
+            f"num_classes={num_classes} must be at least 1. Please pass the number of classes."
+        )
     model = _fresh(name, num_classes)
     if weights is not None:
-        state = _published(name, weights) if weights in _published_names(name) else _read(name, weights)
-        _load(model, state, f"The weights {weights!r} do not fit {name!r} with {num_classes} classes", whole)
+        state = (
+            _published(name, weights) if weights in _published_names(name) else _read(name, weights)
+        )
+        _load(
+            model,
+            state,
+            f"The weights {weights!r} do not fit {name!r} with {num_classes} classes",
+            whole,
+        )
     return model
 
 
@@ -132,11 +152,16 @@ def _fresh(name: str, num_classes: int) -> nn.Module:
 
 
 def _published_names(name: str) -> list[str]:
-    return [] if name == "small_resnet" else list(torchvision.models.get_model_weights(name).__members__)
+    return (
+        []
+        if name == "small_resnet"
+        else list(torchvision.models.get_model_weights(name).__members__)
+    )
 
 
 def _published(name: str, weights: str) -> dict[str, Tensor]:
-    """State of torchvision's own model with these weights, downloaded once into the torch hub folder."""
+    """State of torchvision's own model with these weights, downloaded once into the torch hub
+    folder."""
     try:
         return torchvision.models.get_model(name, weights=weights).state_dict()
     except (OSError, RuntimeError) as error:
@@ -147,16 +172,21 @@ def _published(name: str, weights: str) -> dict[str, Tensor]:
 
 
 def _read(name: str, path: str) -> Mapping[str, Tensor]:
-    """The state_dict in a file, on the CPU, with the names of the bare model; no code in it is run."""
+    """The state_dict in a file, on the CPU, with the names of the bare model; no code in it is
+    run."""
     if not Path(path).is_file():
         published = _published_names(name)
         other = f", or one of {', '.join(published)}" if published else ""
-        raise ValueError(f"There is no weights file {path!r}. Please pass the path of a state_dict file{other}.")
+        raise ValueError(
+            f"There is no weights file {path!r}. Please pass the path of a state_dict file{other}."
+        )
     try:
-        # the settings that torchvision's own training scripts keep beside the weights: a record without code
+        # the settings that torchvision's own training scripts keep beside the weights: a record
+        # without code
         with torch.serialization.safe_globals([argparse.Namespace]):
             state = torch.load(path, weights_only=True, map_location="cpu")
-    # A damaged file surfaces as RuntimeError, UnpicklingError, EOFError, KeyError, ... : whichever byte was hit.
+    # A damaged file surfaces as RuntimeError, UnpicklingError, EOFError, KeyError, ... : whichever
+    # byte was hit.
     except Exception as error:
         raise ValueError(
             f"The weights file {path!r} could not be read ({type(error).__name__}): it is damaged, or holds more than "
@@ -171,7 +201,9 @@ def _state_in(content: Any, path: str) -> Mapping[str, Tensor]:
     if isinstance(content, Mapping):
         held += [content[name] for name in _HOLDERS if name in content]
     for state in held:
-        if isinstance(state, Mapping) and all(isinstance(value, Tensor) for value in state.values()):
+        if isinstance(state, Mapping) and all(
+            isinstance(value, Tensor) for value in state.values()
+        ):
             return state
     raise ValueError(
         f"The weights file {path!r} holds something other than a state_dict (a mapping of names to tensors), alone or "
@@ -180,15 +212,19 @@ def _state_in(content: Any, path: str) -> Mapping[str, Tensor]:
 
 
 def _without_prefix(state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
-    """The state_dict without what wrappers (DataParallel, Lightning, torch.compile) put before every name."""
+    """The state_dict without what wrappers (DataParallel, Lightning, torch.compile) put before
+    every name."""
     for prefix in _WRAPPERS:
         if state and all(name.startswith(prefix) for name in state):
-            return _without_prefix({name.removeprefix(prefix): value for name, value in state.items()})
+            return _without_prefix(
+                {name.removeprefix(prefix): value for name, value in state.items()}
+            )
     return state
 
 
 def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
-    """Copies state into model, but for a head made for another number of classes; raises ValueError otherwise."""
+    """Copies state into model, but for a head made for another number of classes; raises ValueError
+    otherwise."""
     own = model.state_dict()
     given = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
     # Files written before PyTorch 0.4.1 lack these counters, which matter only without a momentum.
@@ -197,10 +233,16 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: 
     changed = [key for key in given if key in own and given[key].shape != own[key].shape]
     head = changed if not whole and _is_head(changed, own, given) else []
     wrong = [key for key in changed if key not in head]
-    shapes = [f"{key} {tuple(given[key].shape)} instead of {tuple(own[key].shape)}" for key in wrong]
+    shapes = [
+        f"{key} {tuple(given[key].shape)} instead of {tuple(own[key].shape)}" for key in wrong
+    ]
     problems = [
         f"{len(found)} {what} ({', '.join(found[:3])}{', ...' if len(found) > 3 else ''})"
-        for found, what in ((missing, "missing"), (surplus, "unknown"), (shapes, "of another shape"))
+        for found, what in (
+            (missing, "missing"),
+            (surplus, "unknown"),
+            (shapes, "of another shape"),
+        )
         if found
     ]
     if problems:
@@ -217,11 +259,14 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: 
 
 
 def _is_head(changed: list[str], own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> bool:
-    """Whether the tensors that changed shape are all those of one layer, in their number of outputs alone.
+    """Whether the tensors that changed shape are all those of one layer, in their number of outputs
+    alone.
 
     Any layer but the last would change the inputs of the next one too.
     """
     layers = {key.rpartition(".")[0] for key in changed}
     whole = [key for key in own if key.rpartition(".")[0] in layers]
-    same_inputs = all(given[key].dim() > 0 and given[key].shape[1:] == own[key].shape[1:] for key in changed)
+    same_inputs = all(
+        given[key].dim() > 0 and given[key].shape[1:] == own[key].shape[1:] for key in changed
+    )
     return len(layers) == 1 and len(whole) == len(changed) and same_inputs

@@ -1,4 +1,5 @@
-"""Finished runs and their re-attacks, read from a folder of runs: a point for each run, or a sentence why not."""
+"""Finished runs and their re-attacks, read from a folder of runs: a point for each run, or a
+sentence why not."""
 
 from __future__ import annotations
 
@@ -37,10 +38,11 @@ class Point:
     """One run, attacked again in its own scene.
 
     Args:
-        outcomes: name of a rate to (n,) numbers, an image each: 1 where the run is right, 0 where it is wrong, the mean
-            over scenes in between. All runs see the same images.
-        seconds: of this run's own training. start_seconds: of the training that made the weights it began with; 0 where
-            it began with random ones. clean_seconds: of recipe `clean` with the same seed and settings.
+        outcomes: name of a rate to (n,) numbers, an image each: 1 where the run is right, 0 where
+            it is wrong, the mean over scenes in between. All runs see the same images.
+        seconds: of this run's own training. start_seconds: of the training that made the weights it
+            began with; 0 where it began with random ones. clean_seconds: of recipe `clean` with the
+            same seed and settings.
         passes: forward and backward, an image, of its own training. images_per_second: of the same.
         collapsed: whether catastrophic overfitting was seen while it was trained.
         baseline: the recipe of plain training of equal length; None for plain training itself.
@@ -75,7 +77,8 @@ class Point:
 
 
 class Found(NamedTuple):
-    """What a folder of runs holds: its points; what they share; commands that attack the other runs; and warnings."""
+    """What a folder of runs holds: its points; what they share; commands that attack the other
+    runs; and warnings."""
 
     points: list[Point]
     shared: Metrics
@@ -84,10 +87,12 @@ class Found(NamedTuple):
 
 
 def read(root: Path) -> Found:
-    """Read every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its own scene.
+    """Read every finished run of `root`/<recipe>/seed<k>/ that suite `recipes` has attacked in its
+    own scene.
 
     Raises:
-        ValueError: no run, none attacked, runs or re-attacks that do not compare, or a file that lacks something.
+        ValueError: no run, none attacked, runs or re-attacks that do not compare, or a file that
+            lacks something.
     """
     root, others = _group(root)
     trained = {}
@@ -123,7 +128,11 @@ def _compared(root: Path, trained: Mapping[Path, Metrics], others: list[str]) ->
         said = f"no run in {root} was attacked by suite=recipes in its own scene. Run:"
         raise ValueError("\n  ".join([said, *commands]))
     points = [_point(folder, trained, again) for folder, again in attacked.items()]
-    shared = {"data": _data(trained.values()), "model": settings["model"], "scene": settings["scene"]}
+    shared = {
+        "data": _data(trained.values()),
+        "model": settings["model"],
+        "scene": settings["scene"],
+    }
     for name, value in protocol.items():
         shared[name.removeprefix("reattack.")] = value
     return Found(points, shared, commands, _warnings(trained, attacked) + others)
@@ -136,7 +145,8 @@ def _seeds(root: Path) -> list[Path]:
 
 
 def _group(root: Path) -> tuple[Path, list[str]]:
-    """Return the folder whose runs are read, and a note on those of other data or models, which do not compare.
+    """Return the folder whose runs are read, and a note on those of other data or models, which do
+    not compare.
 
     Raises:
         ValueError: nothing but groups of runs, of which one must be chosen.
@@ -201,7 +211,8 @@ def _same(every: Mapping[Path, Metrics], what: str) -> Metrics:
 
 
 def _again(folder: Path, metrics: Metrics) -> Metrics | None:
-    """Return the re-attack of a run in its own scene; of several that of the most images, then of the most steps."""
+    """Return the re-attack of a run in its own scene; of several that of the most images, then of
+    the most steps."""
     found = []
     for path in sorted(folder.glob("reattack/*/recipes")):
         again = read_metrics(path)
@@ -243,7 +254,8 @@ def _point(folder: Path, trained: Mapping[Path, Metrics], again: Metrics) -> Poi
 
 
 def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
-    """Return the outcomes of a cell, an image each; of all scenes but the own their mean, or the worst."""
+    """Return the outcomes of a cell, an image each; of all scenes but the own their mean, or the
+    worst."""
     others = row in (MEAN, WORST)
     found = []
     for line in again["tables"][table]:
@@ -258,7 +270,8 @@ def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
 
 
 def _clean_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float:
-    """Return the training time of recipe `clean` with the same seed: as the run kept it, else as the clean run says."""
+    """Return the training time of recipe `clean` with the same seed: as the run kept it, else as
+    the clean run says."""
     metrics = trained[folder]
     twin = folder.parent.parent / "clean" / folder.name
     for source in (metrics, metrics.get("start"), metrics.get("baseline"), trained.get(twin)):
@@ -276,7 +289,9 @@ def _warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics])
     machines = sorted({_machine(trained[folder]["environment"]) for folder in attacked})
     if len(machines) > 1:
         named = "; ".join(machines)
-        found.append(f"The runs were trained on different machines ({named}): their times do not compare.")
+        found.append(
+            f"The runs were trained on different machines ({named}): their times do not compare."
+        )
     for folder, again in attacked.items():
         failed = [check["name"] for check in again.get("trust") or [] if check["verdict"] == "fail"]
         if failed:

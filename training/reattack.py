@@ -1,15 +1,17 @@
-"""Attack any classifier: a run's best checkpoint, or a torchvision model with given weights on a folder of images.
+"""Attack any classifier: a run's best checkpoint, or a torchvision model with given weights on a
+folder of images.
 
     python training/reattack.py run=runs/moire_at/seed0
     python training/reattack.py run=runs/moire_at/seed0 scene=dashcam_at_led_sign reattack.n=1600
-    python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR data.class_index=CSV \\
+    python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR
+    data.class_index=CSV \\
         data.size=224 scene=paper_code suite=paper targets='{resnet18: FILE, resnet50: FILE}'
 
-Writes report.html and metrics.json into <run>/reattack/<scene>-n<images>-steps<steps>/<suite>/, or, without `run=`, into
-runs/reattack/<model>/<data>-<scene>-n<images>-steps<steps>/<suite>/; a suite other than the ladder writes tables.md and
-results.csv too. The start and the baseline of a run are attacked beside it, where their folders hold them with the same
-settings. Every finished piece is kept in records/: the same command goes on where it stopped, and another suite takes
-what is there.
+Writes report.html and metrics.json into <run>/reattack/<scene>-n<images>-steps<steps>/<suite>/, or,
+without `run=`, into runs/reattack/<model>/<data>-<scene>-n<images>-steps<steps>/<suite>/; a suite
+other than the ladder writes tables.md and results.csv too. The start and the baseline of a run are
+attacked beside it, where their folders hold them with the same settings. Every finished piece is
+kept in records/: the same command goes on where it stopped, and another suite takes what is there.
 """
 
 from __future__ import annotations
@@ -108,13 +110,16 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
 
 
 def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
-    """Attack a run's best checkpoint, and by the ladder those of its start and of its baseline beside it."""
+    """Attack a run's best checkpoint, and by the ladder those of its start and of its baseline
+    beside it."""
     found = saved.read(Path(cfg.run))  # type: ignore[arg-type]
     cfg = overrides.onto(found.cfg, cfg, given)
     check(cfg)
     runs.make(found.folder / "reattack")
     if not (found.folder / "metrics.json").is_file():
-        print(f"note: the run in {found.folder} is not finished; its best checkpoint so far is attacked.")
+        print(
+            f"note: the run in {found.folder} is not finished; its best checkpoint so far is attacked."
+        )
     began = time.perf_counter()
     splits = load(cfg.data)
     found.check_classes(splits, cfg.data)
@@ -142,12 +147,10 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
 
 
 def beside(run: Saved, protocol: Protocol) -> tuple[Metrics, Attacked]:
-    """Attack the start or the baseline of the run that is attacked, in the same way: its metrics, and what was
-    shown."""
+    """Attack the start or the baseline of the run that is attacked, in the same way: its metrics,
+    and what was shown."""
     cfg = run.cfg
-    attacked = attack(
-        run.model(), protocol, run.folder / "records", cfg.recipe, check=False
-    )
+    attacked = attack(run.model(), protocol, run.folder / "records", cfg.recipe, check=False)
     known = {"recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model}
     known["train"] = saved.trained(run.folder)
     return known | describe(attacked), attacked
@@ -162,7 +165,8 @@ def attack_by_suite(
     out: Path,
     seconds: dict[str, float],
 ) -> Metrics:
-    """Attack a model by `cfg.suite`, shared among the processes that the trainer's settings ask for."""
+    """Attack a model by `cfg.suite`, shared among the processes that the trainer's settings ask
+    for."""
     fabric = fabric_of(cfg.trainer)
     config = suite_config(cfg, protocol, splits, records, fabric)
     plan = Plan(model, cfg.suite, protocol, records, config)
@@ -202,7 +206,8 @@ def scene_name(scene: Any) -> str:
 
 
 def published_names(model: str) -> dict[int, str]:
-    """Return the class names that a torchvision model was published with; empty for a model of our own."""
+    """Return the class names that a torchvision model was published with; empty for a model of our
+    own."""
     if model not in torchvision.models.list_models():
         return {}
     weights = torchvision.models.get_model_weights(model).DEFAULT

@@ -36,7 +36,8 @@ Metrics = dict[str, Any]
 
 
 class Protocol(NamedTuple):
-    """How every model of a comparison is attacked: on which images, in which scene, how strongly."""
+    """How every model of a comparison is attacked: on which images, in which scene, how
+    strongly."""
 
     batches: EvalBatches
     scene: Scene
@@ -71,7 +72,8 @@ class Attacked:
 
     Args:
         tables: of the suite. lines: their rates, a line a cell.
-        checks: `trust`, whether the figures can be trusted, on `trust_n` images; empty where nobody asked.
+        checks: `trust`, whether the figures can be trusted, on `trust_n` images; empty where nobody
+            asked.
         runner: for the pictures.
         seconds: by phase.
     """
@@ -117,9 +119,7 @@ class Plan:
         model = model.to(protocol.batches.device).eval()
         settings = protocol.settings
         self.kept = RecordFolder(records)
-        self.runner = Runner(
-            model, protocol.batches, protocol.scene, self.kept, seed=settings.seed
-        )
+        self.runner = Runner(model, protocol.batches, protocol.scene, self.kept, seed=settings.seed)
         self.seconds: dict[str, float] = {}
 
     def run(self, title: str, rank: int = 0, world: int = 1) -> None:
@@ -197,7 +197,8 @@ def require_whole(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> 
 
 
 def describe(attacked: Attacked) -> Metrics:
-    """Return the ladder as plain values, with every image's outcome as a string of 0 and 1, for paired comparisons."""
+    """Return the ladder as plain values, with every image's outcome as a string of 0 and 1, for
+    paired comparisons."""
     rows, outcomes = [], {}
     for line in attacked.lines.to_dict("records"):
         row = {name: line[name] for name in ("eps", "steps", "control", "targeted", "accuracy")}
@@ -227,12 +228,13 @@ def compare(
     start: Mapping[str, Any] | None,
     baseline: Mapping[str, Any] | None,
 ) -> Metrics:
-    """Return the metrics of a run: its own figures, those of the runs beside it, and what it gained.
+    """Return the metrics of a run: its own figures, those of the runs beside it, and what it
+    gained.
 
     Args:
         described: the run's own figures. train: what its training cost, where it was trained here.
-        start: metrics of the run whose weights it started from. baseline: metrics of the plainly trained run, of as
-            many epochs in all, that the gain is against.
+        start: metrics of the run whose weights it started from. baseline: metrics of the plainly
+            trained run, of as many epochs in all, that the gain is against.
     """
     metrics = {
         "recipe": cfg.recipe,
@@ -299,7 +301,8 @@ def publish(
     classes: Mapping[int, str],
     seconds: Mapping[str, float],
 ) -> Metrics:
-    """Write report.html, then metrics.json, and print the summary. Returns the metrics with what was added.
+    """Write report.html, then metrics.json, and print the summary. Returns the metrics with what
+    was added.
 
     Args:
         attacked: name to model, for the pictures; the run's own comes first.

@@ -14,7 +14,10 @@ Pen = ImageDraw.ImageDraw
 _FACE = 512  # side of the canvas on which a sign face is drawn, once
 STYLES = 3  # looks per class: colours, weight of the lettering, painted or lit
 _WHITE, _BLACK, _YELLOW = (244, 244, 240), (18, 18, 20), (250, 196, 20)
-_REDS, _BLUES = ((196, 20, 32), (214, 36, 28), (170, 16, 36)), ((16, 82, 170), (24, 104, 196), (10, 60, 140))
+_REDS, _BLUES = (
+    ((196, 20, 32), (214, 36, 28), (170, 16, 36)),
+    ((16, 82, 170), (24, 104, 196), (10, 60, 140)),
+)
 _LIGHTS = ((255, 168, 24), (250, 250, 236), (255, 84, 40))
 SIGN_COLOURS = (*_REDS, *_BLUES, _YELLOW, _WHITE, _BLACK, (20, 130, 70), _LIGHTS[0])
 # Dot-matrix letters, five columns by seven rows; each number is a row, its highest bit at the left.
@@ -52,7 +55,9 @@ def _arrow(pen: Pen, points: Box, width: int, head: float, fill: Colour) -> None
 
 def _text(pen: Pen, text: str, height: int, fill: Colour, weight: int) -> None:
     font = ImageFont.load_default(size=height)
-    pen.text((256, 256), text, font=font, fill=fill, anchor="mm", stroke_width=weight, stroke_fill=fill)
+    pen.text(
+        (256, 256), text, font=font, fill=fill, anchor="mm", stroke_width=weight, stroke_fill=fill
+    )
 
 
 def _stop(pen: Pen, style: int) -> None:
@@ -73,7 +78,11 @@ def _no_entry(pen: Pen, style: int) -> None:
 
 
 def _priority_road(pen: Pen, style: int) -> None:
-    for radius, fill in ((254, _BLACK if style == 1 else _WHITE), (242, _WHITE), (170 + 10 * style, _YELLOW)):
+    for radius, fill in (
+        (254, _BLACK if style == 1 else _WHITE),
+        (242, _WHITE),
+        (170 + 10 * style, _YELLOW),
+    ):
         pen.polygon(polygon(4, radius, 0), fill=fill)
 
 
@@ -87,7 +96,11 @@ def _speed(pen: Pen, style: int, text: str) -> None:
 def _turn(pen: Pen, style: int, side: int) -> None:
     _disc(pen, 252, _WHITE)
     _disc(pen, 240, _BLUES[style])
-    bend = [(256 - 70, 400), (256 - 70, 246), (256 + 60, 246)] if style else [(256 - 130, 256), (256 + 60, 256)]
+    bend = (
+        [(256 - 70, 400), (256 - 70, 246), (256 + 60, 246)]
+        if style
+        else [(256 - 130, 256), (256 + 60, 256)]
+    )
     _arrow(pen, [(256 + side * (x - 256), y) for x, y in bend], 62, 110, _WHITE)
 
 
@@ -96,11 +109,18 @@ def _roundabout(pen: Pen, style: int) -> None:
     _disc(pen, 240, _BLUES[style])
     for start in (30, 150, 270):
         angles = np.radians(start + np.linspace(0, 62, 9))
-        _arrow(pen, [(256 + 130 * math.cos(a), 256 + 130 * math.sin(a)) for a in angles], 46, 66, _WHITE)
+        _arrow(
+            pen,
+            [(256 + 130 * math.cos(a), 256 + 130 * math.sin(a)) for a in angles],
+            46,
+            66,
+            _WHITE,
+        )
 
 
 def _warning(pen: Pen, style: int) -> tuple[float, float]:
-    """The blank warning sign, a triangle or a diamond; returns the height of its middle and the pictogram's scale."""
+    """The blank warning sign, a triangle or a diamond; returns the height of its middle and the
+    pictogram's scale."""
     if style == 2:
         pen.polygon(polygon(4, 254, 0), fill=_BLACK)
         pen.polygon(polygon(4, 240, 0), fill=_YELLOW)
@@ -123,11 +143,16 @@ def _warning_crossing(pen: Pen, style: int) -> None:
     arms = ((-50, -4, -2, -48), (-2, -48, 54, -6))
     for limbs, width in ((legs_and_trunk, 34), (arms, 22)):
         for x0, y0, x1, y1 in limbs:
-            pen.line((256 + k * x0, y + k * y0, 256 + k * x1, y + k * y1), fill=_BLACK, width=round(width * k))
+            pen.line(
+                (256 + k * x0, y + k * y0, 256 + k * x1, y + k * y1),
+                fill=_BLACK,
+                width=round(width * k),
+            )
 
 
 def _lamps(pen: Pen, dots: np.ndarray, colour: Colour) -> None:
-    """A board of round lamps, lit where dots (rows, columns) is True, as wide as the canvas and centred on it."""
+    """A board of round lamps, lit where dots (rows, columns) is True, as wide as the canvas and
+    centred on it."""
     rows, columns = dots.shape
     pitch = 488 / max(rows, columns)
     left, top = 256 - pitch * columns / 2, 256 - pitch * rows / 2
@@ -138,7 +163,10 @@ def _lamps(pen: Pen, dots: np.ndarray, colour: Colour) -> None:
 
 
 def _word(pen: Pen, style: int, text: str) -> None:
-    rows = [[_LETTERS[letter][row] >> (4 - bit) & 1 for letter in text for bit in range(-1, 5)] for row in range(7)]
+    rows = [
+        [_LETTERS[letter][row] >> (4 - bit) & 1 for letter in text for bit in range(-1, 5)]
+        for row in range(7)
+    ]
     # Bit -1 shifts by five and so reads a zero: the gap before each letter.
     _lamps(pen, np.pad(np.array(rows, bool), ((2 + style, 2 + style), (0, 1))), _LIGHTS[style])
 
@@ -150,7 +178,11 @@ def _lane(pen: Pen, style: int, opened: bool) -> None:
     else:
         for line in ((3, 3, 13, 13), (13, 3, 3, 13)):
             ImageDraw.Draw(mask).line(line, fill=1, width=2 + (style > 0))
-    _lamps(pen, np.asarray(mask), ((60, 235, 120), _LIGHTS[1], _LIGHTS[0])[style] if opened else _LIGHTS[2 - style])
+    _lamps(
+        pen,
+        np.asarray(mask),
+        ((60, 235, 120), _LIGHTS[1], _LIGHTS[0])[style] if opened else _LIGHTS[2 - style],
+    )
 
 
 FACES: dict[str, Callable[[Pen, int], None]] = {
@@ -175,7 +207,8 @@ FACES: dict[str, Callable[[Pen, int], None]] = {
 
 @cache
 def face(name: str, style: int, side: int) -> Image.Image:
-    """The sign alone, (side, side), premultiplied by its alpha so that it can be resampled without dark fringes."""
+    """The sign alone, (side, side), premultiplied by its alpha so that it can be resampled without
+    dark fringes."""
     canvas = Image.new("RGBA", (_FACE, _FACE))
     FACES[name](ImageDraw.Draw(canvas), style)
     return canvas.convert("RGBa").reduce(_FACE // side)

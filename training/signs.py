@@ -1,7 +1,9 @@
-"""Message and traffic signs on varied backgrounds: a data set drawn in memory, the same for the same seed.
+"""Message and traffic signs on varied backgrounds: a data set drawn in memory, the same for the
+same seed.
 
-Every image has its own generator, seeded by (seed, split, index): any one can be drawn alone, in any order. Classes
-are confusable on purpose (30 / 50 / 80, left / right, pictograms, words), and the background holds sign colours too.
+Every image has its own generator, seeded by (seed, split, index): any one can be drawn alone, in
+any order. Classes are confusable on purpose (30 / 50 / 80, left / right, pictograms, words), and
+the background holds sign colours too.
 """
 
 import math
@@ -18,50 +20,79 @@ SPLITS: tuple[str, ...] = ("train", "val", "test")
 
 _FINE = 2  # supersampling of a picture; the faces are filtered to match beforehand
 
-# Pictures: float32 (side, side, 3) arrays, 0 to 1, at the final resolution; shapes are drawn at twice that.
+# Pictures: float32 (side, side, 3) arrays, 0 to 1, at the final resolution; shapes are drawn at
+# twice that.
 
 
 @cache
 def _noise_tile(slope: float) -> Image.Image:
-    """Fractal noise with amplitude 1 / frequency^slope, 512 x 512, every value of [0, 1] equally frequent."""
+    """Fractal noise with amplitude 1 / frequency^slope, 512 x 512, every value of [0, 1] equally
+    frequent."""
     frequency = np.hypot(np.fft.fftfreq(512)[:, None], np.fft.rfftfreq(512))
     frequency[0, 0] = 1.0
     white = np.fft.rfft2(np.random.default_rng(7).standard_normal((512, 512)))
-    rank = np.fft.irfft2(white / frequency**slope).ravel().argsort(kind="stable").argsort(kind="stable")
+    rank = (
+        np.fft.irfft2(white / frequency**slope)
+        .ravel()
+        .argsort(kind="stable")
+        .argsort(kind="stable")
+    )
     return Image.fromarray((rank.reshape(512, 512) / 512**2).astype(np.float32))
 
 
-def _noise(rng: np.random.Generator, side: int, extent: float, slope: float = 1.5, flat: float = 1.0) -> np.ndarray:
-    """A random window (side, side, 1) of the noise tile, extent tile pixels wide and flat times as high."""
+def _noise(
+    rng: np.random.Generator, side: int, extent: float, slope: float = 1.5, flat: float = 1.0
+) -> np.ndarray:
+    """A random window (side, side, 1) of the noise tile, extent tile pixels wide and flat times as
+    high."""
     x, y = rng.uniform(0, 512 - extent), rng.uniform(0, 512 - extent * flat)
     box = (x, y, x + extent, y + extent * flat)
-    return np.asarray(_noise_tile(slope).resize((side, side), Image.Resampling.BILINEAR, box))[..., None]
+    return np.asarray(_noise_tile(slope).resize((side, side), Image.Resampling.BILINEAR, box))[
+        ..., None
+    ]
 
 
-def _colour(rng: np.random.Generator, low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
+def _colour(
+    rng: np.random.Generator, low: tuple[float, ...], high: tuple[float, ...]
+) -> np.ndarray:
     """A colour between two, (3,), with a little of its own in every channel."""
-    return (np.array(low) + rng.random() * np.subtract(high, low) + rng.normal(0, 0.03, 3)).astype(np.float32)
+    return (np.array(low) + rng.random() * np.subtract(high, low) + rng.normal(0, 0.03, 3)).astype(
+        np.float32
+    )
 
 
 def _sky(rng: np.random.Generator, side: int) -> np.ndarray:
     fall = np.linspace(0, 1, side, dtype=np.float32)[:, None, None]
-    zenith, horizon = _colour(rng, (0.2, 0.42, 0.75), (0.62, 0.66, 0.72)), _colour(rng, (0.7,) * 3, (0.95,) * 3)
+    zenith, horizon = (
+        _colour(rng, (0.2, 0.42, 0.75), (0.62, 0.66, 0.72)),
+        _colour(rng, (0.7,) * 3, (0.95,) * 3),
+    )
     sky = zenith + (horizon - zenith) * fall
     clouds = np.clip(_noise(rng, side, rng.uniform(50, 120), 2.0) * 3 - rng.uniform(1, 3), 0, 1)
     return sky + (_colour(rng, (0.75,) * 3, (0.98,) * 3) - sky) * clouds
 
 
 def _foliage(rng: np.random.Generator, side: int) -> np.ndarray:
-    leaves = _noise(rng, side, rng.uniform(50, 110), 1.0) * 0.6 + _noise(rng, side, rng.uniform(20, 60), 1.5) * 0.4
+    leaves = (
+        _noise(rng, side, rng.uniform(50, 110), 1.0) * 0.6
+        + _noise(rng, side, rng.uniform(20, 60), 1.5) * 0.4
+    )
     shade = _colour(rng, (0.03, 0.06, 0.02), (0.16, 0.14, 0.06))
-    return shade + (_colour(rng, (0.30, 0.50, 0.14), (0.72, 0.60, 0.26)) - shade) * np.clip(1.6 * leaves - 0.3, 0, 1)
+    return shade + (_colour(rng, (0.30, 0.50, 0.14), (0.72, 0.60, 0.26)) - shade) * np.clip(
+        1.6 * leaves - 0.3, 0, 1
+    )
 
 
 def _road(rng: np.random.Generator, side: int) -> np.ndarray:
     grain = _noise(rng, side, rng.uniform(60, 140), 0.5, 0.4) + _noise(rng, side, 80, 1.5, 0.5)
     road = _colour(rng, (0.22,) * 3, (0.52, 0.5, 0.47)) * (0.6 + 0.4 * grain)
-    down, across = np.linspace(0, 1, side, dtype=np.float32)[:, None], np.linspace(-1, 1, side, dtype=np.float32)
-    off_lane = np.abs(across - rng.uniform(-0.8, 0.8) - rng.uniform(-1, 1) * down) - 0.02 - 0.08 * down
+    down, across = (
+        np.linspace(0, 1, side, dtype=np.float32)[:, None],
+        np.linspace(-1, 1, side, dtype=np.float32),
+    )
+    off_lane = (
+        np.abs(across - rng.uniform(-0.8, 0.8) - rng.uniform(-1, 1) * down) - 0.02 - 0.08 * down
+    )
     return road + (0.6 - 0.7 * road) * np.clip(0.5 - off_lane * side / 2, 0, 1)[..., None]
 
 
@@ -72,7 +103,10 @@ def _part(x: np.ndarray) -> np.ndarray:
 def _facade(rng: np.random.Generator, side: int) -> np.ndarray:
     wall = _colour(rng, (0.48, 0.26, 0.18), (0.84, 0.78, 0.68))
     y, x = np.mgrid[:side, :side].astype(np.float32)
-    x, y = x + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * y, y + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * x
+    x, y = (
+        x + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * y,
+        y + rng.uniform(0, 60) + rng.uniform(-0.2, 0.2) * x,
+    )
     row, brick = rng.uniform(3, 6), rng.uniform(7, 15)
     wide, high = (float(length) for length in rng.uniform(16, 40, 2))
     course = y / row
@@ -108,19 +142,29 @@ def _scene(rng: np.random.Generator, side: int) -> np.ndarray:
 
 
 def _clutter(pen: Pen, rng: np.random.Generator, side: int) -> None:
-    """Plates, posters, lamps in the colours of signs, so that a colour alone says little about the class."""
+    """Plates, posters, lamps in the colours of signs, so that a colour alone says little about the
+    class."""
     for _ in range(rng.integers(0, 5)):
         # Farther off than the sign, so duller.
         dull, grey = rng.uniform(0.3, 0.9), rng.uniform(40, 160)
-        colours = np.array(SIGN_COLOURS)[rng.integers(len(SIGN_COLOURS), size=3)] * dull + grey * (1 - dull)
+        colours = np.array(SIGN_COLOURS)[rng.integers(len(SIGN_COLOURS), size=3)] * dull + grey * (
+            1 - dull
+        )
         x, y = rng.uniform(-0.1, 1.1, 2) * side
-        radius, turn, sides = rng.uniform(0.05, 0.3) * side, rng.uniform(-30, 30), rng.choice((3, 4, 4, 8, 24))
+        radius, turn, sides = (
+            rng.uniform(0.05, 0.3) * side,
+            rng.uniform(-30, 30),
+            rng.choice((3, 4, 4, 8, 24)),
+        )
         for shrink, colour in zip((1, 0.8, 0.35), colours[: rng.integers(1, 4)], strict=False):
-            pen.polygon(polygon(sides, radius * shrink, turn, x, y), fill=tuple(int(c) for c in colour))
+            pen.polygon(
+                polygon(sides, radius * shrink, turn, x, y), fill=tuple(int(c) for c in colour)
+            )
 
 
 def _pose(rng: np.random.Generator, side: int) -> tuple[np.ndarray, float]:
-    """Where the sign hangs: the homography (3, 3) from the face, [-1, 1] each way, to picture pixels; its radius."""
+    """Where the sign hangs: the homography (3, 3) from the face, [-1, 1] each way, to picture
+    pixels; its radius."""
     radius = side * rng.uniform(0.26, 0.52)
     x, y = side * (0.5 + np.clip(rng.normal(0, 0.07, 2), -0.2, 0.2))
     roll, yaw, pitch = np.radians(rng.normal(0, (7, 22, 10)).clip(-48, 48))
@@ -131,13 +175,17 @@ def _pose(rng: np.random.Generator, side: int) -> tuple[np.ndarray, float]:
     plane = about_z @ about_y @ about_x
     distance = 4.0  # in radii of the sign: near enough for the perspective to show
     plane[:, 2] = (0, 0, distance)
-    return np.array([[radius * distance, 0, x], [0, radius * distance, y], [0, 0, 1]]) @ plane, radius
+    return np.array(
+        [[radius * distance, 0, x], [0, radius * distance, y], [0, 0, 1]]
+    ) @ plane, radius
 
 
 def _warp(face: Image.Image, pose: np.ndarray, side: int) -> Image.Image:
     onto_face = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 2 / face.width]]) @ np.linalg.inv(pose)
     warp = tuple((onto_face / onto_face[2, 2]).ravel()[:8])
-    return face.transform((side, side), Image.Transform.PERSPECTIVE, warp, Image.Resampling.BILINEAR)
+    return face.transform(
+        (side, side), Image.Transform.PERSPECTIVE, warp, Image.Resampling.BILINEAR
+    )
 
 
 def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -150,18 +198,28 @@ def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.
 
 
 def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float) -> None:
-    """What comes between sign and camera: a sticker, a scribble, a twig with leaves from beyond the rim."""
+    """What comes between sign and camera: a sticker, a scribble, a twig with leaves from beyond the
+    rim."""
     if rng.random() < 0.2:
         x, y = middle + rng.uniform(-0.6, 0.6, 2) * radius
-        sticker = polygon(rng.choice((4, 20)), radius * rng.uniform(0.1, 0.25), rng.uniform(0, 90), x, y)
+        sticker = polygon(
+            rng.choice((4, 20)), radius * rng.uniform(0.1, 0.25), rng.uniform(0, 90), x, y
+        )
         pen.polygon(sticker, fill=tuple(SIGN_COLOURS[rng.integers(len(SIGN_COLOURS))]))
     if rng.random() < 0.1:
         scribble = middle + rng.uniform(-0.7, 0.7, (6, 2)) * radius
-        pen.line([tuple(p) for p in scribble], fill=tuple(rng.integers(0, 200, 3)), width=2, joint="curve")
+        pen.line(
+            [tuple(p) for p in scribble],
+            fill=tuple(rng.integers(0, 200, 3)),
+            width=2,
+            joint="curve",
+        )
     if rng.random() < 0.3:
         angle = rng.uniform(0, 2 * math.pi)
         rim = middle + 1.3 * radius * np.array((math.cos(angle), math.sin(angle)))
-        twig = rim + np.linspace(0, 1, 5)[:, None] * (middle + rng.uniform(-0.6, 0.6, 2) * radius - rim)
+        twig = rim + np.linspace(0, 1, 5)[:, None] * (
+            middle + rng.uniform(-0.6, 0.6, 2) * radius - rim
+        )
         twig += rng.normal(0, 0.05, twig.shape) * radius
         pen.line([tuple(p) for p in twig], fill=(62, 48, 34), width=2)
         for x, y in np.repeat(twig, 3, 0) + rng.normal(0, 0.12, (15, 2)) * radius:
@@ -171,12 +229,17 @@ def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float
 
 
 def _light(rng: np.random.Generator, side: int) -> np.ndarray:
-    """Illumination (side, side, 3): exposure, a slope across the picture, the colour of the day, cast shadows."""
+    """Illumination (side, side, 3): exposure, a slope across the picture, the colour of the day,
+    cast shadows."""
     ramp = np.linspace(-1, 1, side, dtype=np.float32)
     slope = rng.normal(0, 0.22, 2).astype(np.float32)
     light = 1 + (slope[0] * ramp[:, None] + slope[1] * ramp).clip(-0.6, 0.6)[..., None]
     if rng.random() < 0.4:
-        edge = np.clip(_noise(rng, side, rng.uniform(30, 90), 2.0) * rng.uniform(4, 20) - rng.uniform(1, 8), 0, 1)
+        edge = np.clip(
+            _noise(rng, side, rng.uniform(30, 90), 2.0) * rng.uniform(4, 20) - rng.uniform(1, 8),
+            0,
+            1,
+        )
         light = light * (1 - rng.uniform(0.3, 0.65) * edge)
     return light * (math.exp(rng.normal(-0.1, 0.25)) * rng.normal(1, 0.05, 3)).astype(np.float32)
 
@@ -200,22 +263,29 @@ def _uint8(picture: np.ndarray) -> np.ndarray:
 
 
 def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
-    """One photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all its chance comes from rng.
+    """One photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all its chance comes
+    from rng.
 
     Raises ValueError for a label that is no class and for a size below 16.
     """
     if not 0 <= label < len(CLASSES):
-        raise ValueError(f"label={label} is no class. Please pass a number from 0 to {len(CLASSES) - 1}, see CLASSES.")
+        raise ValueError(
+            f"label={label} is no class. Please pass a number from 0 to {len(CLASSES) - 1}, see CLASSES."
+        )
     _check_size(size)
     fine = _FINE * size
-    canvas = Image.fromarray(_uint8(_scene(rng, size))).resize((fine, fine), Image.Resampling.NEAREST)
+    canvas = Image.fromarray(_uint8(_scene(rng, size))).resize(
+        (fine, fine), Image.Resampling.NEAREST
+    )
     pen = ImageDraw.Draw(canvas)
     _clutter(pen, rng, fine)
     pose, radius = _pose(rng, fine)
     middle = pose[:2, 2] / pose[2, 2]
     if rng.random() < 0.6:
         grey, half = int(rng.integers(60, 180)), rng.uniform(0.03, 0.08) * radius
-        pen.rectangle((middle[0] - half, middle[1], middle[0] + half, fine), fill=(grey, grey, grey))
+        pen.rectangle(
+            (middle[0] - half, middle[1], middle[0] + half, fine), fill=(grey, grey, grey)
+        )
     name, style = CLASSES[label], int(rng.integers(STYLES))
     shines = name.startswith(("board", "lane")) or (name.startswith("speed") and style == 2)
     sign = _warp(face(name, style, 128 if radius > 36 else 64), pose, fine)
@@ -229,7 +299,9 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
     picture = np.asarray(canvas.reduce(_FINE)) / np.float32(255) * (1 - alpha)
     if shines:
         # Its light is its own: neither shade nor exposure dims it, and it spills over.
-        glow = np.asarray(Image.fromarray(_uint8(paint)).filter(ImageFilter.GaussianBlur(0.04 * size)))
+        glow = np.asarray(
+            Image.fromarray(_uint8(paint)).filter(ImageFilter.GaussianBlur(0.04 * size))
+        )
         picture = picture * light + paint + glow * np.float32(rng.uniform(0.1, 0.6) / 255)
     else:
         picture = (picture + _wear(rng, paint, alpha)) * light
@@ -237,10 +309,13 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def label_of(split: str, index: int, seed: int = 0) -> int:
-    """The class of one image: every run of len(CLASSES) indices holds each class once, in an order of its own."""
+    """The class of one image: every run of len(CLASSES) indices holds each class once, in an order
+    of its own."""
     _check_split(split, seed)
     if index < 0:
-        raise ValueError(f"index={index} is negative. Please pass the place of an image in its split, from 0.")
+        raise ValueError(
+            f"index={index} is negative. Please pass the place of an image in its split, from 0."
+        )
     block, place = divmod(index, len(CLASSES))
     return int(_generator(split, block, seed, stream=1).permutation(len(CLASSES))[place])
 
@@ -264,7 +339,9 @@ def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[torch.Tenso
     images = np.empty((n, size, size, 3), np.uint8)
     for index, label in enumerate(labels):
         images[index] = render(label, _generator(split, index, seed, stream=0), size)
-    return torch.from_numpy(images).permute(0, 3, 1, 2).contiguous(), torch.tensor(labels, dtype=torch.int64)
+    return torch.from_numpy(images).permute(0, 3, 1, 2).contiguous(), torch.tensor(
+        labels, dtype=torch.int64
+    )
 
 
 def _generator(split: str, index: int, seed: int, stream: int) -> np.random.Generator:
@@ -280,4 +357,6 @@ def _check_split(split: str, seed: int) -> None:
 
 def _check_size(size: int) -> None:
     if size < 16:
-        raise ValueError(f"size={size} is too small to tell the signs apart. Please pass at least 16 pixels.")
+        raise ValueError(
+            f"size={size} is too small to tell the signs apart. Please pass at least 16 pixels."
+        )

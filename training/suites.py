@@ -1,4 +1,5 @@
-"""What a suite needs beside the model: processes to share it, targets to transfer to, defences that are learned."""
+"""What a suite needs beside the model: processes to share it, targets to transfer to, defences that
+are learned."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ BANK, DONORS = 50_000, 500  # patches of the image quilting, and images that the
 
 
 def fabric_of(trainer: Trainer) -> L.Fabric:
-    """Return the processes that share the work: Lightning's own, by the same settings as training."""
+    """Return the processes that share the work: Lightning's own, by the same settings as
+    training."""
     kind = trainer.accelerator
     if kind == "auto" and not torch.cuda.is_available():
         kind = "cpu"
@@ -68,7 +70,9 @@ def suite_config(
             fabric.barrier()
             defences["quilting"] = quilting(donors, cache)
         else:
-            without["quilting"] = "there are no images to make its patch bank from beside those attacked"
+            without["quilting"] = (
+                "there are no images to make its patch bank from beside those attacked"
+            )
     if network is not None and cfg.demoire:
         defences[cfg.demoire] = Compose((network,))
     return dataclasses.replace(config, defences=defences, without=without)
@@ -77,14 +81,16 @@ def suite_config(
 def targets_of(
     given: Any, data: Data, splits: Splits, device: torch.device
 ) -> dict[str, nn.Module | None]:
-    """Return the models to transfer to: those given, by a file of weights or a run's folder; and the paper's, None where
-    no weights are given.
+    """Return the models to transfer to: those given, by a file of weights or a run's folder; and
+    the paper's, None where no weights are given.
 
     Raises:
         ValueError: a target that is neither a model's name with weights nor a run.
     """
     if given is not None and not isinstance(given, Mapping):
-        raise ValueError(f"targets={given!r} must be names with weights, as in targets='{{resnet18: FILE}}'.")
+        raise ValueError(
+            f"targets={given!r} must be names with weights, as in targets='{{resnet18: FILE}}'."
+        )
     found: dict[str, nn.Module | None] = {}
     for name, weights in (given or {}).items():
         if isinstance(weights, str) and (Path(weights) / "best.ckpt").is_file():

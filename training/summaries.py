@@ -29,8 +29,8 @@ class Recipe:
 
     Args:
         rates: the names of `RATES` to accuracies in [0, 1].
-        gains: the same minus those of the plainly trained runs of equal length and the same seeds; empty where these
-            were not attacked.
+        gains: the same minus those of the plainly trained runs of equal length and the same seeds;
+            empty where these were not attacked.
         seconds, start_seconds, passes, images_per_second: means over seeds, as `Point` has them.
         relative: training with its start, over the mean of recipe `clean`.
         collapsed: number of seeds whose training collapsed.
@@ -68,13 +68,15 @@ def gain(points: Sequence[Point], plain: Sequence[Point], name: str) -> Estimate
 
 
 def ratio(values: Sequence[float]) -> Estimate:
-    """Return a mean cost, with Student's interval over seeds; one seed's says nothing of its scatter."""
+    """Return a mean cost, with Student's interval over seeds; one seed's says nothing of its
+    scatter."""
     low, high = t_interval(values) if len(values) > 1 else (values[0], values[0])
     return Estimate(fmean(values), max(0.0, low), high)
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Return which of (cost, gain) no other beats: in one of both, without being worse in the other."""
+    """Return which of (cost, gain) no other beats: in one of both, without being worse in the
+    other."""
     found = []
     for cost, gained in points:
         beaten = False
@@ -115,7 +117,8 @@ def summarise(points: Sequence[Point]) -> list[Recipe]:
 
 
 def gains(own: Sequence[Point], by_name: dict[str, list[Point]]) -> dict[str, Estimate]:
-    """Return the gains over the plainly trained runs of equal length; empty where there are none of the same seeds."""
+    """Return the gains over the plainly trained runs of equal length; empty where there are none of
+    the same seeds."""
     plain = by_name.get(own[0].baseline or "", [])
     if not {point.seed for point in own} & {point.seed for point in plain}:
         return {}
@@ -123,7 +126,8 @@ def gains(own: Sequence[Point], by_name: dict[str, list[Point]]) -> dict[str, Es
 
 
 def clean_seconds(points: Sequence[Point]) -> float:
-    """Return the mean training time of recipe `clean`; what a clean run says of itself goes before a copy."""
+    """Return the mean training time of recipe `clean`; what a clean run says of itself goes before
+    a copy."""
     by_seed: dict[int, float] = {}
     for point in points:
         if point.recipe == "clean":

@@ -54,8 +54,8 @@ class MoireAttacker(Attacker):
     Args:
         variant: what tells this attacker from the plain one, part of its name.
         rule, loss, restarts, noise_at, optimise: as of `attacks.MoireAttack`.
-        knows: name of the defence that it attacks through, by the defence's own approximation of the gradient (BPDA)
-            and by expectation over its draws where it is randomised (EOT).
+        knows: name of the defence that it attacks through, by the defence's own approximation of
+            the gradient (BPDA) and by expectation over its draws where it is randomised (EOT).
         defence: that defence.
     """
 
@@ -117,8 +117,9 @@ class MoireAttacker(Attacker):
 
 
 class TargetedApgd(Attacker):
-    """APGD-T on the raw reading: APGD toward each of the nine likeliest other classes in turn, by the targeted DLR loss;
-    a model of fewer than four classes has no such loss, and is attacked by the margin."""
+    """APGD-T on the raw reading: APGD toward each of the nine likeliest other classes in turn, by
+    the targeted DLR loss; a model of fewer than four classes has no such loss, and is attacked by
+    the margin."""
 
     kind = "apgd_t"
 
@@ -150,7 +151,8 @@ class TargetedApgd(Attacker):
 
 
 class PoseUnknown(Attacker):
-    """Noise that was found by expectation over other draws of the scene, on the shot that is judged."""
+    """Noise that was found by expectation over other draws of the scene, on the shot that is
+    judged."""
 
     kind = "blind"
 
@@ -235,7 +237,8 @@ class PixelAttacker(Attacker):
 
 
 def in_parts(show: Callable[[EvalBatch], Tensor], batch: EvalBatch, n: int) -> Tensor:
-    """Show a batch in n parts: an expectation over n draws holds n times the images, and so no more than a batch."""
+    """Show a batch in n parts: an expectation over n draws holds n times the images, and so no more
+    than a batch."""
     size = -(-len(batch.images) // n)
     shown = [show(batch[i : i + size]) for i in range(0, len(batch.images), size)]
     return torch.cat(shown)

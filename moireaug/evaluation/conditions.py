@@ -1,7 +1,9 @@
-"""Conditions: what a model is shown, from the clean image to the last control. Attackers are in `attackers.py`.
+"""Conditions: what a model is shown, from the clean image to the last control. Attackers are in
+`attackers.py`.
 
-A condition is a record of settings with one method, `show`. Its settings say all that it depends on beside the batch:
-two conditions with the same settings show the same pictures, whichever suite asks for them.
+A condition is a record of settings with one method, `show`. Its settings say all that it depends on
+beside the batch: two conditions with the same settings show the same pictures, whichever suite asks
+for them.
 """
 
 from __future__ import annotations
@@ -56,9 +58,10 @@ class Condition(ABC):
     """What is shown.
 
     Args:
-        eps: bound of the noise, in [0, 1] units. targeted: whether being fooled means giving the target's class.
-        scene: where it is photographed; None is the evaluation's scene. Shots of one scene are drawn alike, so that
-            all conditions of a scene share theirs.
+        eps: bound of the noise, in [0, 1] units. targeted: whether being fooled means giving the
+            target's class.
+        scene: where it is photographed; None is the evaluation's scene. Shots of one scene are
+            drawn alike, so that all conditions of a scene share theirs.
         place: name of that scene, part of this condition's name.
     """
 
@@ -172,7 +175,7 @@ def codes(eps: float) -> str:
 
 
 def without_moire(shot: Shot) -> Shot:
-    """Return the same shot of a panel without subpixels: camera, light and noise stay, the stripes leave their mean
-    light."""
+    """Return the same shot of a panel without subpixels: camera, light and noise stay, the stripes
+    leave their mean light."""
     sensor = dataclasses.replace(shot.scene.sensor, exposure="mean")
     return dataclasses.replace(shot, scene=dataclasses.replace(shot.scene, sensor=sensor))

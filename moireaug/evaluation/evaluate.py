@@ -41,10 +41,10 @@ def evaluate(
         print(evaluation.rates(frame)[["row", "accuracy", "success", "n"]])
 
     Args:
-        model: any callable of [0, 1] images (B, 3, H, W) that returns logits (B, K); it is left as it was found. Put a
-            normalisation inside: `attacks.Normalized(model, mean, std)`.
-        loader: batches of (images, labels), as a DataLoader yields them; uint8 images are divided by 255. Its order
-            must not change where `folder` is given.
+        model: any callable of [0, 1] images (B, 3, H, W) that returns logits (B, K); it is left as
+            it was found. Put a normalisation inside: `attacks.Normalized(model, mean, std)`.
+        loader: batches of (images, labels), as a DataLoader yields them; uint8 images are divided
+            by 255. Its order must not change where `folder` is given.
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
         scene: a Scene, a preset's name or a dict: whose shots are drawn, one per image.
         eps: bounds of the ladder, in [0, 1] units; other suites compare at the middle one.
@@ -53,17 +53,17 @@ def evaluate(
         seed: of shots, targets and random starts.
         targets: name to model, for the suite "transfer".
         defences: name to defence; None is the paper's.
-        folder: where records are kept as they come, so that the same call goes on where it stopped; None keeps them in
-            memory. Needs a Module, whose weights tell it from others.
+        folder: where records are kept as they come, so that the same call goes on where it stopped;
+            None keeps them in memory. Needs a Module, whose weights tell it from others.
         progress: whether a bar is shown.
 
     Returns:
-        A line for each cell of the suite's tables and each image: see `evaluation.images_frame`. `evaluation.rates`
-        makes a line a cell of it, with intervals.
+        A line for each cell of the suite's tables and each image: see `evaluation.images_frame`.
+        `evaluation.rates` makes a line a cell of it, with intervals.
 
     Raises:
-        ValueError: an unknown suite, no images, labels or logits that cannot be read, or a folder for a callable that
-            is no Module.
+        ValueError: an unknown suite, no images, labels or logits that cannot be read, or a folder
+            for a callable that is no Module.
     """
     batches = gathered(loader, n, _device_of(model))
     config = SuiteConfig(

@@ -1,4 +1,5 @@
-"""Pictures for a report: what conditions showed of the first batch, with what the models said of them."""
+"""Pictures for a report: what conditions showed of the first batch, with what the models said of
+them."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ Example = dict[str, Any]
 def run_examples(
     runners: Mapping[str, Runner], attack: Condition, classes: Mapping[int, str]
 ) -> list[Example]:
-    """Return each kept image clean, photographed, and attacked on every model, with each attack's change enlarged.
+    """Return each kept image clean, photographed, and attacked on every model, with each attack's
+    change enlarged.
 
     Args:
         runners: name of a model to its runner; all have met the same images and shots.
@@ -46,8 +48,11 @@ def run_examples(
     return found
 
 
-def table_examples(table: Table, runner: Runner, classes: Mapping[int, str], name: str) -> list[Example]:
-    """Return a table's pictures of one image, the first that the model has right, with what it says of each."""
+def table_examples(
+    table: Table, runner: Runner, classes: Mapping[int, str], name: str
+) -> list[Example]:
+    """Return a table's pictures of one image, the first that the model has right, with what it says
+    of each."""
     clean = runner.record(CLEAN, UNDEFENDED, 0)
     kept = runner.records.picture(runner.picture_name(CLEAN))
     if kept is None or not table.pictures:

@@ -1,4 +1,5 @@
-"""One pandas frame of an evaluation: a line for each cell of its tables and each image. Everything else is a pivot."""
+"""One pandas frame of an evaluation: a line for each cell of its tables and each image. Everything
+else is a pivot."""
 
 from __future__ import annotations
 
@@ -23,10 +24,10 @@ ABOUT = ("condition", "control", "eps", "steps", "targeted", "judge")
 def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]) -> pd.DataFrame:
     """Return a line for each cell and image.
 
-    Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `steps`, `targeted`, `judge`; `image`, its number;
-    `label`, `target`, `predicted`; `correct`; `fooled`, the attack's goal is reached; `counted`, the judge without its
-    defence has the image right when clean; `undecided`, the logits were not finite; `seconds`, the image's share; and
-    what was measured, such as `psnr`.
+    Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `steps`, `targeted`, `judge`;
+    `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, the attack's goal is
+    reached; `counted`, the judge without its defence has the image right when clean; `undecided`,
+    the logits were not finite; `seconds`, the image's share; and what was measured, such as `psnr`.
     """
     seen: dict[tuple[str, str], pd.DataFrame] = {}
     parts = []
@@ -101,11 +102,13 @@ def _worst(shown: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def rates(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a line a cell: rates with their 95 % intervals, denominators, means of what was measured, seconds.
+    """Return a line a cell: rates with their 95 % intervals, denominators, means of what was
+    measured, seconds.
 
-    Columns: those of `CELL` and `ABOUT`; `accuracy`, `accuracy_low`, `accuracy_high` of all images; `success`, `low`,
-    `high` of the `counted` ones, NaN where none counts; `n`, `counted`, `undecided`, `seconds`; the measures; and
-    `outcomes`, a 0 or 1 an image, for paired comparisons; `paper`, what the paper prints.
+    Columns: those of `CELL` and `ABOUT`; `accuracy`, `accuracy_low`, `accuracy_high` of all images;
+    `success`, `low`, `high` of the `counted` ones, NaN where none counts; `n`, `counted`,
+    `undecided`, `seconds`; the measures; and `outcomes`, a 0 or 1 an image, for paired comparisons;
+    `paper`, what the paper prints.
     """
     lines = []
     for (table, row, column), cell in frame.groupby(CELL, sort=False):
@@ -156,15 +159,19 @@ def with_paper(lines: pd.DataFrame, tables: Sequence[Table]) -> pd.DataFrame:
 
 
 def read_published() -> pd.DataFrame:
-    """Return what the paper prints: success rates on Inception-V3, 5000 ImageNet images that it classifies correctly.
+    """Return what the paper prints: success rates on Inception-V3, 5000 ImageNet images that it
+    classifies correctly.
 
-    The paper's table 3 calls C&W an L-infinity and MI-FGSM an L2 attack; its text says the reverse, which both are.
+    The paper's table 3 calls C&W an L-infinity and MI-FGSM an L2 attack; its text says the reverse,
+    which both are.
     """
     with resources.files("moireaug.evaluation").joinpath("published.csv").open() as file:
         return pd.read_csv(file)
 
 
-def cell_of(lines: pd.DataFrame, row: str, column: str, table: str | None = None) -> pd.Series | None:
+def cell_of(
+    lines: pd.DataFrame, row: str, column: str, table: str | None = None
+) -> pd.Series | None:
     """Return the line of that row and column; None where there is none."""
     wanted = (lines["row"] == row) & (lines["column"] == column)
     if table is not None:

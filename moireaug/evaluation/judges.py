@@ -21,7 +21,8 @@ class Judge:
         name: stands for the judge in records.
         defence: what the images pass before the model.
         model: another model than the attacked one: transfer.
-        restores_mean: whether the mean of the clean image, which only an experimenter knows, is restored before.
+        restores_mean: whether the mean of the clean image, which only an experimenter knows, is
+            restored before.
     """
 
     name: str
@@ -53,7 +54,8 @@ def another(title: str, model: Model) -> Judge:
 
 
 def behind(name: str, defence: Defence) -> Judge:
-    """Return the attacked model behind a defence. The judge's name changes with what the defence has learned."""
+    """Return the attacked model behind a defence. The judge's name changes with what the defence
+    has learned."""
     learned = [part for part in getattr(defence, "networks", ()) if isinstance(part, nn.Module)]
     if isinstance(defence, nn.Module):
         learned.append(defence)

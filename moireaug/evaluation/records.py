@@ -1,7 +1,9 @@
-"""Records: one line a finished piece, appended as it comes. An evaluation that was stopped repeats nothing.
+"""Records: one line a finished piece, appended as it comes. An evaluation that was stopped repeats
+nothing.
 
-A record's key says what it means: the model's weights, the batch's pixels and labels, the scene, the condition's
-settings, the judge and the seed. What was computed for one suite serves every other.
+A record's key says what it means: the model's weights, the batch's pixels and labels, the scene,
+the condition's settings, the judge and the seed. What was computed for one suite serves every
+other.
 """
 
 from __future__ import annotations
@@ -76,7 +78,8 @@ class RecordFolder(Records):
     """Records in a folder of JSON-lines files, one per process that writes, to be used in a `with`.
 
     Args:
-        folder: made where it is missing, at the first record. Every process appends to a file of its own and reads all.
+        folder: made where it is missing, at the first record. Every process appends to a file of
+            its own and reads all.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -92,7 +95,8 @@ class RecordFolder(Records):
             self._lock.release()
 
     def _own_file(self) -> IO[bytes]:
-        """Return the first file that no other process writes, locked and ready to be appended to."""
+        """Return the first file that no other process writes, locked and ready to be appended
+        to."""
         if self._file is not None:
             return self._file
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -110,8 +114,8 @@ class RecordFolder(Records):
         return self._file
 
     def read(self) -> None:
-        """Take in what any process has written. A line that cannot be read, because a process is writing it or a disk
-        was full, is left out: what it held is computed again."""
+        """Take in what any process has written. A line that cannot be read, because a process is
+        writing it or a disk was full, is left out: what it held is computed again."""
         for path in sorted(self.folder.glob("records-*.jsonl")):
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
                 with contextlib.suppress(ValueError, KeyError, TypeError):
@@ -130,7 +134,8 @@ class RecordFolder(Records):
         super().append(records)
 
     def keep_picture(self, name: str, shown: Tensor) -> None:
-        """Keep the first images of a batch (B, 3, H, W) in [0, 1], one below the other in one PNG."""
+        """Keep the first images of a batch (B, 3, H, W) in [0, 1], one below the other in one
+        PNG."""
         some = (shown[:PICTURES].detach().float().cpu() * 255).round().byte()
         rows = some.permute(0, 2, 3, 1).reshape(-1, some.shape[3], 3).numpy()
         text = PngInfo()

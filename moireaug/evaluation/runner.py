@@ -1,4 +1,5 @@
-"""The runner: every condition shown to its judges, batch by batch; each finished piece is a record."""
+"""The runner: every condition shown to its judges, batch by batch; each finished piece is a
+record."""
 
 from __future__ import annotations
 
@@ -39,8 +40,8 @@ class Job(NamedTuple):
 
 
 def jobs_of(tables: Iterable[Table]) -> list[Job]:
-    """Return what tables need, each condition once, led by the clean images before every judge without a defence: these
-    say which images count."""
+    """Return what tables need, each condition once, led by the clean images before every judge
+    without a defence: these say which images count."""
     conditions: dict[str, Condition] = {CLEAN.name: CLEAN}
     judges: dict[str, dict[str, Judge]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
     for table in tables:
@@ -61,8 +62,9 @@ class Runner:
         batches: the test images.
         scene: whose shots are drawn, one per image.
         records: where finished pieces are kept, and looked up before anything is computed.
-        seed: of shots, targets, random starts and randomised judges. What is drawn depends on the seed, the batch's
-            index and the names of condition and judge alone, so that any process, or a later one, gets the same.
+        seed: of shots, targets, random starts and randomised judges. What is drawn depends on the
+            seed, the batch's index and the names of condition and judge alone, so that any process,
+            or a later one, gets the same.
         name: stands for the model in records; None is a digest of its weights.
     """
 
@@ -218,8 +220,9 @@ def _content(images: Tensor, labels: Tensor) -> str:
 
 
 def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
-    """Show the whole batch at once, or, where the device's memory does not hold it, half and half. The halves then draw
-    their random numbers one after the other: other ones than the whole would, but the same each time."""
+    """Show the whole batch at once, or, where the device's memory does not hold it, half and half.
+    The halves then draw their random numbers one after the other: other ones than the whole would,
+    but the same each time."""
     states = batch.generator.get_state(), torch.get_rng_state()
     try:
         return condition.show(batch)

@@ -36,8 +36,8 @@ def paired_gain(ours: Tensor, theirs: Tensor) -> tuple[float, float, float]:
     Args:
         ours, theirs: (n,) bool, which images each model classifies correctly.
 
-    The interval is Agresti and Min's (2005): half an image is added to each of the four outcomes, so that it keeps its
-    width where the two models agree on every image.
+    The interval is Agresti and Min's (2005): half an image is added to each of the four outcomes,
+    so that it keeps its width where the two models agree on every image.
     """
     n = len(ours)
     if n == 0:
@@ -51,9 +51,12 @@ def paired_gain(ours: Tensor, theirs: Tensor) -> tuple[float, float, float]:
 
 
 def ratio_of_means(photo: Tensor, image: Tensor) -> Tensor:
-    """Mean brightness of each photo over its image's, (B, 1, 1, 1), at most 1; 1 for a black image."""
+    """Mean brightness of each photo over its image's, (B, 1, 1, 1), at most 1; 1 for a black
+    image."""
     mean = image.mean((1, 2, 3), keepdim=True)
-    return torch.where(mean > 0, photo.mean((1, 2, 3), keepdim=True) / mean.clamp(min=1e-6), 1.0).clamp(max=1.0)
+    return torch.where(
+        mean > 0, photo.mean((1, 2, 3), keepdim=True) / mean.clamp(min=1e-6), 1.0
+    ).clamp(max=1.0)
 
 
 def mix(*parts: int) -> int:
@@ -70,9 +73,10 @@ def bootstrap(outcomes: np.ndarray, draws: int = 4000) -> tuple[float, float]:
     Args:
         outcomes: (seeds, images), numbers in [-1, 1], the same images in every row.
 
-    Seeds and images are drawn again with replacement, independently (the two-way bootstrap of Owen, 2007), by a
-    generator of fixed seed. With few seeds the resampled spread of seeds is too small by (S - 1) / S, which is given
-    back; where all outcomes agree, the interval is Wilson's of so many images.
+    Seeds and images are drawn again with replacement, independently (the two-way bootstrap of Owen,
+    2007), by a generator of fixed seed. With few seeds the resampled spread of seeds is too small
+    by (S - 1) / S, which is given back; where all outcomes agree, the interval is Wilson's of so
+    many images.
     """
     seeds, images = outcomes.shape
     mean = float(outcomes.mean())

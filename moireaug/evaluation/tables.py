@@ -1,5 +1,5 @@
-"""A table of an evaluation: which condition before which judge each of its cells is. No titles: these are the
-templates'."""
+"""A table of an evaluation: which condition before which judge each of its cells is. No titles:
+these are the templates'."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from moireaug.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Cell:
-    """A condition before a judge; or several, their images pooled, or, as `worst`, each image at its worst."""
+    """A condition before a judge; or several, their images pooled, or, as `worst`, each image at
+    its worst."""
 
     row: str
     column: str
@@ -69,7 +70,8 @@ class SuiteConfig:
 
     Args:
         scene: the evaluation's scene.
-        eps: bounds of the ladder, in [0, 1] units; the middle one is that of the tables that compare at one bound.
+        eps: bounds of the ladder, in [0, 1] units; the middle one is that of the tables that
+            compare at one bound.
         steps: gradient steps of every attack.
         targets: name to model for transfer; None where its weights are not at hand.
         defences: name to defence: by default the paper's.
@@ -94,7 +96,8 @@ class SuiteConfig:
 
 
 def paper_defences() -> dict[str, Defence]:
-    """Return the paper's defences by name, but for image quilting, which needs a bank of patches."""
+    """Return the paper's defences by name, but for image quilting, which needs a bank of
+    patches."""
     return {name: make() for name, make in DEFENSES.items()}
 
 
@@ -113,7 +116,8 @@ def row_of(row: str, columns: Mapping[str, Condition]) -> list[Cell]:
 
 
 def worst_of(cells: Iterable[Cell], row: str, columns: Sequence[str] | None = None) -> Cell:
-    """Return each image at the worst of a row's cells: of those in `columns`, or of all but the clean images."""
+    """Return each image at the worst of a row's cells: of those in `columns`, or of all but the
+    clean images."""
     tried: list[Condition] = []
     judge = UNDEFENDED
     for cell in cells:

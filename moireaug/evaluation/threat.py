@@ -1,13 +1,18 @@
-"""Displays, cameras and angles of the paper's section 3.1, as scenes: how often natural moiré alone is mistaken.
+"""Displays, cameras and angles of the paper's section 3.1, as scenes: how often natural moiré alone
+is mistaken.
 
-The paper names kinds of screens and three cameras, but neither pixel pitches nor distances. Those below are of common
-devices of these kinds; distances are where one would stand. Its "outdoor LCD" is a wall of LEDs here. The pitch of a
-panel in sensor pixels is f * p / d: focal length f in sensor pixels, panel pixel p and distance d in mm.
+The paper names kinds of screens and three cameras, but neither pixel pitches nor distances. Those
+below are of common devices of these kinds; distances are where one would stand. Its "outdoor LCD"
+is a wall of LEDs here. The pitch of a panel in sensor pixels is f * p / d: focal length f in sensor
+pixels, panel pixel p and distance d in mm.
 
-- LED wall, 10 mm between pixels, from 20 m. Television, 55 inch 3840 x 2160, 0.317 mm, from 1 m. Large display,
+- LED wall, 10 mm between pixels, from 20 m. Television, 55 inch 3840 x 2160, 0.317 mm, from 1 m.
+Large display,
   98 inch 3840 x 2160, 0.565 mm, from 2 m. Monitor, 24 inch 1920 x 1080, 0.277 mm, from 0.5 m.
-- Pixel 4: 4032 x 3024 pixels, 27 mm equivalent. P20 Pro: 3648 x 2736, 27 mm equivalent. A Sony camera with 6000 pixels
-  over 23.5 mm behind a 24 mm lens; such a sensor has an optical low-pass filter, here of half a pixel.
+- Pixel 4: 4032 x 3024 pixels, 27 mm equivalent. P20 Pro: 3648 x 2736, 27 mm equivalent. A Sony
+camera with 6000 pixels
+  over 23.5 mm behind a 24 mm lens; such a sensor has an optical low-pass filter, here of half a
+  pixel.
 """
 
 from __future__ import annotations
@@ -37,7 +42,11 @@ DISPLAYS = {
     "large display": Display("rgb_stripe", 0.565, 2_000.0, 2.7),
     "monitor": Display("rgb_stripe", 0.277, 500.0, 2.7),
 }
-CAMERAS = {"Pixel 4": Camera(3143.0, 0.0), "P20 Pro": Camera(2845.0, 0.0), "Sony": Camera(6128.0, 0.5)}
+CAMERAS = {
+    "Pixel 4": Camera(3143.0, 0.0),
+    "P20 Pro": Camera(2845.0, 0.0),
+    "Sony": Camera(6128.0, 0.5),
+}
 PAIRS = [(d, c) for d in DISPLAYS for c in CAMERAS]
 ANGLES = (30, 45, 60, 75, 90, 105, 130, 145)  # degrees; 90 is frontal
 SCALE = 2.0  # sensor pixels a photo pixel
@@ -51,7 +60,8 @@ def pitch(display: str, camera: str) -> float:
 
 
 def scene(display: str, camera: str, angle: float) -> Scene:
-    """The photo of that display by that camera from that angle, in degrees; held within two degrees of level."""
+    """The photo of that display by that camera from that angle, in degrees; held within two degrees
+    of level."""
     screen, body = DISPLAYS[display], CAMERAS[camera]
     return Scene(
         panel=Panel(layout=screen.layout, scale=SCALE / pitch(display, camera)),

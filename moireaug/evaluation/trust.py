@@ -1,7 +1,9 @@
-"""Can the figures be trusted? Checks that an attack which fails to attack, or a model that hides its gradients, fails.
+"""Can the figures be trusted? Checks that an attack which fails to attack, or a model that hides
+its gradients, fails.
 
-After Carlini et al., "On evaluating adversarial robustness" (2019), and Athalye et al., "Obfuscated gradients give a
-false sense of security" (2018). Success rates are of the images that the model has right when clean.
+After Carlini et al., "On evaluating adversarial robustness" (2019), and Athalye et al., "Obfuscated
+gradients give a false sense of security" (2018). Success rates are of the images that the model has
+right when clean.
 """
 
 from __future__ import annotations
@@ -44,8 +46,8 @@ class CleanTwice(Clean):
 
 
 class PhotoGradient(Photo):
-    """The photo, with the share of its values whose gradient is zero or not finite; of the noise's, a camera leaves
-    some unread."""
+    """The photo, with the share of its values whose gradient is zero or not finite; of the noise's,
+    a camera leaves some unread."""
 
     kind = "moire_gradient"
 
@@ -82,7 +84,11 @@ def trust(config: SuiteConfig) -> Table:
         Cell("moire", MODEL, (PhotoGradient(),)),
         Cell("random", MODEL, (RandomNoise(eps=eps),)),
         Cell("one_step", MODEL, (MoireAttacker(eps=eps, steps=1, variant="one_step"),)),
-        Cell("longer", MODEL, (MoireAttacker(eps=eps, steps=LONGER * steps, variant=longer, restarts=2),)),
+        Cell(
+            "longer",
+            MODEL,
+            (MoireAttacker(eps=eps, steps=LONGER * steps, variant=longer, restarts=2),),
+        ),
         Cell("queries", MODEL, (SquareAttacker(eps=eps, steps=QUERIES * steps),)),
         Cell("shattered", MODEL, (through,), Judge("rounded", defence=rounding)),
     ]
@@ -118,9 +124,10 @@ class Seen:
 
     Args:
         config: of the suite.
-        success: rates of the attacked model by row. transfer: other models' (attacked, random) by name.
-        zero_gradients: share of gradients that are hidden. differ: share of images answered differently when asked
-            twice.
+        success: rates of the attacked model by row. transfer: other models' (attacked, random) by
+            name.
+        zero_gradients: share of gradients that are hidden. differ: share of images answered
+            differently when asked twice.
         slack: what a rate may be off by. undecided: answers that were none, of `answers`.
     """
 
@@ -140,7 +147,8 @@ class Seen:
 
 
 def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> list[Check]:
-    """Return every check, failed ones first, then warnings; a single warning where the model has no image right.
+    """Return every check, failed ones first, then warnings; a single warning where the model has no
+    image right.
 
     Args:
         config: of the suite. images, lines: the frame of the table `trust`, and its rates.
@@ -248,7 +256,9 @@ def _room(seen: Seen) -> Check:
     """Where the photo alone fools nearly every image, no attack can show what it adds."""
     photo = seen.success["moire"]
     verdict = "warning" if photo > FULL else "pass"
-    return Check("the photo leaves something to attack", verdict, f"the photo alone fools {_pc(photo)}")
+    return Check(
+        "the photo leaves something to attack", verdict, f"the photo alone fools {_pc(photo)}"
+    )
 
 
 CHECKS: tuple[Callable[[Seen], Check], ...] = (

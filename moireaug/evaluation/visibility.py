@@ -13,8 +13,9 @@ def visibility(changed: Tensor, original: Tensor) -> dict[str, list[float]]:
     """Measure how far two sets of images (B, 3, H, W) in [0, 1] lie apart, image by image.
 
     Returns:
-        `psnr` in dB, at most 100, which stands for no difference; `ssim`, windows of 11 pixels; `ciede2000`, the mean
-        colour difference (1 is just noticeable side by side); `largest`, the greatest change of a code, in [0, 1].
+        `psnr` in dB, at most 100, which stands for no difference; `ssim`, windows of 11 pixels;
+        `ciede2000`, the mean colour difference (1 is just noticeable side by side); `largest`, the
+        greatest change of a code, in [0, 1].
     """
     a, b = (x.detach().double().cpu() for x in (changed, original))
     error = (a - b).square().mean((1, 2, 3))

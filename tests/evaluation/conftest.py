@@ -1,5 +1,5 @@
-"""What the tests of evaluations share: a small model that has every image of two batches right, so that all of them
-count, and the metrics and pictures of a run to report."""
+"""What the tests of evaluations share: a small model that has every image of two batches right, so
+that all of them count, and the metrics and pictures of a run to report."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,11 @@ from moireaug.evaluation.statistics import wilson
 def classifier(seed=0, classes=4):
     torch.manual_seed(seed)
     return nn.Sequential(
-        nn.Conv2d(3, 6, 3, 2), nn.ReLU(), nn.AdaptiveAvgPool2d(3), nn.Flatten(), nn.Linear(54, classes)
+        nn.Conv2d(3, 6, 3, 2),
+        nn.ReLU(),
+        nn.AdaptiveAvgPool2d(3),
+        nn.Flatten(),
+        nn.Linear(54, classes),
     )
 
 
@@ -65,7 +69,8 @@ def rows(accuracies, fooled):
 
 def run(recipe, accuracies, fooled, seconds):
     history = [
-        {"epoch": i, "loss": 2.0 - i, "clean": 0.4 + 0.2 * i, "perturbed": 0.3, "seconds": 9.0} for i in range(2)
+        {"epoch": i, "loss": 2.0 - i, "clean": 0.4 + 0.2 * i, "perturbed": 0.3, "seconds": 9.0}
+        for i in range(2)
     ]
     return {
         "recipe": recipe,
@@ -90,9 +95,21 @@ def run(recipe, accuracies, fooled, seconds):
 @pytest.fixture
 def metrics():
     """A run, plain training of as many epochs, and the start of both."""
-    ours = run("moire_at", (0.9, 0.9, 0.9, 0.8, 0.76, 0.5, 0.8, 0.6), (0, 0.02, 0.03, 0.1, 0.18, 0.5, 0.1, 0.3), 210.0)
-    theirs = run("baseline", (0.95, 0.8, 0.5, 0.2, 0.08, 0, 0.2, 0), (0, 0.2, 0.46, 0.8, 0.92, 1, 0.6, 1), 70.0)
-    start = run("clean", (0.93, 0.7, 0.4, 0.1, 0.04, 0, 0.1, 0), (0, 0.3, 0.5, 0.9, 0.95, 1, 0.7, 1), 60.0)
+    ours = run(
+        "moire_at",
+        (0.9, 0.9, 0.9, 0.8, 0.76, 0.5, 0.8, 0.6),
+        (0, 0.02, 0.03, 0.1, 0.18, 0.5, 0.1, 0.3),
+        210.0,
+    )
+    theirs = run(
+        "baseline",
+        (0.95, 0.8, 0.5, 0.2, 0.08, 0, 0.2, 0),
+        (0, 0.2, 0.46, 0.8, 0.92, 1, 0.6, 1),
+        70.0,
+    )
+    start = run(
+        "clean", (0.93, 0.7, 0.4, 0.1, 0.04, 0, 0.1, 0), (0, 0.3, 0.5, 0.9, 0.95, 1, 0.7, 1), 60.0
+    )
     for side in (ours, theirs):
         side["train"] |= {"total_seconds": side["train"]["seconds"] + 60.0, "total_epochs": 4}
     gains = {}

@@ -59,7 +59,9 @@ def test_the_attack_is_the_attack(known, loader):
 
     for index, (images, labels) in enumerate(batches):
         shot = scene.sample(8, (16, 16), torch.Generator().manual_seed(mix(0, index, 0)))
-        found += MoireAttack(model, scene=scene, eps=32 / 255, steps=3)(images, labels, shot=shot).success.tolist()
+        found += MoireAttack(model, scene=scene, eps=32 / 255, steps=3)(
+            images, labels, shot=shot
+        ).success.tolist()
     cell = frame[frame["row"] == "ma_32"]
     assert cell["fooled"].tolist() == found
 
@@ -79,7 +81,11 @@ def test_records_are_taken_up(known, loader, tmp_path, monkeypatch):
 
 
 def test_a_suite_of_several_tables(known, loader):
-    lines = rates(evaluate(known[0], loader, suite="recipes", scene="phone_at_laptop", steps=1, progress=False))
+    lines = rates(
+        evaluate(
+            known[0], loader, suite="recipes", scene="phone_at_laptop", steps=1, progress=False
+        )
+    )
     assert set(lines["table"]) == set(evaluation.GROUPS["recipes"])
     assert np.isfinite(lines["success"]).all()
 
@@ -91,7 +97,10 @@ def test_a_suite_of_several_tables(known, loader):
         ({"loader": []}, "loader yields no images"),
         ({"loader": [{"image": 1}]}, "must yield .images, labels.; got a dict"),
         ({"scene": "nowhere"}, "nowhere"),
-        ({"model": lambda x: x.mean((1, 2, 3)), "folder": "out"}, "keeps records by the model's weights"),
+        (
+            {"model": lambda x: x.mean((1, 2, 3)), "folder": "out"},
+            "keeps records by the model's weights",
+        ),
     ],
 )
 def test_mistakes_get_a_sentence(known, loader, change, message, tmp_path, monkeypatch):

@@ -1,4 +1,5 @@
-"""The ladder: its controls show what they say, its rows count what they say, two models meet the same photos."""
+"""The ladder: its controls show what they say, its rows count what they say, two models meet the
+same photos."""
 
 import dataclasses
 
@@ -59,7 +60,10 @@ def test_every_attack_says_what_its_noise_is(known):
         assert row["control"] != attack
         for measure in ("psnr", "ssim", "ciede2000", "largest"):
             assert np.isfinite(row[measure]) == attack, (name, measure)
-    assert rows["ma_4"]["largest"] < rows["ma_64"]["largest"] and rows["ma_4"]["psnr"] > rows["ma_64"]["psnr"]
+    assert (
+        rows["ma_4"]["largest"] < rows["ma_64"]["largest"]
+        and rows["ma_4"]["psnr"] > rows["ma_64"]["psnr"]
+    )
     assert rows["pgd_64"]["largest"] == pytest.approx(64 / 255, abs=1e-6)  # pixels keep the bound
     assert rows["ma_4"]["largest"] > 4 / 255  # in linear light dark codes move further
 
@@ -84,7 +88,8 @@ def test_two_models_meet_the_same_photos(known):
     for _ in range(2):
         seen.append([])
         climbed(Spy(), known[1], seed=5, only=("dimmed", "no_moire", "moire", "random_64"))
-    # two batches of five conditions, the clean images among them; the classes are counted on one image each
+    # two batches of five conditions, the clean images among them; the classes are counted on one
+    # image each
     assert len(seen[0]) == 12
     assert all(torch.equal(a, b) for a, b in zip(*seen, strict=True))
 
@@ -95,7 +100,9 @@ def test_no_moire_is_the_photo_less_its_stripes(name):
     scene = Scene.preset(name)
     quiet = dataclasses.replace(scene.sensor, read_noise=0.0, gain=1.0)
     still = dataclasses.replace(scene.view, yaw=0.0, pitch=0.0, roll=0.0, pose="camera")
-    scene = dataclasses.replace(scene, sensor=quiet, view=still, lens=dataclasses.replace(scene.lens, k1=0.0))
+    scene = dataclasses.replace(
+        scene, sensor=quiet, view=still, lens=dataclasses.replace(scene.lens, k1=0.0)
+    )
     grey, shot = torch.full((2, 3, 24, 24), 0.5), scene.sample(2, (24, 24))
     with_stripes, without = capture(grey, shot), capture(grey, without_moire(shot))
     assert without[..., 2:-2, 2:-2].std((2, 3)).max() < 1e-5
@@ -137,7 +144,8 @@ def test_pictures_for_a_report(known, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("hits", "n", "expected"), [(0, 10, (0.0, 0.278)), (5, 10, (0.237, 0.763)), (10, 10, (0.722, 1.0))]
+    ("hits", "n", "expected"),
+    [(0, 10, (0.0, 0.278)), (5, 10, (0.237, 0.763)), (10, 10, (0.722, 1.0))],
 )
 def test_wilson_against_published_values(hits, n, expected):
     assert wilson(hits, n) == pytest.approx(expected, abs=1e-3)
@@ -145,11 +153,16 @@ def test_wilson_against_published_values(hits, n, expected):
 
 def test_nothing_counted_says_nothing():
     assert wilson(0, 0) == (0.0, 1.0)
-    assert paired_gain(torch.zeros(0, dtype=torch.bool), torch.zeros(0, dtype=torch.bool)) == (0.0, -1.0, 1.0)
+    assert paired_gain(torch.zeros(0, dtype=torch.bool), torch.zeros(0, dtype=torch.bool)) == (
+        0.0,
+        -1.0,
+        1.0,
+    )
 
 
 def test_paired_gain_covers_the_truth():
-    """Simulated pairs: the 95 % interval holds the true difference about 95 times of 100; unpaired draws widen it."""
+    """Simulated pairs: the 95 % interval holds the true difference about 95 times of 100; unpaired
+    draws widen it."""
     g, covered, widths = torch.Generator().manual_seed(0), 0, []
     for _ in range(400):
         u = torch.rand(200, generator=g)
@@ -200,7 +213,8 @@ def test_the_bootstrap_of_one_seed_is_that_of_its_images():
 
 
 class SilentOn(nn.Module):
-    """Answers NaN to dark images, whose argmax is class 0; the others get the model's own answer."""
+    """Answers NaN to dark images, whose argmax is class 0; the others get the model's own
+    answer."""
 
     def __init__(self, model, level):
         super().__init__()

@@ -59,11 +59,18 @@ def test_page_needs_nothing_but_itself(tmp_path, metrics, pictures):
 
 
 def test_plots_are_whole_svg_that_ask_for_nothing(tmp_path, metrics):
-    plain = [v for _, a in read(tmp_path, metrics).tags for k, v in a.items() if k in ("src", "srcset")]
+    plain = [
+        v for _, a in read(tmp_path, metrics).tags for k, v in a.items() if k in ("src", "srcset")
+    ]
     assert len(plain) == 2  # loss and accuracy by epoch
     for uri in plain:
         svg = base64.b64decode(uri.split("base64,")[1])
-        used = [v for e in ElementTree.fromstring(svg).iter() for k, v in e.attrib.items() if k.endswith("href")]
+        used = [
+            v
+            for e in ElementTree.fromstring(svg).iter()
+            for k, v in e.attrib.items()
+            if k.endswith("href")
+        ]
         assert used and all(v.startswith("#") for v in used)
 
 
@@ -72,7 +79,11 @@ def test_names_are_escaped_everywhere(tmp_path, metrics, pictures):
     metrics["recipe"] = metrics["baseline"]["recipe"] = metrics["start"]["recipe"] = evil
     metrics["scene_name"] = metrics["command"] = metrics["plan"] = evil
     metrics["trust"] = [{"name": evil, "verdict": "fail", "says": evil}]
-    metrics["config"], metrics["environment"], metrics["time"] = {evil: {evil: evil}}, {evil: evil}, {evil: 1.0}
+    metrics["config"], metrics["environment"], metrics["time"] = (
+        {evil: {evil: evil}},
+        {evil: evil},
+        {evil: 1.0},
+    )
     for row in metrics["reattack"]:
         row["name"] = evil
     cell = pictures[0]["cells"][0]
@@ -80,9 +91,10 @@ def test_names_are_escaped_everywhere(tmp_path, metrics, pictures):
     cell["predictions"] = [(evil, evil, False)]
     page = read(tmp_path, metrics, pictures)
     assert evil in page.text
-    # the page's own <b> holds nothing but a sign or a dot, and closes in order, which Page has checked
+    # the page's own <b> holds nothing but a sign or a dot, and closes in order, which Page has
+    # checked
     raw = (tmp_path / "report.html").read_text("utf-8")
-    assert set(re.findall(r"<b>(.*?)</b>", raw)) == {"✗", ""} and "<b>&\"" not in raw
+    assert set(re.findall(r"<b>(.*?)</b>", raw)) == {"✗", ""} and '<b>&"' not in raw
 
 
 def test_a_name_that_is_no_unicode_does_not_stop_the_report(tmp_path, metrics, pictures):
@@ -90,7 +102,9 @@ def test_a_name_that_is_no_unicode_does_not_stop_the_report(tmp_path, metrics, p
     assert "caf?" in read(tmp_path, metrics, pictures).text
 
 
-@pytest.mark.parametrize("without", [(), ("baseline",), ("baseline", "train"), ("baseline", "train", "time", "config")])
+@pytest.mark.parametrize(
+    "without", [(), ("baseline",), ("baseline", "train"), ("baseline", "train", "time", "config")]
+)
 def test_parts_that_are_not_known_are_left_out(tmp_path, metrics, without):
     text = read(tmp_path, metrics | dict.fromkeys(without)).text
     assert ("No baseline was attacked" in text) == ("baseline" in without)
@@ -102,7 +116,9 @@ def test_parts_that_are_not_known_are_left_out(tmp_path, metrics, without):
 def test_pictures_have_a_section_of_their_own(tmp_path, metrics, pictures):
     assert headings(read(tmp_path, metrics, pictures)) == headings(read(tmp_path, metrics)) + 1
     small, large = [
-        a for tag, a in read(tmp_path, metrics, pictures).tags if a.get("src", "").startswith("data:image/png")
+        a
+        for tag, a in read(tmp_path, metrics, pictures).tags
+        if a.get("src", "").startswith("data:image/png")
     ]
     assert (small["width"], large["width"]) == ("160", "299")
     assert "pixelated" in small["style"] and "style" not in large
@@ -120,7 +136,10 @@ def test_training_without_history_has_no_curves(tmp_path, metrics):
 def test_unknown_numbers_crash_nothing(tmp_path, metrics, unknown):
     def forget(tree):
         if isinstance(tree, dict):
-            return {k: v if k in ("name", "seed", "n", "counted") else forget(v) for k, v in tree.items()}
+            return {
+                k: v if k in ("name", "seed", "n", "counted") else forget(v)
+                for k, v in tree.items()
+            }
         if isinstance(tree, list):
             return [forget(v) for v in tree]
         return unknown if isinstance(tree, int | float) and not isinstance(tree, bool) else tree
@@ -142,7 +161,9 @@ def test_a_collapse_of_training_is_told(metrics, epoch, said, tmp_path):
     assert ("catastrophic overfitting" in text) == said
 
 
-@pytest.mark.parametrize("least", [{}, {"recipe": "x"}, {"reattack": []}, {"recipe": "x", "baseline": {}, "train": {}}])
+@pytest.mark.parametrize(
+    "least", [{}, {"recipe": "x"}, {"reattack": []}, {"recipe": "x", "baseline": {}, "train": {}}]
+)
 def test_the_least_that_can_be_reported(tmp_path, least):
     assert "not attacked" in read(tmp_path, least).text
     assert "not attacked" in report.run_summary(least)
@@ -153,7 +174,9 @@ def test_a_failure_leaves_the_older_report_whole(tmp_path, metrics, pictures, mo
     path.write_text("older")
     broken = copy.deepcopy(pictures)
     broken[0]["cells"][1]["image"] = np.zeros((8, 8, 3))
-    with pytest.raises(ValueError, match=r"'noise, × 8' must be a uint8 array .* got float64 \(8, 8, 3\)"):
+    with pytest.raises(
+        ValueError, match=r"'noise, × 8' must be a uint8 array .* got float64 \(8, 8, 3\)"
+    ):
         report.write_run(path, metrics, broken)
 
     def full(*_):
@@ -184,7 +207,11 @@ def ranges(text, kind):
 def test_the_ladder_is_drawn_where_its_numbers_are(tmp_path, metrics):
     read(tmp_path, metrics)
     text = (tmp_path / "report.html").read_text("utf-8")
-    for kind, side in (("ours", metrics), ("baseline", metrics["baseline"]), ("start", metrics["start"])):
+    for kind, side in (
+        ("ours", metrics),
+        ("baseline", metrics["baseline"]),
+        ("start", metrics["start"]),
+    ):
         bars, dots = ranges(text, kind)
         rows = side["reattack"]
         assert dots == pytest.approx([100 * row["accuracy"] for row in rows], abs=0.01)

@@ -151,7 +151,9 @@ def test_what_is_done_is_not_done_again(known):
         calls.append(len(batch.images))
         return batch.images
 
-    both = Table("mine", tuple(crossed({"none": UNDEFENDED, "haze": HAZE}, {"mine": Mine(function=show)})))
+    both = Table(
+        "mine", tuple(crossed({"none": UNDEFENDED, "haze": HAZE}, {"mine": Mine(function=show)}))
+    )
     first = ran(known, both)
     assert calls == [8, 8]
     ran(known, both, records=first.records)

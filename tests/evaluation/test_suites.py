@@ -1,5 +1,5 @@
-"""Suites: the worst case is its attackers' worst, image by image; unseen scenes are other scenes; every published figure
-stands beside a cell."""
+"""Suites: the worst case is its attackers' worst, image by image; unseen scenes are other scenes;
+every published figure stands beside a cell."""
 
 import dataclasses
 
@@ -60,7 +60,9 @@ def test_conditions_of_one_name_are_one(name):
 
 
 def test_every_published_figure_has_a_cell():
-    targets = {name: nn.Identity() for name in ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")}
+    targets = {
+        name: nn.Identity() for name in ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
+    }
     config = dataclasses.replace(CONFIG, targets=targets)
     config = dataclasses.replace(config, defences={**config.defences, "quilting": nn.Identity()})
     cells = set()
@@ -69,7 +71,11 @@ def test_every_published_figure_has_a_cell():
         cells |= {(table.name, cell.row, cell.column) for cell in table.cells}
     published = read_published()
     assert len(published) == 125 and published["paper"].between(0, 1).all()
-    missing = [line for line in published[["table", "row", "column"]].itertuples(index=False) if tuple(line) not in cells]
+    missing = [
+        line
+        for line in published[["table", "row", "column"]].itertuples(index=False)
+        if tuple(line) not in cells
+    ]
     assert not missing
 
 
@@ -149,11 +155,15 @@ def test_photos_of_one_image_are_no_independent_trials(known):
     assert images[images["column"] == "all"]["image"].nunique() == 16
     angles = lines[(lines["row"] == "monitor, Sony") & lines["column"].str.startswith("angle_")]
     assert pooled["success"] == pytest.approx(angles["success"].mean())
-    assert pooled["high"] - pooled["low"] > 0.15  # a Wilson interval of 128 would be 0.1 wide at 0.06
+    assert (
+        pooled["high"] - pooled["low"] > 0.15
+    )  # a Wilson interval of 128 would be 0.1 wide at 0.06
 
 
 def test_a_scene_without_a_choice_of_pose_says_so():
-    still = dataclasses.replace(SCENE, view=dataclasses.replace(SCENE.view, yaw=0.0, pitch=0.0, roll=0.0))
+    still = dataclasses.replace(
+        SCENE, view=dataclasses.replace(SCENE.view, yaw=0.0, pitch=0.0, roll=0.0)
+    )
     (table,) = tables_of("adaptive", dataclasses.replace(CONFIG, scene=still))
     assert "turning" in table.columns  # the panel still varies
     (table,) = tables_of("adaptive", dataclasses.replace(CONFIG, scene=Scene.preset("paper_code")))
@@ -170,7 +180,12 @@ def test_the_tables_say_what_they_show(measured):
     lead = view["paragraphs"]
     assert lead[0].startswith("The worst of the attackers. ε = 4: the photo alone fools ")
     assert lead[1].startswith("Without any attacker the moiré adds most for ")
-    told = render("suite.md.j2", suite=view, metrics=metrics | {"trust": [], "data": "", "n": 0, "steps": 0, "scene_name": "", "command": ""})
+    told = render(
+        "suite.md.j2",
+        suite=view,
+        metrics=metrics
+        | {"trust": [], "data": "", "n": 0, "steps": 0, "scene_name": "", "command": ""},
+    )
     assert "| own scene |" in told and ", screen_photo;" in told and "nan" not in told
 
 
@@ -178,7 +193,10 @@ class Deaf(nn.Module):
     """Says one class, whatever it is shown."""
 
     def forward(self, images):
-        return torch.tensor([0.0, 1.0, 0.0]).expand(len(images), 3) + 0 * images.mean((1, 2, 3))[:, None]
+        return (
+            torch.tensor([0.0, 1.0, 0.0]).expand(len(images), 3)
+            + 0 * images.mean((1, 2, 3))[:, None]
+        )
 
 
 @pytest.mark.parametrize("suite", ["recipes", "adaptive", "jpeg"])

@@ -9,7 +9,12 @@ from moireaug.evaluation import SuiteConfig, images_frame, rates, trust
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
 
-SCENE = Scene(panel=Panel(scale=1.1), view=View(roll=(-5, 5)), lens=Lens(blur=0.3), sensor=Sensor(scale=2.0, gain=2.4))
+SCENE = Scene(
+    panel=Panel(scale=1.1),
+    view=View(roll=(-5, 5)),
+    lens=Lens(blur=0.3),
+    sensor=Sensor(scale=2.0, gain=2.4),
+)
 
 
 def verdicts(model, batch, eps=24 / 255, steps=10, scene=SCENE, targets=()):
@@ -20,7 +25,9 @@ def verdicts(model, batch, eps=24 / 255, steps=10, scene=SCENE, targets=()):
         pass
     images = images_frame([table], runner, (0,))
     checks = trust.checks(config, images, rates(images))
-    assert [c.verdict for c in checks] == sorted((c.verdict for c in checks), key=("fail", "warning", "pass").index)
+    assert [c.verdict for c in checks] == sorted(
+        (c.verdict for c in checks), key=("fail", "warning", "pass").index
+    )
     return {c.name: c for c in checks}
 
 
@@ -31,7 +38,8 @@ SETTLED, ROOM = "the model answers the same twice", "the photo leaves something 
 
 
 class Pooled(nn.Module):
-    """Weighs the colours of sixteen fields: each image has its own margin, and every pixel has a say."""
+    """Weighs the colours of sixteen fields: each image has its own margin, and every pixel has a
+    say."""
 
     def __init__(self, seed=1):
         super().__init__()
@@ -48,7 +56,10 @@ class Pooled(nn.Module):
 def labelled(model, n=24):
     """Images, and what the model says of them."""
     g = torch.Generator().manual_seed(2)
-    images = torch.rand(n, 3, 4, 4, generator=g).repeat_interleave(4, 2).repeat_interleave(4, 3) * 0.6 + 0.2
+    images = (
+        torch.rand(n, 3, 4, 4, generator=g).repeat_interleave(4, 2).repeat_interleave(4, 3) * 0.6
+        + 0.2
+    )
     with torch.no_grad():
         return images, model.eval()(images).argmax(1)
 
@@ -56,7 +67,9 @@ def labelled(model, n=24):
 def test_a_sound_model_passes_every_check():
     model = Pooled().eval()
     found = verdicts(model, labelled(model), eps=40 / 255, targets={"twin": Pooled(2).eval()})
-    assert {c.verdict for c in found.values()} == {"pass"}, [(c.name, c.says) for c in found.values()]
+    assert {c.verdict for c in found.values()} == {"pass"}, [
+        (c.name, c.says) for c in found.values()
+    ]
     assert "twin" in found["white box, then transfer, then random noise"].says
 
 
@@ -109,7 +122,8 @@ def test_a_randomised_model_is_noticed():
 
 
 def test_an_attack_that_cannot_win_is_noticed():
-    """A model that gives one answer whatever it sees has nothing to attack: success stays 0 at eps 1."""
+    """A model that gives one answer whatever it sees has nothing to attack: success stays 0 at eps
+    1."""
 
     class Stubborn(nn.Module):
         def forward(self, x):
@@ -129,7 +143,10 @@ def test_a_scene_that_fools_by_itself_leaves_no_room():
             return torch.stack([0.02 - rough, rough - 0.02], 1)
 
     smooth = torch.full((8, 3, 16, 16), 0.5), torch.zeros(8, dtype=torch.long)
-    assert verdicts(Contrast(), smooth, scene=Scene.preset("paper_code"), steps=2)[ROOM].verdict == "warning"
+    assert (
+        verdicts(Contrast(), smooth, scene=Scene.preset("paper_code"), steps=2)[ROOM].verdict
+        == "warning"
+    )
     flat = Scene(panel=Panel(layout="even"))
     assert verdicts(Contrast(), smooth, scene=flat, steps=2)[ROOM].verdict == "pass"
 
@@ -139,7 +156,10 @@ def test_a_weaker_target_does_not_fail_a_sound_model():
         """Right when clean, and thrown by any photo."""
 
         def forward(self, x):
-            return Pooled()(x) * torch.where((x == images[: len(x)]).flatten(1).all(1), 1.0, -1.0)[:, None]
+            return (
+                Pooled()(x)
+                * torch.where((x == images[: len(x)]).flatten(1).all(1), 1.0, -1.0)[:, None]
+            )
 
     model = Pooled().eval()
     images, labels = labelled(model)

@@ -31,9 +31,14 @@ def test_headline_says_what_was_gained_and_paid(metrics):
 
 
 def test_headline_of_a_loss(metrics):
-    metrics["reattack"], metrics["baseline"]["reattack"] = metrics["baseline"]["reattack"], metrics["reattack"]
+    metrics["reattack"], metrics["baseline"]["reattack"] = (
+        metrics["baseline"]["reattack"],
+        metrics["reattack"],
+    )
     metrics["gain"] = {k: -v for k, v in metrics["gain"].items()}
-    metrics["gain_interval"] = {k: [-high, -low] for k, (low, high) in metrics["gain_interval"].items()}
+    metrics["gain_interval"] = {
+        k: [-high, -low] for k, (low, high) in metrics["gain_interval"].items()
+    }
     title, lead, _ = headline(metrics)
     assert title == "moire_at lowers accuracy under the Moiré Attack from 76 % to 8 %"
     assert "fell from 76 % to 8 % (−68 points, 95 % interval −74 to −62" in lead
@@ -51,7 +56,9 @@ def test_headline_without_a_baseline(metrics):
     metrics |= {"baseline": None, "start": None}
     title, lead, _ = headline(metrics)
     assert title == "Accuracy under the Moiré Attack of moire_at: 76 %"
-    assert lead.startswith("The Moiré Attack at 4/255 fools moire_at on 18 % of the images that it had right.")
+    assert lead.startswith(
+        "The Moiré Attack at 4/255 fools moire_at on 18 % of the images that it had right."
+    )
 
 
 def test_headline_is_about_the_plain_attack_at_the_middle_eps(metrics):
@@ -70,7 +77,9 @@ def test_summary_is_an_aligned_table_of_at_most_100_columns(metrics, beside):
     lines = report.run_summary(metrics).splitlines()
     assert max(map(len, lines)) <= 100
     assert len({len(line) for line in lines[1 : 2 + len(metrics["reattack"])]}) == 1
-    assert "n = 200" in lines[0] and lines[-1].startswith("training: ") and "4 min 30 s" in lines[-1]
+    assert (
+        "n = 200" in lines[0] and lines[-1].startswith("training: ") and "4 min 30 s" in lines[-1]
+    )
     printed = "\n".join(lines)
     assert ("+68.0 [+62.0, +74.0]" in printed) == ("baseline" in beside)
     assert ("  baseline  " in lines[1]) == ("baseline" in beside)
@@ -96,7 +105,8 @@ def test_titles(name, section, title):
 
 
 @pytest.mark.parametrize(
-    ("value", "said"), [(0.123, "+12.3"), (-0.004, "−0.4"), (0.0001, "0.0"), (None, "–"), (float("nan"), "–")]
+    ("value", "said"),
+    [(0.123, "+12.3"), (-0.004, "−0.4"), (0.0001, "0.0"), (None, "–"), (float("nan"), "–")],
 )
 def test_points(value, said):
     assert points(value) == said
@@ -111,7 +121,14 @@ def test_numbers_are_tied_to_their_units():
 
 @pytest.mark.parametrize(
     ("seconds", "said"),
-    [(None, "–"), (0.04, "0.0 s"), (59.94, "59.9 s"), (59.97, "1 min 0 s"), (210.3, "3 min 30 s"), (3900, "1 h 5 min")],
+    [
+        (None, "–"),
+        (0.04, "0.0 s"),
+        (59.94, "59.9 s"),
+        (59.97, "1 min 0 s"),
+        (210.3, "3 min 30 s"),
+        (3900, "1 h 5 min"),
+    ],
 )
 def test_duration(seconds, said):
     assert duration(seconds) == said

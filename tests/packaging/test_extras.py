@@ -1,4 +1,5 @@
-"""Optional dependencies: the core imports without them, and what needs one says how to install it."""
+"""Optional dependencies: the core imports without them, and what needs one says how to install
+it."""
 
 import importlib.util
 import subprocess

@@ -1,4 +1,5 @@
-"""What the tests of training share: settings that take seconds, the real command, and one run of it in this process."""
+"""What the tests of training share: settings that take seconds, the real command, and one run of it
+in this process."""
 
 import contextlib
 import io
@@ -23,7 +24,11 @@ TINY = [
     "data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2", "train.batch_size=32",
     "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2", "trainer.accelerator=cpu",
 ]  # fmt: skip
-BRIEF = ["reattack.n=6", "reattack.eps=[0.02]", "reattack.steps=1"]  # after TINY, where the attack is beside the point
+BRIEF = [
+    "reattack.n=6",
+    "reattack.eps=[0.02]",
+    "reattack.steps=1",
+]  # after TINY, where the attack is beside the point
 MAINS = {"fit.py": (fit.main, Config), "reattack.py": (reattack.main, ReattackConfig)}
 LONG = 240  # seconds, for a busy machine
 
@@ -48,10 +53,15 @@ def command(script, *overrides, cwd):
 
 
 def inside(script, *overrides, cwd):
-    """Run a script's command line in this process, which has imported already what a command imports for seconds."""
+    """Run a script's command line in this process, which has imported already what a command
+    imports for seconds."""
     GlobalHydra.instance().clear()
     out, err, status = io.StringIO(), io.StringIO(), 0
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
         patch.setattr(sys, "argv", [str(ROOT / "training" / script), *overrides])
         patch.setattr(commands, "_failed", [])
         patch.chdir(cwd)
@@ -86,9 +96,15 @@ def configured(*overrides, name="root"):
 
 
 def train(tmp_path, name, *overrides):
-    """Three epochs of one recipe, without its baseline and re-attack: the run's folder, and what it cost."""
+    """Three epochs of one recipe, without its baseline and re-attack: the run's folder, and what it
+    cost."""
     cfg = configured(
-        "recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", f"runs={tmp_path / name}", *overrides
+        "recipe=moire_fast",
+        *TINY,
+        "train.epochs=3",
+        "train.init=random",
+        f"runs={tmp_path / name}",
+        *overrides,
     )
     runs.run_of(cfg).prepare()
     out = runs.folder(cfg)

@@ -21,7 +21,10 @@ def put(root, *overrides, classes=signs.CLASSES, edit=None):
     (folder / "config.yaml").write_text(edit(text) if edit else text)
     torch.manual_seed(0)
     state = models.build("small_resnet", len(classes)).state_dict()
-    checkpoint = {"state_dict": {f"model.{name}": value for name, value in state.items()}, "epoch": 1}
+    checkpoint = {
+        "state_dict": {f"model.{name}": value for name, value in state.items()},
+        "epoch": 1,
+    }
     torch.save(checkpoint | {"classes": dict(enumerate(classes))}, folder / "best.ckpt")
     return folder
 
@@ -35,5 +38,7 @@ def images(root, *classes):
             path = root / half / name
             path.mkdir(parents=True)
             for k in range(2):
-                write_png(torch.full((3, 24, 24), 60 * k, dtype=torch.uint8), str(path / f"{k}.png"))
+                write_png(
+                    torch.full((3, 24, 24), 60 * k, dtype=torch.uint8), str(path / f"{k}.png")
+                )
     return root

@@ -61,12 +61,17 @@ COSTS = [
     (Adversary(kind="moire", share=0.5), 1.0),
     (Adversary(kind="moire_attack", share=0.5, eps=0.02, steps=3), 2.5),
     (Adversary(kind="pgd", share=1.0, eps=0.02, steps=2), 3.0),
-    (Adversary(kind="moire_attack", share=1.0, eps=0.02, steps=2, worst_of=3, turn=True), 1 + 1 + 5 / 3 + 2),
+    (
+        Adversary(kind="moire_attack", share=1.0, eps=0.02, steps=2, worst_of=3, turn=True),
+        1 + 1 + 5 / 3 + 2,
+    ),
     (Adversary(kind="moire", share=0.5, worst_of=3), 1.5),
 ]
 
 
-@pytest.mark.parametrize(("cfg", "cost"), COSTS, ids=[f"{c.kind}-{k}" for k, (c, _) in enumerate(COSTS)])
+@pytest.mark.parametrize(
+    ("cfg", "cost"), COSTS, ids=[f"{c.kind}-{k}" for k, (c, _) in enumerate(COSTS)]
+)
 def test_passes_are_what_the_network_is_asked_for(cfg, cost):
     assert passes(cfg) == pytest.approx(cost)
     model = Counting()
@@ -80,13 +85,17 @@ def test_passes_are_what_the_network_is_asked_for(cfg, cost):
 def test_passes_of_replayed_and_consistent_training():
     free = Adversary(kind="moire_attack", share=0.5, steps=1, replays=3)
     assert passes(free) == pytest.approx(1 + 0.5 / 3)
-    assert passes(dataclasses.replace(free, replays=1, consistency=2.0)) == pytest.approx(1 + 0.5 * 2)
+    assert passes(dataclasses.replace(free, replays=1, consistency=2.0)) == pytest.approx(
+        1 + 0.5 * 2
+    )
 
 
 def test_replayed_noise_follows_the_training_steps_gradient():
     model = Counting()
     images, labels = batch()
-    adversary = Adversaries(model, SCENE, Adversary(kind="moire_attack", eps=0.03, steps=1, replays=3))
+    adversary = Adversaries(
+        model, SCENE, Adversary(kind="moire_attack", eps=0.03, steps=1, replays=3)
+    )
     torch.manual_seed(0)
     shown = adversary.show(images, labels, Moment())
     before = F.cross_entropy(model(shown.images()), labels)
@@ -97,7 +106,9 @@ def test_replayed_noise_follows_the_training_steps_gradient():
     moved = (after.noise - shown.noise).abs()
     assert torch.allclose(moved[moved > 0].max(), torch.tensor(0.006), atol=1e-7)
     # the reading is the same: without noise, both are the same photo
-    assert torch.equal(after.render(torch.zeros_like(after.noise)), shown.render(torch.zeros_like(shown.noise)))
+    assert torch.equal(
+        after.render(torch.zeros_like(after.noise)), shown.render(torch.zeros_like(shown.noise))
+    )
 
 
 def test_the_worst_shot_is_the_worst():
@@ -110,10 +121,14 @@ def test_the_worst_shot_is_the_worst():
 
     def shot_of(**settings):
         torch.manual_seed(3)
-        return Adversaries(model, SCENE, Adversary(kind="moire", **settings)).shot(images, labels, Moment())
+        return Adversaries(model, SCENE, Adversary(kind="moire", **settings)).shot(
+            images, labels, Moment()
+        )
 
     several = SCENE.sample(40, (24, 24), torch.Generator().manual_seed(7))
-    worst = Adversaries(model, SCENE, Adversary(kind="moire", worst_of=5))._worst(images, labels, several)
+    worst = Adversaries(model, SCENE, Adversary(kind="moire", worst_of=5))._worst(
+        images, labels, several
+    )
     every = torch.stack([loss(several[k * 8 : (k + 1) * 8]) for k in range(5)])
     assert torch.allclose(loss(worst), every.amax(0), atol=1e-5)
     # turned for the worse: of the same draw, no image's margin is better
@@ -123,7 +138,10 @@ def test_the_worst_shot_is_the_worst():
     def margin(shot):
         with torch.no_grad():
             logits = model(capture(images, shot))
-        return logits.scatter(1, labels[:, None], -1e9).amax(1) - logits.gather(1, labels[:, None])[:, 0]
+        return (
+            logits.scatter(1, labels[:, None], -1e9).amax(1)
+            - logits.gather(1, labels[:, None])[:, 0]
+        )
 
     assert (margin(turned) >= margin(plain) - 1e-5).all() and (margin(turned) > margin(plain)).any()
     ends = SCENE.view.yaw
@@ -144,7 +162,10 @@ def test_a_curriculum_draws_ranges_in_to_their_middles(width):
 
 
 def test_eps_and_ranges_rise_linearly(monkeypatch):
-    model = classifier_of(configured("recipe=moire_at", *TINY, "adversary.warmup=0.5", "adversary.curriculum=0.25"), 16)
+    model = classifier_of(
+        configured("recipe=moire_at", *TINY, "adversary.warmup=0.5", "adversary.curriculum=0.25"),
+        16,
+    )
     model._trainer = type("Trainer", (), {"estimated_stepping_batches": 40})
     moments = []
     for step in (0, 4, 9, 19, 30):
@@ -163,7 +184,9 @@ def stepped(model, *args, **kwargs):
 
 @pytest.mark.parametrize("share", [0.5, 1.0])
 def test_consistency_is_the_loss_of_the_paper(share, monkeypatch):
-    cfg = configured("recipe=moire_trades", *TINY, f"adversary.share={share}", "adversary.consistency=2.5")
+    cfg = configured(
+        "recipe=moire_trades", *TINY, f"adversary.share={share}", "adversary.consistency=2.5"
+    )
     monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
     model = classifier_of(cfg, 16).double()
     model.eval()  # so that both batches of images are normalised by the same statistics
@@ -219,8 +242,14 @@ def test_adversaries_that_cannot_be_get_a_sentence(settings, sentence):
 @pytest.mark.parametrize(
     ("scene", "sentence"),
     [
-        (dataclasses.replace(SCENE, sensor=dataclasses.replace(SCENE.sensor, exposure="point")), "differentiable in"),
-        (Scene(panel=Panel(phase=0.0)), "searches the ranges of panel and view, and the scene has none"),
+        (
+            dataclasses.replace(SCENE, sensor=dataclasses.replace(SCENE.sensor, exposure="point")),
+            "differentiable in",
+        ),
+        (
+            Scene(panel=Panel(phase=0.0)),
+            "searches the ranges of panel and view, and the scene has none",
+        ),
     ],
 )
 def test_a_scene_that_nothing_can_be_turned_in_gets_a_sentence(scene, sentence):

@@ -1,4 +1,5 @@
-"""The order of images in training: windows that come again, parts of an epoch, and any number of ranks."""
+"""The order of images in training: windows that come again, parts of an epoch, and any number of
+ranks."""
 
 import pytest
 import torch
@@ -40,7 +41,9 @@ def test_parts_of_an_epoch_see_every_image_once_on_any_number_of_ranks():
 
 def test_loaders_draw_the_same_images_for_one_rank_and_two():
     cfg = configured("recipe=moire_free", *TINY)
-    splits = type("Splits", (), {"train": TensorDataset(torch.arange(60), torch.arange(60)), "val": None})
+    splits = type(
+        "Splits", (), {"train": TensorDataset(torch.arange(60), torch.arange(60)), "val": None}
+    )
 
     def drawn(ranks, rank):
         data = Batches(splits, cfg.train, cfg.adversary, workers=0, seed=cfg.seed)

@@ -46,7 +46,9 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
     for value in tried:
         loose = OmegaConf.create(untyped)
         OmegaConf.update(loose, key, value)
-        with pytest.raises(ValueError, match=rf"{key} must be (at least {low}|in \[{low}, {high}\]); got"):
+        with pytest.raises(
+            ValueError, match=rf"{key} must be (at least {low}|in \[{low}, {high}\]); got"
+        ):
             bounds.check(loose)
 
 
@@ -78,8 +80,16 @@ def test_nothing_is_begun(override, message, tmp_path):
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.parametrize(("devices", "fine"), [(1, 1), (2, 1), ("2", 1), ("auto", 1), (-1, 1), ("99999", 0), (None, 0)])
+@pytest.mark.parametrize(
+    ("devices", "fine"), [(1, 1), (2, 1), ("2", 1), ("auto", 1), (-1, 1), ("99999", 0), (None, 0)]
+)
 def test_devices_that_are_there_are_taken(devices, fine, untyped):
-    cfg = OmegaConf.create(untyped | {"trainer": {"accelerator": "cpu", "devices": devices, "num_nodes": 1}})
-    with contextlib.nullcontext() if fine else pytest.raises(ValueError, match=r"trainer\.devices must be 1 to"):
+    cfg = OmegaConf.create(
+        untyped | {"trainer": {"accelerator": "cpu", "devices": devices, "num_nodes": 1}}
+    )
+    with (
+        contextlib.nullcontext()
+        if fine
+        else pytest.raises(ValueError, match=r"trainer\.devices must be 1 to")
+    ):
         bounds.check(cfg)

@@ -1,4 +1,5 @@
-"""Errors of the commands stand on lines of their own, disks are tried first, and sweeps outlive a failed job."""
+"""Errors of the commands stand on lines of their own, disks are tried first, and sweeps outlive a
+failed job."""
 
 import errno
 import io
@@ -51,7 +52,9 @@ def test_an_error_begins_a_line_below_a_progress_bar(stream, monkeypatch):
     bar = tqdm(total=3, file=getattr(sys, stream), leave=False, mininterval=0)
     bar.update()
     commands.complain("error: second")
-    assert (out if stream == "stdout" else err).getvalue().count("\n") == (1 if stream == "stdout" else 3)
+    assert (out if stream == "stdout" else err).getvalue().count("\n") == (
+        1 if stream == "stdout" else 3
+    )
     assert "error: second" in err.getvalue().split("\n")
     bar.close()
     commands.complain("error: third")
@@ -76,9 +79,13 @@ def test_a_disk_that_takes_nothing_is_found_before_the_work(number, job, tmp_pat
 
     folder = put(tmp_path)
     for module in (fit, reattack, suites):
-        monkeypatch.setattr(module, "load", lambda *args: pytest.fail("time was spent"), raising=False)
+        monkeypatch.setattr(
+            module, "load", lambda *args: pytest.fail("time was spent"), raising=False
+        )
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
-    with pytest.raises(ValueError, match=rf"cannot be written \({os.strerror(number)}\): fix that, or pass runs="):
+    with pytest.raises(
+        ValueError, match=rf"cannot be written \({os.strerror(number)}\): fix that, or pass runs="
+    ):
         if job == "fit":
             fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'new'}"))
         else:

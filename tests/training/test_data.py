@@ -1,4 +1,5 @@
-"""A folder of images as data: halves with classes of their own, and sentences for what does not fit."""
+"""A folder of images as data: halves with classes of their own, and sentences for what does not
+fit."""
 
 import pytest
 from PIL import Image
@@ -13,7 +14,9 @@ def root(tmp_path):
         for k, name in enumerate(names):
             (tmp_path / half / name).mkdir(parents=True)
             for i in range(3):
-                Image.new("RGB", (30, 20), (60 * k + i,) * 3).save(tmp_path / half / name / f"{i}.png")
+                Image.new("RGB", (30, 20), (60 * k + i,) * 3).save(
+                    tmp_path / half / name / f"{i}.png"
+                )
     (tmp_path / "labels.csv").write_text("wnid,class_index\nn01,7\nn02,123\nn03,999\n")
     return tmp_path
 
@@ -37,5 +40,7 @@ def test_without_an_index_the_halves_hold_the_same(root):
 @pytest.mark.parametrize("row", ["n03,1000", "n04,5"])
 def test_a_folder_without_a_class_gets_a_sentence(root, row):
     (root / "labels.csv").write_text(f"wnid,class_index\nn01,7\nn02,123\n{row}\n")
-    with pytest.raises(ValueError, match=r"names no class_index below 1000 for the folders \['n03'\]"):
+    with pytest.raises(
+        ValueError, match=r"names no class_index below 1000 for the folders \['n03'\]"
+    ):
         folder(root, class_index=str(root / "labels.csv"))

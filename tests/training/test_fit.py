@@ -1,4 +1,5 @@
-"""The recipes through their real commands, small: files, figures, resuming, and sentences for what goes wrong."""
+"""The recipes through their real commands, small: files, figures, resuming, and sentences for what
+goes wrong."""
 
 import json
 import shutil
@@ -40,8 +41,17 @@ def test_a_run_leaves_what_it_promises(whole):
             "records",
         }
     m = json.loads((cwd / "runs/moire_at/seed0/metrics.json").read_text())
-    assert (m["recipe"], m["seed"], m["data"], m["model"]) == ("moire_at", 0, "signs", "small_resnet")
-    assert m["train"]["epochs"] == 2 and m["train"]["seconds"] > 0 and m["train"]["images_per_second"] > 0
+    assert (m["recipe"], m["seed"], m["data"], m["model"]) == (
+        "moire_at",
+        0,
+        "signs",
+        "small_resnet",
+    )
+    assert (
+        m["train"]["epochs"] == 2
+        and m["train"]["seconds"] > 0
+        and m["train"]["images_per_second"] > 0
+    )
     assert m["train"]["passes"] == 2.5 and len(m["train"]["history"]) == 2
     names = [r["name"] for r in m["reattack"]]
     assert names == [
@@ -58,8 +68,13 @@ def test_a_run_leaves_what_it_promises(whole):
     ]
     base = {r["name"]: r for r in m["baseline"]["reattack"]}
     for row in m["reattack"]:
-        assert set(row) >= {"name", "eps", "targeted", "accuracy", "success", "n", "seconds"} and row["n"] == 24
-        assert m["gain"][row["name"]] == pytest.approx(row["accuracy"] - base[row["name"]]["accuracy"])
+        assert (
+            set(row) >= {"name", "eps", "targeted", "accuracy", "success", "n", "seconds"}
+            and row["n"] == 24
+        )
+        assert m["gain"][row["name"]] == pytest.approx(
+            row["accuracy"] - base[row["name"]]["accuracy"]
+        )
         low, high = m["gain_interval"][row["name"]]
         assert low <= m["gain"][row["name"]] <= high
     assert m["clean_accuracy"] == m["reattack"][0]["accuracy"]
@@ -74,11 +89,25 @@ def test_a_run_leaves_what_it_promises(whole):
 def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole):
     cwd, _ = whole
     m = json.loads((cwd / "runs/moire_at/seed0/metrics.json").read_text())
-    clean, base = (json.loads((cwd / f"runs/{r}/seed0/metrics.json").read_text()) for r in ("clean", "baseline"))
+    clean, base = (
+        json.loads((cwd / f"runs/{r}/seed0/metrics.json").read_text())
+        for r in ("clean", "baseline")
+    )
     for ours, theirs in ((m["start"], clean), (m["baseline"], base)):
-        assert set(ours) == {"recipe", "seed", "data", "model", "clean_accuracy", "train", "reattack"}
+        assert set(ours) == {
+            "recipe",
+            "seed",
+            "data",
+            "model",
+            "clean_accuracy",
+            "train",
+            "reattack",
+        }
         assert ours == {key: theirs[key] for key in ours}
-    epochs = {side["recipe"]: (side["train"]["epochs"], side["train"]["total_epochs"]) for side in (clean, base, m)}
+    epochs = {
+        side["recipe"]: (side["train"]["epochs"], side["train"]["total_epochs"])
+        for side in (clean, base, m)
+    }
     assert epochs == {"clean": (2, 2), "baseline": (2, 4), "moire_at": (2, 4)}
     start = clean["train"]["seconds"]
     for side in (base, m):
@@ -87,12 +116,16 @@ def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole
     assert (clean["start"], clean["baseline"], base["baseline"]) == (None, None, None)
     assert base["start"] == m["start"] and base["gain"] == {}
     # the gain is against the baseline, not against the start, whose rows are others
-    outcomes = {name: (cwd / f"runs/{name}/seed0/best.ckpt").read_bytes() for name in ("clean", "baseline")}
+    outcomes = {
+        name: (cwd / f"runs/{name}/seed0/best.ckpt").read_bytes() for name in ("clean", "baseline")
+    }
     assert outcomes["clean"] != outcomes["baseline"]
     assert base["train"]["init"] == "clean" and clean["train"]["init"] == "random"
 
 
-def test_a_run_trained_for_another_is_checked_when_it_is_asked_for_itself(whole, tmp_path, monkeypatch):
+def test_a_run_trained_for_another_is_checked_when_it_is_asked_for_itself(
+    whole, tmp_path, monkeypatch
+):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     before = runs.read_metrics(tmp_path / "runs/clean/seed0")
     assert "trust" not in before and "checks" not in before["time"]
@@ -129,7 +162,10 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     assert (start["recipe"], baseline["recipe"]) == ("clean", "baseline")
     assert [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders] == before
     said = capsys.readouterr().out
-    assert f"The start is reused from {folders[0]}" in said and f"The baseline is reused from {folders[1]}" in said
+    assert (
+        f"The start is reused from {folders[0]}" in said
+        and f"The baseline is reused from {folders[1]}" in said
+    )
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (runs.start_config(other), runs.baseline_config(other)):
         assert fit.reused(wanted, None, role="baseline") is None, "its settings are others"
@@ -138,12 +174,16 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
 
 def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, capsys):
     cwd, _ = whole
-    cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1")
+    cfg = configured(
+        "recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1"
+    )
     path = cwd / "runs/baseline/seed0"
     before = (path / "best.ckpt").stat().st_mtime_ns
     known = fit.reused(runs.baseline_config(cfg), load(cfg.data), role="baseline")
     assert "The baseline's weights are reused" in capsys.readouterr().out
-    assert [r["n"] for r in known["reattack"]] == [6] * len(known["reattack"]) and known["train"]["epochs"] == 2
+    assert [r["n"] for r in known["reattack"]] == [6] * len(known["reattack"]) and known["train"][
+        "epochs"
+    ] == 2
     assert (path / "best.ckpt").stat().st_mtime_ns == before
     assert runs.read_metrics(path)["reattack"][0]["n"] == 24  # its own report stays
 
@@ -153,11 +193,17 @@ PLANS = [
     (["recipe=baseline"], "clean", None),
     (["recipe=moire_at"], "clean", "baseline"),
     (["recipe=moire_at", "train.init=random"], None, "clean"),
-    (["recipe=pgd_fast", "weights=FILE", "train.lr=0.01", "scene={preset: paper}"], "clean", "baseline"),
+    (
+        ["recipe=pgd_fast", "weights=FILE", "train.lr=0.01", "scene={preset: paper}"],
+        "clean",
+        "baseline",
+    ),
 ]
 
 
-@pytest.mark.parametrize(("given", "start", "baseline"), PLANS, ids=[" ".join(p[0][:2]) for p in PLANS])
+@pytest.mark.parametrize(
+    ("given", "start", "baseline"), PLANS, ids=[" ".join(p[0][:2]) for p in PLANS]
+)
 def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
     cfg = configured(*given, *TINY[:4])
     for other, recipe in ((runs.start_config(cfg), start), (runs.baseline_config(cfg), baseline)):
@@ -175,11 +221,17 @@ def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
 def test_a_baseline_of_other_settings_is_not_attacked_beside_a_run(whole, tmp_path, capsys):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     run = saved.read(tmp_path / "runs/moire_at/seed0")
-    assert saved.baseline_of(run).cfg.recipe == "baseline" and saved.start_of(run).cfg.recipe == "clean"
+    assert (
+        saved.baseline_of(run).cfg.recipe == "baseline"
+        and saved.start_of(run).cfg.recipe == "clean"
+    )
     path = tmp_path / "runs/baseline/seed0/config.yaml"
     path.write_text(path.read_text().replace("epochs: 2", "epochs: 3"))
     assert saved.baseline_of(run) is None and saved.start_of(run) is not None
-    assert "was trained with other settings: no baseline is attacked beside this run" in capsys.readouterr().out
+    assert (
+        "was trained with other settings: no baseline is attacked beside this run"
+        in capsys.readouterr().out
+    )
 
 
 def test_reattack_of_a_run(whole):
@@ -187,7 +239,9 @@ def test_reattack_of_a_run(whole):
     given = ["run=runs/moire_at/seed0", "scene=paper_code", "reattack.n=12", "reattack.eps=[0.02]"]
     done = inside("reattack.py", *given, cwd=cwd)
     assert done.returncode == 0, done.stderr
-    (path,) = (cwd / "runs/moire_at/seed0/reattack").glob("paper_code-n12-steps2-*/ladder/metrics.json")
+    (path,) = (cwd / "runs/moire_at/seed0/reattack").glob(
+        "paper_code-n12-steps2-*/ladder/metrics.json"
+    )
     m = json.loads(path.read_text())
     assert m["scene_name"] == "paper_code" and m["reattack"][0]["n"] == 12
     assert m["baseline"]["recipe"] == "baseline" and m["baseline"]["reattack"][0]["n"] == 12
@@ -215,8 +269,14 @@ def test_reattack_of_weights_on_a_folder(tmp_path):
         "reattack.steps=1", "reattack.batch_size=2", f"runs={tmp_path / 'runs'}", name="reattack",
     )  # fmt: skip
     metrics = reattack.reattack(cfg, [])
-    assert metrics["baseline"] is None and metrics["start"] is None and metrics["reattack"][0]["n"] == 4
-    (page,) = (tmp_path / "runs/reattack/squeezenet1_1").glob("folder-images-paper_code-n4-steps1-*/ladder/report.html")
+    assert (
+        metrics["baseline"] is None
+        and metrics["start"] is None
+        and metrics["reattack"][0]["n"] == 4
+    )
+    (page,) = (tmp_path / "runs/reattack/squeezenet1_1").glob(
+        "folder-images-paper_code-n4-steps1-*/ladder/report.html"
+    )
     assert page.stat().st_size > 10_000
 
 
@@ -246,7 +306,9 @@ SENTENCES = [
 ]
 
 
-@pytest.mark.parametrize(("overrides", "sentence"), SENTENCES, ids=[" ".join(s[0][1:] or s[0]) for s in SENTENCES])
+@pytest.mark.parametrize(
+    ("overrides", "sentence"), SENTENCES, ids=[" ".join(s[0][1:] or s[0]) for s in SENTENCES]
+)
 def test_wrong_settings_get_a_sentence(overrides, sentence, tmp_path):
     try:
         cfg = configured(*overrides, "data.val=16", "data.test=16", f"runs={tmp_path}")
@@ -323,7 +385,10 @@ def test_augmentation_moves_whole_images(kind):
     for image, patch in zip(images, inner, strict=True):
         candidates = [image, image.flip(-1)] if kind == "shift_flip" else [image]
         windows = torch.cat(
-            [c.unfold(1, 8, 1).unfold(2, 8, 1).permute(1, 2, 0, 3, 4).reshape(-1, 3, 8, 8) for c in candidates]
+            [
+                c.unfold(1, 8, 1).unfold(2, 8, 1).permute(1, 2, 0, 3, 4).reshape(-1, 3, 8, 8)
+                for c in candidates
+            ]
         )
         found += (windows == patch).flatten(1).all(1).any().item()
     assert found == 64 and not torch.equal(moved, images)
@@ -331,7 +396,9 @@ def test_augmentation_moves_whole_images(kind):
 
 
 def test_config_files_are_read_back(tmp_path):
-    cfg = configured("recipe=moire_at", "scene={preset: paper, view: {roll: [-3, 3]}}", f"runs={tmp_path}")
+    cfg = configured(
+        "recipe=moire_at", "scene={preset: paper, view: {roll: [-3, 3]}}", f"runs={tmp_path}"
+    )
     path = runs.folder(cfg) / "config.yaml"
     path.parent.mkdir(parents=True)
     path.write_text(OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
@@ -349,7 +416,9 @@ def test_ranks_and_steps_draw_differently(monkeypatch):
         torch.manual_seed(0)
         model = classifier_of(cfg, 16)
         monkeypatch.setattr(model, "_moment", lambda: None)
-        monkeypatch.setattr(model, "adversary", lambda images, *rest: seen.append(torch.rand(3)) or images)
+        monkeypatch.setattr(
+            model, "adversary", lambda images, *rest: seen.append(torch.rand(3)) or images
+        )
         model.training_step(batch, index)
         return seen[-1]
 

@@ -20,7 +20,10 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
         (["data=cifar10"], "runs/cifar10/clean/seed0"),
         (["data=cifar10", "model=resnet18"], "runs/cifar10-resnet18/clean/seed0"),
         (["data=folder", "data.root=some/where"], "runs/folder-where/clean/seed0"),
-        (["data=folder", "data.root='some/one s/..odd $name'"], "runs/folder-..odd_name/clean/seed0"),
+        (
+            ["data=folder", "data.root='some/one s/..odd $name'"],
+            "runs/folder-..odd_name/clean/seed0",
+        ),
         (["data.size=32", "train.lr=0.05"], "runs/clean/seed0"),
     ],
 )
@@ -35,13 +38,17 @@ def test_a_frontier_is_of_one_group_of_runs(tmp_path):
     put_point(tmp_path / "resnet18", "clean", 0)
     assert len(read(tmp_path).points) == 1, "the only group is meant"
     put_point(tmp_path / "cifar10", "clean", 0)
-    with pytest.raises(ValueError, match=r"which do not compare: pass one of \S+/cifar10, \S+/resnet18"):
+    with pytest.raises(
+        ValueError, match=r"which do not compare: pass one of \S+/cifar10, \S+/resnet18"
+    ):
         read(tmp_path)
     put_point(tmp_path, "clean", 0)
     put_point(tmp_path, "good", 0)
     found = read(tmp_path)
     assert len(found.points) == 2
-    assert found.warnings[0].startswith("Runs of other data or models are left out; for a table of these pass ")
+    assert found.warnings[0].startswith(
+        "Runs of other data or models are left out; for a table of these pass "
+    )
     assert len(read(tmp_path / "resnet18").points) == 1
 
 
@@ -66,14 +73,27 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
     assert f"The {role} is damaged and trained again: " in capsys.readouterr().out
     assert trained[0].resume is False and trained[0].recipe == recipe
     runs.run_of(trained[0]).prepare()
-    assert not any(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 1, "nothing is lost"
+    assert not any(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 1, (
+        "nothing is lost"
+    )
 
 
 def test_a_command_line_gives_the_settings_back():
     for given in (
         ["recipe=clean"],
-        ["recipe=moire_at", "data=folder", "data.root='a b/c'", "train.lr=1e-5", "reattack.eps=[0.01, 0.02]"],
-        ["recipe=moire_free", "scene={preset: paper, view: {roll: [-3, 3]}}", "model=resnet18", "data.train=null"],
+        [
+            "recipe=moire_at",
+            "data=folder",
+            "data.root='a b/c'",
+            "train.lr=1e-5",
+            "reattack.eps=[0.01, 0.02]",
+        ],
+        [
+            "recipe=moire_free",
+            "scene={preset: paper, view: {roll: [-3, 3]}}",
+            "model=resnet18",
+            "data.train=null",
+        ],
         ["recipe=pgd_at", "trainer.precision=bf16-mixed", "train.batch_statistics=true", "seed=3"],
     ):
         cfg = configured(*given)

@@ -53,21 +53,40 @@ def put(
     folder = root / recipe / f"seed{seed}"
     init = "random" if recipe == "clean" else init
     where = Scene.preset(scene).to_dict()
-    train = {"seconds": seconds, "images_per_second": 600.0, "init": init, "passes": 2.5, "collapsed_at": collapsed}
+    train = {
+        "seconds": seconds,
+        "images_per_second": 600.0,
+        "init": init,
+        "passes": 2.5,
+        "collapsed_at": collapsed,
+    }
     plain = {"recipe": "clean", "train": {"seconds": start}}
     started = init == "clean"
-    baseline = None if recipe in ("clean", "baseline") else {"recipe": "baseline", "train": {"seconds": 1.0}}
+    baseline = (
+        None
+        if recipe in ("clean", "baseline")
+        else {"recipe": "baseline", "train": {"seconds": 1.0}}
+    )
     if baseline and not started:
         baseline = plain
-    config = {"data": {"name": data, "size": size, "root": at}, "reattack": {"n": 480, "steps": 20, "seed": 1234}}
+    config = {
+        "data": {"name": data, "size": size, "root": at},
+        "reattack": {"n": 480, "steps": 20, "seed": 1234},
+    }
     metrics = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet", "train": train, "config": config,
                "baseline": baseline, "start": plain if started else None, "scene_name": scene, "scene": where, "environment": device}  # fmt: skip
     write(folder, metrics)
     if attacked:
         rows = [cell(f"eps_{e}", "worst", w, n) for e, w in zip((4, 8), worst, strict=True)]
-        rows += [cell("eps_4", "clean", 0.9, n), cell("eps_4", "pgd", 0.4, n), cell("eps_4", "moire", 0.7, n)]
+        rows += [
+            cell("eps_4", "clean", 0.9, n),
+            cell("eps_4", "pgd", 0.4, n),
+            cell("eps_4", "moire", 0.7, n),
+        ]
         photos = [cell(OWN, "moire", 0.7, n), cell(OWN, "no_moire", 0.8, n)]
-        photos += [cell(name, "moire", unseen + 0.1 * i, n) for i, name in enumerate(other_scenes(SCENE))]
+        photos += [
+            cell(name, "moire", unseen + 0.1 * i, n) for i, name in enumerate(other_scenes(SCENE))
+        ]
         again = {"n": n, "steps": steps, "scene": where, "config": config, "trust": list(trust),
                  "tables": {"worst_case": rows, "unseen": photos}}  # fmt: skip
         write(folder / "reattack" / f"{scene}-n{n}-steps{steps}" / "recipes", again)
@@ -85,7 +104,9 @@ def root(tmp_path):
     for seed in range(3):
         put(tmp_path, "clean", seed, worst=(0.01, 0.0), seconds=10.0 + seed)
         put(tmp_path, "good", seed, worst=(0.3 + 0.02 * seed, 0.2), seconds=20.0, start=10.0 + seed)
-        put(tmp_path, "slow", seed, worst=(0.2, 0.1), seconds=60.0, start=10.0 + seed, init="random")
+        put(
+            tmp_path, "slow", seed, worst=(0.2, 0.1), seconds=60.0, start=10.0 + seed, init="random"
+        )
     put(tmp_path, "lone", 0, worst=(0.5, 0.25), seconds=100.0, collapsed=4)
     return tmp_path
 
@@ -95,11 +116,18 @@ def test_the_figures_of_the_table(root):
     assert list(recipes) == ["clean", "good", "slow", "lone"]  # the cheapest first
     good, slow, lone = recipes["good"], recipes["slow"], recipes["lone"]
     assert good.seeds == (0, 1, 2) and good.rates["worst_4"].value == pytest.approx(0.32)
-    assert [good.rates[key].value for key in ("clean", "natural", "pgd_4")] == pytest.approx([0.9, 0.7, 0.4])
-    assert good.rates["unseen_mean"].value == pytest.approx(0.7) and good.rates["unseen_worst"].value == 0.6
+    assert [good.rates[key].value for key in ("clean", "natural", "pgd_4")] == pytest.approx(
+        [0.9, 0.7, 0.4]
+    )
+    assert (
+        good.rates["unseen_mean"].value == pytest.approx(0.7)
+        and good.rates["unseen_worst"].value == 0.6
+    )
     assert recipes["clean"].relative.value == 1 and recipes["clean"].start_seconds == 0
     assert good.relative.value == pytest.approx((20 + 11) / 11) and good.start_seconds == 11
-    assert slow.relative.value == pytest.approx(60 / 11) and slow.start_seconds == 0  # it began with random weights
+    assert (
+        slow.relative.value == pytest.approx(60 / 11) and slow.start_seconds == 0
+    )  # it began with random weights
     assert [r.name for r in recipes.values() if r.front] == ["clean", "good", "lone"]
     assert lone.collapsed == 1 and lone.relative.low == lone.relative.high == lone.relative.value
 
@@ -113,7 +141,8 @@ def test_intervals_hold_seeds_and_images(root):
     value, low, high = rate(good, "worst_4")
     alone = stats.binomtest(64, 200).proportion_ci(0.95, method="wilson")
     assert value == pytest.approx(0.32) and low < value < high
-    # as wide as that of the images alone, and more: three seeds on the same images are not six hundred
+    # as wide as that of the images alone, and more: three seeds on the same images are not six
+    # hundred
     assert high - low > 0.95 * (alone.high - alone.low)
     clean = [point for point in points if point.recipe == "clean"]
     assert rate(clean, "worst_8").low == 0  # no accuracy is below 0
@@ -135,9 +164,15 @@ def test_gains_are_over_plain_training_of_equal_length(tmp_path):
     gain = recipes["good"].gains["worst_4"]
     # the same images are right in each pair, so that the difference is the same for every seed
     assert gain.value == pytest.approx(0.2) and gain.low <= 0.2 <= gain.high and gain.low > 0.1
-    assert recipes["scratch"].gains["worst_4"].value == pytest.approx(0.4)  # over clean, which is as long
+    assert recipes["scratch"].gains["worst_4"].value == pytest.approx(
+        0.4
+    )  # over clean, which is as long
     text = command.markdown(list(recipes.values()), found)
-    assert "Gain over plain training of as many epochs" in text and "| good" in text and "+20.0" in text
+    assert (
+        "Gain over plain training of as many epochs" in text
+        and "| good" in text
+        and "+20.0" in text
+    )
 
 
 def test_the_front_is_what_nothing_dominates():
@@ -146,7 +181,9 @@ def test_the_front_is_what_nothing_dominates():
         points = [(dice.randint(1, 6), dice.randint(1, 6)) for _ in range(dice.randint(1, 9))]
         kept = []
         for cost, gain in points:
-            better = [(c, g) for c, g in points if c <= cost and g >= gain and (c < cost or g > gain)]
+            better = [
+                (c, g) for c, g in points if c <= cost and g >= gain and (c < cost or g > gain)
+            ]
             kept.append(not better)
         assert pareto(points) == kept and any(kept)
 
@@ -154,16 +191,34 @@ def test_the_front_is_what_nothing_dominates():
 def test_every_file_is_whole(root, capsys):
     command.main([str(root)])
     out = root / "frontier"
-    assert {p.name for p in out.iterdir()} == {"frontier.md", "frontier.csv", "frontier.json", "frontier.png"}
+    assert {p.name for p in out.iterdir()} == {
+        "frontier.md",
+        "frontier.csv",
+        "frontier.json",
+        "frontier.png",
+    }
     lines = list(csv.DictReader(io.StringIO((out / "frontier.csv").read_text())))
-    assert len(lines) == 10 and {line["recipe"] for line in lines} == {"clean", "good", "slow", "lone"}
-    assert all(math.isclose(float(x["total_seconds"]), float(x["seconds"]) + float(x["start_seconds"])) for x in lines)
+    assert len(lines) == 10 and {line["recipe"] for line in lines} == {
+        "clean",
+        "good",
+        "slow",
+        "lone",
+    }
+    assert all(
+        math.isclose(float(x["total_seconds"]), float(x["seconds"]) + float(x["start_seconds"]))
+        for x in lines
+    )
     whole = json.loads((out / "frontier.json").read_text())
     assert whole["recipes"][1]["rates"]["worst_4"]["value"] == pytest.approx(0.32)
     assert whole["shared"] == {"data": "signs", "model": "small_resnet", "scene": "screen_photo", "n": 200,
                                "steps": 50, "seed": 1234}  # fmt: skip
     words = (out / "frontier.md").read_text()
-    assert "| good ● | 3 |" in words and "| slow | 3 |" in words and "| lone ● † | 1 |" in words and "nan" not in words
+    assert (
+        "| good ● | 3 |" in words
+        and "| slow | 3 |" in words
+        and "| lone ● † | 1 |" in words
+        and "nan" not in words
+    )
     tables = [part for part in words.split("\n\n") if part.startswith("|")]
     assert len(tables) == 2
     for table in tables:
@@ -172,7 +227,9 @@ def test_every_file_is_whole(root, capsys):
         image.load()
         assert image.size == (1000, 490)
     printed = capsys.readouterr().out
-    assert "× clean" in printed and max(map(len, printed.split("\nAccuracy")[0].splitlines())) <= 100
+    assert (
+        "× clean" in printed and max(map(len, printed.split("\nAccuracy")[0].splitlines())) <= 100
+    )
 
 
 def named(fig):
@@ -187,13 +244,24 @@ def test_names_are_whole_and_apart(tmp_path):
         ("clean", "moire_aug", "moire_at", "a_long_name_of_a_recipe", "pgd", "b", "cc", "d", "e")
     ):
         for seed in range(3):
-            put(tmp_path, recipe, seed, worst=(0.05 * i + 0.01 * seed, 0.03 * i), seconds=10.0 + 3 * i + 0.1 * seed)
+            put(
+                tmp_path,
+                recipe,
+                seed,
+                worst=(0.05 * i + 0.01 * seed, 0.03 * i),
+                seconds=10.0 + 3 * i + 0.1 * seed,
+            )
     found = read(tmp_path)
     for boxes, panel in named(figure(summarise(found.points), found.shared)):
         assert len(boxes) == 9
         for i, box in enumerate(boxes):
             assert not box.count_overlaps(boxes[i + 1 :])
-            assert panel.x0 <= box.x0 and box.x1 <= panel.x1 and panel.y0 <= box.y0 and box.y1 <= panel.y1
+            assert (
+                panel.x0 <= box.x0
+                and box.x1 <= panel.x1
+                and panel.y0 <= box.y0
+                and box.y1 <= panel.y1
+            )
 
 
 def test_hard_cases_are_drawn(tmp_path):
@@ -208,7 +276,9 @@ def test_hard_cases_are_drawn(tmp_path):
 
 def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path):
     put(root, "new one", 0, attacked=False)
-    (root / "good" / "seed0-0123456789ab").mkdir()  # set aside by fit.py, which found other settings there
+    (
+        root / "good" / "seed0-0123456789ab"
+    ).mkdir()  # set aside by fit.py, which found other settings there
     write(root / "good" / "seed0-0123456789ab", {"train": None})
     found = read(root)
     assert len(found.points) == 10
@@ -217,7 +287,8 @@ def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path
     ]
     recipes = command.frontier(root, root / "out")
     assert (
-        "new one" not in {r.name for r in recipes} and "    python training/" in (root / "out/frontier.md").read_text()
+        "new one" not in {r.name for r in recipes}
+        and "    python training/" in (root / "out/frontier.md").read_text()
     )
 
 
@@ -228,17 +299,32 @@ def test_an_attack_in_another_scene_does_not_count(tmp_path):
     path = folder / "reattack/elsewhere/recipes/metrics.json"
     again = json.loads(path.read_text())
     path.write_text(json.dumps(again | {"scene": Scene.preset("phone_at_laptop").to_dict()}))
-    with pytest.raises(ValueError, match=r"(?s)own scene. Run:.*run=\S+/good/seed0 suite=recipes reattack.steps=50$"):
+    with pytest.raises(
+        ValueError,
+        match=r"(?s)own scene. Run:.*run=\S+/good/seed0 suite=recipes reattack.steps=50$",
+    ):
         read(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("odd", "message"),
     [
-        ({"data": "cifar10"}, r"runs with different data.name do not compare: \S+odd/seed0 has 'cifar10', most others"),
-        ({"size": 32}, "runs with different data.size do not compare: .* has 32, most others have 48"),
-        ({"scene": "phone_at_laptop"}, "different scene do not compare: .*'phone_at_laptop', .* have 'screen_photo'"),
-        ({"steps": 20}, "re-attacks with different reattack.steps do not compare: .* has 20, most others have 50"),
+        (
+            {"data": "cifar10"},
+            r"runs with different data.name do not compare: \S+odd/seed0 has 'cifar10', most others",
+        ),
+        (
+            {"size": 32},
+            "runs with different data.size do not compare: .* has 32, most others have 48",
+        ),
+        (
+            {"scene": "phone_at_laptop"},
+            "different scene do not compare: .*'phone_at_laptop', .* have 'screen_photo'",
+        ),
+        (
+            {"steps": 20},
+            "re-attacks with different reattack.steps do not compare: .* has 20, most others have 50",
+        ),
         ({"n": 480}, r"re-attacks with different reattack.n do not compare: \S+odd/seed0 has 480"),
     ],
 )
@@ -249,7 +335,10 @@ def test_what_does_not_compare_is_named(root, odd, message):
 
 
 def test_mistakes_get_a_sentence(tmp_path):
-    with pytest.raises(SystemExit, match=r"error: no finished run in \S+: it must hold <recipe>/seed<k>/metrics.json"):
+    with pytest.raises(
+        SystemExit,
+        match=r"error: no finished run in \S+: it must hold <recipe>/seed<k>/metrics.json",
+    ):
         command.main([str(tmp_path / "nowhere")])
     for argv in ([], ["a", "b"], ["a", "out=b", "out=c"]):
         with pytest.raises(SystemExit, match="error: pass one folder of runs, as in: python"):
@@ -278,5 +367,7 @@ def test_times_of_two_machines_and_failed_checks_are_said(tmp_path):
     put(tmp_path, "clean", 0, trust=[failed, failed | {"verdict": "pass", "name": "fine"}])
     put(tmp_path, "good", 0, device={"device": "NVIDIA H100"})
     machines, checks = read(tmp_path).warnings
-    assert machines.startswith("The runs were trained on different machines (NVIDIA H100; a slow one, 2 threads)")
+    assert machines.startswith(
+        "The runs were trained on different machines (NVIDIA H100; a slow one, 2 threads)"
+    )
     assert checks.endswith(f"failed on {Path(tmp_path, 'clean', 'seed0')}: many steps beat one.")

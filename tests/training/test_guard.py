@@ -1,4 +1,5 @@
-"""Catastrophic overfitting: what counts as a collapse, and what becomes of a model that has collapsed."""
+"""Catastrophic overfitting: what counts as a collapse, and what becomes of a model that has
+collapsed."""
 
 import lightning as L
 import pytest
@@ -16,14 +17,21 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 @pytest.mark.parametrize(
     ("accuracies", "fallen"),
-    [([0.5], False), ([0.5, 0.45], False), ([0.5, 0.45, 0.1], True), ([0.15, 0.01], False), ([0.6, 0.2, 0.5], False)],
+    [
+        ([0.5], False),
+        ([0.5, 0.45], False),
+        ([0.5, 0.45, 0.1], True),
+        ([0.15, 0.01], False),
+        ([0.6, 0.2, 0.5], False),
+    ],
 )
 def test_what_counts_as_a_collapse(accuracies, fallen):
     assert guard.collapsed(accuracies) == fallen
 
 
 class Loud(L.Callback):
-    """Makes the accuracy under attack look collapsed after epoch 1, and keeps what the weights were then."""
+    """Makes the accuracy under attack look collapsed after epoch 1, and keeps what the weights were
+    then."""
 
     def __init__(self):
         self.weights, self.steps = {}, {}
@@ -44,7 +52,9 @@ def trained(tmp_path, *overrides):
     cfg = configured("recipe=moire_fast", *TINY, "train.init=random", "train.epochs=3", *overrides)
     L.seed_everything(0, verbose=False)
     model, loud = classifier_of(cfg, 16), Loud()
-    best = ModelCheckpoint(dirpath=tmp_path, filename="best", monitor="epoch", mode="min", enable_version_counter=False)
+    best = ModelCheckpoint(
+        dirpath=tmp_path, filename="best", monitor="epoch", mode="min", enable_version_counter=False
+    )
     trainer = L.Trainer(
         max_epochs=3, accelerator="cpu", logger=False, num_sanity_val_steps=0, use_distributed_sampler=False,
         callbacks=[EMAWeightAveraging(decay=0.5), best, guard.Guard(tmp_path / "best.ckpt"), loud],
@@ -66,16 +76,24 @@ def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(t
     model.on_save_checkpoint(kept)
     resumed = classifier_of(configured("recipe=moire_fast", *TINY), 16)
     resumed.on_load_checkpoint(kept)
-    assert resumed.hardened and resumed.adversary.cfg.steps == 3 and resumed.adversary.cfg.random_start == 1.0
+    assert (
+        resumed.hardened
+        and resumed.adversary.cfg.steps == 3
+        and resumed.adversary.cfg.random_start == 1.0
+    )
 
 
 def test_multi_step_training_is_left_alone(tmp_path):
-    model, loud, _ = trained(tmp_path, "adversary.steps=3", "adversary.random_start=1", "adversary.step_size=null")
+    model, loud, _ = trained(
+        tmp_path, "adversary.steps=3", "adversary.random_start=1", "adversary.step_size=null"
+    )
     assert model.collapsed_at is None and loud.steps[2] == 3
 
 
 def test_options_of_training_train(tmp_path):
-    model, _, _ = trained(tmp_path, "train.channels_last=false", "train.label_smoothing=0.1", "train.momentum=0")
+    model, _, _ = trained(
+        tmp_path, "train.channels_last=false", "train.label_smoothing=0.1", "train.momentum=0"
+    )
     assert len(model.history) == 3
     assert all(p.is_contiguous() for p in model.model.parameters())
 
@@ -87,6 +105,8 @@ def test_fine_tuning_keeps_the_weights_own_statistics(given, moves, tmp_path):
     setting = f"train.batch_statistics={'null' if given is None else given}"
     model, _, _ = trained(tmp_path, f"weights={path}", setting)
     statistics = {k: v for k, v in model.model.state_dict().items() if "running" in k}
-    assert statistics and any((v != float("var" in k)).any() for k, v in statistics.items()) == moves
+    assert (
+        statistics and any((v != float("var" in k)).any() for k, v in statistics.items()) == moves
+    )
     model.train()
     assert any(m.training for m in model.modules() if isinstance(m, nn.BatchNorm2d)) == moves

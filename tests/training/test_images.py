@@ -1,4 +1,5 @@
-"""Image files as data: every mode that PIL knows gives the right picture or a sentence, and so does every damage."""
+"""Image files as data: every mode that PIL knows gives the right picture or a sentence, and so does
+every damage."""
 
 import io
 import struct
@@ -43,7 +44,10 @@ def of(mode, values=None):
 
 def with_alpha(mode):
     """The left half hides what is under it, a quarter shows half of it."""
-    image, alpha = of("RGB", COLOURS).convert(mode.removesuffix("A")), np.full((SIDE, SIDE), 255, np.uint8)
+    image, alpha = (
+        of("RGB", COLOURS).convert(mode.removesuffix("A")),
+        np.full((SIDE, SIDE), 255, np.uint8),
+    )
     alpha[:, : SIDE // 2] = 0
     image.putalpha(Image.fromarray(alpha))
     return image
@@ -79,7 +83,10 @@ FILES = {
     "CMYK": (lambda: pil(CMYK, "tiff"), np.array(CMYK.convert("RGB"))),
     "16-bit grey PNG": (lambda: cv(deep(RAMP)), rgb(RAMP)),
     "16-bit grey TIFF": (lambda: cv(deep(RAMP), "tiff"), rgb(RAMP)),
-    "16-bit grey TIFF, high byte first": (lambda: pil(Image.fromarray(deep(RAMP).astype(">u2")), "tiff"), rgb(RAMP)),
+    "16-bit grey TIFF, high byte first": (
+        lambda: pil(Image.fromarray(deep(RAMP).astype(">u2")), "tiff"),
+        rgb(RAMP),
+    ),
     "16-bit grey PGM": (lambda: cv(deep(RAMP), "pgm"), rgb(RAMP)),
     "16-bit RGB PNG": (lambda: cv(deep(COLOURS[..., ::-1])), COLOURS),
     "16-bit RGB TIFF": (lambda: cv(deep(COLOURS[..., ::-1]), "tiff"), COLOURS),
@@ -111,14 +118,25 @@ def test_every_mode_keeps_its_picture(name, tmp_path):
     [("I", RAMP.astype(np.int32)), ("F", RAMP.astype(np.float32) / 255), ("LAB", COLOURS)],
 )
 def test_a_mode_of_unknown_white_is_refused_by_name(mode, values, tmp_path):
-    image = Image.fromarray(values) if mode != "LAB" else Image.frombytes("LAB", (SIDE, SIDE), values.tobytes())
+    image = (
+        Image.fromarray(values)
+        if mode != "LAB"
+        else Image.frombytes("LAB", (SIDE, SIDE), values.tobytes())
+    )
     path, data = folder(tmp_path, pil(image, "tiff"), "tiff")
-    with pytest.raises(ValueError, match=f"The image {path} could not be read .*mode is '{mode}'.*8 or 16 bits"):
+    with pytest.raises(
+        ValueError, match=f"The image {path} could not be read .*mode is '{mode}'.*8 or 16 bits"
+    ):
         data[0]
 
 
 def chunk(name, content):
-    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+    return (
+        struct.pack(">I", len(content))
+        + name
+        + content
+        + struct.pack(">I", zlib.crc32(name + content))
+    )
 
 
 def png_of_size(side):
@@ -145,7 +163,9 @@ DAMAGED = {
 def test_a_file_that_is_no_picture_is_named(name, tmp_path):
     content, says = DAMAGED[name]
     path, data = folder(tmp_path, content)
-    with pytest.raises(ValueError, match=f"The image {path} could not be read .*Remove or replace the file") as error:
+    with pytest.raises(
+        ValueError, match=f"The image {path} could not be read .*Remove or replace the file"
+    ) as error:
         data[0]
     assert says in str(error.value) and "\n" not in str(error.value)
 

@@ -1,4 +1,5 @@
-"""Classifiers by name: shapes, weights that come back, heads that are replaced, and errors that say what to do."""
+"""Classifiers by name: shapes, weights that come back, heads that are replaced, and errors that say
+what to do."""
 
 import argparse
 
@@ -26,13 +27,19 @@ def test_small_resnet_maps_images_to_logits(size, width):
 
 
 def test_small_resnet_is_small():
-    assert 80_000 < sum(parameter.numel() for parameter in models.SmallResNet(16).parameters()) < 200_000
+    assert (
+        80_000
+        < sum(parameter.numel() for parameter in models.SmallResNet(16).parameters())
+        < 200_000
+    )
 
 
 def test_every_parameter_and_the_image_receive_a_gradient():
     model, images = models.SmallResNet(5, 4), torch.rand(4, 3, 32, 32, requires_grad=True)
     nn.functional.cross_entropy(model(images), torch.arange(4)).backward()
-    assert all(parameter.grad is not None and parameter.grad.any() for parameter in model.parameters())
+    assert all(
+        parameter.grad is not None and parameter.grad.any() for parameter in model.parameters()
+    )
     assert images.grad.any()
 
 
@@ -68,7 +75,9 @@ def test_small_resnet_refuses_empty_layers(arguments):
 def test_names_hold_classifiers_only():
     assert models.names()[0] == "small_resnet"
     assert {"resnet18", "mobilenet_v2", "vit_b_16"} < set(models.names())
-    assert not any("rcnn" in name or "raft" in name or "quantized" in name for name in models.names())
+    assert not any(
+        "rcnn" in name or "raft" in name or "quantized" in name for name in models.names()
+    )
 
 
 @pytest.mark.parametrize(
@@ -107,7 +116,11 @@ def test_another_number_of_classes_replaces_the_head_alone(name, head, classes, 
 
 def test_files_without_batch_counters_load(tmp_path):
     model = models.build("small_resnet", 7)
-    state = {key: value for key, value in model.state_dict().items() if not key.endswith("num_batches_tracked")}
+    state = {
+        key: value
+        for key, value in model.state_dict().items()
+        if not key.endswith("num_batches_tracked")
+    }
     torch.save(state, tmp_path / "old.pth")
     assert same(model, models.build("small_resnet", 7, str(tmp_path / "old.pth")), state)
 
@@ -174,9 +187,15 @@ def shorter_norm(state):
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (prefixed("net."), r"49 missing \(stem.weight, .*, \.\.\.\) and 58 unknown \(net.stem.weight, .*, \.\.\.\)"),
+        (
+            prefixed("net."),
+            r"49 missing \(stem.weight, .*, \.\.\.\) and 58 unknown \(net.stem.weight, .*, \.\.\.\)",
+        ),
         (lambda state: prefixed("module.")(one_less(state)), r"1 missing \(norm.bias\)"),
-        (narrowed, r"1 of another shape \(stem.weight \(16, 1, 3, 3\) instead of \(16, 3, 3, 3\)\)"),
+        (
+            narrowed,
+            r"1 of another shape \(stem.weight \(16, 1, 3, 3\) instead of \(16, 3, 3, 3\)\)",
+        ),
         (one_less, r"1 missing \(norm.bias\)"),
         (one_more, r"1 unknown \(tail.weight\)"),
         (other_features, r"1 of another shape \(head.weight \(7, 63\) instead of \(7, 64\)\)"),
@@ -218,7 +237,9 @@ def test_a_file_that_cannot_be_read_is_named(damage, tmp_path, monkeypatch):
     saved(models.build("small_resnet", 7), path)
     whole = path.read_bytes()
     path.write_bytes(
-        {"empty": b"", "text": b"<html>not found</html>", "cut": whole[: len(whole) // 2]}.get(damage, whole)
+        {"empty": b"", "text": b"<html>not found</html>", "cut": whole[: len(whole) // 2]}.get(
+            damage, whole
+        )
     )
     if damage == "flipped":
         path.write_bytes(bytes(255 - byte for byte in whole[:4000]) + whole[4000:])
@@ -231,7 +252,13 @@ def test_a_file_that_cannot_be_read_is_named(damage, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "content",
-    [[torch.zeros(2)], {"state_dict": {"a": 2}}, {"epoch": 3}, {"model": [torch.zeros(2)]}, torch.zeros(3)],
+    [
+        [torch.zeros(2)],
+        {"state_dict": {"a": 2}},
+        {"epoch": 3},
+        {"model": [torch.zeros(2)]},
+        torch.zeros(3),
+    ],
 )
 def test_a_file_that_holds_no_state_dict_is_named(content, tmp_path):
     torch.save(content, tmp_path / "weights.pth")
@@ -256,7 +283,11 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
     original = models.torchvision.models.get_model
     monkeypatch.setattr(models.torchvision.models, "get_model", get_model)
     tuned = models.build("squeezenet1_1", 7, "DEFAULT")
-    assert same(published, tuned, [key for key in published.state_dict() if not key.startswith("classifier")])
+    assert same(
+        published,
+        tuned,
+        [key for key in published.state_dict() if not key.startswith("classifier")],
+    )
 
     def offline(name, weights=None, **options):
         if weights:
@@ -264,13 +295,19 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
         return original(name, **options)
 
     monkeypatch.setattr(models.torchvision.models, "get_model", offline)
-    with pytest.raises(ValueError, match=r"'IMAGENET1K_V1' of 'squeezenet1_1' could not be fetched.*no route"):
+    with pytest.raises(
+        ValueError, match=r"'IMAGENET1K_V1' of 'squeezenet1_1' could not be fetched.*no route"
+    ):
         models.build("squeezenet1_1", 7, "IMAGENET1K_V1")
 
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("resnet19", "Closest: resnet18"), ("small-resnet", "Closest: small_resnet"), ("", "Please use 'small_resnet'")],
+    [
+        ("resnet19", "Closest: resnet18"),
+        ("small-resnet", "Closest: small_resnet"),
+        ("", "Please use 'small_resnet'"),
+    ],
 )
 def test_an_unknown_name_lists_the_closest(name, hint):
     with pytest.raises(ValueError, match=f"no model named {name!r}.*{hint}"):

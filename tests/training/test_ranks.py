@@ -21,7 +21,14 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 
 def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
-    given = ["recipe=moire_fast", *TINY, *BRIEF, "train.epochs=3", "trainer.devices=2", "trainer.strategy=ddp"]
+    given = [
+        "recipe=moire_fast",
+        *TINY,
+        *BRIEF,
+        "train.epochs=3",
+        "trainer.devices=2",
+        "trainer.strategy=ddp",
+    ]
     process = start("fit.py", *given, cwd=tmp_path)
     wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
     (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
@@ -48,7 +55,10 @@ def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
 
     cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
     runs.run_of(cfg).prepare()
-    with pytest.raises(ConnectionError, match=r"another process of this run was lost.*(exited unexpectedly|is killed)"):
+    with pytest.raises(
+        ConnectionError,
+        match=r"another process of this run was lost.*(exited unexpectedly|is killed)",
+    ):
         train_model(cfg, load(cfg.data)._replace(train=Fatal()))
 
 
@@ -59,7 +69,9 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
     monkeypatch.setattr(ranks.os, "_exit", ended.append)
     monkeypatch.setattr(ranks, "GRACE", 0.01)
     monkeypatch.setattr(ranks, "_ending", threading.Event())
-    monkeypatch.setattr(ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost])
+    monkeypatch.setattr(
+        ranks, "_children", [SimpleNamespace(poll=lambda: None, kill=lambda: left.append(1)), lost]
+    )
     ranks._end_with_children()
     assert ended == [1] and left == [1] and "the same command resumes" in capsys.readouterr().err
     ranks._ending.set()  # it has noticed by itself, and says so
@@ -70,7 +82,13 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
 
 
 def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
-    for name, value in {"NTASKS": "1", "PROCID": "0", "LOCALID": "0", "NODEID": "0", "JOB_ID": "1"}.items():
+    for name, value in {
+        "NTASKS": "1",
+        "PROCID": "0",
+        "LOCALID": "0",
+        "NODEID": "0",
+        "JOB_ID": "1",
+    }.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
     cfg = configured(*TINY)
     trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})

@@ -1,4 +1,5 @@
-"""What cuts a run short, and that the same command goes on from the last whole epoch to the same weights."""
+"""What cuts a run short, and that the same command goes on from the last whole epoch to the same
+weights."""
 
 import errno
 import json
@@ -105,7 +106,9 @@ with runs.held(Path(sys.argv[1])):
 def test_a_killed_command_gives_up_its_folder_at_once_though_its_workers_live_on(tmp_path):
     folder = tmp_path / "runs/clean/seed0"
     process = subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(folder)], env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE
+        [sys.executable, "-c", HOLDER, str(folder)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
     )
     assert process.stdout.readline() == b"held\n"
     workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
@@ -136,8 +139,15 @@ def test_a_disk_without_locks_is_worked_on_without_one(tmp_path, monkeypatch):
 
 def test_the_systems_own_errors_say_how_to_go_on():
     full = commands.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
-    assert "No space left" in full and "runs/report.html" in full and "resume with the same command" in full
-    assert commands.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n")) == "this."
+    assert (
+        "No space left" in full
+        and "runs/report.html" in full
+        and "resume with the same command" in full
+    )
+    assert (
+        commands.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n"))
+        == "this."
+    )
     assert commands.sentence(ValueError("this.")) == "this."
 
 
@@ -151,7 +161,8 @@ def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight
 
     monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(
-        OSError, match=r"ckpt could not be written \(No space left on device\): it needs .* MB are free"
+        OSError,
+        match=r"ckpt could not be written \(No space left on device\): it needs .* MB are free",
     ):
         train(tmp_path, "runs")
     folder = tmp_path / "runs/moire_fast/seed0"
@@ -174,14 +185,18 @@ def test_a_file_that_may_not_grow_is_not_left_half_written(tmp_path):
             io.save_checkpoint({"state": torch.ones(1_000_000)}, path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert torch.load(path)["state"].sum() == 0 and [p.name for p in tmp_path.iterdir()] == ["last.ckpt"]
+    assert torch.load(path)["state"].sum() == 0 and [p.name for p in tmp_path.iterdir()] == [
+        "last.ckpt"
+    ]
 
 
 def test_a_nan_loss_ends_at_the_last_whole_epoch(tmp_path, monkeypatch, straight):
     forward = Classifier.forward
 
     def broken(self, images):
-        return forward(self, images) * (float("nan") if self.training and self.current_epoch == 1 else 1)
+        return forward(self, images) * (
+            float("nan") if self.training and self.current_epoch == 1 else 1
+        )
 
     monkeypatch.setattr(Classifier, "forward", broken)
     with pytest.raises(FloatingPointError, match="the loss became nan in epoch 1"):
@@ -194,7 +209,12 @@ def test_a_nan_loss_ends_at_the_last_whole_epoch(tmp_path, monkeypatch, straight
 
 
 def test_an_image_that_cannot_be_read_is_named(tmp_path):
-    images = [tmp_path / f"images/{half}/{c}/{k}.png" for half in ("train", "test") for c in "ab" for k in range(12)]
+    images = [
+        tmp_path / f"images/{half}/{c}/{k}.png"
+        for half in ("train", "test")
+        for c in "ab"
+        for k in range(12)
+    ]
     for k, path in enumerate(images):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_png(torch.full((3, 20, 20), 5 * k, dtype=torch.uint8), str(path))
@@ -233,7 +253,9 @@ def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, mo
     assert not (folder / "train.json").exists()
 
     monkeypatch.setattr(fit, "attack_again", interrupt)
-    again = configured("recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}", "data.workers=1", "resume=true")
+    again = configured(
+        "recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}", "data.workers=1", "resume=true"
+    )
     assert fit.fit(again) == json.loads((folder / "metrics.json").read_text())
     assert "already finished; resume=false trains it again" in capsys.readouterr().out
 
@@ -261,7 +283,14 @@ def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
 
 def test_resume_true_requires_something_to_resume(tmp_path, straight):
     shutil.copytree(straight[0], tmp_path / "moire_fast/seed0")
-    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", "resume=true", f"runs={tmp_path}"]
+    given = [
+        "recipe=moire_fast",
+        *TINY,
+        "train.epochs=3",
+        "train.init=random",
+        "resume=true",
+        f"runs={tmp_path}",
+    ]
     runs.require_resumable(runs.run_of(configured(*given)))
     with pytest.raises(ValueError, match="was made with other settings"):
         runs.require_resumable(runs.run_of(configured(*given, "train.lr=0.05")))
@@ -274,21 +303,31 @@ def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):
     last = tmp_path / "runs/moire_fast/seed0/last.ckpt"
     last.write_bytes(last.read_bytes()[:5000])
     (last.parent / "train.json").unlink()
-    with pytest.raises(ValueError, match=r"could not be read .* with resume=false, which moves what is there aside"):
+    with pytest.raises(
+        ValueError, match=r"could not be read .* with resume=false, which moves what is there aside"
+    ):
         train(tmp_path, "runs")
 
 
 def test_the_best_score_is_known_in_a_folder_that_was_moved(tmp_path):
     def after(kind, **settings):
-        old, new = (kind(tmp_path / n, monitor="val_score", mode="max", **settings) for n in ("old", "new"))
+        old, new = (
+            kind(tmp_path / n, monitor="val_score", mode="max", **settings) for n in ("old", "new")
+        )
         path = str(tmp_path / "old/best.ckpt")
-        old.best_k_models, old.best_model_path, old.kth_best_model_path = {path: torch.tensor(0.9)}, path, path
+        old.best_k_models, old.best_model_path, old.kth_best_model_path = (
+            {path: torch.tensor(0.9)},
+            path,
+            path,
+        )
         new.load_state_dict(old.state_dict())
         return new.best_k_models
 
     keep = after(lambda folder, **settings: checkpoints.RunCheckpoint(folder, "best", **settings))
     assert keep == {str(tmp_path / "new/best.ckpt"): torch.tensor(0.9)}
-    assert after(ModelCheckpoint) == {}, "Lightning can do this by itself now: drop RunCheckpoint.load_state_dict"
+    assert after(ModelCheckpoint) == {}, (
+        "Lightning can do this by itself now: drop RunCheckpoint.load_state_dict"
+    )
 
 
 def test_what_does_not_change_a_result_does_not_tell_runs_apart():

@@ -22,13 +22,19 @@ def test():
 def nearest_mean_accuracy(train, test, train_labels=None):
     images, labels = train[0].flatten(1).float(), train[1] if train_labels is None else train_labels
     means = torch.stack([images[labels == label].mean(0) for label in range(CLASS_COUNT)])
-    return (torch.cdist(test[0].flatten(1).float(), means).argmin(1) == test[1]).float().mean().item()
+    return (
+        (torch.cdist(test[0].flatten(1).float(), means).argmin(1) == test[1]).float().mean().item()
+    )
 
 
 @pytest.mark.parametrize("size", [16, 33, 48])
 def test_images_are_uint8_planes_and_labels_int64(size):
     images, labels = signs.make("val", 5, size=size)
-    assert images.shape == (5, 3, size, size) and images.dtype == torch.uint8 and images.is_contiguous()
+    assert (
+        images.shape == (5, 3, size, size)
+        and images.dtype == torch.uint8
+        and images.is_contiguous()
+    )
     assert labels.shape == (5,) and labels.dtype == torch.int64
 
 
@@ -55,23 +61,33 @@ def test_faces_kept_in_memory_are_not_drawn_upon(train):
 def test_splits_and_seeds_share_no_image_and_no_order(train, other):
     images, labels = signs.make(**({"split": "train", "n": 64, "size": 32} | other))
     assert not torch.equal(labels, train[1][:64])
-    distance = torch.cdist(images.flatten(1).float(), train[0].flatten(1).float(), p=1) / images[0].numel()
+    distance = (
+        torch.cdist(images.flatten(1).float(), train[0].flatten(1).float(), p=1) / images[0].numel()
+    )
     assert distance.min() > 2
 
 
 def test_no_image_twice_in_one_split(train):
-    distance = torch.cdist(train[0].flatten(1).float(), train[0].flatten(1).float(), p=1) / train[0][0].numel()
+    distance = (
+        torch.cdist(train[0].flatten(1).float(), train[0].flatten(1).float(), p=1)
+        / train[0][0].numel()
+    )
     assert (distance + 255 * torch.eye(len(distance))).min() > 2
 
 
 @pytest.mark.parametrize("n", [1, CLASS_COUNT, 3 * CLASS_COUNT + 5, 200])
 def test_classes_are_balanced_to_within_one_image(n):
-    counts = np.bincount([signs.label_of("train", index) for index in range(n)], minlength=CLASS_COUNT)
+    counts = np.bincount(
+        [signs.label_of("train", index) for index in range(n)], minlength=CLASS_COUNT
+    )
     assert counts.sum() == n and counts.max() - counts.min() <= 1
 
 
 def test_labels_come_in_another_order_in_every_block():
-    orders = {tuple(signs.label_of("train", CLASS_COUNT * b + i) for i in range(CLASS_COUNT)) for b in range(20)}
+    orders = {
+        tuple(signs.label_of("train", CLASS_COUNT * b + i) for i in range(CLASS_COUNT))
+        for b in range(20)
+    }
     assert len(orders) == 20
 
 
@@ -82,7 +98,10 @@ def test_render_draws_all_its_chance_from_the_generator():
 
 
 def test_labels_change_the_sign_alone_and_every_pair_of_classes_differs():
-    pictures = [signs.render(label, np.random.default_rng(0), 48).astype(int) for label in range(CLASS_COUNT)]
+    pictures = [
+        signs.render(label, np.random.default_rng(0), 48).astype(int)
+        for label in range(CLASS_COUNT)
+    ]
     differing = [np.abs(a - b).mean() for i, a in enumerate(pictures) for b in pictures[:i]]
     assert min(differing) > 0.3
 
@@ -97,7 +116,9 @@ def test_faces_are_distinct_opaque_and_premultiplied(style):
 
 
 def test_left_and_right_are_mirror_images():
-    left, right = (np.asarray(signs.face(name, 1, 128)).astype(int) for name in ("turn_left", "turn_right"))
+    left, right = (
+        np.asarray(signs.face(name, 1, 128)).astype(int) for name in ("turn_left", "turn_right")
+    )
     assert np.abs(left - right).mean() > 5
     assert np.abs(left[:, ::-1] - right).mean() < 2
 

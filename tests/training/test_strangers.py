@@ -1,4 +1,5 @@
-"""A run's folder from a stranger is data; and what an attack on it cannot obey is refused before it begins."""
+"""A run's folder from a stranger is data; and what an attack on it cannot obey is refused before it
+begins."""
 
 import json
 import os
@@ -38,11 +39,20 @@ HOSTILE = [
     (added("suite: defences"), "Key 'suite' not in 'Config'"),
     (added("targets: {other: /etc}"), "Key 'targets' not in 'Config'"),
     (added("_target_: os.system"), "Key '_target_' not in 'Config'"),
-    (lambda t: t.replace("recipe: clean", "recipe: ${oc.env:SECRET}"), r"an interpolation \(\$\{\.\.\.\}\)"),
+    (
+        lambda t: t.replace("recipe: clean", "recipe: ${oc.env:SECRET}"),
+        r"an interpolation \(\$\{\.\.\.\}\)",
+    ),
     (lambda t: t.replace("recipe: clean", 'recipe: "\\x24{oc.env:SECRET}"'), "an interpolation"),
-    (lambda t: t.replace("scene: screen_photo", "scene: {${oc.env:SECRET}: 1}"), "an interpolation|could not be read"),
+    (
+        lambda t: t.replace("scene: screen_photo", "scene: {${oc.env:SECRET}: 1}"),
+        "an interpolation|could not be read",
+    ),
     (lambda t: t.replace("scene: screen_photo", "scene: {a: &a [x, x], b: *a}"), "a YAML alias"),
-    (lambda t: t.replace("recipe: clean", "recipe: !!python/object/apply:os.system [id]"), "could not be read as YAML"),
+    (
+        lambda t: t.replace("recipe: clean", "recipe: !!python/object/apply:os.system [id]"),
+        "could not be read as YAML",
+    ),
     (lambda t: t.replace("recipe: clean", "recipe: ../../elsewhere"), "recipe must be a name"),
     (lambda t: t.replace("recipe: clean", "recipe: ???"), "recipe is missing"),
     (lambda t: t.replace("model: small_resnet", "model: os"), "model must be one of"),
@@ -57,7 +67,9 @@ HOSTILE = [
 
 
 @pytest.mark.parametrize(("edit", "message"), HOSTILE)
-def test_settings_that_are_more_than_data_are_refused(edit, message, tmp_path, monkeypatch, nothing_attacked):
+def test_settings_that_are_more_than_data_are_refused(
+    edit, message, tmp_path, monkeypatch, nothing_attacked
+):
     monkeypatch.setenv("SECRET", "swordfish")
     folder = put(tmp_path, edit=edit)
     with pytest.raises(ValueError, match=message) as error:
@@ -77,11 +89,27 @@ def test_no_module_of_a_strangers_folder_runs(tmp_path):
 
 
 def test_options_that_act_come_from_the_command_line_alone(tmp_path):
-    folder = put(tmp_path, "trainer.devices=64", "trainer.strategy=ddp", "data.download=true", "data.workers=9")
+    folder = put(
+        tmp_path,
+        "trainer.devices=64",
+        "trainer.strategy=ddp",
+        "data.download=true",
+        "data.workers=9",
+    )
     given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
     cfg = overrides.onto(saved.read(folder).cfg, configured(*given, name="reattack"), given)
-    assert (cfg.demoire, cfg.suite, cfg.targets, cfg.reattack.n) == ("torch:relu", "defences", None, 3)
-    assert (cfg.trainer.devices, cfg.trainer.strategy, cfg.data.download, cfg.data.workers) == (1, "auto", False, 0)
+    assert (cfg.demoire, cfg.suite, cfg.targets, cfg.reattack.n) == (
+        "torch:relu",
+        "defences",
+        None,
+        3,
+    )
+    assert (cfg.trainer.devices, cfg.trainer.strategy, cfg.data.download, cfg.data.workers) == (
+        1,
+        "auto",
+        False,
+        0,
+    )
     assert cfg.data.size == 24 and cfg.reattack.steps == 2, "these are the run's own"
 
 
@@ -114,34 +142,62 @@ def test_a_checkpoint_is_tensors_alone(kind, where, tmp_path, capsys):
         assert again in said and "resume=false" in said
     else:
         given = [f"targets={{other: {bad}}}", "suite=transfer"] if where == "target" else []
-        with pytest.raises(ValueError, match=r"best.ckpt (could not be read|holds no classifier's weights)"):
+        with pytest.raises(
+            ValueError, match=r"best.ckpt (could not be read|holds no classifier's weights)"
+        ):
             attack(run, *given)
     assert not (tmp_path / "burst").exists()
 
 
 @pytest.mark.parametrize(
     "train",
-    ["<script>", {"history": "<b>"}, {"seconds": "<b>", "history": [], "init": "clean"}, {"history": [{"loss": "x"}]}],
+    [
+        "<script>",
+        {"history": "<b>"},
+        {"seconds": "<b>", "history": [], "init": "clean"},
+        {"history": [{"loss": "x"}]},
+    ],
 )
 def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
     folder = put(tmp_path)
     for text in (json.dumps({"train": train}), "[1]", '"a"', "{", "[" * 10**5):
         (folder / "metrics.json").write_text(text)
         assert saved.trained(folder) is None
-    good = {"seconds": 1.0, "init": "random", "history": [{"epoch": 0, "loss": float("nan")}], "collapsed_at": None}
+    good = {
+        "seconds": 1.0,
+        "init": "random",
+        "history": [{"epoch": 0, "loss": float("nan")}],
+        "collapsed_at": None,
+    }
     (folder / "metrics.json").write_text(json.dumps({"train": good}))
     assert saved.trained(folder)["seconds"] == 1.0
 
 
 def test_a_run_that_is_data_is_attacked_and_its_settings_are_read_back(tmp_path):
-    folder = put(tmp_path, "scene={preset: screen_photo, view: {roll: [-3, 3]}}", "train.lr=1e-5", "data.val=null")
+    folder = put(
+        tmp_path,
+        "scene={preset: screen_photo, view: {roll: [-3, 3]}}",
+        "train.lr=1e-5",
+        "data.val=null",
+    )
     assert saved.read(folder).cfg == configured(
         "recipe=clean", *TINY, f"runs={tmp_path}", "scene={preset: screen_photo, view: {roll: [-3, 3]}}",
         "train.lr=1e-5", "data.val=null",
     )  # fmt: skip
     (folder / "metrics.json").write_text(json.dumps({"train": {"seconds": "<script>"}}))
-    found = attack(folder, "reattack.n=2", "reattack.eps=[0.01]", "reattack.steps=1", "data.val=16", "scene=paper_code")
-    assert found["reattack"][0]["n"] == 2 and found["train"] is None and found["scene_name"] == "paper_code"
+    found = attack(
+        folder,
+        "reattack.n=2",
+        "reattack.eps=[0.01]",
+        "reattack.steps=1",
+        "data.val=16",
+        "scene=paper_code",
+    )
+    assert (
+        found["reattack"][0]["n"] == 2
+        and found["train"] is None
+        and found["scene_name"] == "paper_code"
+    )
     assert "oc.env" not in (folder / "reattack/paper_code/metrics.json").read_text()
 
 
@@ -155,7 +211,10 @@ REFUSED = [
     (["adversary.eps=0.2"], "adversary.eps= says how"),
     (["resume=true"], "resume= says how"),
     (["data.augment=shift"], "data.augment= says how"),
-    (["targets={resnet18: FILE}"], "targets= is for suite=transfer or paper or trust; suite=ladder has no use"),
+    (
+        ["targets={resnet18: FILE}"],
+        "targets= is for suite=transfer or paper or trust; suite=ladder has no use",
+    ),
     (["demoire=torch:relu", "suite=jpeg"], "demoire= is for suite=defences or paper; suite=jpeg"),
     (["trainer.devices=2"], "trainer.devices= has no effect here"),
     (["trainer.precision=bf16-mixed", "suite=jpeg"], "trainer.precision= has no effect here"),
@@ -189,10 +248,18 @@ def test_weights_are_attacked_without_settings_of_training(given, nothing_attack
     ],
 )
 def test_data_of_other_classes_is_refused(trained_on, classes, message, tmp_path, monkeypatch):
-    folder = put(tmp_path / "runs", "data=folder", "data.size=24", "data.root=gone", classes=tuple(trained_on))
+    folder = put(
+        tmp_path / "runs",
+        "data=folder",
+        "data.size=24",
+        "data.root=gone",
+        classes=tuple(trained_on),
+    )
     root = images(tmp_path / "images", *classes)
     seen = []
-    monkeypatch.setattr(reattack, "suite_config", lambda cfg, *_: seen.append(cfg) or pytest.skip("reached"))
+    monkeypatch.setattr(
+        reattack, "suite_config", lambda cfg, *_: seen.append(cfg) or pytest.skip("reached")
+    )
     given = ["data=folder", f"data.root={root}", "suite=jpeg", "data.val=1"]
     if message:
         with pytest.raises(ValueError, match=message):
@@ -210,7 +277,13 @@ def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):
 
     out, _ = train(tmp_path, "runs", "train.epochs=1")
     assert saved.read(out).classes == dict(enumerate(signs.CLASSES))
-    cfg = configured("recipe=moire_fast", *TINY, "train.epochs=1", "train.init=random", f"runs={tmp_path / 'runs'}")
+    cfg = configured(
+        "recipe=moire_fast",
+        *TINY,
+        "train.epochs=1",
+        "train.init=random",
+        f"runs={tmp_path / 'runs'}",
+    )
     assert saved.damage(runs.run_of(cfg)) is None
 
 

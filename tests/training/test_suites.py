@@ -1,4 +1,5 @@
-"""Suites through the real command: every table, nothing computed twice, the same figures from several processes."""
+"""Suites through the real command: every table, nothing computed twice, the same figures from
+several processes."""
 
 import csv
 import json
@@ -35,9 +36,13 @@ TINY = [
 
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory):
-    """Of a small network that was never trained, but has the first image of the test right, so that one counts."""
+    """Of a small network that was never trained, but has the first image of the test right, so that
+    one counts."""
     torch.manual_seed(0)
-    path, model = tmp_path_factory.mktemp("weights") / "small.pt", models.build("small_resnet", 16).eval()
+    path, model = (
+        tmp_path_factory.mktemp("weights") / "small.pt",
+        models.build("small_resnet", 16).eval(),
+    )
     cfg = configured()
     images, labels = protocol_of(as_config(cfg), load(cfg.data)).batches[0]
     with torch.no_grad():
@@ -54,7 +59,9 @@ def configured(*overrides):
 
 
 def suite(name, weights, runs, *more):
-    cfg = configured("model=small_resnet", f"weights={weights}", f"suite={name}", f"runs={runs}", *more)
+    cfg = configured(
+        "model=small_resnet", f"weights={weights}", f"suite={name}", f"runs={runs}", *more
+    )
     return reattack.reattack(cfg, [])
 
 
@@ -76,7 +83,13 @@ def whole(weights, tmp_path_factory):
     runs = tmp_path_factory.mktemp("runs")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = suite("paper", weights, runs, f"targets={{small_resnet: {weights}, resnet34: null}}", "reattack.n=3")
+        found = suite(
+            "paper",
+            weights,
+            runs,
+            f"targets={{small_resnet: {weights}, resnet34: null}}",
+            "reattack.n=3",
+        )
     return found, folder_of(runs, "paper", 3).parent
 
 
@@ -107,7 +120,11 @@ def test_the_paper_suite_has_every_table(whole):
     assert not absent, "the paper's figures must stand beside cells that exist"
     for key in known.keys() & found.keys():
         assert found[key]["paper"] == known[key]
-    assert ("transfer", "small_resnet", "ma") in found and ("transfer", "resnet34", "ma") not in found
+    assert ("transfer", "small_resnet", "ma") in found and (
+        "transfer",
+        "resnet34",
+        "ma",
+    ) not in found
 
 
 def test_a_group_is_one_report(weights, tmp_path):
@@ -115,34 +132,72 @@ def test_a_group_is_one_report(weights, tmp_path):
     assert list(found["tables"]) == list(GROUPS["recipes"])
     folder = folder_of(tmp_path, "recipes", 3)
     page, text = (folder / "report.html").read_text(), (folder / "tables.md").read_text()
-    for title in ("The worst of the attackers", "Natural moiré in other scenes", "Verdict: what is the moiré"):
+    for title in (
+        "The worst of the attackers",
+        "Natural moiré in other scenes",
+        "Verdict: what is the moiré",
+    ):
         assert title in page
-    assert "| own scene |" in text and "Without any attacker the moiré adds most for" in text and "nan" not in text
-    assert page.count('<div class="cell"') == 7 + 4  # the attackers and controls of one bound, and the scenes
+    assert (
+        "| own scene |" in text
+        and "Without any attacker the moiré adds most for" in text
+        and "nan" not in text
+    )
+    assert (
+        page.count('<div class="cell"') == 7 + 4
+    )  # the attackers and controls of one bound, and the scenes
 
 
 def test_the_worst_case_is_no_better_than_any_of_its_row(whole):
     rows = whole[0]["tables"]["adaptive"]
     for name in {r["row"] for r in rows}:
-        rates = {r["column"]: r["success"] for r in rows if r["row"] == name and r["column"] != "clean"}
+        rates = {
+            r["column"]: r["success"] for r in rows if r["row"] == name and r["column"] != "clean"
+        }
         assert rates.pop("worst") >= max(rates.values())
 
 
 def test_every_form_of_the_tables_is_written(whole):
     metrics, out = whole
     folder = out / "paper"
-    assert {p.name for p in folder.iterdir()} == {"report.html", "metrics.json", "tables.md", "results.csv"}
+    assert {p.name for p in folder.iterdir()} == {
+        "report.html",
+        "metrics.json",
+        "tables.md",
+        "results.csv",
+    }
     page = (folder / "report.html").read_text()
-    for text in ("Verdict: what is the moiré, what the noise", "Can it be trusted?", "Resnet34: weights not at hand"):
+    for text in (
+        "Verdict: what is the moiré, what the noise",
+        "Can it be trusted?",
+        "Resnet34: weights not at hand",
+    ):
         assert text in page
     assert page.index("Verdict") < page.index("Success of the Moiré Attack (paper, table 1)</h2>")
     with (folder / "results.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
-    wanted = {"table", "row", "column", "condition", "eps", "steps", "success", "low", "high", "accuracy", "paper", "psnr"}
+    wanted = {
+        "table",
+        "row",
+        "column",
+        "condition",
+        "eps",
+        "steps",
+        "success",
+        "low",
+        "high",
+        "accuracy",
+        "paper",
+        "psnr",
+    }
     assert wanted <= lines[0].keys() and len(lines) == len(cells(metrics))
     assert {line["table"] for line in lines} == set(GROUPS["paper"])
     words = (folder / "tables.md").read_text()
-    assert words.count("\n## ") == len(GROUPS["paper"]) + 1 and "| resnet34 | – |" in words and "nan" not in words
+    assert (
+        words.count("\n## ") == len(GROUPS["paper"]) + 1
+        and "| resnet34 | – |" in words
+        and "nan" not in words
+    )
     assert json.loads((folder / "metrics.json").read_text())["trust"] == metrics["trust"]
     assert len(metrics["trust"]) == 10 and metrics["trust_n"] == 3
 
@@ -199,7 +254,9 @@ def test_records_that_are_missing_are_not_passed_over(weights, tmp_path):
     model = models.as_model(cfg.model, 16, cfg.weights, whole=True)
     plan = Plan(model, "unseen", protocol_of(cfg, load(cfg.data)), tmp_path)
     plan.run("one of two", rank=0, world=2)
-    with pytest.raises(ValueError, match=r"\d+ of \d+ records are missing: other processes did not finish"):
+    with pytest.raises(
+        ValueError, match=r"\d+ of \d+ records are missing: other processes did not finish"
+    ):
         plan.results()
 
 
@@ -238,8 +295,11 @@ def test_a_killed_evaluation_goes_on_where_it_was(weights, tmp_path):
 
 
 def test_processes_share_the_work(weights, tmp_path):
-    """Two of Lightning's processes: each its own batches, one report, the figures of one process."""
-    process = run(tmp_path, weights, "suite=noise_position", "trainer.devices=2", "trainer.strategy=ddp")
+    """Two of Lightning's processes: each its own batches, one report, the figures of one
+    process."""
+    process = run(
+        tmp_path, weights, "suite=noise_position", "trainer.devices=2", "trainer.strategy=ddp"
+    )
     out, err = process.communicate(timeout=240)
     assert process.returncode == 0, err
     assert out.count("Report: ") == 1
@@ -248,7 +308,9 @@ def test_processes_share_the_work(weights, tmp_path):
     for path in sorted(folder.glob("*.jsonl")):
         batches.append({json.loads(line)["batch"] for line in path.read_text().splitlines()})
     assert sorted(batches, key=min) == [{0}, {1}]
-    assert cells(metrics_of(tmp_path, "noise_position")) == cells(suite("noise_position", weights, tmp_path / "one"))
+    assert cells(metrics_of(tmp_path, "noise_position")) == cells(
+        suite("noise_position", weights, tmp_path / "one")
+    )
 
 
 def test_a_network_against_moire_is_a_defence(weights, tmp_path):
@@ -258,7 +320,9 @@ def test_a_network_against_moire_is_a_defence(weights, tmp_path):
     assert {relu, "quilting", "tvm"} <= rows
     same = []
     for row in (relu, "undefended"):
-        same.append({r["column"]: r["success"] for r in found["tables"]["defences"] if r["row"] == row})
+        same.append(
+            {r["column"]: r["success"] for r in found["tables"]["defences"] if r["row"] == row}
+        )
     assert same[0] == same[1]  # relu changes nothing in [0, 1]
 
 
@@ -266,11 +330,20 @@ def test_a_network_against_moire_is_a_defence(weights, tmp_path):
     ("more", "message"),
     [
         (["suite=defenses"], "suite must be one of .* got 'defenses'. Did you mean 'defences'"),
-        (["suite=transfer", "targets={nobody: FILE}"], "targets.nobody='FILE' is neither a run's folder"),
+        (
+            ["suite=transfer", "targets={nobody: FILE}"],
+            "targets.nobody='FILE' is neither a run's folder",
+        ),
         (["suite=transfer", "targets={resnet18: FILE}"], "no weights file 'FILE'"),
-        (["suite=defences", "demoire=nothing:there"], "demoire='nothing:there' could not be imported"),
+        (
+            ["suite=defences", "demoire=nothing:there"],
+            "demoire='nothing:there' could not be imported",
+        ),
         (["suite=defences", "demoire=math:pi"], "is a float, not a callable"),
-        (["suite=success", "reattack.batch_size=0"], "reattack.batch_size must be at least 1; got 0"),
+        (
+            ["suite=success", "reattack.batch_size=0"],
+            "reattack.batch_size must be at least 1; got 0",
+        ),
     ],
 )
 def test_mistakes_get_a_sentence(more, message, weights, tmp_path):
@@ -282,7 +355,9 @@ def test_mistakes_get_a_sentence(more, message, weights, tmp_path):
 def test_a_target_on_its_own_says_how_to_pass_it():
     from training.schema import ReattackConfig
 
-    with pytest.raises(SystemExit, match=r"pass targets whole, as in targets='\{resnet18: FILE, ...\}'"):
+    with pytest.raises(
+        SystemExit, match=r"pass targets whole, as in targets='\{resnet18: FILE, ...\}'"
+    ):
         check_keys(["targets.resnet18=FILE"], ReattackConfig)
 
 

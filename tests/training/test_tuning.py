@@ -1,4 +1,5 @@
-"""Fine-tuning: defaults under which any classifier learns from given weights, at any batch, in few steps."""
+"""Fine-tuning: defaults under which any classifier learns from given weights, at any batch, in few
+steps."""
 
 import pytest
 import torch

@@ -1,4 +1,5 @@
-"""Reports: one page that needs nothing but itself, Markdown, CSV, and a short form for the terminal."""
+"""Reports: one page that needs nothing but itself, Markdown, CSV, and a short form for the
+terminal."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ def write_run(path: Path, metrics: Mapping[str, Any], examples: Examples | None 
     Args:
         path: of the page; its folder is made where it is missing.
         metrics: what `metrics.json` holds. Entries may be missing; None and NaN stand for unknown.
-        examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W, 3) uint8} and, where
-            models were asked, "predictions": [(model, class, right)].
+        examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W,
+            3) uint8} and, where models were asked, "predictions": [(model, class, right)].
 
     Raises:
         ValueError: a picture that is not (H, W, 3) uint8.
@@ -55,10 +56,12 @@ def write_suite(
     lines: pd.DataFrame,
     examples: Mapping[str, Examples],
 ) -> str:
-    """Write report.html, tables.md and results.csv into a folder; returns the short form for the terminal.
+    """Write report.html, tables.md and results.csv into a folder; returns the short form for the
+    terminal.
 
     Args:
-        metrics: of the evaluation: model, suite, data, scene, steps, n, trust, time, plan, environment, command.
+        metrics: of the evaluation: model, suite, data, scene, steps, n, trust, time, plan,
+            environment, command.
         tables: what was asked. lines: their rates, as `frame.rates` gives them.
         examples: name of a table to blocks of pictures, as `write_run` takes them.
     """
@@ -94,7 +97,9 @@ def _curves(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
     drawn = plots.curves(trains)
     found = []
     for svg, caption in zip(drawn, captions, strict=False):
-        found.append({"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": caption, "caption": caption})
+        found.append(
+            {"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": caption, "caption": caption}
+        )
     return found
 
 

@@ -70,7 +70,8 @@ def capital(text: str) -> str:
 
 
 def tied(text: str) -> str:
-    """Return a text whose numbers stay on one line with their units. It is plain text, whatever it was."""
+    """Return a text whose numbers stay on one line with their units. It is plain text, whatever it
+    was."""
     text = str.__str__(text)
     for unit in UNITS:
         text = re.sub(rf"(?<=[\dn]) {unit}(?!\w)", f"\N{NO-BREAK SPACE}{unit}", text)

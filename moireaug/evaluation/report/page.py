@@ -85,5 +85,6 @@ def shown(image: Any, title: str) -> dict[str, Any]:
 
 
 def uri(data: bytes, kind: str) -> str:
-    """Return data as an address that holds all of it. SVGs too are images, so that ids in one cannot meet another's."""
+    """Return data as an address that holds all of it. SVGs too are images, so that ids in one
+    cannot meet another's."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"

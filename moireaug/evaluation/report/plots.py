@@ -1,7 +1,7 @@
 """The plots of a report, as SVG text. Rates are drawn by the page itself, in its tables.
 
-The colours are Okabe and Ito's (2008), told apart by every common kind of colour vision; in print the markers' shapes
-say the same.
+The colours are Okabe and Ito's (2008), told apart by every common kind of colour vision; in print
+the markers' shapes say the same.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ Train = Mapping[str, Any]
 
 
 def curves(trains: Mapping[str, Train | None]) -> list[str]:
-    """Draw loss and validation accuracy per epoch, one plot each; none where no model has a history.
+    """Draw loss and validation accuracy per epoch, one plot each; none where no model has a
+    history.
 
     Args:
         trains: name to `train` of this model, and of the baseline after it.
@@ -91,7 +92,8 @@ def _finish(ax: Axes, label: str, last: int) -> None:
 
 
 def _svg(figure: Figure) -> str:
-    """Return the figure as SVG, its letters as outlines, so that it looks the same where a font is missing."""
+    """Return the figure as SVG, its letters as outlines, so that it looks the same where a font is
+    missing."""
     file = io.StringIO()
     figure.savefig(file, format="svg", metadata={"Date": None})
     return file.getvalue()

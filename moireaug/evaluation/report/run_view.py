@@ -1,4 +1,5 @@
-"""What the report of a run shows: numbers out of its metrics, found once for the page and the terminal."""
+"""What the report of a run shows: numbers out of its metrics, found once for the page and the
+terminal."""
 
 from __future__ import annotations
 
@@ -24,8 +25,8 @@ class Rate:
 
 
 def run_view(metrics: Metrics) -> dict[str, Any]:
-    """Return what the templates of a run ask for. Entries of the metrics may be missing; None and NaN stand for
-    unknown."""
+    """Return what the templates of a run ask for. Entries of the metrics may be missing; None and
+    NaN stand for unknown."""
     known = {"start": metrics.get("start"), "baseline": metrics.get("baseline"), "ours": metrics}
     sides = {kind: side for kind, side in known.items() if side and side.get("reattack")}
     baseline = sides.get("baseline")
@@ -62,7 +63,8 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
 
 
 def name_of(side: Metrics) -> str:
-    """Return what to call a model: its recipe, or its architecture where it was not trained here."""
+    """Return what to call a model: its recipe, or its architecture where it was not trained
+    here."""
     recipe = side.get("recipe")
     if recipe and recipe != "pretrained":
         return str(recipe)
@@ -78,8 +80,14 @@ def total_seconds(side: Metrics | None) -> float | None:
 
 def _side(kind: str, side: Metrics) -> dict[str, Any]:
     name = name_of(side)
-    labels = {"start": f"start ({name})", "baseline": f"baseline ({name})", "ours": f"this model ({name})"}
-    counts = dict.fromkeys(str(row["counted"]) for row in side["reattack"] if row.get("counted") is not None)
+    labels = {
+        "start": f"start ({name})",
+        "baseline": f"baseline ({name})",
+        "ours": f"this model ({name})",
+    }
+    counts = dict.fromkeys(
+        str(row["counted"]) for row in side["reattack"] if row.get("counted") is not None
+    )
     return {"kind": kind, "name": name, "label": labels[kind], "counted": " / ".join(counts)}
 
 
@@ -111,7 +119,8 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
 
 
 def is_attack(line: Metrics) -> bool:
-    """Return whether an attacker searches this row's noise; the others only show what a camera does."""
+    """Return whether an attacker searches this row's noise; the others only show what a camera
+    does."""
     control = line.get("control")
     return not control if control is not None else str(line["name"]).startswith(("ma_", "pgd"))
 
@@ -145,7 +154,8 @@ def gain(metrics: Metrics, name: str) -> Rate:
 def _main(
     metrics: Metrics, rows: Sequence[dict[str, Any]], sides: Mapping[str, Metrics]
 ) -> dict[str, Any] | None:
-    """Return the row that the headline is about: the plain Moiré Attack at the middle eps, else the last row."""
+    """Return the row that the headline is about: the plain Moiré Attack at the middle eps, else the
+    last row."""
     if not rows:
         return None
     plain = []
@@ -170,8 +180,8 @@ def _main(
 
 
 def _change(gain: Rate) -> str | None:
-    """Return "raises" or "lowers"; "unclear" where the interval cannot tell the change from none; None where the
-    interval is not known."""
+    """Return "raises" or "lowers"; "unclear" where the interval cannot tell the change from none;
+    None where the interval is not known."""
     if gain.value is None or gain.low is None or gain.high is None:
         return None
     if gain.low <= 0 <= gain.high:
@@ -182,7 +192,8 @@ def _change(gain: Rate) -> str | None:
 def _shares(
     rows: Sequence[dict[str, Any]], main: dict[str, Any] | None, sides: Mapping[str, Metrics]
 ) -> list[dict[str, Any]]:
-    """Return what the camera, its moiré and the attacker's noise each add to the images fooled, baseline first."""
+    """Return what the camera, its moiré and the attacker's noise each add to the images fooled,
+    baseline first."""
     if main is None or not main["attack"]:
         return []
     by_name = {row["name"]: row for row in rows}

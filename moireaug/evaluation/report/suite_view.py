@@ -35,7 +35,10 @@ def suite_view(
     explained = True
     for table in tables:
         own = lines[lines["table"] == table.name]
-        view = _table_view(table, own) | {"examples": examples.get(table.name, []), "explained": explained}
+        view = _table_view(table, own) | {
+            "examples": examples.get(table.name, []),
+            "explained": explained,
+        }
         explained = explained and not view["examples"]
         views.append(view)
     with_verdict = [view for view in views if view["verdict"]]
@@ -75,7 +78,9 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
         "rows": rows,
         "facts": table.facts,
         "empty": table.empty,
-        "noise": [cell for cell in cells.values() if cell["psnr"] is not None and cell["judge"] == "model"],
+        "noise": [
+            cell for cell in cells.values() if cell["psnr"] is not None and cell["judge"] == "model"
+        ],
         "has_paper": any(cell["paper"] is not None for cell in cells.values()),
         "has_controls": any(cell["control"] for cell in cells.values()),
         "verdict": verdict(table, cells),
@@ -84,7 +89,9 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
 
 
 def _cell(line: dict[str, Any]) -> dict[str, Any]:
-    found = {name: line[name] for name in ("row", "column", "counted", "n", "judge", "seconds", "eps")}
+    found = {
+        name: line[name] for name in ("row", "column", "counted", "n", "judge", "seconds", "eps")
+    }
     for name in ("success", "low", "high", "paper", *MEASURES):
         found[name] = finite(line[name])
     found["control"] = line["column"] in CONTROLS
@@ -101,8 +108,8 @@ def _success(cells: Cells, row: str, column: str) -> float | None:
 
 
 def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
-    """Return what a table says of the moiré and of the noise, on its row at eps 4, or its first, by the strongest
-    attack that it has; None where it has none beside its photo."""
+    """Return what a table says of the moiré and of the noise, on its row at eps 4, or its first, by
+    the strongest attack that it has; None where it has none beside its photo."""
     row = "eps_4" if "eps_4" in table.rows else table.rows[0]
     attack = next((column for column in ATTACKS if column in table.columns), None)
     if attack is None:

@@ -25,16 +25,22 @@ def grid(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def run_summary(metrics: Metrics) -> str:
-    """Return the ladder as a table: accuracy of the start, the baseline and this model, and the gain over the baseline;
-    of an attack how far its noise moves the photo."""
+    """Return the ladder as a table: accuracy of the start, the baseline and this model, and the
+    gain over the baseline; of an attack how far its noise moves the photo."""
     run = run_view(metrics)
-    facts = [short(str(metrics[name]), 18) for name in ("data", "model", "scene_name") if metrics.get(name)]
+    facts = [
+        short(str(metrics[name]), 18)
+        for name in ("data", "model", "scene_name")
+        if metrics.get(name)
+    ]
     facts.append(f"n = {run['n']}" if run["rows"] else "not attacked")
     lines = [", ".join([*facts, "accuracy in %, eps in 1/255"])]
     if run["rows"]:
         lines += grid([_head(run), *[_line(run, row) for row in run["rows"]]])
     if run["noise"]:
-        lines.append("codes, dB: largest change of a code of 255, and PSNR, by the noise against this model")
+        lines.append(
+            "codes, dB: largest change of a code of 255, and PSNR, by the noise against this model"
+        )
     lines += _training(run)
     if run["unanswered"]:
         lines.append(render("unanswered.j2", found=run["unanswered"]))

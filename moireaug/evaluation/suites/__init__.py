@@ -1,7 +1,7 @@
 """Suites: which tables answer which question, each a short definition.
 
-Rows and columns are laid out so that the controls stand beside the attack that they control: the same shots without
-noise, and with noise of random sign.
+Rows and columns are laid out so that the controls stand beside the attack that they control: the
+same shots without noise, and with noise of random sign.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Attackers who know of a defence, search harder, turn the camera, or do not know the pose; and the worst of them."""
+"""Attackers who know of a defence, search harder, turn the camera, or do not know the pose; and the
+worst of them."""
 
 from __future__ import annotations
 
@@ -21,9 +22,11 @@ QUERIES = 20  # of Square, for each gradient step of the others
 CAMERA = ("moire", "ma", "adaptive", "pose_unknown")  # what the worst case is the worst of
 
 
-def strong(eps: float, steps: int, knows: str = "", config: SuiteConfig | None = None) -> MoireAttacker:
-    """Return the Moiré Attack that searches harder: APGD by the margin, with two restarts; through a defence where one
-    is named."""
+def strong(
+    eps: float, steps: int, knows: str = "", config: SuiteConfig | None = None
+) -> MoireAttacker:
+    """Return the Moiré Attack that searches harder: APGD by the margin, with two restarts; through
+    a defence where one is named."""
     defence = config.defences[knows] if config is not None and knows else None
     variant = f"through_{knows}" if knows else "apgd_margin"
     return MoireAttacker(
@@ -39,7 +42,8 @@ def strong(eps: float, steps: int, knows: str = "", config: SuiteConfig | None =
 
 
 def adaptive(config: SuiteConfig) -> Table:
-    """What an attacker gains who knows of the defence, searches harder, or does not know the pose."""
+    """What an attacker gains who knows of the defence, searches harder, or does not know the
+    pose."""
     eps, steps = config.middle, config.steps
     plain = MoireAttacker(eps=eps, steps=steps)
     columns: dict[str, Condition] = controls(eps) | {
@@ -63,8 +67,8 @@ def adaptive(config: SuiteConfig) -> Table:
 
 
 def standard(config: SuiteConfig) -> Table:
-    """The ensemble that this field expects (Croce & Hein, 2020), on the raw reading, with the camera's own attackers;
-    each image at the worst of them and of the photo alone."""
+    """The ensemble that this field expects (Croce & Hein, 2020), on the raw reading, with the
+    camera's own attackers; each image at the worst of them and of the photo alone."""
     steps = config.steps
     parts, why = turnable(config.scene)
     cells: list[Cell] = []
@@ -92,7 +96,8 @@ def standard(config: SuiteConfig) -> Table:
 
 
 def worst_case(config: SuiteConfig) -> Table:
-    """Every attacker in front of the camera, and each image at the worst of them; PGD on pixels stands beside."""
+    """Every attacker in front of the camera, and each image at the worst of them; PGD on pixels
+    stands beside."""
     cells: list[Cell] = []
     steps = config.steps
     for eps in WORST_EPS:

@@ -1,7 +1,9 @@
-"""The ladder: how much of an attack's success is the camera, how much the moiré, how much the noise.
+"""The ladder: how much of an attack's success is the camera, how much the moiré, how much the
+noise.
 
-Every rung shows a model the same images through the same shots; each adds one thing to the rung before. The paper's
-tables lack the rungs between clean and attacked: on ImageNet the moiré alone often fools as many images as the attack.
+Every rung shows a model the same images through the same shots; each adds one thing to the rung
+before. The paper's tables lack the rungs between clean and attacked: on ImageNet the moiré alone
+often fools as many images as the attack.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ ANSWER = "answer"  # the one column
 
 
 def rungs(config: SuiteConfig) -> list[Condition]:
-    """Return the controls first, then the Moiré Attack at each eps, targeted at the middle one, then PGD."""
+    """Return the controls first, then the Moiré Attack at each eps, targeted at the middle one,
+    then PGD."""
     eps = sorted(config.eps)
     steps = config.steps
     found: list[Condition] = [Clean(), Dimmed(), PhotoWithoutMoire(), Photo()]

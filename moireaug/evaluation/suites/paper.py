@@ -26,7 +26,8 @@ ROLLS = (0, 5, 10, 15, 30, 45)  # degrees
 
 
 def controls(eps: float) -> dict[str, Condition]:
-    """Return what stands beside every attack: the image, and its photo without and with noise that nobody searched."""
+    """Return what stands beside every attack: the image, and its photo without and with noise that
+    nobody searched."""
     return {"clean": Clean(), "moire": Photo(), "random": RandomNoise(eps=eps)}
 
 
@@ -67,7 +68,8 @@ def success(config: SuiteConfig) -> Table:
 
 
 def mean_normalised(config: SuiteConfig) -> Table:
-    """Paper, table 2: the photo's mean brought to the clean image's; and to a fixed mean, as a deployed system can."""
+    """Paper, table 2: the photo's mean brought to the clean image's; and to a fixed mean, as a
+    deployed system can."""
     judges = {
         "as_it_is": UNDEFENDED,
         "restored": Judge("restored", restores_mean=True),
@@ -142,7 +144,8 @@ def budget(config: SuiteConfig) -> Table:
 
 
 def factors(config: SuiteConfig) -> Table:
-    """Paper, figure 6: rotation, and the factor alpha by which the picture is enlarged on the screen."""
+    """Paper, figure 6: rotation, and the factor alpha by which the picture is enlarged on the
+    screen."""
     scenes = {}
     for roll in ROLLS:
         view = dataclasses.replace(config.scene.view, roll=float(roll))
@@ -165,8 +168,8 @@ def factors(config: SuiteConfig) -> Table:
 
 
 def _enlarged(scene: Scene, alpha: float) -> Scene:
-    """Return a scene whose picture is `alpha` panel pixels wide an image pixel. The sensor grows too, so that a panel
-    pixel stays as many sensor pixels wide."""
+    """Return a scene whose picture is `alpha` panel pixels wide an image pixel. The sensor grows
+    too, so that a panel pixel stays as many sensor pixels wide."""
     low, high = bounds(scene.panel.scale)
     factor = alpha / ((low + high) / 2)
     panel = dataclasses.replace(scene.panel, scale=(low * factor, high * factor))
@@ -175,7 +178,8 @@ def _enlarged(scene: Scene, alpha: float) -> Scene:
 
 
 def noise_position(config: SuiteConfig) -> Table:
-    """Paper, appendix E: noise on the raw reading against noise on the developed photo ("Moiré + BIM")."""
+    """Paper, appendix E: noise on the raw reading against noise on the developed photo ("Moiré +
+    BIM")."""
     eps, steps = config.middle, config.steps
     columns = controls(eps)
     columns["ma"] = MoireAttacker(eps=eps, steps=steps)
@@ -185,6 +189,4 @@ def noise_position(config: SuiteConfig) -> Table:
     judges = {"undefended": UNDEFENDED}
     for quality in (20, 40):
         judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    return Table(
-        "noise_position", tuple(crossed(judges, columns)), published=_is_published(config)
-    )
+    return Table("noise_position", tuple(crossed(judges, columns)), published=_is_published(config))

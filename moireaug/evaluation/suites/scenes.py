@@ -1,4 +1,5 @@
-"""Nobody attacks: natural moiré of displays and cameras, and of scenes that a model was not trained in."""
+"""Nobody attacks: natural moiré of displays and cameras, and of scenes that a model was not trained
+in."""
 
 from __future__ import annotations
 
@@ -34,8 +35,9 @@ def natural(config: SuiteConfig) -> Table:
 
 
 def other_scenes(scene: Scene) -> dict[str, Scene]:
-    """Return the presets that are another scene and bring the photo back to the image's frame: one that leaves the
-    picture turned, as the paper's does, shows a model another task beside the moiré."""
+    """Return the presets that are another scene and bring the photo back to the image's frame: one
+    that leaves the picture turned, as the paper's does, shows a model another task beside the
+    moiré."""
     found = {}
     for name in PRESETS:
         preset = Scene.preset(name)
