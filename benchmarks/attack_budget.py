@@ -112,7 +112,8 @@ def drawn(results: dict[str, list[dict[str, Any]]], n: int) -> Figure:
     steps = ", ".join(
         str(s) for s in dict.fromkeys(row["steps"] for row in next(iter(results.values())))
     )
-    title = f"What an evaluation's accuracy costs: eps 4/255 on the raw reading; {steps} steps, Square 20 queries each"
+    title = "What an evaluation's accuracy costs: eps 4/255 on the raw reading; "
+    title += f"{steps} steps, Square {QUERIES} queries each"
     figure.suptitle(title, size=11.5)
     return figure
 
@@ -164,7 +165,8 @@ def main() -> None:
         print(measure.table(["attacker", "steps", "accuracy, %", "ms an image"], lines))
         best = recommended(rows)
         print(
-            f"Within a point of the least for the least time: {best['attacker']}, {best['steps']} steps\n"
+            f"Within a point of the least for the least time: {best['attacker']}, "
+            f"{best['steps']} steps\n"
         )
     chosen = {name: recommended(rows) for name, rows in results.items()}
     written = {"metadata": facts, "eps": EPS, "results": results, "recommended": chosen}

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 
 import torch
 import torch.nn.functional as F
-from hydra import compose, initialize
+from hydra import initialize
 from kornia.augmentation import RandomJPEG
 from torch import Tensor, nn
 from torchvision.models import resnet18
@@ -207,9 +207,8 @@ def training(size: Size) -> Iterator[Row]:
     with initialize(version_base="1.3", config_path=None), torch.enable_grad():
         calls = {}
         for name in ("moire_at", "pgd_at"):
-            calls[name] = training_steps.step(
-                compose("root", [f"recipe={name}", "model=small_resnet"]), batch, side
-            )
+            cfg = training_steps.configure(f"recipe={name}", "model=small_resnet")
+            calls[name] = training_steps.step(cfg, batch, side)
         times = timed_together(calls, 2 * size.slow)
     what = f"a moire_at step, small_resnet, {batch} of {side} px"
     yield in_ms(what, times["moire_at"], "a pgd_at step", times["pgd_at"], bar=1.25, stretch=1.1)

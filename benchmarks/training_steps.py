@@ -28,7 +28,7 @@ from benchmarks.problems import images
 from training.adversaries import WHOLE, passes
 from training.batches import Batch, Batches
 from training.data import load
-from training.schema import RECIPES, register
+from training.schema import RECIPES, Config, as_config, register
 from training.train import classifier_of
 
 # models: name, batch, side of its images
@@ -141,7 +141,12 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def step(cfg: DictConfig, batch: int, side: int) -> Callable[[], None]:
+def configure(*overrides: str) -> Config:
+    """Return the settings that these overrides of fit.py give."""
+    return as_config(compose("root", list(overrides)))
+
+
+def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
     """Return a step of training away from Lightning's loop; each call is the next visit of one
     batch."""
     torch.manual_seed(0)

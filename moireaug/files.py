@@ -56,7 +56,8 @@ def _sentence(path: Path, size: int, error: OSError) -> str:
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     free = shutil.disk_usage(folder).free / 1e6
     return (
-        f"{path} could not be written ({error.strerror or error}): it needs {size / 1e6:.1f} MB, and "
+        f"{path} could not be written ({error.strerror or error}): it needs {size / 1e6:.1f} MB, "
+        f"and "
         f"{free:.1f} MB are free. An older file there is still whole. Make room, and give the same "
         "command again."
     )

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from moireaug.attacks import PGD, Attack, MoireAttack
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.pose import moved_fields
+from moireaug.attacks.problem import single
 from moireaug.capture import capture
 from moireaug.scene.fields import bounds, one_of, ranged_fields
 from moireaug.scene.parts import PARTS
@@ -110,7 +111,7 @@ class Adversaries:
         """
         if self.cfg.kind == "pgd":
             return None
-        b, size = len(images), tuple(images.shape[-2:])
+        b, size = len(images), (images.shape[-2], images.shape[-1])
         shot = narrowed(self.scene.sample(b * self.cfg.worst_of, size), moment.width)
         if self.cfg.worst_of > 1:
             shot = self._worst(images, labels, shot)
@@ -124,7 +125,7 @@ class Adversaries:
                 step_size=STEP,
                 optimise=self.turned,
             )
-            shot = camera(images, labels, shot=shot).shot  # type: ignore[union-attr]
+            return single(camera(images, labels, shot=shot)).shot
         return shot
 
     def _worst(self, images: Tensor, labels: Tensor, shots: Shot) -> Shot:
@@ -136,11 +137,13 @@ class Adversaries:
         return shots[(loss.argmax(0) * b + torch.arange(b, device=loss.device)).to(shots.device)]
 
     def _now(self, moment: Moment) -> Attack:
-        return replace(self.attack, eps=moment.strength * self.cfg.eps)  # type: ignore[type-var]
+        if self.attack is None:
+            raise ValueError(f"the adversary {self.cfg.kind!r} has no attack.")
+        return replace(self.attack, eps=moment.strength * self.cfg.eps)
 
 
 def _attack(model: nn.Module, scene: Scene, cfg: Adversary) -> Attack | None:
-    steps = {
+    steps: dict[str, Any] = {
         "eps": cfg.eps,
         "steps": cfg.steps,
         "step_size": cfg.step_size,

@@ -69,12 +69,13 @@ class Replayed:
     def __iter__(self) -> Iterator[Batch]:
         held: list[Any] = []
         for n, pair in enumerate(self.loader, 1):
-            yield Batch(*pair, slot=len(held))
+            images, labels = pair
+            yield Batch(images, labels, slot=len(held))
             held.append(pair)
             if len(held) == self.window or n == len(self.loader):
                 for visit in range(1, self.replays):
-                    for slot, again in enumerate(held):
-                        yield Batch(*again, slot=slot, visit=visit)
+                    for slot, (images, labels) in enumerate(held):
+                        yield Batch(images, labels, slot=slot, visit=visit)
                 held = []
 
 
@@ -134,5 +135,7 @@ class Batches(L.LightningDataModule):
         )
 
     def val_dataloader(self) -> DataLoader:
-        sampler = DistributedSampler(self.splits.val, *self._ranks(), shuffle=False)
+        sampler: DistributedSampler = DistributedSampler(
+            self.splits.val, *self._ranks(), shuffle=False
+        )
         return self._loader(sampler, 320, False)

@@ -70,7 +70,7 @@ def _number(key: str, value: Any, low: float, high: float | None) -> None:
         isinstance(value, bool)
         or not isinstance(value, Real)
         or not math.isfinite(value)
-        or not low <= value <= most
+        or not low <= float(value) <= most
     ):
         raise ValueError(f"{key} must be {allowed}; got {value}.")
 

@@ -111,15 +111,15 @@ class Classifier(L.LightningModule):
     def training_step(self, batch: tuple[Tensor, ...], index: int) -> Tensor:
         # all draws follow from seed, epoch, batch and rank, so that a resumed run repeats them
         torch.manual_seed(mix(self.seed, self.current_epoch, index, self.global_rank))
-        batch = Batch(*batch)
-        labels = batch.labels
+        drawn = Batch(*batch)  # type: ignore[arg-type]
+        labels = drawn.labels
         n = round(self.threat.share * len(labels)) if self.threat.kind != "none" else 0
         try:
             if self.threat.replays > 1 and n:
-                shown, images = self._replayed(batch, n)
+                shown, images = self._replayed(drawn, n)
                 attacked = shown.images()
             else:
-                images = self._augmented(batch)
+                images = self._augmented(drawn)
                 attacked = (
                     self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
                 )
@@ -228,7 +228,7 @@ class Classifier(L.LightningModule):
         }
         self.history.append(row | {k: float(v) for k, v in means.items()})
 
-    def configure_optimizers(self) -> dict[str, Any]:
+    def configure_optimizers(self) -> Any:
         t = self.settings
         optimizer = torch.optim.SGD(
             self.parameters(),

@@ -50,7 +50,7 @@ def run(main: Callable[[], None], schema: type[Config]) -> None:
     Raises:
         SystemExit: a wrong command line, or jobs of a sweep that failed, with a list of them.
     """
-    sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)
     check_keys(sys.argv[1:], schema)
     if {"-m", "--multirun"} & set(sys.argv[1:]):  # Hydra writes into this folder before any job
         named = [
@@ -96,7 +96,7 @@ def sentences(kept: str) -> Iterator[None]:
                 raise
             complain(traceback.format_exc())
         if (
-            not isinstance(error, ConnectionError) or rank_zero_only.rank == 0
+            not isinstance(error, ConnectionError) or runs.is_first()
         ):  # the first process speaks for all
             complain(f"error: {sentence(error)}")
         if job is None:

@@ -35,13 +35,13 @@ class Splits(NamedTuple):
 
 
 def _resize(size: int) -> v2.Compose:
-    """The shorter side to `size`, the centre cut out: what ImageNet models are evaluated on, less
-    the 256 px margin."""
+    """Resize the shorter side to `size` and cut out the centre: what ImageNet models are evaluated
+    on, less the 256 px margin."""
     return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
 
 
 def _take(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
-    """A fixed random subset of n items; all of them if n is None or not smaller."""
+    """Return a fixed random subset of n items; all of them if n is None or not smaller."""
     if n is None or n >= len(data):  # type: ignore[arg-type]
         return data
     order = torch.randperm(len(data), generator=torch.Generator().manual_seed(seed))  # type: ignore[arg-type]
@@ -54,19 +54,22 @@ def _split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
     held = cfg.val if cfg.val is not None else total // 10
     if not 0 < held < total:
         raise ValueError(
-            f"data.val must leave training images: got {held} of {total}. Pass data.val=N below that."
+            f"data.val must leave training images: got {held} of {total}. Pass data.val=N below "
+            f"that."
         )
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()
     return _take(Subset(data, order[held:]), cfg.train), Subset(data, order[:held])
 
 
 def _signs(cfg: Data) -> Splits:
-    counts = {
-        s: getattr(DATA["signs"], s) if getattr(cfg, s) is None else getattr(cfg, s)
-        for s in signs.SPLITS
-    }
-    sets = [TensorDataset(*signs.make(s, n, size=cfg.size)) for s, n in counts.items()]
-    return Splits(*sets, dict(enumerate(signs.CLASSES)), len(signs.CLASSES))
+    made = {}
+    for split in signs.SPLITS:
+        n = getattr(cfg, split)
+        if n is None:
+            n = getattr(DATA["signs"], split)
+        made[split] = TensorDataset(*signs.make(split, n, size=cfg.size))
+    classes = dict(enumerate(signs.CLASSES))
+    return Splits(made["train"], made["val"], made["test"], classes, len(classes))
 
 
 def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Callable[[Data], Splits]:
@@ -79,7 +82,8 @@ def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Calla
         except (RuntimeError, OSError) as error:
             raise ValueError(
                 f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
-                "Pass data.download=true to fetch it, or data.root=DIR where torchvision has put it."
+                "Pass data.download=true to fetch it, or data.root=DIR where torchvision has put "
+                "it."
             ) from error
         names = getattr(sets[1], "classes", None) or [str(i) for i in range(43)]
         return Splits(
@@ -97,7 +101,8 @@ def _folder(cfg: Data) -> Splits:
     root = Path(cfg.root)
     if not root.is_dir():
         raise ValueError(
-            f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ inside it."
+            f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ "
+            f"inside it."
         )
     halves = (
         [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
@@ -107,14 +112,16 @@ def _folder(cfg: Data) -> Splits:
     except (FileNotFoundError, RuntimeError) as error:
         raise ValueError(
             f"data.root={cfg.root!r} does not look like an image folder: {error}. "
-            "It must hold train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, with images inside."
+            "It must hold train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, "
+            "with images inside."
         ) from error
     # with an index of its own, a class need not be in both halves
     numbers = [_numbers(half.classes, cfg) for half in sets]
     if numbers[0] != numbers[1] and not cfg.class_index:
         odd = sorted(set(sets[0].classes) ^ set(sets[1].classes))
         raise ValueError(
-            f"train/ and test/ under {cfg.root!r} must hold the same class folders; these differ: {odd[:5]}."
+            f"train/ and test/ under {cfg.root!r} must hold the same class folders; these "
+            f"differ: {odd[:5]}."
         )
     for half, index in zip(sets, numbers, strict=True):
         half.target_transform = [index[name] for name in half.classes].__getitem__
@@ -126,14 +133,15 @@ def _folder(cfg: Data) -> Splits:
 
 
 def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
-    """The class of each folder: its place, or what the CSV says."""
+    """Return the class of each folder: its place, or what the CSV says."""
     if not cfg.class_index:
         return {name: i for i, name in enumerate(names)}
     known = _class_index(Path(cfg.class_index))
     lost = [n for n in names if known.get(n, IMAGENET) >= IMAGENET]
     if lost:
         raise ValueError(
-            f"{cfg.class_index} names no class_index below {IMAGENET} for the folders {lost[:5]} of {cfg.root!r}."
+            f"{cfg.class_index} names no class_index below {IMAGENET} for the folders {lost[:5]} "
+            f"of {cfg.root!r}."
         )
     return {name: known[name] for name in names}
 
@@ -146,7 +154,8 @@ def _class_index(path: Path) -> dict[str, int]:
         return {row.get("folder") or row["wnid"]: int(row["class_index"]) for row in rows}
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise ValueError(
-            f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV file with a header and "
+            f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV "
+            f"file with a header and "
             "the columns folder (or wnid) and class_index, one row a folder."
         ) from error
 
@@ -161,7 +170,7 @@ LOADERS: dict[str, Callable[[Data], Splits]] = {
 
 
 def load(cfg: Data) -> Splits:
-    """The data set of that name.
+    """Load the data set of that name.
 
     Raises:
         ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says
@@ -178,14 +187,12 @@ def augment(images: Tensor, kind: str) -> Tensor:
         return images
     b, _, h, w = images.shape
     reach = max(1, h // 8)
-    where = {"device": images.device}
-    dy, dx = (torch.randint(-reach, reach + 1, (b, 1, 1), **where) for _ in range(2))
-    rows, cols = (
-        torch.arange(h, **where)[None, :, None] + dy,
-        torch.arange(w, **where)[None, None, :] + dx,
-    )
+    device = images.device
+    dy, dx = (torch.randint(-reach, reach + 1, (b, 1, 1), device=device) for _ in range(2))
+    rows = torch.arange(h, device=device)[None, :, None] + dy
+    cols = torch.arange(w, device=device)[None, None, :] + dx
     if kind == "shift_flip":
-        flip = torch.rand(b, 1, 1, **where) < 0.5
+        flip = torch.rand(b, 1, 1, device=device) < 0.5
         cols = torch.where(flip, w - 1 - cols, cols)
     inside = (rows >= 0) & (rows < h) & (cols >= 0) & (cols < w)
     index = (rows.clamp(0, h - 1) * w + cols.clamp(0, w - 1)).flatten(1)[:, None].expand(-1, 3, -1)

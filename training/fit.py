@@ -56,12 +56,12 @@ def fit(cfg: DictConfig | Config) -> Metrics:
     cfg = as_config(cfg)
     check(cfg)
     run = runs.run_of(cfg)
-    if rank_zero_only.rank == 0:
+    if runs.is_first():
         runs.make(run.folder)
     with runs.held(run.folder):
         if cfg.resume is not False and run.stage() == "finished":
             return finished(cfg)
-        if cfg.resume and rank_zero_only.rank == 0:
+        if cfg.resume and runs.is_first():
             plain = (runs.start_config(cfg), runs.baseline_config(cfg))
             runs.require_resumable(run, *[runs.run_of(other) for other in plain if other])
         began = time.perf_counter()
@@ -79,7 +79,7 @@ def finished(cfg: Config) -> Metrics:
     """
     out = runs.folder(cfg)
     known = runs.read_metrics(out) or {}
-    if "trust" in known or rank_zero_only.rank != 0:
+    if "trust" in known or not runs.is_first():
         print(report.run_summary(known))
     else:
         splits = load(cfg.data)
@@ -132,7 +132,7 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
     else:
         say(f"The {role} comes first: recipe {cfg.recipe}, with the same settings.")
     out = runs.folder(cfg)
-    if rank_zero_only.rank == 0:
+    if runs.is_first():
         runs.make(out)
     with runs.held(out):
         return one_run(cfg, splits, start, None, {}, check=False)
@@ -156,7 +156,7 @@ def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
     if before | {"reattack": None} != now | {"reattack": None}:
         return None
     say(f"The {role}'s weights are reused from {out} and attacked again: reattack.* has changed.")
-    if rank_zero_only.rank != 0:
+    if not runs.is_first():
         return known
     return known | describe(again(cfg, protocol_of(cfg, splits)))
 
@@ -183,11 +183,11 @@ def one_run(
         start, baseline: metrics of the runs beside it. spent: seconds so far, by phase.
         check: whether to check that the attack's figures can be trusted.
     """
-    run, first = runs.run_of(cfg), rank_zero_only.rank == 0
-    if first:
+    run = runs.run_of(cfg)
+    if runs.is_first():
         run.prepare()
     model, train = train_model(cfg, splits, before=start["train"] if start else None)
-    if not first:
+    if not runs.is_first():
         return {}
 
     protocol = protocol_of(cfg, splits)
@@ -204,6 +204,7 @@ def one_run(
 
 @hydra.main(version_base="1.3", config_path=None, config_name="root")
 def main(cfg: DictConfig) -> None:
+    """Run one job of the command line."""
     quiet()
     with commands.sentences(kept="Every complete epoch is kept"):
         fit(cfg)

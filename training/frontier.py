@@ -45,13 +45,13 @@ HEADS = ("clean", "moiré", "unseen", "worst 4/255 [95 %]", "gain", "8/255", "PG
 
 def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
     """Return what the figures are of, and what their intervals are."""
+    of = "{n} test images: {data}, {model}, scene {scene}, {steps} steps an attack".format(**shared)
     said = [
-        "Accuracy in % of {n} test images: {data}, {model}, scene {scene}, {steps} steps an attack.".format(
-            **shared
-        ),
+        f"Accuracy in % of {of}.",
         "Intervals of 95 % hold the choice of seeds and of images (two-way bootstrap).",
         "Worst case: each image at the worst of the photo alone and three Moiré Attacks.",
-        "Time is of training alone, on top of the clean weights that a recipe starts from; × clean counts both.",
+        "Time is of training alone, on top of the clean weights that a recipe starts from; "
+        "× clean counts both.",
         "● no other recipe is as robust at 4/255 for less time.",
     ]
     lost = [f"{r.name} in {r.collapsed} of {len(r.seeds)} seeds" for r in recipes if r.collapsed]
@@ -140,6 +140,7 @@ def _plain(recipe: Recipe) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str]) -> None:
+    """Read the command line, and end with a sentence where it cannot be followed."""
     folders = [a for a in argv if not a.startswith("out=")]
     if len(folders) != 1 or len(argv) > 2:
         raise SystemExit(

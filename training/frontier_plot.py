@@ -25,7 +25,7 @@ RIVALS = "#777777"
 
 
 def draw(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> bytes:
-    """The figure as a PNG of 1000 x 490 pixels."""
+    """Return the figure as a PNG of 1000 x 490 pixels."""
     file = io.BytesIO()
     figure(recipes, shared).savefig(file, format="png")
     return file.getvalue()
@@ -110,7 +110,7 @@ def _points(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
 
 
 def _front(places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The Pareto front as steps: between two recipes the cheaper one is what there is."""
+    """Return the Pareto front as steps: between two recipes the cheaper one is what there is."""
     line = sorted({place for place, front in zip(places, pareto(places), strict=True) if front})
     steps = [corner for (_, y), (x, top) in pairwise(line) for corner in ((x, y), (x, top))]
     return [line[0], *steps]
@@ -143,8 +143,8 @@ def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
 
 
 def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
-    """A name beside each point, at the nearest place that is free of points, intervals and other
-    names."""
+    """Put a name beside each point, at the nearest place that is free of points, intervals and
+    other names."""
     frame, places = np.array(ax.get_window_extent().extents), _places(recipes, key)
     renderer = ax.figure.canvas.get_renderer()  # type: ignore[attr-defined]
     pixels, data = ax.transData.transform, ax.transData.inverted().transform
@@ -169,7 +169,8 @@ def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
         ]
         best = min(boxes, key=lambda box: _cost(box, point, np.array(taken), frame))
         taken.append(best)
-        text.set_position(data(best[:2]))
+        left, bottom = data(best[:2])
+        text.set_position((left, bottom))
         end = np.clip(point, best[:2], best[2:])
         if np.hypot(*(end - point)) > 20:
             ax.plot(*data([point, end]).T, color=RIVALS, linewidth=0.7)
@@ -179,7 +180,7 @@ def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
 
 
 def _thick(line: np.ndarray) -> list[np.ndarray]:
-    """The upright and lying pieces of a line, as boxes (left, bottom, right, top) of some
+    """Return the upright and lying pieces of a line, as boxes (left, bottom, right, top) of some
     pixels."""
     return [
         np.concatenate([np.minimum(a, b) - 1.5, np.maximum(a, b) + 1.5]) for a, b in pairwise(line)

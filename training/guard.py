@@ -48,7 +48,7 @@ class Guard(L.Callback):
             return
         good = read_checkpoint(self.best)
         restore(trainer, module, good)
-        module.harden(module.history[-1]["epoch"])
+        module.harden(int(module.history[-1]["epoch"]))
         rank_zero_only(print)(
             f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three "
             f"steps fell to {history[-1]:.0%} from {max(history):.0%}. "

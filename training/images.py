@@ -50,7 +50,8 @@ def _rgb(image: Image.Image) -> Image.Image:
         return _on_white(image)
     if image.mode not in AS_RGB:
         raise ValueError(
-            f"its mode is {image.mode!r}, whose black and white are not known; save it with 8 or 16 bits"
+            f"its mode is {image.mode!r}, whose black and white are not known; save it with 8 or "
+            f"16 bits"
         )
     return image.convert("RGB")
 
@@ -70,5 +71,6 @@ def _why(error: Exception) -> str:
     if isinstance(error, UnidentifiedImageError):  # its own words are of a Python object
         return "it is empty, or no image of a known format"
     if isinstance(error, (Image.DecompressionBombWarning, Image.DecompressionBombError)):
-        return f"it has more than {Image.MAX_IMAGE_PIXELS} pixels, PIL's limit against decompression bombs"
+        most = Image.MAX_IMAGE_PIXELS
+        return f"it has more than {most} pixels, PIL's limit against decompression bombs"
     return str(error) or type(error).__name__

@@ -52,7 +52,8 @@ class SmallResNet(nn.Module):
         super().__init__()
         if num_classes < 1 or width < 1:
             raise ValueError(
-                f"SmallResNet got num_classes={num_classes} and width={width}; both must be at least 1. "
+                f"SmallResNet got num_classes={num_classes} and width={width}; both must be at "
+                f"least 1. "
                 "Please pass positive integers."
             )
         # Stride 2 at once: full resolution costs most of the time, and a 48 px sign is still
@@ -103,7 +104,7 @@ def names() -> list[str]:
 def build(
     name: str, num_classes: int, weights: str | None = None, *, whole: bool = False
 ) -> nn.Module:
-    """A classifier by name, freshly initialised or with weights.
+    """Return a classifier by name, freshly initialised or with weights.
 
     Args:
         name: "small_resnet" (takes [0, 1] images) or any torchvision classifier (its ImageNet
@@ -125,7 +126,8 @@ def build(
         hint = f" Closest: {', '.join(closest)}." if closest else ""
         raise ValueError(
             f"There is no model named {name!r}.{hint} "
-            "Please use 'small_resnet' or a name from torchvision.models.list_models(module=torchvision.models)."
+            "Please use 'small_resnet' or a name from "
+            "torchvision.models.list_models(module=torchvision.models)."
         )
     if num_classes < 1:
         raise ValueError(
@@ -172,8 +174,8 @@ def _published(name: str, weights: str) -> dict[str, Tensor]:
 
 
 def _read(name: str, path: str) -> Mapping[str, Tensor]:
-    """The state_dict in a file, on the CPU, with the names of the bare model; no code in it is
-    run."""
+    """Return the state_dict in a file, on the CPU, with the names of the bare model; no code in it
+    is run."""
     if not Path(path).is_file():
         published = _published_names(name)
         other = f", or one of {', '.join(published)}" if published else ""
@@ -189,14 +191,16 @@ def _read(name: str, path: str) -> Mapping[str, Tensor]:
     # byte was hit.
     except Exception as error:
         raise ValueError(
-            f"The weights file {path!r} could not be read ({type(error).__name__}): it is damaged, or holds more than "
-            "tensors. Please fetch it again, or save it anew with torch.save(model.state_dict(), path)."
+            f"The weights file {path!r} could not be read ({type(error).__name__}): it is "
+            f"damaged, or holds more than "
+            "tensors. Please fetch it again, or save it anew with torch.save(model.state_dict(), "
+            "path)."
         ) from error
     return _without_prefix(_state_in(state, path))
 
 
 def _state_in(content: Any, path: str) -> Mapping[str, Tensor]:
-    """The state_dict that a file's content is, or holds beside an optimiser's."""
+    """Return the state_dict that a file's content is, or holds beside an optimiser's."""
     held = [content]
     if isinstance(content, Mapping):
         held += [content[name] for name in _HOLDERS if name in content]
@@ -206,14 +210,16 @@ def _state_in(content: Any, path: str) -> Mapping[str, Tensor]:
         ):
             return state
     raise ValueError(
-        f"The weights file {path!r} holds something other than a state_dict (a mapping of names to tensors), alone or "
-        f"as its {', '.join(map(repr, _HOLDERS))}. Please save it anew with torch.save(model.state_dict(), path)."
+        f"The weights file {path!r} holds something other than a state_dict (a mapping of names "
+        f"to tensors), alone or "
+        f"as its {', '.join(map(repr, _HOLDERS))}. Please save it anew with "
+        f"torch.save(model.state_dict(), path)."
     )
 
 
 def _without_prefix(state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
-    """The state_dict without what wrappers (DataParallel, Lightning, torch.compile) put before
-    every name."""
+    """Return the state_dict without what wrappers (DataParallel, Lightning, torch.compile) put
+    before every name."""
     for prefix in _WRAPPERS:
         if state and all(name.startswith(prefix) for name in state):
             return _without_prefix(
@@ -223,7 +229,7 @@ def _without_prefix(state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
 
 
 def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
-    """Copies state into model, but for a head made for another number of classes; raises ValueError
+    """Copy state into model, but for a head made for another number of classes; raises ValueError
     otherwise."""
     own = model.state_dict()
     given = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}

@@ -102,14 +102,16 @@ def read(root: Path) -> Found:
             trained[folder] = metrics
     if not trained:
         raise ValueError(
-            f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as training/fit.py writes them. "
+            f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as "
+            f"training/fit.py writes them. "
             "Pass the folder that runs= named, or one of other data or models in it."
         )
     try:
         return _compared(root, trained, others)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
-            f"a metrics.json in {root} lacks {error}: another version of this project wrote it. Train and attack again."
+            f"a metrics.json in {root} lacks {error}: another version of this project wrote it. "
+            f"Train and attack again."
         ) from error
 
 
@@ -161,7 +163,8 @@ def _group(root: Path) -> tuple[Path, list[str]]:
     if len(groups) == 1:
         return groups[0], []
     raise ValueError(
-        f"{root} holds runs of several data sets or models, which do not compare: pass one of {named}."
+        f"{root} holds runs of several data sets or models, which do not compare: pass one of "
+        f"{named}."
     )
 
 
@@ -203,7 +206,8 @@ def _same(every: Mapping[Path, Metrics], what: str) -> Metrics:
         for folder, value in values.items():
             if repr(value) != usual:
                 raise ValueError(
-                    f"{what} with different {key} do not compare: {folder} has {value!r}, most others have {usual}. "
+                    f"{what} with different {key} do not compare: {folder} has {value!r}, most "
+                    f"others have {usual}. "
                     "Make it again with the same, or move it to another folder."
                 )
             shared[key] = value
@@ -278,7 +282,8 @@ def _clean_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float:
         if source and source["recipe"] == "clean":
             return source["train"]["seconds"]
     raise ValueError(
-        f"{folder} does not say how long its clean start was trained, and there is no finished run in {twin}: "
+        f"{folder} does not say how long its clean start was trained, and there is no finished "
+        f"run in {twin}: "
         f"train recipe clean with seed={metrics['seed']} and the same settings."
     )
 

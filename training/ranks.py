@@ -39,7 +39,7 @@ def together(trainer: L.Trainer) -> Iterator[None]:
     """
     _ending.clear()  # of another job of the same sweep
     # Lightning's observer kills this process without a word
-    subprocess_script._launch_process_observer = _observe
+    subprocess_script._launch_process_observer = _observe  # type: ignore[assignment]
     environment = getattr(trainer.strategy, "cluster_environment", None)
     if trainer.local_rank > 0 and isinstance(environment, LightningEnvironment):
         threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()

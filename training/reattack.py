@@ -1,10 +1,10 @@
-"""Attack any classifier: a run's best checkpoint, or a torchvision model with given weights on a
+r"""Attack any classifier: a run's best checkpoint, or a torchvision model with given weights on a
 folder of images.
 
     python training/reattack.py run=runs/moire_at/seed0
     python training/reattack.py run=runs/moire_at/seed0 scene=dashcam_at_led_sign reattack.n=1600
     python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR
-    data.class_index=CSV \\
+    data.class_index=CSV \
         data.size=224 scene=paper_code suite=paper targets='{resnet18: FILE, resnet50: FILE}'
 
 Writes report.html and metrics.json into <run>/reattack/<scene>-n<images>-steps<steps>/<suite>/, or,
@@ -23,6 +23,7 @@ from typing import Any
 import hydra
 import torch
 import torchvision
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 from torch import nn
 
@@ -78,9 +79,11 @@ def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> Metrics:
     Raises:
         TypeError, ValueError: settings that cannot be followed, before time is spent.
     """
-    cfg = as_config(cfg)  # type: ignore[assignment]
-    overrides.check(cfg, given)
-    return attack_weights(cfg) if cfg.run is None else attack_run(cfg, given)
+    own = as_config(cfg)
+    if not isinstance(own, ReattackConfig):
+        raise TypeError(f"a re-attack needs a ReattackConfig; got a {type(own).__name__}.")
+    overrides.check(own, given)
+    return attack_weights(own) if own.run is None else attack_run(own, given)
 
 
 def attack_weights(cfg: ReattackConfig) -> Metrics:
@@ -88,7 +91,8 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
     check(cfg)
     if cfg.weights is None:
         raise ValueError(
-            "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE (or torchvision's "
+            "nothing to attack: pass run=DIR of a trained run, or model=NAME with weights=FILE "
+            "(or torchvision's "
             "name of weights, such as DEFAULT)."
         )
     home = Path(cfg.runs) / "reattack" / cfg.model
@@ -118,7 +122,8 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
     runs.make(found.folder / "reattack")
     if not (found.folder / "metrics.json").is_file():
         print(
-            f"note: the run in {found.folder} is not finished; its best checkpoint so far is attacked."
+            f"note: the run in {found.folder} is not finished; its best checkpoint so far is "
+            f"attacked."
         )
     began = time.perf_counter()
     splits = load(cfg.data)
@@ -216,8 +221,9 @@ def published_names(model: str) -> dict[int, str]:
 
 @hydra.main(version_base="1.3", config_path=None, config_name="reattack")
 def main(cfg: DictConfig) -> None:
+    """Run one job of the command line."""
     with commands.sentences(kept="Every record is kept"):
-        reattack(cfg, list(hydra.core.hydra_config.HydraConfig.get().overrides.task))
+        reattack(cfg, list(HydraConfig.get().overrides.task))
 
 
 register()

@@ -148,7 +148,7 @@ class Plan:
         require_whole(self.runner, self.phases.values())
         images = images_frame(self.tables, self.runner, self.every)
         lines = with_paper(rates(images), self.tables)
-        found = {}
+        found: Metrics = {}
         if self.check:
             trusted = images_frame([self.trust], self.runner, self.trusted)
             passed = checks(self.config, trusted, rates(trusted))
@@ -191,8 +191,10 @@ def require_whole(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> 
         wanted += len(indices) * sum(len(job.judges) for job in jobs)
     if missing:
         raise ValueError(
-            f"{missing} of {wanted} records are missing: other processes did not finish, or write to a folder that "
-            "this one cannot see. Give the same command again, with runs= on a disk that all nodes share."
+            f"{missing} of {wanted} records are missing: other processes did not finish, or "
+            f"write to a folder that "
+            "this one cannot see. Give the same command again, with runs= on a disk that all "
+            "nodes share."
         )
 
 

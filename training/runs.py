@@ -36,6 +36,11 @@ _NO_LOCKS = (
 PLAIN = ("clean", "baseline")  # recipes without an adversary, which the others are compared with
 
 
+def is_first() -> bool:
+    """Return whether this is the process that writes, prints and reports: the first of its run."""
+    return int(getattr(rank_zero_only, "rank", 0)) == 0
+
+
 def settings(cfg: DictConfig | Config) -> dict[str, Any]:
     """Return the settings that a run's result depends on, as plain values."""
     values = as_values(cfg)
@@ -225,7 +230,7 @@ def held(path: Path) -> Iterator[None]:
     Raises:
         ValueError: another command works on it.
     """
-    if rank_zero_only.rank != 0:
+    if not is_first():
         yield
         return
     path.parent.mkdir(parents=True, exist_ok=True)

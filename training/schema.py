@@ -20,6 +20,8 @@ RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 
 @dataclass
 class Data:
+    """Say which images, of what size, and how many."""
+
     name: str = MISSING
     root: str | None = (
         None  # folder: holds train/ and test/, or class folders alone (then all of it is test data)
@@ -73,6 +75,8 @@ class Adversary:
 
 @dataclass
 class Train:
+    """Say how the weights are trained."""
+
     epochs: int = 12
     batch_size: int = 128  # of all devices together
     lr: float | None = (
@@ -111,6 +115,8 @@ class Trainer:
 
 @dataclass
 class Reattack:
+    """Say how a trained model is attacked again."""
+
     n: int = 480  # test images
     batch_size: int | None = None  # null is 96, or fewer large images
     eps: list[float] = field(default_factory=lambda: [2 / 255, 4 / 255, 8 / 255])
@@ -120,6 +126,8 @@ class Reattack:
 
 @dataclass
 class Config:
+    """Hold every setting of a run."""
+
     recipe: str = MISSING
     seed: int = 0
     runs: str = "runs"
@@ -140,6 +148,8 @@ class Config:
 
 @dataclass
 class ReattackConfig(Config):
+    """Hold every setting of an attack on a run or on given weights."""
+
     recipe: str = "pretrained"
     run: str | None = (
         None  # a run's folder; its own settings hold, except for those on the command line
@@ -180,11 +190,10 @@ QUIET = {"run": {"dir": "."}, "sweep": {"dir": "${runs}", "subdir": "."}, "outpu
 
 def scene_of(cfg: Any) -> Scene:
     """Return the scene that `cfg.scene` names or describes; `cfg` has such an attribute."""
-    return as_scene(
-        OmegaConf.to_container(cfg.scene, resolve=True)
-        if OmegaConf.is_config(cfg.scene)
-        else cfg.scene
-    )
+    scene: Any = cfg.scene
+    if OmegaConf.is_config(scene):
+        scene = OmegaConf.to_container(scene, resolve=True)
+    return as_scene(scene)
 
 
 def check_keys(overrides: list[str], schema: type[Config]) -> None:
@@ -213,11 +222,10 @@ def check_keys(overrides: list[str], schema: type[Config]) -> None:
                     "recipe= says how a model is trained, and this one is only attacked: leave it "
                     "out."
                 )
-            known = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}.get(
-                key
-            )
-            for name in value.split(",") if known else ():
-                one_of(key, name, sorted(known))
+            names = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}
+            if key in names:
+                for name in value.split(","):
+                    one_of(key, name, sorted(names[key]))
     except ValueError as error:
         raise SystemExit(f"error: {error}") from None
 
@@ -229,8 +237,8 @@ def register() -> None:
     for name, node in DATA.items():
         store.store(group="data", name=name, node=node)
     for path in sorted(RECIPES.glob("*.yaml")):
-        node = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
-        store.store(group="recipe", name=path.stem, package="_global_", node=node)
+        recipe = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
+        store.store(group="recipe", name=path.stem, package="_global_", node=recipe)
     silent = [
         {"override hydra/job_logging": "disabled"},
         {"override hydra/hydra_logging": "disabled"},

@@ -46,8 +46,8 @@ def polygon(sides: int, radius: float, turn: float, x: float = 256, y: float = 2
     return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
 
 
-def _arrow(pen: Pen, points: Box, width: int, head: float, fill: Colour) -> None:
-    """A bent line with round joints and a triangular head beyond its last point."""
+def _arrow(pen: Pen, points: Box, width: int, head: float, fill: Colour | int) -> None:
+    """Draw a bent line with round joints and a triangular head beyond its last point."""
     pen.line(points, fill=fill, width=width, joint="curve")
     (x0, y0), (x, y) = points[-2:]
     pen.polygon(polygon(3, head, 90 + math.degrees(math.atan2(y - y0, x - x0)), x, y), fill=fill)
@@ -119,8 +119,8 @@ def _roundabout(pen: Pen, style: int) -> None:
 
 
 def _warning(pen: Pen, style: int) -> tuple[float, float]:
-    """The blank warning sign, a triangle or a diamond; returns the height of its middle and the
-    pictogram's scale."""
+    """Draw the blank warning sign, a triangle or a diamond; returns the height of its middle and
+    the pictogram's scale."""
     if style == 2:
         pen.polygon(polygon(4, 254, 0), fill=_BLACK)
         pen.polygon(polygon(4, 240, 0), fill=_YELLOW)
@@ -151,8 +151,8 @@ def _warning_crossing(pen: Pen, style: int) -> None:
 
 
 def _lamps(pen: Pen, dots: np.ndarray, colour: Colour) -> None:
-    """A board of round lamps, lit where dots (rows, columns) is True, as wide as the canvas and
-    centred on it."""
+    """Draw a board of round lamps, lit where dots (rows, columns) is True, as wide as the canvas
+    and centred on it."""
     rows, columns = dots.shape
     pitch = 488 / max(rows, columns)
     left, top = 256 - pitch * columns / 2, 256 - pitch * rows / 2
@@ -207,8 +207,8 @@ FACES: dict[str, Callable[[Pen, int], None]] = {
 
 @cache
 def face(name: str, style: int, side: int) -> Image.Image:
-    """The sign alone, (side, side), premultiplied by its alpha so that it can be resampled without
-    dark fringes."""
+    """Draw the sign alone, (side, side), premultiplied by its alpha so that it can be resampled
+    without dark fringes."""
     canvas = Image.new("RGBA", (_FACE, _FACE))
     FACES[name](ImageDraw.Draw(canvas), style)
     return canvas.convert("RGBa").reduce(_FACE // side)

@@ -43,8 +43,8 @@ def _noise_tile(slope: float) -> Image.Image:
 def _noise(
     rng: np.random.Generator, side: int, extent: float, slope: float = 1.5, flat: float = 1.0
 ) -> np.ndarray:
-    """A random window (side, side, 1) of the noise tile, extent tile pixels wide and flat times as
-    high."""
+    """Cut a random window (side, side, 1) of the noise tile, extent tile pixels wide and flat times
+    as high."""
     x, y = rng.uniform(0, 512 - extent), rng.uniform(0, 512 - extent * flat)
     box = (x, y, x + extent, y + extent * flat)
     return np.asarray(_noise_tile(slope).resize((side, side), Image.Resampling.BILINEAR, box))[
@@ -55,7 +55,7 @@ def _noise(
 def _colour(
     rng: np.random.Generator, low: tuple[float, ...], high: tuple[float, ...]
 ) -> np.ndarray:
-    """A colour between two, (3,), with a little of its own in every channel."""
+    """Mix a colour between two, (3,), with a little of its own in every channel."""
     return (np.array(low) + rng.random() * np.subtract(high, low) + rng.normal(0, 0.03, 3)).astype(
         np.float32
     )
@@ -130,7 +130,7 @@ _SCENES = (_sky, _foliage, _road, _facade)
 
 
 def _scene(rng: np.random.Generator, side: int) -> np.ndarray:
-    """A street without its sign: night, or one surface, often above another."""
+    """Draw a street without its sign: night, or one surface, often above another."""
     if rng.random() < 0.15:
         return _night(rng, side)
     upper, lower = rng.integers(len(_SCENES), size=2)
@@ -194,12 +194,12 @@ def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.
     if rng.random() < 0.5:
         return paint
     grime = rng.uniform(0, 0.6) * np.clip(_noise(rng, len(paint), 70) * 2 - 0.8, 0, 1)
-    return paint + grime * (np.float32((0.24, 0.2, 0.15)) * alpha - paint)
+    return paint + grime * (np.array((0.24, 0.2, 0.15), np.float32) * alpha - paint)
 
 
 def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float) -> None:
-    """What comes between sign and camera: a sticker, a scribble, a twig with leaves from beyond the
-    rim."""
+    """Draw what comes between sign and camera: a sticker, a scribble, a twig with leaves from
+    beyond the rim."""
     if rng.random() < 0.2:
         x, y = middle + rng.uniform(-0.6, 0.6, 2) * radius
         sticker = polygon(
@@ -270,7 +270,8 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
     """
     if not 0 <= label < len(CLASSES):
         raise ValueError(
-            f"label={label} is no class. Please pass a number from 0 to {len(CLASSES) - 1}, see CLASSES."
+            f"label={label} is no class. Please pass a number from 0 to {len(CLASSES) - 1}, see "
+            f"CLASSES."
         )
     _check_size(size)
     fine = _FINE * size
@@ -309,8 +310,8 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def label_of(split: str, index: int, seed: int = 0) -> int:
-    """The class of one image: every run of len(CLASSES) indices holds each class once, in an order
-    of its own."""
+    """Return the class of one image: every run of len(CLASSES) indices holds each class once, in an
+    order of its own."""
     _check_split(split, seed)
     if index < 0:
         raise ValueError(
@@ -321,7 +322,7 @@ def label_of(split: str, index: int, seed: int = 0) -> int:
 
 
 def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
-    """The first n images of a split, uint8 (n, 3, size, size), and their classes, int64 (n,).
+    """Draw the first n images of a split, uint8 (n, 3, size, size), and their classes, int64 (n,).
 
     Args:
         split: "train", "val" or "test"; they share no randomness.

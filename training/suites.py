@@ -104,7 +104,8 @@ def targets_of(
                 found[name] = model.to(device).eval()
         else:
             raise ValueError(
-                f"targets.{name}={weights!r} is neither a run's folder with best.ckpt nor a model's name with weights. "
+                f"targets.{name}={weights!r} is neither a run's folder with best.ckpt nor a "
+                f"model's name with weights. "
                 "Pass targets='{NAME: DIR}', or targets='{resnet18: FILE}'."
             )
     if data.class_index:
@@ -138,6 +139,7 @@ def callable_of(name: str, device: torch.device) -> Defence:
         ) from error
     if not callable(found) or isinstance(found, type):
         raise ValueError(
-            f"demoire={name!r} is a {type(found).__name__}, not a callable on (B, 3, H, W) in [0, 1]."
+            f"demoire={name!r} is a {type(found).__name__}, not a callable on (B, 3, H, W) in "
+            f"[0, 1]."
         )
     return found.eval().to(device) if isinstance(found, nn.Module) else found

@@ -58,7 +58,7 @@ def train_model(
     if start and not resumed:
         classifier.load_state_dict(read_checkpoint(runs.folder(start) / "best.ckpt")["state_dict"])
     done = read_checkpoint(last)["history"] if resumed else []
-    if rank_zero_only.rank == 0:
+    if runs.is_first():
         write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
     say = rank_zero_only(print)
     epochs = f"{cfg.train.epochs} epochs"
@@ -89,7 +89,7 @@ def train_model(
         "passes": passes(cfg.adversary),
     }
     train = with_totals(train, before)
-    if rank_zero_only.rank == 0:
+    if runs.is_first():
         write_text(train_json, json.dumps(train))
     return classifier.eval(), train
 

@@ -81,3 +81,14 @@ class Problem(NamedTuple):
     pose: Tensor | None = None
     aim: Callable[[Tensor], Shot] | None = None
     still: tuple[str, ...] = ()
+
+
+def single(result: Result | list[Result]) -> Result:
+    """Return the result of an attack at one bound.
+
+    Raises:
+        TypeError: a list of results, of an attack at several.
+    """
+    if isinstance(result, list):
+        raise TypeError(f"eps must be one number here; got the results of {len(result)} bounds.")
+    return result

@@ -19,6 +19,7 @@ from moireaug.attacks import (
     evaluating,
 )
 from moireaug.attacks.pose import moved_fields
+from moireaug.attacks.problem import single
 from moireaug.capture import capture
 from moireaug.defenses import Defended
 from moireaug.evaluation.conditions import Condition, EvalBatch, codes
@@ -98,8 +99,8 @@ class MoireAttacker(Attacker):
             optimise=self.optimise,
         )
         try:
-            result = attack(
-                batch.images, *self.goals(batch), shot=batch.shot, generator=batch.generator
+            result = single(
+                attack(batch.images, *self.goals(batch), shot=batch.shot, generator=batch.generator)
             )
         except NoAnswerError:  # these images are wrong without an attack, and an evaluation goes on
             return capture(batch.images, batch.shot)
@@ -139,8 +140,9 @@ class TargetedApgd(Attacker):
             loss="dlr" if classes >= 4 else "margin",
         )
         try:
-            result = MultiTargeted(attack)(
-                batch.images, batch.labels, shot=batch.shot, generator=batch.generator
+            toward = MultiTargeted(attack)
+            result = single(
+                toward(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
             )
         except NoAnswerError:
             return capture(batch.images, batch.shot)
@@ -172,7 +174,7 @@ class PoseUnknown(Attacker):
             eot=DRAWS,
         )
         try:
-            result = attack(batch.images, *self.goals(batch), generator=batch.generator)
+            result = single(attack(batch.images, *self.goals(batch), generator=batch.generator))
         except NoAnswerError:
             return capture(batch.images, batch.shot)
         return capture(batch.images, batch.shot, result.noise)
@@ -195,8 +197,8 @@ class SquareAttacker(Attacker):
             model=batch.model, scene=batch.shot.scene, eps=self.eps, steps=self.steps
         )
         try:
-            result = attack(
-                batch.images, *self.goals(batch), shot=batch.shot, generator=batch.generator
+            result = single(
+                attack(batch.images, *self.goals(batch), shot=batch.shot, generator=batch.generator)
             )
         except NoAnswerError:
             return capture(batch.images, batch.shot)
@@ -227,7 +229,7 @@ class PixelAttacker(Attacker):
             settings["eps"] = self.eps
         attack = ATTACKS[self.attack](model=batch.model, **settings)
         try:
-            result = attack(batch.images, *self.goals(batch), generator=batch.generator)
+            result = single(attack(batch.images, *self.goals(batch), generator=batch.generator))
         except NoAnswerError:
             return batch.images
         return result.images

@@ -76,7 +76,8 @@ def evaluate(
     tables = tables_of(suite, config)
     if folder is not None and not isinstance(model, nn.Module):
         raise ValueError(
-            f"folder={str(folder)!r} keeps records by the model's weights, and a {type(model).__name__} has none: pass "
+            f"folder={str(folder)!r} keeps records by the model's weights, and a "
+            f"{type(model).__name__} has none: pass "
             "a torch.nn.Module, or leave folder out."
         )
     records = Records() if folder is None else RecordFolder(Path(folder))

@@ -25,6 +25,8 @@ from moireaug.scene.scene import Scene
 
 
 class Display(NamedTuple):
+    """A display of the paper's section 3.1, and where one stands before it."""
+
     layout: str
     pixel: float  # mm
     distance: float  # mm
@@ -32,6 +34,8 @@ class Display(NamedTuple):
 
 
 class Camera(NamedTuple):
+    """A camera of the paper's section 3.1."""
+
     focal: float  # sensor pixels
     olpf: float  # sensor pixels
 
@@ -60,16 +64,19 @@ def pitch(display: str, camera: str) -> float:
 
 
 def scene(display: str, camera: str, angle: float) -> Scene:
-    """The photo of that display by that camera from that angle, in degrees; held within two degrees
-    of level."""
+    """Return the photo of that display by that camera from that angle, in degrees; held within two
+    degrees of level."""
     screen, body = DISPLAYS[display], CAMERAS[camera]
     return Scene(
         panel=Panel(layout=screen.layout, scale=SCALE / pitch(display, camera)),
         view=View(
-            yaw=angle - 90.0, pitch=(-2.0, 2.0), roll=(-2.0, 2.0),
-            fov=math.degrees(2 * math.atan(math.hypot(SIDE, SIDE) * SCALE / 2 / body.focal)), fit=False,
+            yaw=angle - 90.0,
+            pitch=(-2.0, 2.0),
+            roll=(-2.0, 2.0),
+            fov=math.degrees(2 * math.atan(math.hypot(SIDE, SIDE) * SCALE / 2 / body.focal)),
+            fit=False,
         ),
         lens=Lens(blur=0.3, olpf=body.olpf),
         sensor=Sensor(scale=SCALE, gain=screen.gain, read_noise=0.005),
         develop=Develop(linear_light=True),
-    )  # fmt: skip
+    )

@@ -237,7 +237,8 @@ def _queries(seen: Seen) -> Check:
 
 def _breaks(seen: Seen) -> Check:
     broken, plain = seen.success["shattered"], seen.attack
-    says = f"behind a rounding without gradient, attacked through it, {_pc(broken)}; without it {_pc(plain)}"
+    says = f"behind a rounding without gradient, attacked through it, {_pc(broken)}; "
+    says += f"without it {_pc(plain)}"
     verdict = _verdict(broken >= plain - seen.slack)
     return Check("a defence that only hides gradients is broken", verdict, says)
 
@@ -248,7 +249,8 @@ def _settled(seen: Seen) -> Check:
 
 
 def _answered(seen: Seen) -> Check:
-    says = f"the logits of {seen.undecided} of {seen.answers} answers are NaN or infinite, which counts as wrong"
+    says = f"the logits of {seen.undecided} of {seen.answers} answers are NaN or infinite, "
+    says += "which counts as wrong"
     return Check("every image gets an answer", _verdict(seen.undecided == 0), says)
 
 

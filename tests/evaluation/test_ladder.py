@@ -39,8 +39,16 @@ def climbed(model, batches, eps=(4 / 255, 64 / 255), steps=4, seed=0, only=None,
 def test_rows_count_what_they_say(known):
     rows, _ = climbed(*known)
     assert list(rows) == [
-        "clean", "dimmed", "no_moire", "moire", "random_64", "ma_4", "ma_64", "ma_64_targeted", "pgd_64",
-    ]  # fmt: skip
+        "clean",
+        "dimmed",
+        "no_moire",
+        "moire",
+        "random_64",
+        "ma_4",
+        "ma_64",
+        "ma_64_targeted",
+        "pgd_64",
+    ]
     assert rows["clean"]["accuracy"] == 1.0 and rows["clean"]["success"] == 0.0
     for row in rows.values():
         assert row["n"] == 16 and row["counted"] == 16 and len(row["outcomes"]) == 16

@@ -50,7 +50,8 @@ def test_a_killed_process_leaves_its_file_to_the_next(tmp_path):
     """Its lock is the kernel's, and ends with it."""
     code = (
         "import os, pathlib, sys; from moireaug.evaluation.records import RecordFolder;"
-        "r = RecordFolder(pathlib.Path(sys.argv[1])); r.append([{'key': 'killed'}]); os.kill(os.getpid(), 9)"
+        "r = RecordFolder(pathlib.Path(sys.argv[1])); r.append([{'key': 'killed'}]); "
+        "os.kill(os.getpid(), 9)"
     )
     killed = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
     assert killed.returncode == -9

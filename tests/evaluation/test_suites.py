@@ -117,9 +117,14 @@ def test_the_controls_are_the_ladders(measured, known):
     _, _, ladder, _ = run_suite(*known, "ladder")
     accuracy = ladder.set_index("row")["accuracy"]
     for row, column, name in (
-        ("eps_4", "clean", "clean"), ("eps_4", "moire", "moire"), ("eps_8", "moire", "moire"), ("eps_4", "ma", "ma_4"),
-        ("eps_4", "pgd", "pgd_4"), (OWN, "moire", "moire"), (OWN, "no_moire", "no_moire"),
-    ):  # fmt: skip
+        ("eps_4", "clean", "clean"),
+        ("eps_4", "moire", "moire"),
+        ("eps_8", "moire", "moire"),
+        ("eps_4", "ma", "ma_4"),
+        ("eps_4", "pgd", "pgd_4"),
+        (OWN, "moire", "moire"),
+        (OWN, "no_moire", "no_moire"),
+    ):
         assert cell_of(measured[2], row, column)["accuracy"] == accuracy[name], (row, column)
 
 

@@ -12,8 +12,13 @@ import pytest
 from moireaug import extras
 
 ROOT = Path(__file__).resolve().parents[2]
-DISTRIBUTIONS = {"skimage": "scikit-image", "pywt": "PyWavelets", "hydra": "hydra-core", "yaml": "pyyaml",
-                 "omegaconf": "hydra-core"}  # fmt: skip
+DISTRIBUTIONS = {
+    "skimage": "scikit-image",
+    "pywt": "PyWavelets",
+    "hydra": "hydra-core",
+    "yaml": "pyyaml",
+    "omegaconf": "hydra-core",
+}
 
 WITHOUT = """
 import sys

@@ -21,9 +21,17 @@ from training.train import train_model
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = [
-    "data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2", "train.batch_size=32",
-    "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2", "trainer.accelerator=cpu",
-]  # fmt: skip
+    "data.train=64",
+    "data.val=32",
+    "data.test=48",
+    "data.size=24",
+    "train.epochs=2",
+    "train.batch_size=32",
+    "reattack.n=24",
+    "reattack.batch_size=12",
+    "reattack.steps=2",
+    "trainer.accelerator=cpu",
+]
 BRIEF = [
     "reattack.n=6",
     "reattack.eps=[0.02]",
@@ -36,10 +44,14 @@ LONG = 240  # seconds, for a busy machine
 def start(script, *overrides, cwd):
     """Start a script as a user does, away from the repository."""
     return subprocess.Popen(
-        [sys.executable, str(ROOT / "training" / script), *overrides], cwd=cwd,
-        env=os.environ | {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [sys.executable, str(ROOT / "training" / script), *overrides],
+        cwd=cwd,
+        env=os.environ
+        | {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def command(script, *overrides, cwd):

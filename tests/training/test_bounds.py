@@ -75,8 +75,14 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
 )
 def test_nothing_is_begun(override, message, tmp_path):
     with pytest.raises(ValueError, match=message):
-        fit.fit(configured("recipe=moire_aug" if "replays" in override else "recipe=moire_at", override,
-                           "trainer.accelerator=cpu", f"runs={tmp_path / 'runs'}"))  # fmt: skip
+        fit.fit(
+            configured(
+                "recipe=moire_aug" if "replays" in override else "recipe=moire_at",
+                override,
+                "trainer.accelerator=cpu",
+                f"runs={tmp_path / 'runs'}",
+            )
+        )
     assert not (tmp_path / "runs").exists()
 
 

@@ -144,8 +144,15 @@ def test_a_run_trained_for_another_is_checked_when_it_is_asked_for_itself(
 def test_the_gain_is_against_the_baseline_and_not_against_the_start():
     right, wrong = {"clean": "1" * 8}, {"clean": "0" * 8}
     cfg = configured("recipe=moire_at", *TINY)
-    side = {"recipe": "x", "seed": 0, "data": "signs", "model": "small_resnet", "clean_accuracy": 0.0, "train": None,
-            "reattack": []}  # fmt: skip
+    side = {
+        "recipe": "x",
+        "seed": 0,
+        "data": "signs",
+        "model": "small_resnet",
+        "clean_accuracy": 0.0,
+        "train": None,
+        "reattack": [],
+    }
     own = side | {"correct": {"clean": "1" * 8}}
     for start, baseline, gain in ((right, wrong, 1.0), (wrong, right, 0.0)):
         m = compare(cfg, own, None, side | {"correct": start}, side | {"correct": baseline})
@@ -264,10 +271,19 @@ def test_reattack_of_weights_on_a_folder(tmp_path):
     torch.manual_seed(0)
     torch.save(get_model("squeezenet1_1").state_dict(), tmp_path / "weights.pth")
     cfg = configured(
-        "model=squeezenet1_1", f"weights={tmp_path / 'weights.pth'}", "data=folder", f"data.root={tmp_path / 'images'}",
-        f"data.class_index={tmp_path / 'labels.csv'}", "data.size=32", "scene=paper_code", "reattack.n=4",
-        "reattack.steps=1", "reattack.batch_size=2", f"runs={tmp_path / 'runs'}", name="reattack",
-    )  # fmt: skip
+        "model=squeezenet1_1",
+        f"weights={tmp_path / 'weights.pth'}",
+        "data=folder",
+        f"data.root={tmp_path / 'images'}",
+        f"data.class_index={tmp_path / 'labels.csv'}",
+        "data.size=32",
+        "scene=paper_code",
+        "reattack.n=4",
+        "reattack.steps=1",
+        "reattack.batch_size=2",
+        f"runs={tmp_path / 'runs'}",
+        name="reattack",
+    )
     metrics = reattack.reattack(cfg, [])
     assert (
         metrics["baseline"] is None

@@ -73,8 +73,19 @@ def put(
         "data": {"name": data, "size": size, "root": at},
         "reattack": {"n": 480, "steps": 20, "seed": 1234},
     }
-    metrics = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet", "train": train, "config": config,
-               "baseline": baseline, "start": plain if started else None, "scene_name": scene, "scene": where, "environment": device}  # fmt: skip
+    metrics = {
+        "recipe": recipe,
+        "seed": seed,
+        "data": data,
+        "model": "small_resnet",
+        "train": train,
+        "config": config,
+        "baseline": baseline,
+        "start": plain if started else None,
+        "scene_name": scene,
+        "scene": where,
+        "environment": device,
+    }
     write(folder, metrics)
     if attacked:
         rows = [cell(f"eps_{e}", "worst", w, n) for e, w in zip((4, 8), worst, strict=True)]
@@ -210,8 +221,14 @@ def test_every_file_is_whole(root, capsys):
     )
     whole = json.loads((out / "frontier.json").read_text())
     assert whole["recipes"][1]["rates"]["worst_4"]["value"] == pytest.approx(0.32)
-    assert whole["shared"] == {"data": "signs", "model": "small_resnet", "scene": "screen_photo", "n": 200,
-                               "steps": 50, "seed": 1234}  # fmt: skip
+    assert whole["shared"] == {
+        "data": "signs",
+        "model": "small_resnet",
+        "scene": "screen_photo",
+        "n": 200,
+        "steps": 50,
+        "seed": 1234,
+    }
     words = (out / "frontier.md").read_text()
     assert (
         "| good ● | 3 |" in words
@@ -283,7 +300,8 @@ def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path
     found = read(root)
     assert len(found.points) == 10
     assert found.commands == [
-        f"python training/reattack.py run='{root}/new one/seed0' suite=recipes reattack.n=200 reattack.steps=50"
+        f"python training/reattack.py run='{root}/new one/seed0' suite=recipes reattack.n=200 "
+        f"reattack.steps=50"
     ]
     recipes = command.frontier(root, root / "out")
     assert (
@@ -311,7 +329,8 @@ def test_an_attack_in_another_scene_does_not_count(tmp_path):
     [
         (
             {"data": "cifar10"},
-            r"runs with different data.name do not compare: \S+odd/seed0 has 'cifar10', most others",
+            r"runs with different data.name do not compare: \S+odd/seed0 has 'cifar10', most "
+            r"others",
         ),
         (
             {"size": 32},
@@ -323,7 +342,8 @@ def test_an_attack_in_another_scene_does_not_count(tmp_path):
         ),
         (
             {"steps": 20},
-            "re-attacks with different reattack.steps do not compare: .* has 20, most others have 50",
+            "re-attacks with different reattack.steps do not compare: .* has 20, most others "
+            "have 50",
         ),
         ({"n": 480}, r"re-attacks with different reattack.n do not compare: \S+odd/seed0 has 480"),
     ],

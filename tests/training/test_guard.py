@@ -56,10 +56,15 @@ def trained(tmp_path, *overrides):
         dirpath=tmp_path, filename="best", monitor="epoch", mode="min", enable_version_counter=False
     )
     trainer = L.Trainer(
-        max_epochs=3, accelerator="cpu", logger=False, num_sanity_val_steps=0, use_distributed_sampler=False,
+        max_epochs=3,
+        accelerator="cpu",
+        logger=False,
+        num_sanity_val_steps=0,
+        use_distributed_sampler=False,
         callbacks=[EMAWeightAveraging(decay=0.5), best, guard.Guard(tmp_path / "best.ckpt"), loud],
-        enable_model_summary=False, enable_progress_bar=False,
-    )  # fmt: skip
+        enable_model_summary=False,
+        enable_progress_bar=False,
+    )
     trainer.fit(model, Batches(load(cfg.data), cfg.train, cfg.adversary, workers=0, seed=cfg.seed))
     return model, loud, torch.load(tmp_path / "best.ckpt", weights_only=True)
 

@@ -183,8 +183,16 @@ def test_a_bomb_ends_the_command_in_one_sentence(tmp_path):
     path, _ = folder(tmp_path, png_of_size(60_000))
     torn = path.replace(tmp_path / "train" / "a" / "0.png")
     done = inside(
-        "fit.py", "recipe=clean", "data=folder", f"data.root={tmp_path}", "data.size=24", "data.val=1",
-        "train.epochs=1", "train.batch_size=4", "trainer.accelerator=cpu", cwd=tmp_path,
-    )  # fmt: skip
+        "fit.py",
+        "recipe=clean",
+        "data=folder",
+        f"data.root={tmp_path}",
+        "data.size=24",
+        "data.val=1",
+        "train.epochs=1",
+        "train.batch_size=4",
+        "trainer.accelerator=cpu",
+        cwd=tmp_path,
+    )
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert f"error: The image {torn} could not be read" in done.stderr

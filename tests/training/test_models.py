@@ -189,7 +189,8 @@ def shorter_norm(state):
     [
         (
             prefixed("net."),
-            r"49 missing \(stem.weight, .*, \.\.\.\) and 58 unknown \(net.stem.weight, .*, \.\.\.\)",
+            r"49 missing \(stem.weight, .*, \.\.\.\) and 58 unknown \(net.stem.weight, .*, "
+            r"\.\.\.\)",
         ),
         (lambda state: prefixed("module.")(one_less(state)), r"1 missing \(norm.bias\)"),
         (

@@ -96,7 +96,10 @@ from torch.utils.data import DataLoader, TensorDataset
 from training import runs
 with runs.held(Path(sys.argv[1])):
     data = TensorDataset(torch.zeros(8))
-    batches = iter(DataLoader(data, 1, num_workers=1, persistent_workers=True, multiprocessing_context="fork"))
+    loader = DataLoader(
+        data, 1, num_workers=1, persistent_workers=True, multiprocessing_context="fork"
+    )
+    batches = iter(loader)
     next(batches)
     print("held", flush=True)
     time.sleep(600)
@@ -221,9 +224,15 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
     whole, torn = images[3].read_bytes(), images[3]
     torn.write_bytes(whole[:40])
     given = [
-        "recipe=clean", *TINY[3:], *BRIEF, "data=folder", f"data.root={tmp_path / 'images'}", "data.val=4",
-        "data.workers=1", "train.batch_size=8",
-    ]  # fmt: skip
+        "recipe=clean",
+        *TINY[3:],
+        *BRIEF,
+        "data=folder",
+        f"data.root={tmp_path / 'images'}",
+        "data.val=4",
+        "data.workers=1",
+        "train.batch_size=8",
+    ]
     failed = inside("fit.py", *given, cwd=tmp_path)
     assert failed.returncode == 1
     (said,) = [line for line in failed.stderr.splitlines() if "could not be read" in line]
@@ -236,23 +245,23 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
 
 def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, monkeypatch, capsys):
     cfg = configured("recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}")
-    folder, attack = runs.folder(cfg), fit.attack_again
+    folder, attack = runs.folder(cfg), fit.attack
 
     def interrupt(*args, **settings):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(fit, "attack_again", interrupt)
+    monkeypatch.setattr(fit, "attack", interrupt)
     with pytest.raises(KeyboardInterrupt):
         fit.fit(cfg)
     train_json = json.loads((folder / "train.json").read_text())
     assert runs.run_of(cfg).stage() == "trained"
-    monkeypatch.setattr(fit, "attack_again", attack)
+    monkeypatch.setattr(fit, "attack", attack)
     monkeypatch.setattr(training, "trainer_of", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
     assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()
 
-    monkeypatch.setattr(fit, "attack_again", interrupt)
+    monkeypatch.setattr(fit, "attack", interrupt)
     again = configured(
         "recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}", "data.workers=1", "resume=true"
     )

@@ -29,9 +29,15 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = [
-    "data.train=60", "data.val=16", "data.test=24", "data.size=24", "reattack.n=6", "reattack.batch_size=3",
-    "reattack.steps=1", "trainer.accelerator=cpu",
-]  # fmt: skip
+    "data.train=60",
+    "data.val=16",
+    "data.test=24",
+    "data.size=24",
+    "reattack.n=6",
+    "reattack.batch_size=3",
+    "reattack.steps=1",
+    "trainer.accelerator=cpu",
+]
 
 
 @pytest.fixture(scope="module")
@@ -263,8 +269,15 @@ def test_records_that_are_missing_are_not_passed_over(weights, tmp_path):
 def run(cwd, weights, *more, **options):
     names = ["model=small_resnet", f"weights={weights}", *TINY, *more]
     env = os.environ | {"OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen([sys.executable, str(ROOT / "training/reattack.py"), *names], cwd=cwd, env=env,
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "training/reattack.py"), *names],
+        cwd=cwd,
+        env=env,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
     return process
 
 

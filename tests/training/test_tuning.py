@@ -61,9 +61,16 @@ def tuned(tmp_path, name, batch, size, *more):
     torch.manual_seed(0)
     torch.save(models.build(name, 2).state_dict(), tmp_path / "weights.pth")
     cfg = configured(
-        "recipe=clean", f"model={name}", f"weights={tmp_path / 'weights.pth'}", f"data.size={size}",
-        f"train.batch_size={batch}", "train.epochs=2", "trainer.accelerator=cpu", f"runs={tmp_path / 'runs'}", *more,
-    )  # fmt: skip
+        "recipe=clean",
+        f"model={name}",
+        f"weights={tmp_path / 'weights.pth'}",
+        f"data.size={size}",
+        f"train.batch_size={batch}",
+        "train.epochs=2",
+        "trainer.accelerator=cpu",
+        f"runs={tmp_path / 'runs'}",
+        *more,
+    )
     data = learnt(16, size)
     before = loss_of(classifier_of(cfg, 2), data)
     runs.run_of(cfg).prepare()

@@ -92,7 +92,8 @@ def _curves(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
         trains[name_of(baseline)] = baseline.get("train")
     captions = (
         "Training loss, epoch by epoch.",
-        "Accuracy on validation images: solid clean, dashed under the adversary that the recipe trains against.",
+        "Accuracy on validation images: solid clean, dashed under the adversary that the recipe "
+        "trains against.",
     )
     drawn = plots.curves(trains)
     found = []

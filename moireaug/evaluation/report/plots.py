@@ -12,6 +12,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from moireaug.evaluation.report.numbers import finite
 
@@ -34,7 +35,7 @@ def curves(trains: Mapping[str, Train | None]) -> list[str]:
     losses, rates = loss.subplots(), rate.subplots()
     last = 0
     for (name, train), (colour, marker) in zip(trains.items(), styles, strict=False):
-        look = {"color": colour, "marker": marker, "markersize": 3.2}
+        look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.2}
         epochs, values = _series(train, "loss")
         losses.plot(epochs, values, label=name, **look)
         last = max(last, *epochs, 0)
@@ -72,13 +73,18 @@ def _ring(
     kept = finite((train or {}).get("best_epoch"))
     if kept is not None and kept + 1 in epochs:
         height = heights[epochs.index(int(kept) + 1)]
-        ring = {"color": colour, "markersize": 10, "fillstyle": "none", "clip_on": False}
+        ring: dict[str, Any] = {
+            "color": colour,
+            "markersize": 10,
+            "fillstyle": "none",
+            "clip_on": False,
+        }
         ax.plot([kept + 1], [height], "o", **ring)
 
 
 def _finish(ax: Axes, label: str, last: int) -> None:
     ax.set_xlim(1 - 0.04 * last, 1.04 * last)
-    ax.xaxis.get_major_locator().set_params(integer=True, nbins=7)
+    ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
     ax.set_xlabel("epoch", size=10, color=INK)
     ax.set_ylabel(label, size=10, color=INK)
     ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)

@@ -150,7 +150,7 @@ def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
     if table.name not in UNATTACKED:
         return None
     with_moire, without = UNATTACKED[table.name]
-    found = []
+    found: list[dict[str, Any]] = []
     for row in table.rows:
         photo, plain = _success(cells, row, with_moire), _success(cells, row, without)
         if photo is not None and plain is not None:

@@ -42,7 +42,7 @@ def strong(
 
 
 def adaptive(config: SuiteConfig) -> Table:
-    """What an attacker gains who knows of the defence, searches harder, or does not know the
+    """Ask what an attacker gains who knows of the defence, searches harder, or does not know the
     pose."""
     eps, steps = config.middle, config.steps
     plain = MoireAttacker(eps=eps, steps=steps)
@@ -67,8 +67,8 @@ def adaptive(config: SuiteConfig) -> Table:
 
 
 def standard(config: SuiteConfig) -> Table:
-    """The ensemble that this field expects (Croce & Hein, 2020), on the raw reading, with the
-    camera's own attackers; each image at the worst of them and of the photo alone."""
+    """Lay out the ensemble that this field expects (Croce & Hein, 2020), on the raw reading, with
+    the camera's own attackers; each image at the worst of them and of the photo alone."""
     steps = config.steps
     parts, why = turnable(config.scene)
     cells: list[Cell] = []

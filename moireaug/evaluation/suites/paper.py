@@ -46,7 +46,7 @@ def eps_row(eps: float) -> str:
 
 
 def _is_published(config: SuiteConfig) -> bool:
-    """The paper compares at eps = 4/255."""
+    """Return whether the bound is the one that the paper compares at, 4/255."""
     return codes(config.middle) == "4"
 
 
