@@ -190,6 +190,11 @@ def test_a_worker_without_a_transform_says_so(monkeypatch):
         door.seed_worker(0)
 
 
+def test_seeding_outside_a_worker_says_so():
+    with pytest.raises(RuntimeError, match=r"pass it as DataLoader\(worker_init_fn="):
+        door.seed_worker(0)
+
+
 def test_errors_are_sentences(registered):
     with pytest.raises(TypeError, match="scenes"):
         RandomMoire(scenes="paper")
