@@ -1,7 +1,7 @@
 """Draw docs/gallery.png, every preset on signs and on a grey screen, and docs/effects.png, every
 effect by itself.
 
-    python docs/gallery.py
+Run it as `python docs/gallery.py`.
 """
 
 from __future__ import annotations

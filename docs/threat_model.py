@@ -1,6 +1,6 @@
 """Draw docs/threat_model.png: how far noise on the raw reading moves the codes of the photo.
 
-python docs/threat_model.py
+Run it as `python docs/threat_model.py`.
 """
 
 from __future__ import annotations
