@@ -56,9 +56,8 @@ def main() -> None:
     figure.savefig(HERE / "threat_model.png", dpi=110, pil_kwargs={"optimize": True})
     for name, (eps, _) in BOUNDS.items():
         moved = change(LINEAR, eps)
-        print(
-            f"eps {name}: code 0 moves by {moved[0]:.1f}, 128 by {moved[128]:.1f}, 255 by {moved[255]:.1f}"
-        )
+        black, grey, white = (float(moved[code]) for code in (0, 128, 255))
+        print(f"eps {name}: 0 moves by {black:.1f}, 128 by {grey:.1f}, 255 by {white:.1f}")
 
 
 if __name__ == "__main__":
