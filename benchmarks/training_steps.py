@@ -181,17 +181,18 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
             "data=folder",
             f"train.batch_size={batch}",
         ]
-        trained = (
-            batch
-            / measure.timed(step(compose("root", given), batch, size), settings["repeats"]).median
-        )
+        clean = step(configure(*given), batch, size)
+        trained = batch / measure.timed(clean, settings["repeats"]).median
         with tempfile.TemporaryDirectory() as root:
             write_folder(Path(root), settings["files"], side)
             for workers in (0, 2):
-                cfg = compose(
-                    "root", [*given, f"data.root={root}", f"data.workers={workers}", "data.val=2"]
+                cfg = configure(
+                    *given, f"data.root={root}", f"data.workers={workers}", "data.val=2"
                 )
-                loader = Batches(cfg, load(cfg.data)).train_dataloader()
+                batches = Batches(
+                    load(cfg.data), cfg.train, cfg.adversary, workers=workers, seed=cfg.seed
+                )
+                loader = batches.train_dataloader()
                 n = len(loader) * min(batch, settings["files"])
                 taken = measure.timed(
                     lambda loader=loader: list(loader), 3 if settings["repeats"] > 1 else 1

@@ -54,8 +54,8 @@ def _split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
     held = cfg.val if cfg.val is not None else total // 10
     if not 0 < held < total:
         raise ValueError(
-            f"data.val must leave training images: got {held} of {total}. Pass data.val=N below "
-            f"that."
+            f"data.val must leave training images: got {held} of {total}. "
+            "Pass data.val=N below that."
         )
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()
     return _take(Subset(data, order[held:]), cfg.train), Subset(data, order[:held])

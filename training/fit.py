@@ -186,13 +186,13 @@ def one_run(
     run = runs.run_of(cfg)
     if runs.is_first():
         run.prepare()
-    model, train = train_model(cfg, splits, before=start["train"] if start else None)
+    classifier, train = train_model(cfg, splits, before=start["train"] if start else None)
     if not runs.is_first():
         return {}
 
     protocol = protocol_of(cfg, splits)
     records = run.folder / "records"
-    attacked = {cfg.recipe: attack(model, protocol, records, cfg.recipe, check=check)}
+    attacked = {cfg.recipe: attack(classifier.model, protocol, records, cfg.recipe, check=check)}
     metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
     if other := runs.baseline_config(cfg):
         attacked[other.recipe] = again(other, protocol)

@@ -141,6 +141,22 @@ def test_a_run_trained_for_another_is_checked_when_it_is_asked_for_itself(
     assert kept["trust"] == found["trust"]
 
 
+def test_a_re_attack_of_the_same_kind_takes_what_the_run_has_computed(whole, tmp_path):
+    """The checks of the baseline and of the start are all that was not computed before."""
+    shutil.copytree(whole[0] / "runs", tmp_path / "runs")
+    before = {path: path.read_bytes() for path in tmp_path.glob("runs/*/seed0/records/*.jsonl")}
+    assert len(before) == 3
+    done = inside("reattack.py", "run=runs/moire_at/seed0", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {path: path.read_bytes() for path in before} == before
+    (path,) = tmp_path.glob("runs/moire_at/seed0/reattack/screen_photo-*/ladder/metrics.json")
+    again = json.loads(path.read_text())
+    m = json.loads((tmp_path / "runs/moire_at/seed0/metrics.json").read_text())
+    for name in ("reattack", "gain", "correct", "trust"):
+        assert again[name] == m[name]
+    assert again["baseline"]["reattack"] == m["baseline"]["reattack"]
+
+
 def test_the_gain_is_against_the_baseline_and_not_against_the_start():
     right, wrong = {"clean": "1" * 8}, {"clean": "0" * 8}
     cfg = configured("recipe=moire_at", *TINY)

@@ -210,7 +210,7 @@ def test_a_run_that_is_data_is_attacked_and_its_settings_are_read_back(tmp_path)
         and found["train"] is None
         and found["scene_name"] == "paper_code"
     )
-    (path,) = folder.glob("reattack/paper_code-*/ladder/metrics.json")
+    (path,) = folder.glob("reattack/*-paper_code-*/ladder/metrics.json")
     assert "oc.env" not in path.read_text()
 
 
