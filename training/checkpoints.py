@@ -29,9 +29,8 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         Raises:
             OSError: the disk is full or not writable; the previous checkpoint is whole.
         """
-        buffer = (
-            io.BytesIO()
-        )  # torch hides the cause where a file that it writes itself cannot grow
+        # torch hides the cause where a file that it writes itself cannot grow
+        buffer = io.BytesIO()
         torch.save(checkpoint, buffer)
         write_bytes(Path(path), buffer.getbuffer())
 

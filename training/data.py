@@ -104,9 +104,8 @@ def _folder(cfg: Data) -> Splits:
             f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ "
             f"inside it."
         )
-    halves = (
-        [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
-    )  # the latter: to attack
+    # the latter: to attack
+    halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
     try:
         sets = [ImageFolder(half, transform=_resize(cfg.size), loader=read) for half in halves]
     except (FileNotFoundError, RuntimeError) as error:

@@ -9,9 +9,8 @@ from torch.utils.data import Subset, default_collate
 from training.data import Splits
 from training.schema import Reattack
 
-PIXELS = (
-    25 * 224 * 224
-)  # of a batch whose size nobody gave: some gigabytes for a large network and its gradients
+# of a batch whose size nobody gave: some gigabytes for a large network and its gradients
+PIXELS = 25 * 224 * 224
 MOST = 96
 
 

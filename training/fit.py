@@ -85,7 +85,7 @@ def finished(cfg: Config) -> Metrics:
         splits = load(cfg.data)
         attacked = again(cfg, protocol_of(cfg, splits), check=True)
         known |= describe(attacked)
-        spent = known.get("time") or {}
+        spent = {**(known.get("time") or {}), "checks": attacked.seconds["checks"]}
         known = publish(out, known, {cfg.recipe: attacked}, splits.classes, spent)
     print(f"{out} is already finished; resume=false trains it again.")
     return known
@@ -124,17 +124,17 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         role: "start" or "baseline", for what is printed.
     """
     say = rank_zero_only(print)
-    if damage := saved.damage(runs.run_of(cfg)):
-        say(f"The {role} is damaged and trained again: {damage}.")
-        cfg = replace(cfg, resume=False)
-    elif known := reused(cfg, splits, role=role):
-        return known
-    else:
-        say(f"The {role} comes first: recipe {cfg.recipe}, with the same settings.")
     out = runs.folder(cfg)
     if runs.is_first():
         runs.make(out)
     with runs.held(out):
+        if damage := saved.damage(runs.run_of(cfg)):
+            say(f"The {role} is damaged and trained again: {damage}.")
+            cfg = replace(cfg, resume=False)
+        elif known := reused(cfg, splits, role=role):
+            return known
+        else:
+            say(f"The {role} comes first: recipe {cfg.recipe}, with the same settings.")
         return one_run(cfg, splits, start, None, {}, check=False)
 
 
@@ -196,7 +196,7 @@ def one_run(
     metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
     if other := runs.baseline_config(cfg):
         attacked[other.recipe] = again(other, protocol)
-    seconds = {**spent, "train": train["wall_seconds"]}
+    seconds = {**spent, "train": train["wall_seconds"], **attacked[cfg.recipe].seconds}
     metrics = publish(run.folder, metrics, attacked, splits.classes, seconds)
     (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it
     return metrics

@@ -2,8 +2,8 @@
 plot.
 
     python training/fit.py -m recipe=baseline,moire_at,pgd_at seed=0,1,2
-    python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50    # and so
-    on, run by run python training/frontier.py runs
+    python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50
+    python training/frontier.py runs    # after the other runs, too
 
 Writes frontier.md, frontier.csv (a line a run), frontier.json and frontier.png into runs/frontier/,
 or where out=DIR says. A run that was not attacked yet is left out, and the command that attacks it

@@ -175,6 +175,12 @@ def _data(metrics: Iterable[Metrics]) -> str:
     return own.pop() if len(own) == 1 else sets[0]["name"]
 
 
+def _images(metrics: Metrics) -> Metrics:
+    """Return the settings of the data that its test images depend on."""
+    data = metrics["config"]["data"]
+    return {name: data.get(name) for name in ("name", "root", "size", "test", "class_index")}
+
+
 def _settings(metrics: Metrics) -> Metrics:
     found = {"model": metrics["model"], "scene": metrics["scene_name"]}
     for name, value in metrics["config"]["data"].items():
@@ -190,6 +196,7 @@ def _protocol(again: Metrics) -> Metrics:
         "reattack.n": again["n"],
         "reattack.steps": again["steps"],
         "reattack.seed": again["config"]["reattack"]["seed"],
+        "reattack.batch_size": again["config"]["reattack"].get("batch_size"),
     }
 
 
@@ -215,12 +222,12 @@ def _same(every: Mapping[Path, Metrics], what: str) -> Metrics:
 
 
 def _again(folder: Path, metrics: Metrics) -> Metrics | None:
-    """Return the re-attack of a run in its own scene; of several that of the most images, then of
-    the most steps."""
+    """Return the re-attack of a run in its own scene, on its own images; of several that of the
+    most images, then of the most steps."""
     found = []
     for path in sorted(folder.glob("reattack/*/recipes")):
         again = read_metrics(path)
-        if again and again["scene"] == metrics["scene"]:
+        if again and again["scene"] == metrics["scene"] and _images(again) == _images(metrics):
             found.append(again)
     return max(found, key=lambda again: (again["n"], again["steps"]), default=None)
 

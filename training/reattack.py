@@ -3,9 +3,9 @@ folder of images.
 
     python training/reattack.py run=runs/moire_at/seed0
     python training/reattack.py run=runs/moire_at/seed0 scene=dashcam_at_led_sign reattack.n=1600
-    python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR
-    data.class_index=CSV \
-        data.size=224 scene=paper_code suite=paper targets='{resnet18: FILE, resnet50: FILE}'
+    python training/reattack.py model=mobilenet_v2 weights=FILE data=folder data.root=DIR \
+        data.class_index=CSV data.size=224 scene=paper_code suite=paper \
+        targets='{resnet18: FILE, resnet50: FILE}'
 
 Writes report.html and metrics.json into <run>/reattack/<scene>-n<images>-steps<steps>/<suite>/, or,
 without `run=`, into runs/reattack/<model>/<data>-<scene>-n<images>-steps<steps>/<suite>/; a suite
@@ -110,6 +110,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
             return attack_by_suite(cfg, model, splits, protocol, home / "records", out, seconds)
         attacked = attack(model, protocol, home / "records", cfg.model)
         metrics = compare(cfg, describe(attacked), None, None, None)
+        seconds |= attacked.seconds
         return publish(out, metrics, {cfg.model: attacked}, splits.classes, seconds)
 
 
@@ -148,6 +149,7 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
             baseline, attacked[other.cfg.recipe] = beside(other, protocol)
         train = saved.trained(found.folder)
         metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
+        seconds |= attacked[cfg.recipe].seconds
         return publish(out, metrics, attacked, splits.classes, seconds)
 
 
@@ -182,20 +184,26 @@ def attack_by_suite(
     return publish_suite(out, cfg, cfg.suite, plan.results(), protocol, splits.classes, seconds)
 
 
-def protocol_name(cfg: Config, n: int, *, with_data: bool) -> str:
+def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
     """Return the name of a folder for all that is attacked in this way.
 
     Args:
-        n: images. with_data: whether the data set's name belongs to it.
+        n: images. with_data: whether the data set's name and the weights belong to it.
     """
     parts = [scene_name(cfg.scene), f"n{n}", f"steps{cfg.reattack.steps}"]
+    own, usual = cfg.reattack, Reattack()
+    odd: dict[str, Any] = {}
+    for name in ("eps", "seed", "batch_size"):
+        if getattr(own, name) != getattr(usual, name):
+            odd[name] = getattr(own, name)
+    for name in ("targets", "demoire"):
+        if getattr(cfg, name):
+            odd[name] = getattr(cfg, name)
     if with_data:
         parts.insert(0, runs.group(cfg.data, runs.HOME[1]) or cfg.data.name)
-    usual = Reattack()
-    own = cfg.reattack
-    odd = (list(own.eps), own.seed, own.batch_size)
-    if odd != (list(usual.eps), usual.seed, usual.batch_size):
-        parts.append(runs.fingerprint({"odd": odd})[:6])
+        odd |= {"data": runs.settings(cfg)["data"], "weights": cfg.weights}
+    if odd:
+        parts.append(runs.fingerprint(odd)[:6])
     return "-".join(parts)
 
 

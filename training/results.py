@@ -109,9 +109,8 @@ class Plan:
         self.suite = suite
         self.tables = tables_of(suite, self.config)
         self.trust = trust(self.config)
-        self.trusted = protocol.trusted
-        every = range(len(protocol.batches))
-        self.every = self.trusted if suite == "trust" else every
+        self.every = range(len(protocol.batches))
+        self.trusted = self.every if suite == "trust" else protocol.trusted
         self.check = check
         self.phases = {"re-attack": (jobs_of(self.tables), self.every)}
         if check:
@@ -308,11 +307,11 @@ def publish(
 
     Args:
         attacked: name to model, for the pictures; the run's own comes first.
-        seconds: spent so far, by phase.
+        seconds: spent, by phase.
     """
     own = next(iter(attacked.values()))
     runners = {name: one.runner for name, one in attacked.items()}
-    metrics = metrics | {"time": {**seconds, **own.seconds}}
+    metrics = metrics | {"time": dict(seconds)}
     shown = run_examples(runners, main_attack(own.tables[0]), classes)
     report.write_run(out / "report.html", metrics, shown)
     write_text(out / "metrics.json", json.dumps(metrics, indent=1))

@@ -79,9 +79,8 @@ class Saved(NamedTuple):
                 f"and the data {data.name} has "
                 f"{splits.num_classes}. {hint}"
             )
-        among_published = (
-            self.cfg.data.class_index and data.class_index
-        )  # then any of the 1000 will do
+        # then any of the 1000 will do
+        among_published = self.cfg.data.class_index and data.class_index
         if self.classes is None or among_published or self.classes == splits.classes:
             return
         odd = min(set(self.classes.items()) ^ set(splits.classes.items()))[0]

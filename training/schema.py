@@ -23,9 +23,8 @@ class Data:
     """Say which images, of what size, and how many."""
 
     name: str = MISSING
-    root: str | None = (
-        None  # folder: holds train/ and test/, or class folders alone (then all of it is test data)
-    )
+    # folder: holds train/ and test/, or class folders alone (then all of it is test data)
+    root: str | None = None
     size: int = 32  # images are resized to size x size
     train: int | None = None  # images; null is all there are
     val: int | None = None  # null is a tenth of the training images; for signs, its default
@@ -60,17 +59,14 @@ class Adversary:
     random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
     # times that a batch is trained on, its noise moved by the gradient of the time before
     replays: int = 1
-    window: int = (
-        16  # batches that are replayed in turn, held in memory with their photographs and noise
-    )
+    # batches that are replayed in turn, held in memory with their photographs and noise
+    window: int = 16
     worst_of: int = 1  # random shots of each image, of which the one of the greatest loss is used
     turn: bool = False  # the camera is then turned for the worse, by one gradient step
-    consistency: float = (
-        0.0  # weight of KL(clean || attacked) beside the clean images' loss (TRADES); 0 is neither
-    )
-    curriculum: float = (
-        0.0  # share of training over which the scene's ranges open from their middles
-    )
+    # weight of KL(clean || attacked) beside the clean images' loss (TRADES); 0 is neither
+    consistency: float = 0.0
+    # share of training over which the scene's ranges open from their middles
+    curriculum: float = 0.0
 
 
 @dataclass
@@ -79,22 +75,18 @@ class Train:
 
     epochs: int = 12
     batch_size: int = 128  # of all devices together
-    lr: float | None = (
-        None  # null: 0.1; with `weights`, 0.002 for a batch of 128, in proportion (tuning.py)
-    )
-    momentum: float = (
-        0.95  # the greatest of the one-cycle schedule, which runs from it to 0.1 less and back
-    )
+    # null: 0.1; with `weights`, 0.002 for a batch of 128, in proportion (tuning.py)
+    lr: float | None = None
+    # the greatest of the one-cycle schedule, which runs from it to 0.1 less and back
+    momentum: float = 0.95
     weight_decay: float = 5e-4
     label_smoothing: float = 0.0
     # "random", or "clean": start from the weights of recipe clean, trained with the same settings
     init: str = "random"
-    ema: float | None = (
-        None  # decay of the averaged weights a step, which are validated and kept; null: 0.98
-    )
-    batch_statistics: bool | None = (
-        None  # in batch normalisation; null: unless `weights` are given, whose own stay
-    )
+    # decay of the averaged weights a step, which are validated and kept; null: 0.98
+    ema: float | None = None
+    # in batch normalisation; null: unless `weights` are given, whose own stay
+    batch_statistics: bool | None = None
     channels_last: bool = True
     compile: bool = False  # torch.compile of the model
 
@@ -108,9 +100,8 @@ class Trainer:
     num_nodes: int = 1
     strategy: str = "auto"
     precision: Any = "32-true"
-    deterministic: Any = (
-        False  # true is refused by CUDA's bilinear resampling; a CPU run is exact anyway
-    )
+    # true is refused by CUDA's bilinear resampling; a CPU run is exact anyway
+    deterministic: Any = False
 
 
 @dataclass
@@ -131,9 +122,8 @@ class Config:
     recipe: str = MISSING
     seed: int = 0
     runs: str = "runs"
-    scene: Any = (
-        "screen_photo"  # a preset's name, or a mapping of Scene's fields with an optional `preset`
-    )
+    # a preset's name, or a mapping of Scene's fields with an optional `preset`
+    scene: Any = "screen_photo"
     model: str = "small_resnet"  # or any torchvision classifier
     weights: str | None = None  # a state_dict file, or torchvision's name of weights
     data: Data = field(default_factory=Data)
@@ -141,9 +131,8 @@ class Config:
     train: Train = field(default_factory=Train)
     trainer: Trainer = field(default_factory=Trainer)
     reattack: Reattack = field(default_factory=Reattack)
-    resume: bool | None = (
-        None  # null: resume where possible; true: resume or fail; false: train again
-    )
+    # null: resume where possible; true: resume or fail; false: train again
+    resume: bool | None = None
 
 
 @dataclass
@@ -151,16 +140,13 @@ class ReattackConfig(Config):
     """Hold every setting of an attack on a run or on given weights."""
 
     recipe: str = "pretrained"
-    run: str | None = (
-        None  # a run's folder; its own settings hold, except for those on the command line
-    )
-    suite: str = (
-        "ladder"  # or one of evaluation.suites.SUITES, a group ("paper", "recipes"), "trust"
-    )
+    # a run's folder; its own settings hold, except for those on the command line
+    run: str | None = None
+    # or one of evaluation.suites.SUITES, a group ("paper", "recipes"), "trust"
+    suite: str = "ladder"
     targets: Any = None  # of transfer: name to a file of weights or a run's folder
-    demoire: str | None = (
-        None  # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
-    )
+    # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
+    demoire: str | None = None
 
 
 def as_config(cfg: DictConfig | Config) -> Config:

@@ -16,7 +16,8 @@ from torch.utils.data import Subset
 
 from moireaug.defenses import Compose, Quilting
 from moireaug.evaluation import SuiteConfig
-from moireaug.evaluation.attackers import Defence
+from moireaug.evaluation.conditions import Defence
+from moireaug.evaluation.judges import require_identity
 from training import runs, saved
 from training.data import Splits
 from training.models import as_model, names
@@ -142,4 +143,5 @@ def callable_of(name: str, device: torch.device) -> Defence:
             f"demoire={name!r} is a {type(found).__name__}, not a callable on (B, 3, H, W) in "
             f"[0, 1]."
         )
+    require_identity(f"demoire={name!r}", found)
     return found.eval().to(device) if isinstance(found, nn.Module) else found

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.evaluation.statistics import bootstrap, t_interval
+from moireaug.evaluation.statistics import bootstrap, t_interval, wilson
 from training.points import RATES, Point
 
 COSTS = ("seconds", "start_seconds", "passes", "images_per_second")
@@ -51,9 +51,14 @@ class Recipe:
 
 
 def rate(points: Sequence[Point], name: str) -> Estimate:
-    """Return a mean accuracy, with an interval of both choices, of seeds and of images."""
+    """Return a mean accuracy, with an interval of both choices, of seeds and of images; of one
+    seed, what its images can tell (Wilson)."""
     outcomes = np.stack([point.outcomes[name] for point in points])
-    return Estimate(float(outcomes.mean()), *bootstrap(outcomes))
+    mean = float(outcomes.mean())
+    if len(outcomes) == 1:
+        return Estimate(mean, *wilson(mean * outcomes.size, outcomes.size))
+    low, high = bootstrap(outcomes)
+    return Estimate(mean, max(0.0, low), high)
 
 
 def gain(points: Sequence[Point], plain: Sequence[Point], name: str) -> Estimate:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -23,11 +22,11 @@ from moireaug.attacks.problem import single
 from moireaug.capture import capture
 from moireaug.defenses import Defended
 from moireaug.evaluation.conditions import Condition, EvalBatch, codes
+from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.visibility import visibility
 from moireaug.scene.scene import Scene
 
 DRAWS = 4  # of an expectation over shots, or over a randomised defence
-Defence = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,13 +38,46 @@ class Attacker(Condition):
     """
 
     control: ClassVar[bool] = False
+    on_screen: ClassVar[bool] = True  # the noise is on the reading of a photo
 
     eps: float
     steps: int
 
+    @abstractmethod
+    def attacked(self, batch: EvalBatch) -> Tensor:
+        """Return what the attack shows.
+
+        Raises:
+            NoAnswerError: the model has no answer to any of the images.
+        """
+
+    @property
+    def parts(self) -> int:
+        """How many parts a batch is attacked in: an expectation over n draws holds n times the
+        images, and so no more than a batch."""
+        return 1
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        size = -(-len(batch.images) // self.parts)
+        shown = []
+        for first in range(0, len(batch.images), size):
+            part = batch[first : first + size]
+            try:
+                shown.append(self.attacked(part))
+            except NoAnswerError:  # wrong without an attack, and an evaluation goes on
+                shown.append(self.start(part))
+        return torch.cat(shown)
+
+    def start(self, batch: EvalBatch) -> Tensor:
+        """Return what the attack starts from."""
+        return capture(batch.images, batch.shot) if self.on_screen else batch.images
+
     def goals(self, batch: EvalBatch) -> tuple[Tensor, Tensor | None]:
         """Return the labels, and the targets where the attack is targeted."""
         return batch.labels, batch.targets if self.targeted else None
+
+    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
+        return visibility(shown, self.start(batch))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +87,8 @@ class MoireAttacker(Attacker):
     Args:
         variant: what tells this attacker from the plain one, part of its name.
         rule, loss, restarts, noise_at, optimise: as of `attacks.MoireAttack`.
-        knows: name of the defence that it attacks through, by the defence's own approximation of
-            the gradient (BPDA) and by expectation over its draws where it is randomised (EOT).
-        defence: that defence.
+        knows: the defence that it attacks through, by the defence's own approximation of the
+            gradient (BPDA) and by expectation over its draws where it is randomised (EOT).
     """
 
     kind = "ma"
@@ -67,8 +98,7 @@ class MoireAttacker(Attacker):
     restarts: int = 1
     noise_at: str = "raw"
     optimise: tuple[str, ...] = ("noise",)
-    knows: str = ""
-    defence: Defence | None = None
+    knows: Judge | None = None
 
     @property
     def base_name(self) -> str:
@@ -79,16 +109,17 @@ class MoireAttacker(Attacker):
             name += f"_{self.variant}"
         return name
 
-    def show(self, batch: EvalBatch) -> Tensor:
-        if self.defence is None:
-            return self._attacked(batch)
-        draws = DRAWS if getattr(self.defence, "randomised", False) else 1
-        through = Defended(batch.model, self.defence, draws=draws)
-        return in_parts(self._attacked, dataclasses.replace(batch, model=through), draws)
+    @property
+    def parts(self) -> int:
+        randomised = self.knows is not None and getattr(self.knows.defence, "randomised", False)
+        return DRAWS if randomised else 1
 
-    def _attacked(self, batch: EvalBatch) -> Tensor:
+    def attacked(self, batch: EvalBatch) -> Tensor:
+        model = batch.model
+        if self.knows is not None and self.knows.defence is not None:
+            model = Defended(model, self.knows.defence, draws=self.parts)
         attack = MoireAttack(
-            model=batch.model,
+            model=model,
             scene=batch.shot.scene,
             eps=self.eps,
             steps=self.steps,
@@ -98,22 +129,20 @@ class MoireAttacker(Attacker):
             noise_at=self.noise_at,
             optimise=self.optimise,
         )
-        try:
-            result = single(
-                attack(batch.images, *self.goals(batch), shot=batch.shot, generator=batch.generator)
-            )
-        except NoAnswerError:  # these images are wrong without an attack, and an evaluation goes on
-            return capture(batch.images, batch.shot)
-        return result.images
+        goals = self.goals(batch)
+        return single(
+            attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
+        ).images
 
     def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
         if self.optimise != ("noise",):  # there is no photo of the same pose to compare with
             return {}
-        return visibility(shown, capture(batch.images, batch.shot))
+        return super().measure(batch, shown)
 
     def settings(self) -> dict[str, Any]:
         found = super().settings()
-        del found["defence"]  # `knows` stands for it
+        if self.knows is not None:
+            found["knows"] = self.knows.identity
         return found
 
 
@@ -128,7 +157,7 @@ class TargetedApgd(Attacker):
     def base_name(self) -> str:
         return f"apgd_t_{codes(self.eps)}"
 
-    def show(self, batch: EvalBatch) -> Tensor:
+    def attacked(self, batch: EvalBatch) -> Tensor:
         with evaluating(batch.model), torch.no_grad():
             classes = batch.model(batch.images[:1]).shape[1]
         attack = MoireAttack(
@@ -139,17 +168,10 @@ class TargetedApgd(Attacker):
             rule="apgd",
             loss="dlr" if classes >= 4 else "margin",
         )
-        try:
-            toward = MultiTargeted(attack)
-            result = single(
-                toward(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
-            )
-        except NoAnswerError:
-            return capture(batch.images, batch.shot)
-        return result.images
-
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        return visibility(shown, capture(batch.images, batch.shot))
+        toward = MultiTargeted(attack)
+        return single(
+            toward(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
+        ).images
 
 
 class PoseUnknown(Attacker):
@@ -162,10 +184,11 @@ class PoseUnknown(Attacker):
     def base_name(self) -> str:
         return f"blind_{codes(self.eps)}"
 
-    def show(self, batch: EvalBatch) -> Tensor:
-        return in_parts(self._attacked, batch, DRAWS)
+    @property
+    def parts(self) -> int:
+        return DRAWS
 
-    def _attacked(self, batch: EvalBatch) -> Tensor:
+    def attacked(self, batch: EvalBatch) -> Tensor:
         attack = MoireAttack(
             model=batch.model,
             scene=batch.shot.scene,
@@ -173,14 +196,8 @@ class PoseUnknown(Attacker):
             steps=self.steps,
             eot=DRAWS,
         )
-        try:
-            result = single(attack(batch.images, *self.goals(batch), generator=batch.generator))
-        except NoAnswerError:
-            return capture(batch.images, batch.shot)
+        result = single(attack(batch.images, *self.goals(batch), generator=batch.generator))
         return capture(batch.images, batch.shot, result.noise)
-
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        return visibility(shown, capture(batch.images, batch.shot))
 
 
 class SquareAttacker(Attacker):
@@ -192,20 +209,13 @@ class SquareAttacker(Attacker):
     def base_name(self) -> str:
         return f"square_{codes(self.eps)}"
 
-    def show(self, batch: EvalBatch) -> Tensor:
-        attack = SquareMoire(
-            model=batch.model, scene=batch.shot.scene, eps=self.eps, steps=self.steps
-        )
-        try:
-            result = single(
-                attack(batch.images, *self.goals(batch), shot=batch.shot, generator=batch.generator)
-            )
-        except NoAnswerError:
-            return capture(batch.images, batch.shot)
-        return result.images
-
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        return visibility(shown, capture(batch.images, batch.shot))
+    def attacked(self, batch: EvalBatch) -> Tensor:
+        scene = batch.shot.scene
+        attack = SquareMoire(model=batch.model, scene=scene, eps=self.eps, steps=self.steps)
+        goals = self.goals(batch)
+        return single(
+            attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
+        ).images
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,37 +223,25 @@ class PixelAttacker(Attacker):
     """A rival that perturbs the pixels of the image, which no camera saw.
 
     Args:
-        attack: a key of `attacks.ATTACKS`: "pgd", "bim", "mifgsm" or "cw", which has no bound.
+        attack: a key of `attacks.ATTACKS`: "pgd", "bim" or "mifgsm"; or "cw", which has no bound
+            and whose eps is 0.
     """
 
     kind = "pixels"
+    on_screen: ClassVar[bool] = False
     attack: str
 
     @property
     def base_name(self) -> str:
         return self.attack if self.attack == "cw" else f"{self.attack}_{codes(self.eps)}"
 
-    def show(self, batch: EvalBatch) -> Tensor:
+    def attacked(self, batch: EvalBatch) -> Tensor:
         settings: dict[str, Any] = {"steps": self.steps}
         if self.attack != "cw":
             settings["eps"] = self.eps
         attack = ATTACKS[self.attack](model=batch.model, **settings)
-        try:
-            result = single(attack(batch.images, *self.goals(batch), generator=batch.generator))
-        except NoAnswerError:
-            return batch.images
-        return result.images
-
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        return visibility(shown, batch.images)
-
-
-def in_parts(show: Callable[[EvalBatch], Tensor], batch: EvalBatch, n: int) -> Tensor:
-    """Show a batch in n parts: an expectation over n draws holds n times the images, and so no more
-    than a batch."""
-    size = -(-len(batch.images) // n)
-    shown = [show(batch[i : i + size]) for i in range(0, len(batch.images), size)]
-    return torch.cat(shown)
+        goals = self.goals(batch)
+        return single(attack(batch.images, *goals, generator=batch.generator)).images
 
 
 def turnable(scene: Scene) -> tuple[tuple[str, ...], str]:

@@ -23,6 +23,7 @@ from moireaug.numeric import clip
 from moireaug.scene.scene import Scene, Shot
 
 Model = nn.Module | Callable[[Tensor], Tensor]
+Defence = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)

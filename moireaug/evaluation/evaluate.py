@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pandas as pd
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from tqdm import tqdm
 
-from moireaug.evaluation.attackers import Defence
-from moireaug.evaluation.conditions import Model
+from moireaug.checks import check_images
+from moireaug.evaluation.conditions import Defence, Model
 from moireaug.evaluation.frame import images_frame
+from moireaug.evaluation.judges import require_identity
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites import tables_of
@@ -26,7 +27,7 @@ def evaluate(
     suite: str = "ladder",
     scene: Scene | str | dict = "screen_photo",
     *,
-    eps: Sequence[float] = (2 / 255, 4 / 255, 8 / 255),
+    eps: float | Sequence[float] = (2 / 255, 4 / 255, 8 / 255),
     steps: int = 20,
     n: int | None = None,
     seed: int = 0,
@@ -47,14 +48,18 @@ def evaluate(
             by 255. Its order must not change where `folder` is given.
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
         scene: a Scene, a preset's name or a dict: whose shots are drawn, one per image.
-        eps: bounds of the ladder, in [0, 1] units; other suites compare at the middle one.
+        eps: bounds of the ladder, in [0, 1] units; jpeg, defences, transfer, factors,
+            noise_position, adaptive and trust attack at the middle one, other suites have their
+            own.
         steps: gradient steps of every attack.
         n: images; None is all.
         seed: of shots, targets and random starts.
         targets: name to model, for the suite "transfer".
-        defences: name to defence; None is the paper's.
+        defences: name to defence, beside the paper's or in place of one.
         folder: where records are kept as they come, so that the same call goes on where it stopped;
-            None keeps them in memory. Needs a Module, whose weights tell it from others.
+            None keeps them in memory. They are kept by weights, settings and pixels, so that
+            model, targets and defences must be Modules, records of `defenses` or functions that can
+            be imported.
         progress: whether a bar is shown.
 
     Returns:
@@ -62,25 +67,23 @@ def evaluate(
         `evaluation.rates` makes a line a cell of it, with intervals.
 
     Raises:
-        ValueError: an unknown suite, no images, labels or logits that cannot be read, or a folder
-            for a callable that is no Module.
+        ValueError, TypeError: an unknown suite, no images, images, labels or logits that cannot be
+            read, or a folder where nothing tells a callable from another.
     """
-    batches = gathered(loader, n, _device_of(model))
+    batches = gathered(loader, n)
     config = SuiteConfig(
         scene=as_scene(scene),
-        eps=tuple(eps),
+        eps=(eps,) if isinstance(eps, int | float) else tuple(eps),
         steps=steps,
         targets=targets or {},
-        defences=paper_defences() if defences is None else defences,
+        defences=paper_defences() | dict(defences or {}),
     )
     tables = tables_of(suite, config)
-    if folder is not None and not isinstance(model, nn.Module):
-        raise ValueError(
-            f"folder={str(folder)!r} keeps records by the model's weights, and a "
-            f"{type(model).__name__} has none: pass "
-            "a torch.nn.Module, or leave folder out."
-        )
-    records = Records() if folder is None else RecordFolder(Path(folder))
+    records = Records()
+    if folder is not None:
+        for name, part in {"the model": model, **config.targets, **config.defences}.items():
+            require_identity(name, part)
+        records = RecordFolder(Path(folder))
     with records:
         runner = Runner(model, batches, config.scene, records, seed=seed)
         jobs = jobs_of(tables)
@@ -100,14 +103,14 @@ def with_bar(jobs: Iterable[Job], total: int, title: str, *, shown: bool = True)
             yield job
 
 
-def gathered(
-    loader: Iterable[tuple[Tensor, Tensor]], n: int | None, device: torch.device | None
-) -> list[tuple[Tensor, Tensor]]:
-    """Return the first n images of a loader, in its batches.
+def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tuple[Tensor, Tensor]]:
+    """Return the first n images of a loader, in its batches; empty ones are left out.
 
     Raises:
-        ValueError: no images, or no pairs of images and labels.
+        ValueError, TypeError: no images, an n below 1, or no pairs of images and labels.
     """
+    if n is not None and n < 1:
+        raise ValueError(f"n must be at least 1 image, or None for all; got {n}.")
     batches = []
     left = n
     for pair in loader:
@@ -119,18 +122,14 @@ def gathered(
         images, labels = (torch.as_tensor(part)[:left] for part in pair)
         if images.dtype == torch.uint8:
             images = images.float() / 255
-        batches.append((images.to(device), labels.to(device)))
+        if images.dtype == torch.float64:
+            images = images.float()
+        if len(images):
+            batches.append((check_images(images), labels))
         if left is not None:
             left -= len(images)
             if left <= 0:
                 break
-    if not batches or not len(batches[0][0]):
+    if not batches:
         raise ValueError("loader yields no images: there is nothing to attack.")
     return batches
-
-
-def _device_of(model: Model) -> torch.device | None:
-    if isinstance(model, nn.Module):
-        for parameter in model.parameters():
-            return parameter.device
-    return None

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor, nn
 
+from moireaug.attacks import evaluating
 from moireaug.defenses import restore_mean
-from moireaug.evaluation.attackers import Defence
-from moireaug.evaluation.conditions import EvalBatch, Model
+from moireaug.evaluation.conditions import Defence, EvalBatch, Model
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class Judge:
     """The attacked model, the same behind a defence, or another model.
 
     Args:
-        name: stands for the judge in records.
+        name: stands for the judge within an evaluation.
         defence: what the images pass before the model.
         model: another model than the attacked one: transfer.
         restores_mean: whether the mean of the clean image, which only an experimenter knows, is
@@ -36,41 +38,75 @@ class Judge:
         return UNDEFENDED.name if self.model is None else self.name
 
     def logits(self, batch: EvalBatch, shown: Tensor) -> Tensor:
-        """Return the answers to what is shown."""
+        """Return the answers to what is shown; every model is left as it was found."""
         if self.restores_mean:
             shown = restore_mean(shown, batch.images)
-        if self.defence is not None:
-            shown = self.defence(shown)
         model = batch.model if self.model is None else self.model
-        return model(shown)
+        with evaluating(model), torch.no_grad():
+            if self.defence is not None:
+                shown = self.defence(shown)
+            return model(shown)
+
+    @cached_property
+    def identity(self) -> str:
+        """What tells this judge from others in records: its defence's settings, its weights."""
+        parts = [self.name]
+        for part in (self.defence, self.model):
+            if part is not None:
+                parts.append(identity(part))
+        return "#".join(parts)
 
 
 UNDEFENDED = Judge("model")
 
 
-def another(title: str, model: Model) -> Judge:
-    """Return another model as a judge. Its name changes with its weights."""
-    return Judge(f"{title}#{digest(model) if isinstance(model, nn.Module) else ''}", model=model)
+def identity(part: object) -> str:
+    """Return what tells a model or a defence from others: the weights of a network, the settings of
+    a record, the place of a function; of any other callable, its place in memory."""
+    if isinstance(part, nn.Module):
+        return digest(part)
+    if isinstance(part, Tensor):
+        return hashlib.sha256(part.detach().cpu().numpy().tobytes()).hexdigest()[:16]
+    if dataclasses.is_dataclass(part) and not isinstance(part, type):
+        fields = [type(part).__name__]
+        for field in dataclasses.fields(part):
+            fields.append(identity(getattr(part, field.name)))
+        return f"({' '.join(fields)})"
+    if isinstance(part, tuple | list):
+        return f"({' '.join(identity(inner) for inner in part)})"
+    if callable(part):
+        return _place(part) or f"callable {id(part)}"
+    return repr(part)
 
 
-def behind(name: str, defence: Defence) -> Judge:
-    """Return the attacked model behind a defence. The judge's name changes with what the defence
-    has learned."""
-    learned = [part for part in getattr(defence, "networks", ()) if isinstance(part, nn.Module)]
-    if isinstance(defence, nn.Module):
-        learned.append(defence)
-    bank = getattr(defence, "bank", None)
-    if bank is not None:
-        name += f"#{hashlib.sha256(bank.numpy().tobytes()).hexdigest()[:16]}"
-    for network in learned:
-        name += f"#{digest(network)}"
-    return Judge(name, defence=defence)
+def require_identity(name: str, part: object) -> None:
+    """Refuse a callable that nothing tells from another one in a later process.
+
+    Raises:
+        ValueError: a lambda, a closure or an object; names it.
+    """
+    if "callable " in identity(part):
+        raise ValueError(
+            f"records are kept by what was asked, and nothing tells {name}, a "
+            f"{type(part).__name__}, from another: pass a torch.nn.Module, a record of `defenses` "
+            "or a function of a module, or leave folder out."
+        )
+
+
+def _place(part: object) -> str:
+    """Return where a function can be imported from; empty where it cannot."""
+    module, name = getattr(part, "__module__", ""), getattr(part, "__qualname__", "")
+    if not module or not name or "<" in name or module == "__main__":
+        return ""
+    return f"{module}.{name}"
 
 
 def digest(model: nn.Module) -> str:
-    """Return sixteen hex digits that change with any weight."""
-    sums = hashlib.sha256()
-    for name, value in model.state_dict().items():
+    """Return sixteen hex digits that change with a weight, a buffer or a layer's settings; code in
+    a `forward` of one's own is not seen."""
+    sums = hashlib.sha256(repr(model).encode())
+    values = {**model.state_dict(), **dict(model.named_buffers())}  # some buffers are not saved
+    for name, value in sorted(values.items()):
         sums.update(name.encode())
         sums.update(value.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy())
     return sums.hexdigest()[:16]

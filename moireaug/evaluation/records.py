@@ -28,6 +28,8 @@ from moireaug.files import write_bytes
 
 Record = dict[str, Any]
 VERSION = 2  # raise it where the same settings come to mean other figures
+# what a line must have to be a record
+FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
 PICTURES = 4  # images of the first batch that are kept to be looked at
 
 
@@ -90,9 +92,14 @@ class RecordFolder(Records):
         self.read()
 
     def __exit__(self, *_: object) -> None:
-        if self._file is not None and self._lock is not None:
-            self._file.close()
-            self._lock.release()
+        file, lock = self._file, self._lock
+        self._file = self._lock = None
+        try:
+            if file is not None:
+                file.close()
+        finally:
+            if lock is not None:
+                lock.release()
 
     def _own_file(self) -> IO[bytes]:
         """Return the first file that no other process writes, locked and ready to be appended
@@ -118,9 +125,10 @@ class RecordFolder(Records):
         writing it or a disk was full, is left out: what it held is computed again."""
         for path in sorted(self.folder.glob("records-*.jsonl")):
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-                with contextlib.suppress(ValueError, KeyError, TypeError):
+                with contextlib.suppress(ValueError):
                     record = json.loads(line)
-                    self._known[record["key"]] = record
+                    if isinstance(record, dict) and record.keys() >= FIELDS:
+                        self._known[record["key"]] = record
 
     def append(self, records: Sequence[Record]) -> None:
         """Write records, all of them on the disk before this returns."""

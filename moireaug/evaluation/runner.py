@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import hashlib
 import time
+import typing
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -24,7 +25,7 @@ from moireaug.scene.scene import Scene
 CLEAN = Clean()
 
 
-class Batches(Protocol):
+class Batches(typing.Protocol):
     """Test images in batches, by index: (images (B, 3, H, W) in [0, 1], labels (B,))."""
 
     def __len__(self) -> int: ...
@@ -86,6 +87,7 @@ class Runner:
         self.records = records
         self.seed = seed
         self.name = name
+        self.device = device_of(model)
         self._contents: dict[int, str] = {}
 
     def run(self, jobs: Sequence[Job], indices: Iterable[int]) -> Iterator[Job]:
@@ -96,8 +98,9 @@ class Runner:
         """
         for index in indices:
             images, labels = self.batches[index]
-            labels = check_labels(labels, len(images), "labels").to(images.device)
             self._contents[index] = _content(images, labels)
+            images = images.to(self.device)
+            labels = check_labels(labels, len(images), "labels").to(images.device)
             targets = None
             for job in jobs:
                 open_judges = []
@@ -129,7 +132,7 @@ class Runner:
         if index not in self._contents:  # of a batch that another process has done
             self._contents[index] = _content(*self.batches[index])
         batch = {"content": self._contents[index], "index": index}
-        return key_of(self._meaning(condition) | {"judge": judge.name, "batch": batch})
+        return key_of(self._meaning(condition) | {"judge": judge.identity, "batch": batch})
 
     def picture_name(self, condition: Condition) -> str:
         """Return the name under which what a condition shows is kept."""
@@ -188,8 +191,7 @@ class Runner:
                 both = (_digits(condition.name), _digits(judge.name))
                 torch.manual_seed(mix(self.seed, index, 4, *both))
                 start = time.perf_counter()
-                with evaluating(batch.model):
-                    logits = judge.logits(batch, shown)
+                logits = judge.logits(batch, shown)
                 check_classes(batch.labels, logits, 1)
                 answers = predicted(logits).tolist()  # which waits for the device
                 seconds = seconds_shown + time.perf_counter() - start
@@ -211,6 +213,14 @@ class Runner:
             "labels": batch.labels.tolist(),
             "targets": batch.targets.tolist(),
         }
+
+
+def device_of(model: Model) -> torch.device | None:
+    """Return where a model's weights are; None for one without."""
+    if isinstance(model, nn.Module):
+        for parameter in model.parameters():
+            return parameter.device
+    return None
 
 
 def _content(images: Tensor, labels: Tensor) -> str:

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from moireaug.defenses import DEFENSES
-from moireaug.evaluation.attackers import Defence
-from moireaug.evaluation.conditions import Condition, Model
-from moireaug.evaluation.judges import UNDEFENDED, Judge, behind
+from moireaug.evaluation.conditions import Condition, Defence, Model
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.scene.scene import Scene
 
 
@@ -56,12 +55,21 @@ class Table:
         """Names of the columns, in order."""
         return list(dict.fromkeys(cell.column for cell in self.cells))
 
+    def __post_init__(self) -> None:
+        places = [(cell.row, cell.column) for cell in self.cells]
+        if len(set(places)) < len(places):
+            raise ValueError(f"table {self.name!r} has two cells of one row and column.")
+
     def cell(self, row: str, column: str) -> Cell | None:
         """Return the cell of that row and column; None where there is none."""
         for cell in self.cells:
             if (cell.row, cell.column) == (row, column):
                 return cell
         return None
+
+
+# names of the rows and columns that the attacked model has
+RESERVED = ("model", "undefended", "attacked", "as_it_is", "restored", "rounded")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +84,9 @@ class SuiteConfig:
         targets: name to model for transfer; None where its weights are not at hand.
         defences: name to defence: by default the paper's.
         without: name to the reason why a defence is not there.
+
+    Raises:
+        ValueError: no or repeated bounds, and names that others have.
     """
 
     scene: Scene
@@ -85,6 +96,17 @@ class SuiteConfig:
     defences: Mapping[str, Defence] = field(default_factory=lambda: paper_defences())
     without: Mapping[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if not self.eps or len(set(self.eps)) < len(self.eps):
+            raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
+        names = [*self.targets, *self.defences]
+        for name in names:
+            if name in RESERVED or names.count(name) > 1:
+                raise ValueError(
+                    f"{name!r} cannot name a target or defence: it is another's name already, or "
+                    f"one of {', '.join(RESERVED)}. Choose another."
+                )
+
     @property
     def middle(self) -> float:
         """The bound that stands for the others."""
@@ -92,7 +114,7 @@ class SuiteConfig:
 
     def behind(self, name: str) -> Judge:
         """Return the attacked model behind the defence of that name."""
-        return behind(name, self.defences[name])
+        return Judge(name, defence=self.defences[name])
 
 
 def paper_defences() -> dict[str, Defence]:

@@ -7,12 +7,11 @@ is a wall of LEDs here. The pitch of a panel in sensor pixels is f * p / d: foca
 pixels, panel pixel p and distance d in mm.
 
 - LED wall, 10 mm between pixels, from 20 m. Television, 55 inch 3840 x 2160, 0.317 mm, from 1 m.
-Large display,
-  98 inch 3840 x 2160, 0.565 mm, from 2 m. Monitor, 24 inch 1920 x 1080, 0.277 mm, from 0.5 m.
+  Large display, 98 inch 3840 x 2160, 0.565 mm, from 2 m. Monitor, 24 inch 1920 x 1080, 0.277 mm,
+  from 0.5 m.
 - Pixel 4: 4032 x 3024 pixels, 27 mm equivalent. P20 Pro: 3648 x 2736, 27 mm equivalent. A Sony
-camera with 6000 pixels
-  over 23.5 mm behind a 24 mm lens; such a sensor has an optical low-pass filter, here of half a
-  pixel.
+  camera with 6000 pixels over 23.5 mm behind a 24 mm lens; such a sensor has an optical low-pass
+  filter, here of half a pixel.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from moireaug.attacks import LOSSES, evaluating
 from moireaug.defenses import BitDepth
 from moireaug.evaluation.attackers import MoireAttacker, SquareAttacker
 from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise, codes
-from moireaug.evaluation.judges import Judge, another
+from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 
 SLACK = 0.02  # two points, or one image where that is more
@@ -75,10 +75,8 @@ def trust(config: SuiteConfig) -> Table:
     """Lay out what the checks look at: a row each, other models in columns of their own."""
     eps, steps = config.middle, config.steps
     longer = f"{LONGER * steps}_steps_and_2_restarts"
-    rounding = BitDepth(8)
-    through = MoireAttacker(
-        eps=eps, steps=steps, variant="through_rounding", knows="rounding", defence=rounding
-    )
+    rounded = Judge("rounded", defence=BitDepth(8))
+    through = MoireAttacker(eps=eps, steps=steps, variant="through_rounding", knows=rounded)
     cells = [
         Cell("clean", MODEL, (CleanTwice(),)),
         Cell("moire", MODEL, (PhotoGradient(),)),
@@ -90,13 +88,13 @@ def trust(config: SuiteConfig) -> Table:
             (MoireAttacker(eps=eps, steps=LONGER * steps, variant=longer, restarts=2),),
         ),
         Cell("queries", MODEL, (SquareAttacker(eps=eps, steps=QUERIES * steps),)),
-        Cell("shattered", MODEL, (through,), Judge("rounded", defence=rounding)),
+        Cell("shattered", MODEL, (through,), rounded),
     ]
     for size in sizes(config):
         cells.append(Cell(_row(size), MODEL, (MoireAttacker(eps=size, steps=steps),)))
     for name, model in config.targets.items():
         if model is not None:
-            judge = another(name, model)
+            judge = Judge(name, model=model)
             cells.append(Cell(_row(eps), name, (MoireAttacker(eps=eps, steps=steps),), judge))
             cells.append(Cell("random", name, (RandomNoise(eps=eps),), judge))
     return Table("trust", tuple(cells))

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, TensorDataset
 
-from moireaug import evaluation
+from moireaug import defenses, evaluation
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation import evaluate, rates
 from moireaug.scene.scene import Scene
@@ -47,6 +47,44 @@ def test_any_loader_will_do(known):
     exact = [(x.float() / 255, y) for x, (_, y) in zip(images, batches, strict=True)]
     same = evaluate(model, exact, steps=1, n=11, progress=False)
     assert frame["image"].nunique() == 11 and frame["predicted"].equals(same["predicted"])
+
+
+def test_empty_batches_are_left_out_and_one_bound_is_a_number(known):
+    model, batches = known
+    empty = (torch.rand(0, 3, 16, 16), torch.zeros(0, dtype=torch.long))
+    given = [empty, *batches, empty]
+    frame = evaluate(model, given, steps=1, eps=4 / 255, progress=False)
+    assert frame["image"].nunique() == 16 and "ma_4" in set(frame["row"])
+
+
+@pytest.mark.parametrize("suite", ["jpeg", "adaptive", "mean_normalised"])
+def test_a_defence_stands_beside_the_papers(known, loader, suite):
+    frame = evaluate(
+        known[0], loader, suite=suite, steps=1, defences={"mine": torch.relu}, progress=False
+    )
+    assert frame["row"].nunique() >= 3
+
+
+def test_another_defence_of_one_name_is_another(known, loader, tmp_path):
+    shown = []
+    for quality in (5, 95):
+        frame = evaluate(
+            known[0],
+            loader,
+            suite="defences",
+            steps=1,
+            defences={"mine": defenses.JPEG(quality)},
+            folder=tmp_path,
+            progress=False,
+        )
+        shown.append(frame[frame["row"] == "mine"]["predicted"].tolist())
+    assert shown[0] != shown[1]
+
+
+def test_without_gradients_and_in_inference_mode(known, loader):
+    with torch.inference_mode():
+        frame = evaluate(known[0], loader, steps=1, progress=False)
+    assert frame.equals(evaluate(known[0], loader, steps=1, progress=False)) or len(frame) == 160
 
 
 def test_the_attack_is_the_attack(known, loader):
@@ -99,8 +137,17 @@ def test_a_suite_of_several_tables(known, loader):
         ({"scene": "nowhere"}, "nowhere"),
         (
             {"model": lambda x: x.mean((1, 2, 3)), "folder": "out"},
-            "keeps records by the model's weights",
+            "nothing tells the model, a function",
         ),
+        ({"defences": {"mine": lambda x: x}, "folder": "out"}, "nothing tells mine, a function"),
+        ({"targets": {"other": lambda x: x}, "folder": "out"}, "nothing tells other, a function"),
+        ({"targets": {"model": torch.nn.Identity()}}, "'model' cannot name a target or defence"),
+        ({"eps": ()}, "eps must be one or more different bounds"),
+        ({"eps": (4 / 255, 4 / 255)}, "eps must be one or more different bounds"),
+        ({"n": 0}, "n must be at least 1 image"),
+        ({"n": -1}, "n must be at least 1 image"),
+        ({"loader": [(torch.rand(0, 3, 8, 8), torch.zeros(0).long())]}, "loader yields no images"),
+        ({"loader": [(torch.rand(2, 8, 8, 3), torch.zeros(2).long())]}, "3, H, W"),
     ],
 )
 def test_mistakes_get_a_sentence(known, loader, change, message, tmp_path, monkeypatch):

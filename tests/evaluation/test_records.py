@@ -10,7 +10,14 @@ import torch
 from moireaug.evaluation.records import RecordFolder, Records, key_of
 from moireaug.files import write_text
 
-RECORD = {"key": "a", "predicted": [1]}
+RECORD = {
+    "key": "a",
+    "labels": [1],
+    "targets": [0],
+    "predicted": [1],
+    "measured": {},
+    "seconds": 0.1,
+}
 
 
 def keys(folder):
@@ -35,10 +42,20 @@ def test_a_folder_keeps_whole_records_alone(tmp_path):
     assert all(json.loads(line) for line in (tmp_path / "records-0.jsonl").read_text().splitlines())
 
 
-@pytest.mark.parametrize("broken", ['{"key": "b", "pre', "[1]", "7", "{}", "\x00\xff"])
+@pytest.mark.parametrize(
+    "broken", ['{"key": "forged"}', '{"key": "b", "pre', "[1]", "7", "{}", "\x00\xff"]
+)
 def test_a_broken_line_is_left_out(tmp_path, broken):
     (tmp_path / "records-0.jsonl").write_text(broken + "\n" + json.dumps(RECORD) + "\n")
     assert keys(tmp_path) == {"a"}
+
+
+def test_a_folder_can_be_taken_up_again(tmp_path):
+    records = RecordFolder(tmp_path)
+    for name in ("a", "b"):
+        with records:
+            records.append([RECORD | {"key": name}])
+    assert keys(tmp_path) == {"a", "b"} and len(list(tmp_path.glob("*.jsonl"))) == 1
 
 
 def test_reading_alone_writes_nothing(tmp_path):
@@ -49,11 +66,14 @@ def test_reading_alone_writes_nothing(tmp_path):
 def test_a_killed_process_leaves_its_file_to_the_next(tmp_path):
     """Its lock is the kernel's, and ends with it."""
     code = (
-        "import os, pathlib, sys; from moireaug.evaluation.records import RecordFolder;"
-        "r = RecordFolder(pathlib.Path(sys.argv[1])); r.append([{'key': 'killed'}]); "
+        "import json, os, pathlib, sys; from moireaug.evaluation.records import RecordFolder;"
+        "r = RecordFolder(pathlib.Path(sys.argv[1])); r.append([json.loads(sys.argv[2])]); "
         "os.kill(os.getpid(), 9)"
     )
-    killed = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    killed = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path), json.dumps(RECORD | {"key": "killed"})],
+        check=False,
+    )
     assert killed.returncode == -9
     with RecordFolder(tmp_path) as records:
         records.append([RECORD])

@@ -1,5 +1,6 @@
 """The runner: the same figures however the work is cut, and nothing computed twice."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,8 @@ import torch
 from torch import nn
 
 from moireaug import Scene
+from moireaug.attacks import Normalized
+from moireaug.defenses import JPEG, Compose
 from moireaug.evaluation import Cell, Table, images_frame, rates
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import (
@@ -18,7 +21,7 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     Rotated,
 )
-from moireaug.evaluation.judges import UNDEFENDED, Judge, another
+from moireaug.evaluation.judges import UNDEFENDED, Judge, digest, identity
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.tables import crossed
@@ -111,22 +114,67 @@ def test_another_seed_gives_others(known):
     assert other.record(Clean(), UNDEFENDED, 0)["targets"] != clean["targets"]
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [
-        MoireAttacker(eps=EPS, steps=3),
-        MoireAttacker(eps=EPS / 2, steps=2),
-        MoireAttacker(eps=EPS, steps=2, restarts=2),
-        MoireAttacker(eps=EPS, steps=2, targeted=True),
-        MoireAttacker(eps=EPS, steps=2, scene=Scene.preset("paper")),
-    ],
-)
-def test_a_key_changes_with_every_setting(known, changed):
+CHANGES = {
+    "steps": 3,
+    "eps": EPS / 2,
+    "restarts": 2,
+    "targeted": True,
+    "rule": "apgd",
+    "loss": "margin",
+    "noise_at": "photo",
+    "optimise": ("noise", "view"),
+    "knows": Judge("j", defence=JPEG(60)),
+    "variant": "other",
+    "scene": Scene.preset("paper"),
+}
+
+
+@pytest.mark.parametrize("setting", CHANGES)
+def test_a_key_changes_with_every_setting(known, setting):
     runner = ran(known)
     plain = CONDITIONS["ma"]
     assert runner.key(plain, UNDEFENDED, 0) in runner.records
+    changed = dataclasses.replace(plain, **{setting: CHANGES[setting]})
     assert runner.key(changed, UNDEFENDED, 0) not in runner.records
     assert runner.key(plain, Judge("other"), 0) not in runner.records
+
+
+def test_every_setting_of_an_attacker_is_tried():
+    named = {field.name for field in dataclasses.fields(MoireAttacker)}
+    assert named - {"place"} == set(CHANGES)
+
+
+def test_a_defence_is_known_by_its_settings_and_weights():
+    """Not by its name alone."""
+    parts = [
+        JPEG(60),
+        JPEG(10),
+        Compose((JPEG(60),)),
+        Compose((classifier(0),)),
+        Compose((classifier(1),)),
+        classifier(0),
+        torch.nn.functional.relu,
+        torch.nn.functional.gelu,
+        lambda x: x,
+        lambda x: x + 1,
+    ]
+    found = [identity(part) for part in parts]
+    assert len(set(found)) == len(parts)
+    assert found[:5] == [identity(part) for part in parts[:5]]
+    keys = {Judge("one", defence=part).identity for part in parts}
+    assert len(keys) == len(parts)
+    knowing = [
+        MoireAttacker(eps=EPS, steps=2, knows=Judge("j", defence=part)) for part in parts[:2]
+    ]
+    assert knowing[0].settings() != knowing[1].settings()
+
+
+def test_a_digest_sees_buffers_that_are_not_saved_and_layers_without_weights():
+    net = classifier()
+    grey, plain = Normalized(net, (0.5,) * 3, (0.5,) * 3), Normalized(net, (0.0,) * 3, (1.0,) * 3)
+    assert digest(grey) != digest(plain)
+    assert digest(nn.Sequential(net, nn.ReLU())) != digest(nn.Sequential(net, nn.GELU()))
+    assert digest(classifier(0)) == digest(classifier(0)) != digest(classifier(1))
 
 
 def test_a_key_changes_with_weights_scene_and_pixels(known):
@@ -188,12 +236,12 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
         """Says the opposite of bright images."""
         return torch.where((x.mean((1, 2, 3)) > 0.5)[:, None], -1, 1) * known[0](x)
 
-    stranger = another("stranger", contrary)
+    stranger = Judge("stranger", model=contrary)
     judges = {"model": UNDEFENDED, "stranger": stranger, "haze": HAZE}
     table = Table("mine", tuple(crossed(judges, {"moire": Photo()})))
     runner = ran(known, table)
     asked = {r["judge"] for r in runner.records._known.values() if r["condition"] == "clean"}
-    assert asked == {"model", "stranger#"}
+    assert asked == {"model", "stranger"}
     frame = images_frame([table], runner, (0, 1)).set_index("row")
     # behind a defence, the model without it counts
     assert frame.loc["model", "counted"].sum() == frame.loc["haze", "counted"].sum() == 16
@@ -202,6 +250,23 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
         clean = runner.record(Clean(), stranger, index)
         right += [p == y for p, y in zip(clean["predicted"], clean["labels"], strict=True)]
     assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
+
+
+def test_another_model_is_left_as_it_was_found(known):
+    """It judges in evaluation mode, without gradients, and keeps its statistics."""
+    seen = []
+
+    class Spy(nn.Module):
+        def forward(self, x):
+            seen.append((self.training, torch.is_grad_enabled()))
+            return x
+
+    stranger = nn.Sequential(classifier(), nn.BatchNorm1d(4), Spy()).train()
+    state = {k: v.clone() for k, v in stranger.state_dict().items()}
+    ran(known, table_of(Photo(), judge=Judge("stranger", model=stranger)))
+    assert seen and not any(training or grad for training, grad in seen)
+    assert stranger.training
+    assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
 
 
 def test_a_target_is_another_class(known):

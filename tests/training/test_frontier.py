@@ -147,7 +147,7 @@ def test_intervals_hold_seeds_and_images(root):
     points = read(root).points
     lone = [point for point in points if point.recipe == "lone"]
     one = stats.binomtest(100, 200).proportion_ci(0.95, method="wilson")
-    assert rate(lone, "worst_4") == pytest.approx((0.5, one.low, one.high), abs=0.01)
+    assert rate(lone, "worst_4") == pytest.approx((0.5, one.low, one.high), abs=1e-6)
     good = [point for point in points if point.recipe == "good"]
     value, low, high = rate(good, "worst_4")
     alone = stats.binomtest(64, 200).proportion_ci(0.95, method="wilson")
@@ -322,6 +322,19 @@ def test_an_attack_in_another_scene_does_not_count(tmp_path):
         match=r"(?s)own scene. Run:.*run=\S+/good/seed0 suite=recipes reattack.steps=50$",
     ):
         read(tmp_path)
+
+
+def test_an_attack_on_other_images_does_not_count(tmp_path):
+    """However many they are."""
+    folder = put(tmp_path, "good", 0)
+    path = next(folder.glob("reattack/*/recipes/metrics.json"))
+    again = json.loads(path.read_text())
+    again["config"] = again["config"] | {"data": {"name": "folder", "size": 48, "root": "other"}}
+    cells = [line | {"outcomes": "0" * 1000} for line in again["tables"]["worst_case"]]
+    again |= {"n": 1000, "tables": again["tables"] | {"worst_case": cells}}
+    write(folder / "reattack/other-n1000/recipes", again)
+    (point,) = read(tmp_path).points
+    assert point.outcomes["clean"].mean() == 0.9
 
 
 @pytest.mark.parametrize(

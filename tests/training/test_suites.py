@@ -228,6 +228,13 @@ def test_a_smoke_test_leaves_a_long_evaluation_alone(whole, weights):
     assert len(list(folder.parents[1].glob("*/noise_position"))) == 4
 
 
+def test_the_checks_look_at_as_many_images_as_are_asked_for(weights, tmp_path):
+    found = suite(
+        "trust", weights, tmp_path, "data.test=120", "reattack.n=110", "reattack.batch_size=55"
+    )
+    assert found["n"] == found["trust_n"] == 110 and len(found["trust"]) == 10
+
+
 def test_the_ladder_is_a_suite_like_any_other(weights, tmp_path):
     first = suite("ladder", weights, tmp_path)
     records = records_of(tmp_path)

@@ -12,7 +12,7 @@ from moireaug.evaluation.attackers import (
     turnable,
 )
 from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.suites.paper import controls, eps_row
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, row_of, worst_of
 
@@ -22,22 +22,12 @@ QUERIES = 20  # of Square, for each gradient step of the others
 CAMERA = ("moire", "ma", "adaptive", "pose_unknown")  # what the worst case is the worst of
 
 
-def strong(
-    eps: float, steps: int, knows: str = "", config: SuiteConfig | None = None
-) -> MoireAttacker:
+def strong(eps: float, steps: int, knows: Judge | None = None) -> MoireAttacker:
     """Return the Moiré Attack that searches harder: APGD by the margin, with two restarts; through
-    a defence where one is named."""
-    defence = config.defences[knows] if config is not None and knows else None
-    variant = f"through_{knows}" if knows else "apgd_margin"
+    a defence where it knows of one."""
+    variant = "apgd_margin" if knows is None else f"through_{knows.name}"
     return MoireAttacker(
-        eps=eps,
-        steps=steps,
-        variant=variant,
-        rule="apgd",
-        loss="margin",
-        restarts=2,
-        knows=knows,
-        defence=defence,
+        eps=eps, steps=steps, variant=variant, rule="apgd", loss="margin", restarts=2, knows=knows
     )
 
 
@@ -60,7 +50,7 @@ def adaptive(config: SuiteConfig) -> Table:
     for name in ADAPTED:
         judge = config.behind(name)
         cells += crossed({name: judge}, controls(eps) | {"ma": plain})
-        cells.append(Cell(name, "adaptive", (strong(eps, steps, name, config),), judge))
+        cells.append(Cell(name, "adaptive", (strong(eps, steps, judge),), judge))
     for row in ("undefended", *ADAPTED):
         cells.append(worst_of(cells, row))
     return Table("adaptive", tuple(cells), facts={"why_not_turned": why})

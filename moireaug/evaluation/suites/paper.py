@@ -14,7 +14,7 @@ from moireaug.evaluation.conditions import (
     Rotated,
     codes,
 )
-from moireaug.evaluation.judges import UNDEFENDED, Judge, another
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, row_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.scene import Scene
@@ -36,7 +36,8 @@ def rivals(config: SuiteConfig) -> dict[str, Condition]:
     eps, steps = config.middle, config.steps
     found: dict[str, Condition] = {"ma": MoireAttacker(eps=eps, steps=steps)}
     for name in ("bim", "pgd", "cw", "mifgsm"):
-        found[name] = PixelAttacker(attack=name, eps=eps, steps=steps)
+        bound = 0.0 if name == "cw" else eps
+        found[name] = PixelAttacker(attack=name, eps=bound, steps=steps)
     return found
 
 
@@ -118,7 +119,7 @@ def transfer(config: SuiteConfig) -> Table:
         if model is None:
             lost[name] = "weights not at hand"
         else:
-            judges[name] = another(name, model)
+            judges[name] = Judge(name, model=model)
     columns = controls(config.middle) | rivals(config)
     return Table(
         "transfer",
