@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, TensorDataset
 
-from moireaug import defenses, evaluation
+from moireaug import evaluation
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation import evaluate, rates
 from moireaug.scene.scene import Scene
@@ -65,26 +65,33 @@ def test_a_defence_stands_beside_the_papers(known, loader, suite):
     assert frame["row"].nunique() >= 3
 
 
+class Tinted(torch.nn.Module):
+    """A defence that leaves one colour."""
+
+    def __init__(self, channel):
+        super().__init__()
+        self.register_buffer("kept", torch.eye(3)[channel], persistent=False)
+
+    def forward(self, images):
+        return images * self.kept[:, None, None]
+
+
 def test_another_defence_of_one_name_is_another(known, loader, tmp_path):
     shown = []
-    for quality in (5, 95):
-        frame = evaluate(
-            known[0],
-            loader,
-            suite="defences",
-            steps=1,
-            defences={"mine": defenses.JPEG(quality)},
-            folder=tmp_path,
-            progress=False,
-        )
-        shown.append(frame[frame["row"] == "mine"]["predicted"].tolist())
-    assert shown[0] != shown[1]
+    for channel in range(3):
+        given = {"suite": "defences", "steps": 1, "defences": {"mine": Tinted(channel)}, "n": 8}
+        kept = evaluate(known[0], loader, **given, folder=tmp_path, progress=False)
+        fresh = evaluate(known[0], loader, **given, progress=False)
+        assert kept["predicted"].equals(fresh["predicted"])
+        shown.append(tuple(kept[kept["row"] == "mine"]["predicted"]))
+    assert len(set(shown)) > 1
 
 
 def test_without_gradients_and_in_inference_mode(known, loader):
     with torch.inference_mode():
         frame = evaluate(known[0], loader, steps=1, progress=False)
-    assert frame.equals(evaluate(known[0], loader, steps=1, progress=False)) or len(frame) == 160
+    same = evaluate(known[0], loader, steps=1, progress=False)
+    assert frame["predicted"].equals(same["predicted"])
 
 
 def test_the_attack_is_the_attack(known, loader):

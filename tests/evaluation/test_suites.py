@@ -9,7 +9,15 @@ import torch
 from torch import nn
 
 from moireaug import Scene
-from moireaug.evaluation import GROUPS, SUITES, SuiteConfig, images_frame, rates, tables_of
+from moireaug.evaluation import (
+    GROUPS,
+    SUITES,
+    SuiteConfig,
+    images_frame,
+    rates,
+    report,
+    tables_of,
+)
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
 from moireaug.evaluation.frame import cell_of, read_published, with_paper
 from moireaug.evaluation.judges import UNDEFENDED
@@ -192,6 +200,18 @@ def test_the_tables_say_what_they_show(measured):
         | {"trust": [], "data": "", "n": 0, "steps": 0, "scene_name": "", "command": ""},
     )
     assert "| own scene |" in told and ", screen_photo;" in told and "nan" not in told
+
+
+def test_names_are_escaped_once(measured, tmp_path):
+    tables, _, lines, _ = measured
+    evil = "a&b<i>"
+    metrics = {name: evil for name in ("model", "suite", "data", "scene_name", "command", "plan")}
+    metrics |= {"n": 16, "steps": 2, "trust": [{"name": evil, "verdict": "fail", "says": evil}]}
+    told = with_paper(lines, list(tables.values()))
+    report.write_suite(tmp_path, metrics, list(tables.values()), told, {})
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert "<i>b" not in page and "b<i>" not in page and "&amp;amp;" not in page
+    assert page.count("a&amp;b&lt;i&gt;") >= 8
 
 
 class Deaf(nn.Module):

@@ -228,6 +228,7 @@ def test_every_file_is_whole(root, capsys):
         "n": 200,
         "steps": 50,
         "seed": 1234,
+        "batch_size": None,
     }
     words = (out / "frontier.md").read_text()
     assert (

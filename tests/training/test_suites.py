@@ -218,9 +218,9 @@ def test_another_suite_takes_what_is_there(whole, weights):
 
 
 def test_a_smoke_test_leaves_a_long_evaluation_alone(whole, weights):
-    folder = whole[1] / "jpeg"
     runs = whole[1].parents[2]
     suite("jpeg", weights, runs, "reattack.n=3")
+    folder = folder_of(runs, "jpeg", 3)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     for other in ("reattack.n=2", "reattack.steps=2", "reattack.seed=5", "reattack.eps=[0.01]"):
         suite("noise_position", weights, runs, *dict.fromkeys(["reattack.n=3", other]))

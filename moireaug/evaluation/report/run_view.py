@@ -80,15 +80,12 @@ def total_seconds(side: Metrics | None) -> float | None:
 
 def _side(kind: str, side: Metrics) -> dict[str, Any]:
     name = name_of(side)
-    labels = {
-        "start": f"start ({name})",
-        "baseline": f"baseline ({name})",
-        "ours": f"this model ({name})",
-    }
+    role = "this model" if kind == "ours" else kind
+    label = role if role == name else f"{role} ({name})"
     counts = dict.fromkeys(
         str(row["counted"]) for row in side["reattack"] if row.get("counted") is not None
     )
-    return {"kind": kind, "name": name, "label": labels[kind], "counted": " / ".join(counts)}
+    return {"kind": kind, "name": name, "label": label, "counted": " / ".join(counts)}
 
 
 def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
