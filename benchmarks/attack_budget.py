@@ -37,8 +37,8 @@ from training import saved
 from training.data import load
 from training.results import protocol_of
 
-STEPS = (1, 2, 5, 10, 20, 50, 100)
-FULL: dict[str, Any] = {"steps": STEPS, "n": 160}
+STEPS = (1, 2, 5, 10, 20, 50)
+FULL: dict[str, Any] = {"steps": STEPS, "n": 96}
 QUICK: dict[str, Any] = {"steps": (1, 2), "n": 4}
 EPS = 4 / 255
 QUERIES = 20  # of Square, for each step of the others
