@@ -5,10 +5,16 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, TensorDataset
 
-from moireaug import evaluation
+from moireaug import capture, evaluation
 from moireaug.attacks import MoireAttack
-from moireaug.evaluation import evaluate, rates
+from moireaug.evaluation import Cell, SuiteConfig, Table, evaluate, images_frame, rates
+from moireaug.evaluation.conditions import Photo
+from moireaug.evaluation.records import RecordFolder
+from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.statistics import mix
 from moireaug.scene.scene import Scene
+
+SCENE = Scene.preset("screen_photo")
 
 
 @pytest.fixture
@@ -76,15 +82,25 @@ class Tinted(torch.nn.Module):
         return images * self.kept[:, None, None]
 
 
-def test_another_defence_of_one_name_is_another(known, loader, tmp_path):
-    shown = []
+def test_another_defence_of_one_name_is_another(known, tmp_path):
+    """What is kept of one is not shown of the other."""
+    model, batches = known
+    found = []
     for channel in range(3):
-        given = {"suite": "defences", "steps": 1, "defences": {"mine": Tinted(channel)}, "n": 8}
-        kept = evaluate(known[0], loader, **given, folder=tmp_path, progress=False)
-        fresh = evaluate(known[0], loader, **given, progress=False)
-        assert kept["predicted"].equals(fresh["predicted"])
-        shown.append(tuple(kept[kept["row"] == "mine"]["predicted"]))
-    assert len(set(shown)) > 1
+        judge = SuiteConfig(scene=SCENE, defences={"mine": Tinted(channel)}).behind("mine")
+        table = Table("mine", (Cell("mine", "moire", (Photo(),), judge),))
+        with RecordFolder(tmp_path) as records:
+            runner = Runner(model, batches, SCENE, records)
+            for _ in runner.run(jobs_of([table]), (0, 1)):
+                pass
+            kept = images_frame([table], runner, (0, 1))["predicted"].tolist()
+        with torch.no_grad():
+            kept_colour = torch.eye(3)[channel][:, None, None]
+            shot = SCENE.sample(8, (16, 16), torch.Generator().manual_seed(mix(0, 0, 0)))
+            expected = model(capture(batches[0][0], shot) * kept_colour).argmax(1).tolist()
+        assert kept[:8] == expected
+        found.append(tuple(kept))
+    assert len(set(found)) > 1
 
 
 def test_without_gradients_and_in_inference_mode(known, loader):
@@ -99,12 +115,9 @@ def test_the_attack_is_the_attack(known, loader):
     model, batches = known
     frame = evaluate(model, loader, eps=(32 / 255,), steps=3, progress=False)
     found = []
-    scene = Scene.preset("screen_photo")
-    from moireaug.evaluation.statistics import mix
-
     for index, (images, labels) in enumerate(batches):
-        shot = scene.sample(8, (16, 16), torch.Generator().manual_seed(mix(0, index, 0)))
-        found += MoireAttack(model, scene=scene, eps=32 / 255, steps=3)(
+        shot = SCENE.sample(8, (16, 16), torch.Generator().manual_seed(mix(0, index, 0)))
+        found += MoireAttack(model, scene=SCENE, eps=32 / 255, steps=3)(
             images, labels, shot=shot
         ).success.tolist()
     cell = frame[frame["row"] == "ma_32"]
