@@ -76,9 +76,9 @@ def bootstrap(outcomes: np.ndarray, draws: int = 4000) -> tuple[float, float]:
     Seeds and images are drawn again with replacement, independently (Owen's pigeonhole bootstrap,
     2007), by a generator of fixed seed. Few seeds scatter less when they are drawn again than they
     were drawn: their part is widened by sqrt(S / (S - 1)), and as Student's t is wider than a
-    normal distribution. Simulated tables of three seeds and 200 images hold the truth in 97 to 99
-    of 100, and Student's t over the seeds alone in 86 to 95. Where all outcomes are the same, the
-    interval is as wide as Wilson's of no hit among so many images.
+    normal distribution. Of simulated tables of three seeds and 200 images 97 to 100 in a
+    hundred hold the truth, and of Student's t over the seeds alone 86 to 95. Where all outcomes are
+    the same, the interval is as wide as Wilson's of no hit among so many images.
     """
     seeds, images = outcomes.shape
     mean = float(outcomes.mean())
