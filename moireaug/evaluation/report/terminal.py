@@ -48,28 +48,45 @@ def run_summary(metrics: Metrics) -> str:
 
 
 def _head(run: dict[str, Any]) -> list[str]:
-    names = [short(side["name"], NAME) for side in run["sides"]]
-    ends = ["gain [95 %]"] if run["baseline"] else ["95 %"]
-    change = ["codes", "dB"] if run["noise"] else []
-    return ["", "eps", *change, *names, *ends]
+    heads = ["", "eps"]
+    if run["noise"]:
+        heads += ["codes", "dB"]
+    for side in run["sides"]:
+        heads.append(short(side["name"], NAME))
+    heads.append("gain [95 %]" if run["baseline"] else "95 %")
+    return heads
 
 
 def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
-    change = []
+    line = [short(row["title"], TITLE), codes(row["eps"])]
     if run["noise"]:
-        known = row["psnr"] is not None
-        change = [codes(row["largest"]), number(row["psnr"])] if known else ["", ""]
-    rates = [percent(row["sides"][side["kind"]]["accuracy"].value) for side in run["sides"]]
+        line += _noise(row)
+    for side in run["sides"]:
+        line.append(percent(row["sides"][side["kind"]]["accuracy"].value))
     if run["baseline"]:
-        end = points(row["gain"].value) + _ends(row["gain"])
+        line.append(points(row["gain"].value) + _ends(row["gain"]))
     else:
-        own = row["sides"]["ours"]["accuracy"]
-        end = "" if own.low is None else f"{percent(own.low)} – {percent(own.high)}"
-    return [short(row["title"], TITLE), codes(row["eps"]), *change, *rates, end]
+        line.append(_span(row["sides"]["ours"]["accuracy"]))
+    return line
+
+
+def _noise(row: dict[str, Any]) -> list[str]:
+    """Return how far an attack's noise moves the photo; of a control nothing."""
+    if row["psnr"] is None:
+        return ["", ""]
+    return [codes(row["largest"]), number(row["psnr"])]
+
+
+def _span(rate: Rate) -> str:
+    if rate.low is None:
+        return ""
+    return f"{percent(rate.low)} – {percent(rate.high)}"
 
 
 def _ends(gain: Rate) -> str:
-    return "" if gain.low is None else f" [{points(gain.low)}, {points(gain.high)}]"
+    if gain.low is None:
+        return ""
+    return f" [{points(gain.low)}, {points(gain.high)}]"
 
 
 def _training(run: dict[str, Any]) -> list[str]:
@@ -89,11 +106,15 @@ def suite_summary(metrics: Metrics, suite: dict[str, Any]) -> str:
     """Return a suite's tables: success in %, one line a row."""
     lines = []
     for table in suite["tables"]:
-        columns = [title_of(column, "columns") for column in table["columns"]]
-        rows = [["", *columns]]
+        head = [""]
+        for column in table["columns"]:
+            head.append(title_of(column, "columns"))
+        rows = [head]
         for row in table["rows"]:
-            rates = ["–" if cell is None else percent(cell["success"]) for cell in row["cells"]]
-            rows.append([title_of(row["name"], "rows"), *rates])
+            line = [title_of(row["name"], "rows")]
+            for cell in row["cells"]:
+                line.append(percent(None if cell is None else cell["success"]))
+            rows.append(line)
         lines += ["", f"{title_of(table['name'], 'tables')}: fooled, %", *grid(rows)]
     if suite["unanswered"]:
         lines += ["", render("unanswered.j2", found=suite["unanswered"])]
