@@ -13,7 +13,9 @@ from torch import Tensor
 from moireaug.effects.base import Effect
 from moireaug.effects.demosaic import Demosaic
 from moireaug.effects.denoise import Denoise
-from moireaug.effects.exposing import Distortion, Exposed, Pose, Subpixels
+from moireaug.effects.detail import ChromaBlur, ClipDetail, Sharpen
+from moireaug.effects.display import BlackLevel, Glare
+from moireaug.effects.exposing import Crosstalk, Distortion, Exposed, Pose, Subpixels
 from moireaug.effects.flicker import Flicker
 from moireaug.effects.jpeg import Jpeg
 from moireaug.effects.prefilter import Prefilter, most_lost, most_variance
@@ -21,7 +23,7 @@ from moireaug.effects.registration import Registration
 from moireaug.effects.resize import Resize
 from moireaug.effects.sensor import FullWell, Gain, Noise, Quantisation, Saturation
 from moireaug.effects.srgb import Clip, Decode, Encode
-from moireaug.effects.tone import Brighten, WhiteBalance
+from moireaug.effects.tone import Brighten, ColourMatrix, ToneCurve, WhiteBalance
 from moireaug.effects.vignetting import Vignetting
 from moireaug.exposure.base import Exposure
 from moireaug.exposure.choose import exposure_of
@@ -30,11 +32,14 @@ from moireaug.scene.shot import ShotRecord
 
 EXPOSE: tuple[Effect, ...] = (
     Decode(),  # codes to light
+    BlackLevel(),
     Prefilter(),  # what is too fine for the panel, or too far away
-    Subpixels(),  # the next three are integrated by the exposure
+    Subpixels(),  # the next four are integrated by the exposure
     Pose(),
     Distortion(),
+    Crosstalk(),
     Exposed(),  # panel light to readings
+    Glare(),
     Vignetting(),
     Flicker(),
     Gain(),
@@ -46,14 +51,21 @@ DEVELOP: tuple[Effect, ...] = (
     Quantisation(),
     Demosaic(),  # readings to colours
     WhiteBalance(),
+    ColourMatrix(),
     Encode(),  # light to codes
+    ToneCurve(),
     Brighten(),
     Clip(),
     Denoise(),
+    ChromaBlur(),
+    Sharpen(),
+    ClipDetail(),
     Resize(),  # sensor pixels to photo pixels
     Registration(),  # back to the image's frame
     Jpeg(),
 )
+
+FILTERS = ("denoise", "chroma_blur", "sharpen")  # they look at every sensor pixel
 
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
@@ -110,6 +122,15 @@ class Plan:
     def harmonics(self) -> tuple[tuple[int, int], ...]:
         """The (k, l) pairs that the spectral exposure sums."""
         return self.method.harmonics
+
+    @property
+    def finishing(self) -> tuple[Effect, ...]:
+        """The effects that need all of a photo: filters on every sensor pixel and what comes after
+        them, and JPEG."""
+        names = [effect.name for effect in self.developing]
+        if any(name in names for name in FILTERS):
+            return self.developing[names.index("clip") + 1 :]
+        return tuple(effect for effect in self.developing if effect.name == "jpeg")
 
     def __contains__(self, effect: object) -> bool:
         return any(step.called for step in self.steps if step.name == effect)

@@ -60,6 +60,21 @@ CASES = {
     "any tolerance": Scene(tolerance=1.0),
     "worst file": Scene(lens=Lens(blur=2), develop=Develop(jpeg=1)),
     "best file": Scene(lens=Lens(blur=2), develop=Develop(jpeg=100)),
+    "all black level": Scene(panel=Panel(black=1.0), develop=Develop(linear_light=True)),
+    "more glare than screen": Scene(panel=Panel(glare=10, glare_x=0.5, glare_y=-0.5), lens=SOFT),
+    "long motion": Scene(lens=Lens(motion_x=20, motion_y=-20, blur=0.3)),
+    "motion across a slanted view": Scene(view=View(yaw=80), lens=Lens(motion_y=5, blur=0.3)),
+    "most crosstalk": Scene(
+        lens=SOFT, sensor=Sensor(crosstalk=0.3), develop=Develop(saturation=4, linear_light=True)
+    ),
+    "no colour": Scene(lens=SOFT, develop=Develop(saturation=0, chroma_blur=20)),
+    "most contrast": Scene(lens=SOFT, develop=Develop(contrast=1)),
+    "least contrast": Scene(lens=SOFT, develop=Develop(contrast=-1, linear_light=True)),
+    "blurred by less than a pixel": Scene(lens=SOFT, develop=Develop(chroma_blur=1e-9)),
+    "sharpened to the limit": Scene(lens=SOFT, develop=Develop(sharpen=10, sharpen_radius=20)),
+    "no blur of a blurring scene": Scene(
+        lens=SOFT, develop=Develop(chroma_blur=(0, 1e-6), sharpen=(0, 1), sharpen_radius=0.3)
+    ),
     "point": Scene(
         panel=Panel(scale=3), view=View(roll=45), sensor=Sensor(scale=9, exposure="point")
     ),
@@ -137,7 +152,14 @@ def test_every_size_and_sensor(size, denoise, cfa, exposure):
             view=View(yaw=20, roll=5),
             lens=Lens(k1=0.1, blur=0.2),
             sensor=Sensor(scale=1.5, cfa=cfa, exposure=exposure),
-            develop=Develop(denoise=denoise, demosaic=demosaic, jpeg=50, linear_light=True),
+            develop=Develop(
+                denoise=denoise,
+                demosaic=demosaic,
+                jpeg=50,
+                linear_light=True,
+                chroma_blur=1.0,
+                sharpen=0.5,
+            ),
         )
         image = torch.rand(2, 3, *size)
         assert in_range(scene.capture(image), image)
@@ -186,7 +208,18 @@ def test_no_noise_of_a_noisy_scene_has_a_gradient():
     assert image.grad.isfinite().all()
 
 
-@pytest.mark.parametrize("name", ["pitch of two", "point", "nearly folded"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pitch of two",
+        "point",
+        "nearly folded",
+        "most crosstalk",
+        "more glare than screen",
+        "sharpened to the limit",
+        "no colour",
+    ],
+)
 def test_an_empty_batch_has_a_gradient(name):
     image = torch.rand(0, 3, 6, 6, requires_grad=True)
     photo = CASES[name].capture(image)
@@ -215,6 +248,12 @@ def test_deterministic_mode_changes_nothing():
 
 
 REFUSED = [
+    (lambda: Panel(black=1.1), "Panel.black must lie in [0, 1]"),
+    (lambda: Panel(glare_x=0.6), "Panel.glare_x must lie in [-0.5, 0.5]"),
+    (lambda: Lens(motion_y=-21), "Lens.motion_y must lie in [-20, 20]"),
+    (lambda: Sensor(crosstalk=0.4), "Sensor.crosstalk must lie in [0, 0.3]"),
+    (lambda: Develop(contrast=-1.1), "Develop.contrast must lie in [-1, 1]"),
+    (lambda: Develop(sharpen_radius=0), "Develop.sharpen_radius must lie in [0.3, 20]"),
     (lambda: Lens(k1=-0.4), "fold the photo onto itself"),
     (lambda: Lens(k1=(-0.1, 0.1), k2=(-0.5, 0.0)), "fold the photo onto itself"),
     (lambda: View(yaw=90), "View.yaw must lie in [-89, 89]"),

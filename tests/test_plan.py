@@ -23,6 +23,7 @@ def colour(**fields):
 
 CALLED = [
     ("decode", {"develop": Develop(linear_light=True)}),
+    ("black_level", {"panel": Panel(layout="even", black=(0.0, 0.01))}),
     ("prefilter", {"panel": Panel(layout="even", scale=0.8)}),
     ("prefilter", {"panel": Panel(layout="even", scale=0.8), "sensor": colour(exposure="point")}),
     ("prefilter", {"lens": Lens(blur=3.0)}),
@@ -37,10 +38,17 @@ CALLED = [
     ("pose", {"view": View(shift_x=0.1)}),
     ("lens", {"lens": Lens(k1=0.01)}),
     ("lens", {"lens": Lens(k2=(-0.01, 0))}),
+    ("crosstalk", {"sensor": colour(crosstalk=(0.0, 0.1))}),
     ("exposure", {"sensor": Sensor()}),
     ("exposure", {"panel": Panel()}),
     ("exposure", {"lens": Lens(olpf=0.5)}),
     ("exposure", {"lens": Lens(blur=0.6)}),
+    ("exposure", {"lens": Lens(motion_x=0.5)}),
+    ("exposure", {"lens": Lens(motion_y=(-0.5, 0.0))}),
+    ("exposure", {"sensor": colour(crosstalk=0.1)}),
+    ("glare", {"panel": Panel(layout="even", glare=0.05)}),
+    # too little in the middle of the photo, enough in a corner
+    ("glare", {"panel": Panel(layout="even", glare=0.0019, glare_x=0.3, glare_y=(-0.3, 0.0))}),
     ("vignetting", {"lens": Lens(vignetting=(0, 0.1))}),
     (
         "flicker",
@@ -51,14 +59,20 @@ CALLED = [
     ("noise", {"sensor": colour(shot_noise=0.01)}),
     ("saturate", {"sensor": colour(gain=(0.5, 1.5))}),
     ("saturate", {"panel": Panel(layout="even", pwm=240.0), "sensor": colour(shutter=0.001)}),
+    ("saturate", {"panel": Panel(layout="even", glare=0.05)}),
     ("bits", {"sensor": colour(bits=6)}),
     ("demosaic", {"sensor": Sensor()}),
     ("resize", {"sensor": colour(scale=2)}),
     ("balance", {"develop": Develop(red=1.1)}),
     ("balance", {"develop": Develop(blue=(0.9, 1.0))}),
+    ("colour_matrix", {"sensor": colour(crosstalk=0.1)}),
+    ("colour_matrix", {"develop": Develop(saturation=(0.9, 1.0))}),
     ("encode", {"develop": Develop(linear_light=True)}),
+    ("tone_curve", {"develop": Develop(contrast=(-0.2, 0.0))}),
     ("brighten", {"develop": Develop(brighten=0.1)}),
     ("denoise", {"develop": Develop(denoise="bilateral")}),
+    ("chroma_blur", {"develop": Develop(chroma_blur=(0.0, 0.5))}),
+    ("sharpen", {"develop": Develop(sharpen=0.5)}),
     ("register", {"view": View(roll=5)}),
     ("jpeg", {"develop": Develop(jpeg=(0, 90))}),
 ]
@@ -86,6 +100,9 @@ NOT_CALLED = [
     ("register", {"view": View(roll=5), "develop": Develop(registered=False)}),
     ("saturate", {"sensor": colour(gain=0.5)}),
     ("layout", {"panel": Panel(), "lens": Lens(blur=3.0)}),
+    # the slope of a light that is not there, the radius of a mask that is not applied
+    ("glare", {"panel": Panel(layout="even", glare_x=0.5, glare_y=-0.5)}),
+    ("sharpen", {"develop": Develop(sharpen_radius=5.0)}),
     # the exposure counts the panel pixels that it spreads over
     ("prefilter", {"lens": Lens(blur=0.6)}),
     ("prefilter", {"view": View(zoom=0.1), "sensor": colour(exposure="supersample:2")}),
@@ -116,6 +133,16 @@ BANDS = {
     "sensor": colour(shutter=0.0012, readout=0.03),
 }
 DROPPED = [  # effect, too small to matter, and not so
+    (
+        "black_level",
+        {"panel": Panel(layout="even", black=0.0019)},
+        {"panel": Panel(layout="even", black=0.2)},
+    ),
+    (
+        "glare",
+        {"panel": Panel(layout="even", glare=0.001, glare_x=0.5, glare_y=-0.45)},
+        {"panel": Panel(layout="even", glare=0.2)},
+    ),
     ("exposure", {"lens": Lens(blur=0.0012)}, {"lens": Lens(blur=0.5)}),
     ("exposure", {"lens": Lens(olpf=0.0024)}, {"lens": Lens(olpf=0.5)}),
     (
@@ -132,6 +159,8 @@ DROPPED = [  # effect, too small to matter, and not so
     ("bits", {"sensor": colour(bits=9)}, {"sensor": colour(bits=2)}),
     ("balance", {"develop": Develop(red=1.0019)}, {"develop": Develop(red=1.5)}),
     ("balance", {"develop": Develop(blue=0.9981)}, {"develop": Develop(blue=0.5)}),
+    ("tone_curve", {"develop": Develop(contrast=-0.02)}, {"develop": Develop(contrast=1.0)}),
+    ("sharpen", {"develop": Develop(sharpen=0.0019)}, {"develop": Develop(sharpen=0.9)}),
     ("brighten", {"develop": Develop(brighten=-0.0019)}, {"develop": Develop(brighten=-0.2)}),
 ]
 
@@ -185,11 +214,14 @@ def test_light_meets_the_effects_in_one_order():
     names = [step.name for step in BARE.plan().steps]
     assert names == [
         "decode",
+        "black_level",
         "prefilter",
         "layout",
         "pose",
         "lens",
+        "crosstalk",
         "exposure",
+        "glare",
         "vignetting",
         "flicker",
         "gain",
@@ -198,9 +230,13 @@ def test_light_meets_the_effects_in_one_order():
         "bits",
         "demosaic",
         "balance",
+        "colour_matrix",
         "encode",
+        "tone_curve",
         "brighten",
         "denoise",
+        "chroma_blur",
+        "sharpen",
         "resize",
         "register",
         "jpeg",

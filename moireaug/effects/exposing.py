@@ -72,6 +72,18 @@ class Distortion(WithinExposure):
         return called(f"k1 {show(lens.k1)}, k2 {show(lens.k2)}")
 
 
+class Crosstalk(WithinExposure):
+    """Colour filters whose bands overlap."""
+
+    name = "crosstalk"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        crosstalk = scene.sensor.crosstalk
+        if not varies(crosstalk):
+            return left_out("each filter passes its own colour alone")
+        return called(f"{show(crosstalk)} of a filter's light from its neighbours' colours")
+
+
 class Exposed(Effect):
     """Panel light integrated over the aperture and the spread of each sensor pixel that the photo
     reads."""
@@ -86,6 +98,8 @@ class Exposed(Effect):
         if method.name == "point":
             return called(reason)
         reason += f"; aperture {show(scene.sensor.fill)}, spread {show(lens.blur)}"
+        if varies(lens.motion_x) or varies(lens.motion_y):
+            reason += f", motion {show(lens.motion_x)} and {show(lens.motion_y)}"
         if varies(lens.olpf):
             reason += f", low-pass {show(lens.olpf)}"
         return called(f"{reason} sensor pixels")
@@ -117,6 +131,8 @@ def is_exposed(scene: SceneRecord) -> bool:
     """Whether a sensor pixel ever reads anything but its own image pixel."""
     lens, sensor = scene.lens, scene.sensor
     if is_posed(scene) or is_bent(scene) or not is_solid(scene):
+        return True
+    if varies(lens.motion_x) or varies(lens.motion_y) or varies(sensor.crosstalk):
         return True
     if sensor.cfa != "none" or sensor.scale != 1 or varies(scene.panel.scale, 1.0):
         return True

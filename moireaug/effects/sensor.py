@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
+from moireaug.effects.display import most_reflected
 from moireaug.effects.flicker import depth
 from moireaug.effects.random_numbers import normal
 from moireaug.numeric import clip, per_image, saturate
@@ -70,7 +71,8 @@ class Saturation(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         gain = bounds(scene.sensor.gain)[1]
-        if gain > 1 or gain * depth(scene) > scene.tolerance:
+        glare = gain * most_reflected(scene)
+        if gain > 1 or glare > scene.tolerance or gain * depth(scene) > scene.tolerance:
             return called("the reading can exceed a full well")
         return left_out("no reading exceeds a full well")
 

@@ -1,13 +1,16 @@
-"""White balance and brightness."""
+"""White balance, colour matrix, tone curve and brightness."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from moireaug.effects.base import Effect, Verdict, judged, off, show
-from moireaug.numeric import per_image
+from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show, varies
+from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.numeric import clip, per_image
 from moireaug.scene.record import SceneRecord
+
+STEEPEST = 6 * 3**0.5  # 1 over the most by which a contrast of 1 moves a code
 
 
 class WhiteBalance(Effect):
@@ -24,6 +27,36 @@ class WhiteBalance(Effect):
         return balance(photo, shot.develop.red, shot.develop.blue)
 
 
+class ColourMatrix(Effect):
+    """The filters' crosstalk undone, and colours as far from grey as is asked for."""
+
+    name = "colour_matrix"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        crosstalk, saturation = scene.sensor.crosstalk, scene.develop.saturation
+        if not varies(crosstalk) and not varies(saturation, 1.0):
+            return left_out("the sensor's own colours")
+        return called(f"crosstalk of {show(crosstalk)} undone, saturation {show(saturation)}")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        matrix = colour_matrix(shot.sensor.crosstalk, shot.develop.saturation)
+        return torch.einsum("bij,bjhw->bihw", matrix.to(photo.dtype), photo)
+
+
+class ToneCurve(Effect):
+    """Contrast, on codes."""
+
+    name = "tone_curve"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        contrast = scene.develop.contrast
+        most = off(contrast, 0) / STEEPEST
+        return judged(most, scene, f"contrast {show(contrast)}", "a straight line")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        return tone_curve(photo, shot.develop.contrast)
+
+
 class Brighten(Effect):
     """A number added to the codes."""
 
@@ -35,6 +68,23 @@ class Brighten(Effect):
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
         return photo + per_image(shot.develop.brighten, photo)
+
+
+def colour_matrix(crosstalk: Tensor, saturation: Tensor) -> Tensor:
+    """Return the matrix (B, 3, 3) from the filters' colours to the photo's: the crosstalk's
+    inverse, then each colour's distance to the mean of the three times the saturation, (B,) each.
+    Rows sum to 1."""
+    one = torch.eye(3, dtype=saturation.dtype, device=saturation.device)
+    mean = torch.full_like(one, 1 / 3)
+    vivid = mean + saturation[:, None, None] * (one - mean)
+    return vivid @ torch.linalg.inv(crosstalk_matrix(crosstalk))
+
+
+def tone_curve(photo: Tensor, contrast: Tensor) -> Tensor:
+    """Return x + contrast (2 x - 1) x (1 - x) of codes x, contrast (B,) in [-1, 1]: it never
+    falls, and keeps 0, 1/2 and 1. Codes are clipped to [0, 1] first."""
+    x = clip(photo)
+    return x + per_image(contrast, photo) * (2 * x - 1) * x * (1 - x)
 
 
 def balance(photo: Tensor, red: Tensor, blue: Tensor) -> Tensor:

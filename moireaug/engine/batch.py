@@ -7,13 +7,14 @@ import math
 
 import numpy as np
 
+from moireaug.engine import detail, nodes, panel, picture
 from moireaug.engine import develop as development
-from moireaug.engine import nodes, panel, picture
-from moireaug.engine.compiling import fill, kernel, loop
+from moireaug.engine.compiling import copy, fill, kernel, loop
 from moireaug.engine.expose import expose as expose_image
 from moireaug.engine.point import expose_point
 from moireaug.engine.record import Camera
-from moireaug.engine.register import register, room
+from moireaug.engine.register import register as resample
+from moireaug.engine.register import room
 
 MOST_PANEL = 16  # panel pixels for each sensor pixel: what is worth building a panel for
 SMALL_PANEL = 2**20
@@ -26,7 +27,7 @@ def _camera(row):
     return Camera(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
         row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
-        row[21],
+        row[21], row[22], row[23], row[24], row[25], row[26],
     )  # fmt: skip
 
 
@@ -52,10 +53,10 @@ def _light(light, floats, codes, i, e):
     """Return the light of picture i, (3, H, W) float32: the picture itself where it is light, else
     `light`, filled."""
     if len(codes):
-        picture.show(light, codes[i], e.coded, e.share[i])
+        picture.show(light, codes[i], e.coded, e.black[i], e.share[i])
         return light
-    if e.coded or e.share[i] != 0:
-        picture.show(light, floats[i], e.coded, e.share[i])
+    if e.coded or e.black[i] != 0 or e.share[i] != 0:
+        picture.show(light, floats[i], e.coded, e.black[i], e.share[i])
         return light
     return floats[i]
 
@@ -89,6 +90,8 @@ def expose(raw, floats, codes, e, first, last):
             shown,
             size,
             camera,
+            e.filters[i],
+            e.white[i],
             e.cell,
             found,
             e.sites,
@@ -108,6 +111,8 @@ def expose_points(raw, floats, codes, e, first, last):
             raw[i],
             _light(light, floats, codes, i, e),
             _camera(e.cameras[i]),
+            e.filters[i],
+            e.white[i],
             e.cell,
             e.point,
             e.point.lit[i],
@@ -117,6 +122,60 @@ def expose_points(raw, floats, codes, e, first, last):
             e.seeds[i],
             e.clips,
             e.dark,
+        )
+
+
+@loop
+def _register(photo, planes, registration, i, back):
+    k1, k2 = registration.lens[i]
+    resample(photo, planes, registration.views[i], k1, k2, back)
+
+
+@kernel
+def register(registered, photos, registration, first, last):
+    """Fill registered (B, 3, H, W) float32 from `first` to `last` with photos of that shape brought
+    back to the image's frame."""
+    _, _, h, w = photos.shape
+    planes = np.zeros(room(h, w), np.float32)
+    for i in range(first, last):
+        copy(planes, photos[i].reshape(-1))
+        _register(registered[i], planes, registration, i, False)
+
+
+@kernel
+def register_back(photo_grad, grad, registration, first, last):
+    """Fill photo_grad (B, 3, H, W) with the gradient in the photos, from that of the registered
+    ones."""
+    _, _, h, w = grad.shape
+    planes = np.empty(room(h, w), np.float32)
+    for i in range(first, last):
+        fill(planes, ZERO)
+        _register(grad[i], planes, registration, i, True)
+        copy(photo_grad[i].reshape(-1), planes)
+
+
+@kernel
+def finish(finished, photos, d, first, last):
+    """Fill finished (B, 3, H, W) float32 from `first` to `last`, from the codes photos (B, 3, h, w)
+    of every sensor pixel.
+
+    Args:
+        d: see `record.Detail`.
+    """
+    for i in range(first, last):
+        chroma = detail.gaussian(d.chroma[i], d.chroma_size)
+        sharp = detail.gaussian(d.sharp[i], d.sharp_size)
+        detail.finish(finished[i], photos[i], chroma, d.amount[i], sharp, d.rows, d.cols)
+
+
+@kernel
+def finish_back(photo_grad, grad, photos, d, first, last):
+    """Fill photo_grad (B, 3, h, w) with the gradient in the codes; arguments as in `finish`."""
+    for i in range(first, last):
+        chroma = detail.gaussian(d.chroma[i], d.chroma_size)
+        sharp = detail.gaussian(d.sharp[i], d.sharp_size)
+        detail.finish_back(
+            photo_grad[i], grad[i], photos[i], chroma, d.amount[i], sharp, d.rows, d.cols
         )
 
 
@@ -130,14 +189,14 @@ def develop(photos, raw, d, first, last):
     """
     if not d.registers:
         for i in range(first, last):
-            development.develop(photos[i], raw[i], d, d.gains[i], d.brighten[i])
+            development.develop(photos[i], raw[i], d, d.matrix[i], d.contrast[i], d.brighten[i])
         return
     h, w = d.size
     planes = np.zeros(room(h, w), np.float32)
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
-        development.develop(taken, raw[i], d, d.gains[i], d.brighten[i])
-        register(photos[i], planes, d.views[i], d.lens[i, 0], d.lens[i, 1], False)
+        development.develop(taken, raw[i], d, d.matrix[i], d.contrast[i], d.brighten[i])
+        _register(photos[i], planes, d.registration, i, False)
 
 
 @kernel
@@ -146,7 +205,7 @@ def develop_back(raw_grad, photo_grad, raw, d, first, last):
     if not d.registers:
         for i in range(first, last):
             development.develop_back(
-                raw_grad[i], photo_grad[i], raw[i], d, d.gains[i], d.brighten[i]
+                raw_grad[i], photo_grad[i], raw[i], d, d.matrix[i], d.contrast[i], d.brighten[i]
             )
         return
     h, w = d.size
@@ -154,5 +213,7 @@ def develop_back(raw_grad, photo_grad, raw, d, first, last):
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
         fill(planes, ZERO)
-        register(photo_grad[i], planes, d.views[i], d.lens[i, 0], d.lens[i, 1], True)
-        development.develop_back(raw_grad[i], taken, raw[i], d, d.gains[i], d.brighten[i])
+        _register(photo_grad[i], planes, d.registration, i, True)
+        development.develop_back(
+            raw_grad[i], taken, raw[i], d, d.matrix[i], d.contrast[i], d.brighten[i]
+        )

@@ -11,6 +11,7 @@ from moireaug.engine.tables import encode, encode_slope
 from moireaug.engine.vectors import add_taps, peek, poke
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
+TWO, SIX = np.float32(2), np.float32(6)
 SITES = 4
 
 
@@ -31,23 +32,48 @@ def _prepare(out, raw, saturates, levels):
 
 
 @loop
-def _code(out, gain, coded, brighten):
-    """Turn a row of light into codes, in place."""
-    if coded:
-        for i in range(len(out)):
-            out[i] = min(max(encode(out[i] * gain) + brighten, ZERO), ONE)
-    else:
-        for i in range(len(out)):
-            out[i] = min(max(out[i] * gain + brighten, ZERO), ONE)
+def _mix(red, green, blue, matrix):
+    """Multiply the colours of a row by a matrix (3, 3), in place."""
+    rr, rg, rb = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    gr, gg, gb = matrix[1, 0], matrix[1, 1], matrix[1, 2]
+    br, bg, bb = matrix[2, 0], matrix[2, 1], matrix[2, 2]
+    for i in range(len(red)):
+        r, g, b = red[i], green[i], blue[i]
+        red[i] = rr * r + rg * g + rb * b
+        green[i] = gr * r + gg * g + gb * b
+        blue[i] = br * r + bg * g + bb * b
 
 
 @loop
-def _code_slope(out, light, gain, coded, brighten):
-    """Multiply a gradient by the slope of `_code` at `light`: 1 on the clip's bounds, 0 beyond."""
+def _code(out, gain, d, contrast, brighten):
+    """Turn a row of light into codes, in place."""
+    if d.coded:
+        for i in range(len(out)):
+            out[i] = encode(out[i] * gain)
+    else:
+        for i in range(len(out)):
+            out[i] *= gain
+    if d.toned:
+        for i in range(len(out)):
+            x = min(max(out[i], ZERO), ONE)
+            out[i] = x + contrast * (TWO * x - ONE) * x * (ONE - x)
+    for i in range(len(out)):
+        out[i] = min(max(out[i] + brighten, ZERO), ONE)
+
+
+@loop
+def _code_slope(out, light, gain, d, contrast, brighten):
+    """Multiply a gradient by the slope of `_code` at `light`: 1 on a clip's bounds, 0 beyond."""
     for i in range(len(out)):
         x = light[i] * gain
-        code = (encode(x) if coded else x) + brighten
-        slope = gain * encode_slope(x) if coded else gain
+        code = encode(x) if d.coded else x
+        slope = gain * encode_slope(x) if d.coded else gain
+        if d.toned:
+            slope *= ONE + contrast * (SIX * code * (ONE - code) - ONE)
+            slope = slope if ZERO <= code <= ONE else ZERO
+            code = min(max(code, ZERO), ONE)
+            code += contrast * (TWO * code - ONE) * code * (ONE - code)
+        code += brighten
         out[i] *= slope if ZERO <= code <= ONE else ZERO
 
 
@@ -153,12 +179,25 @@ def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows
 
 
 @loop
-def develop(photo, raw, d, gains, brighten):
+def _mix_row(colours, r, step, lanes, w, matrix):
+    """Multiply the colours of one row of a cell, its even and its odd columns, by a matrix."""
+    for c in range(step):
+        start = (r * 2 + c) * 3 * lanes
+        _mix(
+            colours[start : start + w],
+            colours[start + lanes : start + lanes + w],
+            colours[start + 2 * lanes : start + 2 * lanes + w],
+            matrix,
+        )
+
+
+@loop
+def develop(photo, raw, d, matrix, contrast, brighten):
     """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
 
     Args:
         d: see `record.Development`.
-        gains: (3,) float32, white balance. brighten: float32, added to the codes.
+        matrix, contrast, brighten: (3, 3), and a number each, see there.
     """
     _, h, w = raw.shape
     mosaic, saturates, levels = d.mosaic, d.saturates, d.levels
@@ -177,13 +216,14 @@ def develop(photo, raw, d, gains, brighten):
             row = y * step + r
             if not _counts(rows, row):
                 continue
+            if d.mixes:
+                _mix_row(colours, r, step, lanes, w, matrix)
             for channel in range(3):
                 # the row's even and odd columns lie 3 rows of lanes apart
                 seen = colours[(r * 2 * 3 + channel) * lanes :]
+                gain = ONE if d.mixes else matrix[channel, channel]
                 for c in range(step):
-                    _code(
-                        seen[c * 3 * lanes : c * 3 * lanes + w], gains[channel], d.coded, brighten
-                    )
+                    _code(seen[c * 3 * lanes : c * 3 * lanes + w], gain, d, contrast, brighten)
                 if cols.cells:
                     _mean(line, seen, seen[3 * lanes :])
                 else:
@@ -208,7 +248,9 @@ def _fold_back(raw_grad, total, raw, y, wide, saturates):
 
 
 @loop
-def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):  # noqa: C901  # one pass, row by row
+def develop_back(  # noqa: C901  # one pass, row by row
+    raw_grad, photo_grad, raw, d, matrix, contrast, brighten
+):
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop`."""
     _, h, w = raw.shape
@@ -223,6 +265,7 @@ def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):  # noqa: C901  
     fill(held, -1)
     line = np.empty(photo_grad.shape[2], np.float32)
     total = np.zeros((3, SITES * wide), np.float32)
+    transposed = matrix.T.copy()
     for y in range(h):
         _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
         fill(grads, ZERO)
@@ -230,7 +273,10 @@ def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):  # noqa: C901  
             row = y * step + r
             if not _counts(rows, row):
                 continue
+            if d.mixes:
+                _mix_row(colours, r, step, lanes, w, matrix)
             for channel in range(3):
+                gain = ONE if d.mixes else matrix[channel, channel]
                 fill(line, ZERO)
                 for i in range(rows.first[row], rows.last[row] + 1):
                     _add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
@@ -241,9 +287,9 @@ def develop_back(raw_grad, photo_grad, raw, d, gains, brighten):  # noqa: C901  
                     a = start + c * 3 * lanes
                     if not cols.cells:
                         _gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
-                    _code_slope(
-                        grads[a : a + w], colours[a : a + w], gains[channel], d.coded, brighten
-                    )
+                    _code_slope(grads[a : a + w], colours[a : a + w], gain, d, contrast, brighten)
+            if d.mixes:
+                _mix_row(grads, r, step, lanes, w, transposed)
         if not mosaic:
             for channel in range(3):
                 for i in range(w):

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from moireaug import pipeline
+from moireaug.effects.display import BlackLevel
 from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
 from moireaug.numeric import is_transformed
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
 
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
+FINISH = ("chroma_blur", "sharpen", "clip_detail", "resize")  # one kernel is all of them
 EXPOSURES = ("spectral", "mean", "point")
 _forced_off = False
 
@@ -82,9 +84,9 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
         return raw
     if varies:
         light = as_float(light)
-        if "decode" in shot.plan:
-            light = Decode()(light, shot)
-        light = Prefilter()(light, shot)
+        for effect in (Decode(), BlackLevel(), Prefilter()):
+            if effect.name in shot.plan:
+                light = effect(light, shot)
     return run.expose(light, exposure)
 
 
@@ -96,8 +98,14 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     if not math.isfinite(raw.detach().sum()):  # has no place in the kernels' tables
         return pipeline.develop(raw, shot)
     photo = run.develop(raw, from_shot.development_of(shot))
-    if "jpeg" in shot.plan:
-        photo = shot.plan.developing[-1](photo, shot)
+    finished = False
+    for effect in shot.plan.finishing:
+        if effect.name == "register":
+            photo = run.register(photo, from_shot.registration_of(shot))
+        elif effect.name not in FINISH:
+            photo = effect(photo, shot)
+        elif not finished:
+            photo, finished = run.finish(photo, from_shot.detail_of(shot)), True
     return photo
 
 
@@ -137,8 +145,6 @@ def _no_exposing(scene: Scene) -> str:
 
 
 def _no_developing(scene: Scene) -> str:
-    if "denoise" in scene.plan():
-        return f"denoising by {scene.develop.denoise!r} is the reference's alone"
     if not any(step in scene.plan() for step in ("demosaic", "resize", "register", "encode")):
         return "a few sums are as fast"
     return ""

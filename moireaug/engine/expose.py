@@ -10,7 +10,7 @@ from moireaug.engine.compiling import fill, loop
 from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
 from moireaug.engine.random_numbers import keys
-from moireaug.engine.sensor import attenuate, read
+from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.view import look
 
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -47,7 +47,7 @@ def _weights(out, tables, v, first, step_v):
 
 @loop
 def expose(  # noqa: C901  # one pass, row by row
-    raw, panel, size, camera, cell, nodes, sites, flicker, noise, seed, clips
+    raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips
 ):
     """Fill raw (planes, h, w) float32 with the reading of one image.
 
@@ -55,6 +55,7 @@ def expose(  # noqa: C901  # one pass, row by row
         panel: (3, ...) float32, from `panel.show`.
         size: (height, width) of the panel in panel pixels, rounded up.
         camera, cell, nodes, sites: see `record`.
+        filters, white: (3, 3) and (planes,) float64, see `record.Exposure`.
         flicker: (rows,) float64, what each sensor row gets of the mean light; empty without
             flicker.
         noise: whether there is any. seed: int64, of it.
@@ -134,7 +135,8 @@ def expose(  # noqa: C901  # one pass, row by row
             look(x, y, u[plane], v, camera)
             fill(light, ZERO)
             for i in range(len(cell.channel)):
-                if cell.channel[i] != channel:
+                passed = np.float32(filters[channel, cell.channel[i]])
+                if passed == 0:
                     continue
                 kind = cell.kind[i]
                 lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
@@ -144,13 +146,14 @@ def expose(  # noqa: C901  # one pass, row by row
                 origin = (lead * py + cell.pixel[i, 1]) * stride + cell.pixel[i, 0] * of_cell + lead
                 lookup.base_of(base, start_x, start_y, down, np.int32(origin))
                 lookup.content(
-                    content, pixels[channel], base, down, weights[kind], to_next,
+                    content, pixels[cell.channel[i]], base, down, weights[kind], to_next,
                     place_x, past_x, place_y, past_y, share[plane], width,
                 )  # fmt: skip
                 harmonics.waves(cx, sx, dx, n_l > 1)
                 harmonics.waves(cy, sy, dy, True)
                 harmonics.transmit(through, terms, kind, early, late, t, cx, sx, cy, sy, inner)
-                harmonics.add_product(light, content, through)
+                harmonics.add_product(light, content, through, passed)
+            reflect(light, u[plane], v, white[plane], camera)
             attenuate(light, gain, u[plane], v, camera)
             read(
                 raw[plane, row],

@@ -11,12 +11,28 @@ import torch
 
 from moireaug.effects import prefilter
 from moireaug.effects.demosaic import DEMOSAICS
+from moireaug.effects.detail import kernel_size
+from moireaug.effects.display import white_readings
 from moireaug.effects.flicker import flicker
+from moireaug.effects.tone import colour_matrix
 from moireaug.engine import lowering, pose
-from moireaug.engine.record import LANES, Cell, Development, Exposure, Point, Resize, Sites, Stencil
+from moireaug.engine.record import (
+    LANES,
+    Cell,
+    Detail,
+    Development,
+    Exposure,
+    Point,
+    Registration,
+    Resize,
+    Sites,
+    Stencil,
+)
 from moireaug.engine.resampling import lower_resize, lower_stencil
+from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA, SampledPixels
 from moireaug.panel.fourier import emitting_share, mean_light
+from moireaug.pipeline import FILTERS
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import REACH, ShotRecord, sampled_by
@@ -35,9 +51,18 @@ def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
     if "prefilter" in plan and not decoded:
         share = prefilter.share_at_centre(shot).detach().float().numpy()
     coefficients, widths, skew = _shapes_of(shot)
+    black = np.zeros(len(shot), np.float32)
+    if "black_level" in plan and not decoded:
+        black[:] = drawn["panel.black"]
+    filters = np.eye(3)[None].repeat(len(shot), 0)
+    if "crosstalk" in plan:
+        filters = crosstalk_matrix(torch.from_numpy(drawn["sensor.crosstalk"])).numpy()
     return Exposure(
         size=shot.size,
         cameras=_cameras_of(shot, drawn),
+        filters=filters,
+        white=_white_of(shot),
+        black=black,
         cell=_cell(shot.scene),
         coefficients=coefficients,
         widths=widths,
@@ -55,34 +80,80 @@ def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
 
 
 def development_of(shot: ShotRecord) -> Development:
-    """Return the development of a shot, all but denoising and JPEG."""
+    """Return the development of a shot, all but the filters on every sensor pixel and JPEG; with
+    such filters, that of the sensor's pixels to codes alone."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, _numbers_of(shot)
     stencil, rows, cols = _resampling(shot.scene, shot.size)
-    gains, brighten = np.ones((len(shot), 3), np.float32), np.zeros(len(shot), np.float32)
+    matrix = np.eye(3)[None].repeat(len(shot), 0)
+    if "colour_matrix" in plan:
+        mixed = [torch.from_numpy(drawn[k]) for k in ("sensor.crosstalk", "develop.saturation")]
+        matrix = colour_matrix(*mixed).numpy()
     if "balance" in plan:
-        gains[:, 0], gains[:, 2] = drawn["develop.red"], drawn["develop.blue"]
+        gains = [drawn["develop.red"], np.ones(len(shot)), drawn["develop.blue"]]
+        matrix = matrix * np.stack(gains, 1)[:, None, :]
+    contrast, brighten = np.zeros(len(shot), np.float32), np.zeros(len(shot), np.float32)
+    if "tone_curve" in plan:
+        contrast[:] = drawn["develop.contrast"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
+    whole = any(effect.name in FILTERS for effect in plan.finishing)
+    size = shot.size
+    if whole:
+        kept = [pixels.kept for pixels in shot.sampled_pixels()]
+        size = (kept[0].stop - kept[0].start, kept[1].stop - kept[1].start)
+    registration = registration_of(shot)
     levels = np.float32(0)
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
-    views = np.empty((0, 3, 3))
-    if "register" in plan:
-        views = _homography_of(shot, drawn)
     return Development(
-        size=shot.size,
+        size=size,
         mosaic=sensor.cfa == "rggb",
         stencil=stencil,
         rows=rows,
         cols=cols,
         saturates="saturate" in plan,
         levels=levels,
-        gains=gains,
+        matrix=matrix.astype(np.float32),
+        mixes="colour_matrix" in plan,
         coded="encode" in plan,
+        toned="tone_curve" in plan,
+        contrast=contrast,
         brighten=brighten,
-        registers="register" in plan,
-        views=views,
-        lens=np.stack(_distortion_of(shot, drawn), 1),
+        registers="register" in plan and not whole,
+        registration=registration,
+    )
+
+
+def registration_of(shot: ShotRecord) -> Registration:
+    """Return the way back to the image's frame."""
+    views, lens = np.empty((0, 3, 3)), np.empty((0, 2))
+    if "register" in shot.plan:
+        drawn = _numbers_of(shot)
+        views = _homography_of(shot, drawn)
+        lens = np.stack(_distortion_of(shot, drawn), 1)
+    return Registration(views, lens)
+
+
+def detail_of(shot: ShotRecord) -> Detail:
+    """Return what is smoothed, sharpened and resized; an effect that is not called for at its
+    identity."""
+    plan, how, drawn = shot.plan, shot.scene.develop, _numbers_of(shot)
+    rows, cols = shot.sampled_pixels()
+    amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
+    if "chroma_blur" in plan:
+        chroma_size = kernel_size(how.chroma_blur)
+    if "sharpen" in plan:
+        amount[:] = drawn["develop.sharpen"]
+        sharp_size = kernel_size(how.sharpen_radius)
+    return Detail(
+        shot.size,
+        _resize_of_photo(rows, how.resize),
+        _resize_of_photo(cols, how.resize),
+        drawn["develop.chroma_blur"],
+        chroma_size,
+        drawn["develop.sharpen_radius"],
+        sharp_size,
+        amount,
     )
 
 
@@ -122,6 +193,11 @@ def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
         "read": drawn["sensor.read_noise"] if noisy else zero,
         "shot": drawn["sensor.shot_noise"] if noisy else zero,
         "vignetting": drawn["lens.vignetting"] if "vignetting" in plan else zero,
+        "motion_x": drawn["lens.motion_x"],
+        "motion_y": drawn["lens.motion_y"],
+        "glare": drawn["panel.glare"] if "glare" in plan else zero,
+        "glare_x": drawn["panel.glare_x"],
+        "glare_y": drawn["panel.glare_y"],
     }
     rows, cols = shot.sampled_pixels()
     back = pose.inverse(_homography_of(shot, drawn), shot.size)
@@ -148,6 +224,14 @@ def _point_of(shot: ShotRecord) -> Point:
         corners = subpixel.corners()
         rectangles.append((*corners[0], *corners[2]))
     return Point(np.array(rectangles, np.float64), layout.raster, (width * height).detach().numpy())
+
+
+def _white_of(shot: ShotRecord) -> np.ndarray:
+    """Return what each plane reads of a white screen on average, (B, planes) float64; zeros without
+    glare."""
+    if "glare" not in shot.plan:
+        return np.zeros((len(shot), shot.raw_shape()[1]))
+    return white_readings(shot).detach().contiguous().numpy()
 
 
 def _flicker_of(shot: ShotRecord) -> np.ndarray:
@@ -185,7 +269,7 @@ def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _resampling(scene: SceneRecord, size: tuple[int, int]) -> tuple[Stencil, Resize, Resize]:
+def _resampling(scene: Scene, size: tuple[int, int]) -> tuple[Stencil, Resize, Resize]:
     """Return the demosaic's stencil, and the resize along rows and columns."""
     how, mosaic = scene.develop, scene.sensor.cfa == "rggb"
     rows, cols = sampled_by(scene, size)
@@ -193,15 +277,23 @@ def _resampling(scene: SceneRecord, size: tuple[int, int]) -> tuple[Stencil, Res
     if mosaic:
         demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
     stencil = lower_stencil(demosaic, len(cols.index) // 2, LANES)
+    whole = any(name in scene.plan() for name in FILTERS)
     return (
         stencil,
-        _resize(rows, how.resize, reach, 1),
-        _resize(cols, how.resize, reach, 2 if mosaic else 1),
+        _resize(rows, how.resize, reach, 1, whole=whole),
+        _resize(cols, how.resize, reach, 2 if mosaic else 1, whole=whole),
     )
 
 
-def _resize(pixels: SampledPixels, how: str, reach: int, parity: int) -> Resize:
-    whole = pixels.kept.stop - pixels.kept.start
+def _resize_of_photo(pixels: SampledPixels, how: str) -> Resize:
+    kept = pixels.kept.stop - pixels.kept.start
+    return lower_resize(kept, pixels.size, kept, how, 0, 0, 0, 1, LANES)
+
+
+def _resize(pixels: SampledPixels, how: str, reach: int, parity: int, *, whole: bool) -> Resize:
+    read, kept = len(pixels.index), pixels.kept.stop - pixels.kept.start
+    if whole:
+        return lower_resize(read, kept, kept, "area", 0, 0, 0, parity, LANES)
     return lower_resize(
-        len(pixels.index), pixels.size, whole, how, pixels.step, pixels.lead, reach, parity, LANES
+        read, pixels.size, kept, how, pixels.step, pixels.lead, reach, parity, LANES
     )

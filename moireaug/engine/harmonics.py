@@ -149,10 +149,10 @@ def _add(out, before, after, t, wave):
 
 
 @loop
-def add_product(out, a, b):
-    """Add a * b to out, (n,) each."""
+def add_product(out, a, b, factor):
+    """Add factor * a * b to out, (n,) each."""
     for i in range(len(out)):
-        poke(out, i, out[i] + peek(a, i) * peek(b, i))
+        poke(out, i, out[i] + factor * peek(a, i) * peek(b, i))
 
 
 @loop
@@ -182,4 +182,4 @@ def transmit(out, terms, kind, before, after, t, cx, sx, cy, sy, line):
                 ):
                     wave = sy[terms[i, L]] if sine else cy[terms[i, L]]
                     _add(line, before[i], after[i], t, wave)
-            add_product(out, line, sx[k] if sine else cx[k])
+            add_product(out, line, sx[k] if sine else cx[k], ONE)

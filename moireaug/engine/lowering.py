@@ -16,15 +16,15 @@ def lower_cameras(
     scales: tuple[float, float],
     fields: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return the fields of one Camera an image, (B, 22).
+    """Return the fields of one Camera an image, (B, 27).
 
     Args:
         inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image
             coordinates.
         size: height and width of photo and image. scales: sensor pixels per photo pixel, along rows
             and columns.
-        fields: (B,) each: k1, k2, alpha, fill, blur, olpf, gain, read, shot and vignetting; an
-            effect that is not called for at its identity.
+        fields: (B,) each: k1, k2, alpha, fill, blur, olpf, gain, read, shot, vignetting, motion_x,
+            motion_y, glare, glare_x and glare_y; an effect that is not called for at its identity.
     """
     h, w = size
     columns = np.empty((len(inverse), len(Camera._fields)))
@@ -36,6 +36,10 @@ def lower_cameras(
     for i, name in enumerate(("fill", "blur", "olpf", "gain", "read", "shot")):
         columns[:, 15 + i] = fields[name]
     columns[:, 21] = (1 - fields["vignetting"]) ** -0.5 - 1
+    columns[:, 22], columns[:, 23] = fields["motion_x"], fields["motion_y"]
+    columns[:, 24] = fields["glare"]
+    columns[:, 25] = fields["glare"] * fields["glare_x"] * 2 / w
+    columns[:, 26] = fields["glare"] * fields["glare_y"] * 2 / h
     return columns
 
 

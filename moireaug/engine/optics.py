@@ -37,9 +37,13 @@ def spreads(out, u, v, camera, period, width, skew, taps):
     for axis in range(2):
         ju, jv = (abs(xu), abs(xv)) if axis == 0 else (abs(yu), abs(yv))
         ju, jv = ju / period[axis], jv / period[axis]
+        moved = xu * camera.motion_x + xv * camera.motion_y
+        if axis == 1:
+            moved = yu * camera.motion_x + yv * camera.motion_y
+        moved /= period[axis]
         short = min(ju, jv) * camera.fill
         out[axis, 0] = max(ju, jv) * camera.fill
-        variance = short * short / 12 + (ju * ju + jv * jv) * beside + skew[axis]
+        variance = short * short / 12 + (ju * ju + jv * jv) * beside + moved * moved + skew[axis]
         out[axis, 1] = math.sqrt(variance + NARROWEST)
         reach = out[axis, 0] / 2 + TAIL * out[axis, 1]
         shrink = min(1.0, max(taps + 0.5 - width[axis] / 2, NARROWEST) / reach)
@@ -208,6 +212,7 @@ def amplitudes(us, vs, camera, period, coefficients):
     """
     kinds, n, m = coefficients.shape
     half = m // 2
+    moves = camera.motion_x != 0 or camera.motion_y != 0
     out = np.empty((len(vs), len(us), kinds, n, m), np.float32)
     views = np.empty((len(vs), len(us), 4), np.float64)
     most = 1e-9
@@ -235,8 +240,11 @@ def amplitudes(us, vs, camera, period, coefficients):
             ux, uy, vx, vy = view[0], view[1], view[2], view[3]
             for k in range(n):
                 for l in range(m):
-                    fu, fv = abs(k * ux + (l - half) * uy), abs(k * vx + (l - half) * vy)
-                    passed = _transfer(table, fu * scale) * _transfer(table, fv * scale)
+                    fu, fv = k * ux + (l - half) * uy, k * vx + (l - half) * vy
+                    passed = _transfer(table, abs(fu) * scale) * _transfer(table, abs(fv) * scale)
+                    if moves:
+                        along = fu * camera.motion_x + fv * camera.motion_y
+                        passed *= math.exp(-2 * math.pi * math.pi * along * along)
                     for kind in range(kinds):
                         out[r, c, kind, k, l] = coefficients[kind, k, l] * passed
     return out

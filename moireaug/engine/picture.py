@@ -11,7 +11,7 @@ HALF, ONE = np.float32(0.5), np.float32(1)
 
 
 @loop
-def _decoded(out, row, byte, coded):
+def _decoded(out, row, byte, coded, black):
     """Fill out (w + 2,) with the light of a row (w,) of the picture, its ends twice."""
     w = len(row)
     if byte and coded:
@@ -26,6 +26,9 @@ def _decoded(out, row, byte, coded):
     else:
         for i in range(w):
             out[i + 1] = row[i]
+    if black != 0:
+        for i in range(w):
+            out[i + 1] += black * (ONE - out[i + 1])
     out[0], out[w + 1] = out[1], out[w]
 
 
@@ -38,11 +41,12 @@ def _spread(out, before, row, after, share):
 
 
 @loop
-def show(light, picture, coded, share):
+def show(light, picture, coded, black, share):
     """Fill light (3, H, W) float32 from picture (3, H, W) float32 or uint8.
 
     Args:
         coded: the picture holds sRGB codes.
+        black: float32, light of a black pixel as a share of a white one's.
         share: float32, of a pixel's light that comes from its neighbours along each axis; see
             `prefilter.spread`.
     """
@@ -52,13 +56,13 @@ def show(light, picture, coded, share):
     for c in range(3):
         if share == 0:
             for y in range(h):
-                _decoded(line, picture[c, y], byte, coded)
+                _decoded(line, picture[c, y], byte, coded, black)
                 for i in range(w):
                     light[c, y, i] = line[i + 1]
             continue
         for y in range(h + 1):
             if y < h:
-                _decoded(line, picture[c, y], byte, coded)
+                _decoded(line, picture[c, y], byte, coded, black)
                 _spread(ring[y % 3], line[:w], line[1 : w + 1], line[2:], share)
             if y > 0:
                 above, below = max(y - 2, 0) % 3, min(y, h - 1) % 3

@@ -7,7 +7,7 @@ import numpy as np
 
 from moireaug.engine.compiling import copy, fill, loop
 from moireaug.engine.random_numbers import keys
-from moireaug.engine.sensor import attenuate, read
+from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import look
 
@@ -61,13 +61,15 @@ def _add_content(out, picture, left, fx, across, top, fy, down, width, lit):
 
 
 @loop
-def expose_point(raw, light, camera, cell, point, lit, sites, flicker, noise, seed, clips, dark):
+def expose_point(
+    raw, light, camera, filters, white, cell, point, lit, sites, flicker, noise, seed, clips, dark
+):
     """Fill raw (planes, h, w) float32 with the reading of a picture whose light (3, H, W) is
     float32.
 
     Args:
         point: see `record.Point`. lit: share of each subpixel that emits.
-        dark: see `record.Exposure`. The rest as in `expose.expose`.
+        filters, white, dark: see `record.Exposure`. The rest as in `expose.expose`.
     """
     planes, h, w = raw.shape
     height, width = light.shape[1], light.shape[2]
@@ -94,14 +96,15 @@ def expose_point(raw, light, camera, cell, point, lit, sites, flicker, noise, se
             fill(line, ZERO)
             channel, n, alpha = sites.channel[plane], float(point.raster), camera.alpha
             for i in range(len(point.rectangles)):
-                if cell.channel[i] != channel:
+                passed = filters[channel, cell.channel[i]]
+                if passed == 0:
                     continue
                 x0, y0, x1, y1 = point.rectangles[i]
                 _raster(across, left, fx, x, x0, x1, n, px, alpha, float(width), dark)
                 _raster(down, top, fy, y, y0, y1, n, py, alpha, float(height), dark)
                 _add_content(
                     line,
-                    shown[channel],
+                    shown[cell.channel[i]],
                     left,
                     fx,
                     across,
@@ -109,8 +112,9 @@ def expose_point(raw, light, camera, cell, point, lit, sites, flicker, noise, se
                     fy,
                     down,
                     np.int32(width),
-                    np.float32(lit),
+                    np.float32(lit * passed),
                 )
+            reflect(line, u, v, white[plane], camera)
             attenuate(line, gain, u, v, camera)
             row = r // step
             read(

@@ -39,6 +39,11 @@ class Camera(NamedTuple):
     read: float  # standard deviation of the noise in the dark
     shot: float  # and of photon noise at full scale
     falloff: float  # squared tangent of the corner's ray; 0 is no vignetting
+    motion_x: float  # standard deviation of the motion's spread, sensor pixels
+    motion_y: float
+    glare: float  # light that the glass reflects, as a share of a white screen's
+    glare_u: float  # and what a photo pixel to the right, and down, adds to it
+    glare_v: float
 
 
 class Cell(NamedTuple):
@@ -93,7 +98,10 @@ class Exposure(NamedTuple):
 
     Args:
         size: height and width of the pictures.
-        cameras: (B, 22) float64, the fields of a `Camera` an image.
+        cameras: (B, 27) float64, the fields of a `Camera` an image.
+        filters: (B, 3, 3) float64, what each filter passes of red, green and blue light.
+        white: (B, planes) float64, what each plane reads of a white screen on average.
+        black: (B,) float32, light of a black pixel as a share of a white one's.
         coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
             of each kind's mask.
         widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: the variance that
@@ -110,6 +118,9 @@ class Exposure(NamedTuple):
 
     size: tuple[int, int]
     cameras: np.ndarray
+    filters: np.ndarray
+    white: np.ndarray
+    black: np.ndarray
     cell: Cell
     coefficients: np.ndarray
     widths: np.ndarray
@@ -186,6 +197,40 @@ class Resize(NamedTuple):
     cells: bool
 
 
+class Registration(NamedTuple):
+    """A batch's way back to the image's frame, as `run.register` takes it; without images where no
+    photo comes back.
+
+    Args:
+        views: (B, 3, 3) float64, see `register.register`.
+        lens: (B, 2) float64, k1 and k2.
+    """
+
+    views: np.ndarray
+    lens: np.ndarray
+
+
+class Detail(NamedTuple):
+    """What a batch goes through from the codes of every sensor pixel to photos, as `run.finish`
+    takes it.
+
+    Args:
+        size: height and width of the photos. rows, cols: the resize along both axes.
+        chroma, sharp: (B,) float64, standard deviations in pixels of the Gaussians of colour and of
+            the unsharp mask. chroma_size, sharp_size: pixels along their kernels.
+        amount: (B,) float32, of the mask.
+    """
+
+    size: tuple[int, int]
+    rows: Resize
+    cols: Resize
+    chroma: np.ndarray
+    chroma_size: int
+    sharp: np.ndarray
+    sharp_size: int
+    amount: np.ndarray
+
+
 class Development(NamedTuple):
     """A batch's development, as `run.develop` takes it.
 
@@ -194,10 +239,10 @@ class Development(NamedTuple):
         mosaic: the readings are packed planes.
         saturates: a reading above 1 is 1. levels: the converter's 2^bits - 1, or 0. coded: light
             becomes sRGB codes.
-        gains: (B, 3) float32. brighten: (B,) float32.
+        matrix: (B, 3, 3) float32, from the filters' colours to the photo's. mixes: whether it is
+            more than a gain for each colour.
+        toned: codes go through a tone curve of contrast (B,) float32. brighten: (B,) float32.
         registers: whether the photos come back to the image's frame.
-        views: (B, 3, 3) float64, see `register.register`; (0, 3, 3) where they do not.
-        lens: (B, 2) float64, k1 and k2.
     """
 
     size: tuple[int, int]
@@ -207,9 +252,11 @@ class Development(NamedTuple):
     cols: Resize
     saturates: bool
     levels: np.float32
-    gains: np.ndarray
+    matrix: np.ndarray
+    mixes: bool
     coded: bool
+    toned: bool
+    contrast: np.ndarray
     brighten: np.ndarray
     registers: bool
-    views: np.ndarray
-    lens: np.ndarray
+    registration: Registration

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from moireaug.engine.compiling import cold
-from moireaug.engine.record import Development, Exposure
+from moireaug.engine.record import Detail, Development, Exposure, Registration
 
 PARTS = 4  # of a batch that each thread gets, one after another: images take different times
 
@@ -107,6 +107,82 @@ class _Develop(torch.autograd.Function):
             len(raw),
         )
         return out, None
+
+
+class _Register(torch.autograd.Function):
+    """Photos to the image's frame, once differentiable in the photos."""
+
+    @staticmethod
+    def forward(ctx, photo: Tensor, registration: Registration) -> Tensor:
+        from moireaug.engine import batch
+
+        ctx.registration = registration
+        out = torch.empty(photo.shape)
+        photos, results = photo.detach().contiguous().numpy(), out.numpy()
+        each(
+            lambda first, last: batch.register(results, photos, registration, first, last),
+            len(photo),
+        )
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
+        from moireaug.engine import batch
+
+        out = torch.empty(grad.shape)
+        grads, results = grad.contiguous().numpy(), out.numpy()
+        each(
+            lambda first, last: batch.register_back(results, grads, ctx.registration, first, last),
+            len(grad),
+        )
+        return out, None
+
+
+class _Finish(torch.autograd.Function):
+    """Codes of every sensor pixel to photos, once differentiable in the codes."""
+
+    @staticmethod
+    def forward(ctx, photo: Tensor, d: Detail) -> Tensor:
+        from moireaug.engine import batch
+
+        ctx.save_for_backward(photo)
+        ctx.detail = d
+        out = torch.empty(len(photo), 3, *d.size)
+        photos, results = photo.detach().contiguous().numpy(), out.numpy()
+        each(lambda first, last: batch.finish(results, photos, d, first, last), len(photo))
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
+        from moireaug.engine import batch
+
+        (photo,), d = ctx.saved_tensors, ctx.detail
+        out = torch.empty(photo.shape)
+        photos, grads, results = (
+            photo.detach().contiguous().numpy(),
+            grad.contiguous().numpy(),
+            out.numpy(),
+        )
+        each(
+            lambda first, last: batch.finish_back(results, grads, photos, d, first, last),
+            len(photo),
+        )
+        return out, None
+
+
+def finish(photo: Tensor, d: Detail) -> Tensor:
+    """Return photos (B, 3, H, W) float32 of the codes (B, 3, h, w) of every sensor pixel: colour
+    smoothed, brightness sharpened, clipped and resized; once differentiable in the codes."""
+    prepare()
+    return _Finish.apply(photo, d)
+
+
+def register(photo: Tensor, registration: Registration) -> Tensor:
+    """Return photos (B, 3, H, W) float32 in the image's frame; once differentiable in them."""
+    prepare()
+    return _Register.apply(photo, registration)
 
 
 def develop(raw: Tensor, development: Development) -> Tensor:

@@ -15,6 +15,17 @@ ZERO, ONE = np.float32(0), np.float32(1)
 
 
 @loop
+def reflect(line, cols, v, white, camera):
+    """Add what the glass reflects to a row; cols and v are photo coordinates about the centre,
+    white is what the row reads of a white screen on average."""
+    if camera.glare == 0:
+        return
+    first = camera.glare + camera.glare_v * v
+    for i in range(len(line)):
+        line[i] += np.float32(white * (first + camera.glare_u * cols[i]))
+
+
+@loop
 def attenuate(line, gain, cols, v, camera):
     """Multiply a row by gain and vignetting; cols and v are photo coordinates about the centre."""
     if camera.falloff == 0:

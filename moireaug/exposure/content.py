@@ -40,18 +40,21 @@ class Footprint(NamedTuple):
 def footprint(step: Tensor, optics: Optics) -> Footprint:
     """Return the footprint along one axis.
 
-    The box is the longer side of the aperture's shadow; the shorter one, lens and low-pass filter
-    are in the Gaussian.
+    The box is the longer side of the aperture's shadow; the shorter one, lens, motion and low-pass
+    filter are in the Gaussian.
 
     Args:
         step: (B, ..., 2), cells of the panel along this axis by sensor pixels along u and v.
         optics: (B,) fields.
     """
-    fill, blur, olpf = (t.reshape(-1, *[1] * (step.ndim - 2)).to(step.dtype) for t in optics)
+    drawn = (t.reshape(-1, *[1] * (step.ndim - 2)).to(step.dtype) for t in optics)
+    fill, blur, olpf, motion_x, motion_y = drawn
+    moved = step[..., 0] * motion_x + step[..., 1] * motion_y
     u, v = step.abs().unbind(-1)
     long, short = torch.maximum(u, v), torch.minimum(u, v)
     spread = blur.square() + olpf.square() / 4
     variance = short.square() * (fill.square() / 12) + (u.square() + v.square()) * spread
+    variance = variance + moved.square()
     return Footprint(long * fill, variance + SHARP)
 
 

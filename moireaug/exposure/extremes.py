@@ -123,9 +123,11 @@ def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: b
     """Return `(footprint, width)` along each axis of each kind of subpixel, at the widest that
     optics allow."""
     sensor, lens = scene.sensor, scene.lens
-    optics = Optics(
-        *(torch.tensor([bounds(r)[1]]).double() for r in (sensor.fill, lens.blur, lens.olpf))
-    )
+    # as if a hand moved along every direction
+    motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
+    blur = math.hypot(bounds(lens.blur)[1], motion)
+    widest = (bounds(sensor.fill)[1], blur, bounds(lens.olpf)[1], 0.0, 0.0)
+    optics = Optics(*(torch.tensor([value]).double() for value in widest))
     layout, one = as_layout(scene.panel.layout), torch.ones(1, dtype=torch.float64)
     kinds = [(WHOLE_PIXEL, (1, 1))] if whole_pixel else [(s, layout.period) for s in layout.all()]
     found = []

@@ -11,6 +11,8 @@ from torch import Tensor
 
 from moireaug.numeric import sinc
 
+GOLDEN = 0.6180339887498949
+
 
 class Optics(NamedTuple):
     """What blurs a sensor pixel's view: (B,) each, in sensor pixels."""
@@ -18,21 +20,22 @@ class Optics(NamedTuple):
     fill: Tensor
     blur: Tensor
     olpf: Tensor
-
-    def variance(self) -> Tensor:
-        """Return the variance of the point spread along one axis, in squared sensor pixels."""
-        return self.fill.square() / 12 + self.blur.square() + self.olpf.square() / 4
+    motion_x: Tensor
+    motion_y: Tensor
 
     def transfer(self, fu: Tensor, fv: Tensor) -> Tensor:
         """Return the modulation transfer at cycles per sensor pixel (B, ...): a square aperture, a
-        Gaussian spread, and a low-pass filter that doubles the picture along both axes."""
-        fill, blur, olpf = (t.reshape(-1, *[1] * (fu.ndim - 1)) for t in self)
-        spread = torch.exp(-2 * math.pi**2 * blur.square() * (fu.square() + fv.square()))
+        Gaussian spread, one along the hand's motion, and a low-pass filter that doubles the picture
+        along both axes."""
+        fill, blur, olpf, x, y = (t.reshape(-1, *[1] * (fu.ndim - 1)) for t in self)
+        variance = blur.square() * (fu.square() + fv.square()) + (x * fu + y * fv).square()
+        spread = torch.exp(-2 * math.pi**2 * variance)
         doubled = torch.cos(math.pi * olpf * fu) * torch.cos(math.pi * olpf * fv)
         return sinc(fill * fu) * sinc(fill * fv) * spread * doubled
 
     def quantiles(self, n: int) -> Tensor:
-        """Return the n mid-quantiles of the light along one axis, in sensor pixels: (B, n) float64.
+        """Return the n mid-quantiles of the light along one axis but for the motion, in sensor
+        pixels: (B, n) float64.
 
         Equal weights at these points integrate any smooth light; without blur they are an even
         lattice.
@@ -58,7 +61,33 @@ class Optics(NamedTuple):
             low, high = torch.where(under, mid, low), torch.where(under, high, mid)
         return (low + high) / 2
 
+    def offsets(self, n: int) -> Tensor:
+        """Return points of equal weight that stand for the whole spread, (B, 2, N) float64, down
+        and across in sensor pixels: n * n of them, and as many for each of n moments of a
+        motion."""
+        order = torch.tensor(golden_points(n), device=self.fill.device)
+        points = self.quantiles(n * n)[:, order.T]
+        if not (self.motion_x.any() or self.motion_y.any()):
+            return points
+        rank = torch.arange(n, dtype=torch.float64, device=self.fill.device)
+        moments = torch.special.ndtri((rank + 0.5) / n)
+        moments = moments / moments.square().mean().sqrt().clamp(min=1e-9)
+        motion = torch.stack([self.motion_y, self.motion_x], 1)[..., None] * moments
+        return (points[..., None] + motion[:, :, None]).flatten(2)
+
+
+def golden_points(n: int) -> list[tuple[int, int]]:
+    """Return n * n points of the unit square as ranks (i, k) along both axes: no two share a row or
+    a column.
+
+    The golden ratio keeps them even whatever direction an edge cuts them in: two to four times as
+    accurate as a square grid.
+    """
+    order = sorted(range(n * n), key=lambda i: i * GOLDEN % 1)
+    return list(enumerate(order))
+
 
 def optics_of(shot) -> Optics:
     """Return the drawn fields that blur."""
-    return Optics(shot.sensor.fill, shot.lens.blur, shot.lens.olpf)
+    lens = shot.lens
+    return Optics(shot.sensor.fill, lens.blur, lens.olpf, lens.motion_x, lens.motion_y)

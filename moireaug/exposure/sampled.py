@@ -3,10 +3,13 @@ aperture."""
 
 from __future__ import annotations
 
+import functools
+
 import torch
 from torch import Tensor
 
 from moireaug.exposure.base import Exposure
+from moireaug.exposure.filters import through_filters
 from moireaug.exposure.optics import optics_of
 from moireaug.geometry import grids
 from moireaug.geometry.sensor import CFA, cell
@@ -28,9 +31,7 @@ class Point(Exposure):
     reason = "the panel read at each sensor pixel's centre"
 
     def __call__(self, light: Tensor, shot) -> Tensor:
-        layout, alpha = as_layout(shot.scene.panel.layout), shot.panel.scale[:, None, None]
-        width, height = emitting_share(shot.panel)
-        dark = not shot.scene.develop.registered
+        alpha = shot.panel.scale[:, None, None]
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
         planes = []
@@ -38,17 +39,25 @@ class Point(Exposure):
             points = grids.grid(rows[site.row :: step], cols[site.column :: step])
             seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
             x, y = (seen * alpha[..., None]).unbind(-1)
-            for channel in site.channels:
-                plane = torch.zeros_like(x, dtype=light.dtype)
-                for s in layout.of(channel):
-                    (left, top), (right, bottom) = s.corners()[0], s.corners()[2]
-                    ends = (alpha * shot.size[1], alpha * shot.size[0]) if dark else (None, None)
-                    across, px = _raster(x, left, right, layout.raster, layout.period[0], ends[0])
-                    down, py = _raster(y, top, bottom, layout.raster, layout.period[1], ends[1])
-                    content = grids.look_up(light[:, channel, None], px / alpha, py / alpha)[:, 0]
-                    plane = plane + content * (across * down).to(light.dtype)
-                planes.append(plane * (width * height).to(light.dtype)[:, None, None])
+            read = functools.partial(self._read, light, x, y, shot)
+            planes += through_filters(read, site, shot)
         return torch.stack(planes, 1)
+
+    def _read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+        """Return what sensor pixels that look at panel positions x, y read of one channel."""
+        layout, alpha = as_layout(shot.scene.panel.layout), shot.panel.scale[:, None, None]
+        width, height = emitting_share(shot.panel)
+        ends: tuple = (None, None)
+        if not shot.scene.develop.registered:
+            ends = (alpha * shot.size[1], alpha * shot.size[0])
+        plane = torch.zeros_like(x, dtype=light.dtype)
+        for s in layout.of(channel):
+            (left, top), (right, bottom) = s.corners()[0], s.corners()[2]
+            across, px = _raster(x, left, right, layout.raster, layout.period[0], ends[0])
+            down, py = _raster(y, top, bottom, layout.raster, layout.period[1], ends[1])
+            content = grids.look_up(light[:, channel, None], px / alpha, py / alpha)[:, 0]
+            plane = plane + content * (across * down).to(light.dtype)
+        return plane * (width * height).to(light.dtype)[:, None, None]
 
 
 def _raster(
@@ -89,30 +98,33 @@ class Supersample(Exposure):
         self.reason = f"the mean over {n * n} points of the aperture and the lens spread"
 
     def __call__(self, light: Tensor, shot) -> Tensor:
-        layout, alpha = as_layout(shot.scene.panel.layout), shot.panel.scale[:, None, None]
-        width, height = (t[:, None, None] for t in emitting_share(shot.panel))
-        pixels = shot.sampled_pixels()
+        pixels, alpha = shot.sampled_pixels(), shot.panel.scale[:, None, None]
         rows, cols = (axis.positions(light.device) for axis in pixels)
-        offsets = optics_of(shot).quantiles(self.n**2)
-        down, across = (offsets / axis.scale for axis in pixels)
+        offsets = optics_of(shot).offsets(self.n)
+        down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
         inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
-            read = len(light), len(rows[site.row :: step]), len(cols[site.column :: step])
-            totals = [light.new_zeros(read)] * len(site.channels)
-            for i, k in golden_points(self.n):
+            totals = [torch.zeros(())] * len(site.channels)
+            for i in range(offsets.shape[2]):
                 v = rows[site.row :: step] + down[:, i, None]
-                u = cols[site.column :: step] + across[:, k, None]
+                u = cols[site.column :: step] + across[:, i, None]
                 points = grids.grid(v, u)
                 seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
                 x, y = (seen * alpha[..., None]).unbind(-1)
-                for j, channel in enumerate(site.channels):
-                    for s in layout.of(channel):
-                        totals[j] = totals[j] + self._emitted(
-                            light[:, channel], s, x, y, width, height, shot
-                        )
-            planes += [total / self.n**2 for total in totals]
+                read = functools.partial(self._read, light, x, y, shot)
+                for j, reading in enumerate(through_filters(read, site, shot)):
+                    totals[j] = totals[j] + reading
+            planes += [total / offsets.shape[2] for total in totals]
         return torch.stack(planes, 1)
+
+    def _read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+        """Return what a channel's subpixels emit at panel points."""
+        width, height = (t[:, None, None] for t in emitting_share(shot.panel))
+        total = torch.zeros_like(x, dtype=light.dtype)
+        for s in as_layout(shot.scene.panel.layout).of(channel):
+            total = total + self._emitted(light[:, channel], s, x, y, width, height, shot)
+        return total
 
     def _emitted(
         self, plane: Tensor, s, x: Tensor, y: Tensor, width: Tensor, height: Tensor, shot
@@ -128,14 +140,3 @@ class Supersample(Exposure):
         if shot.scene.develop.registered:
             return light
         return light * ((px >= 0) & (px < shot.size[1]) & (py >= 0) & (py < shot.size[0]))
-
-
-def golden_points(n: int) -> list[tuple[int, int]]:
-    """Return n * n points of the unit square as ranks (i, k) along both axes: no two share a row or
-    a column.
-
-    The golden ratio keeps them even whatever direction an edge cuts them in: two to four times as
-    accurate as a square grid.
-    """
-    order = sorted(range(n * n), key=lambda i: i * 0.6180339887498949 % 1)
-    return list(enumerate(order))

@@ -16,6 +16,7 @@ from torch.utils.checkpoint import checkpoint
 from moireaug.exposure import content
 from moireaug.exposure.base import Exposure
 from moireaug.exposure.content import Footprint
+from moireaug.exposure.filters import through_filters
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
@@ -111,7 +112,7 @@ class SmoothExposure(Exposure):
         """
         sight = look_at_panel(rows, cols, inverse, accuracy, shot)
         return torch.stack(
-            [self.read(screen, channel, sight, shot) for channel in site.channels], 1
+            through_filters(lambda channel: self.read(screen, channel, sight, shot), site, shot), 1
         )
 
     @abstractmethod

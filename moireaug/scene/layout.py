@@ -218,6 +218,29 @@ def stripes(*channels: int) -> Layout:
     return Layout(tuple((c, i / n, 0.0, (i + 1) / n, 1.0) for i, c in enumerate(channels)))
 
 
+def chevrons(slant: float) -> Layout:
+    """Return vertical stripes that lean by `slant` panel pixels a row, to the right in one row and
+    to the left in the next."""
+    subpixels = []
+    for row, lean in enumerate((slant, -slant)):
+        for channel in (RED, GREEN, BLUE):
+            centre = ((channel + 0.5) / 3, row + 0.5)
+            subpixels.append((channel, *centre, 1 / 3, 0.0, lean, 1.0))
+    return Layout(tuple(subpixels), (1, 2))
+
+
+def diamonds(green: float, other: float) -> Layout:
+    """Return diamond PenTile: a green diamond in each pixel, red and blue ones by turns on the
+    corners between four; half diagonals in panel pixels."""
+    subpixels = []
+    for row in (0, 1):
+        for column in (0, 1):
+            subpixels.append((GREEN, column + 0.5, row + 0.5, green, green, -green, green))
+            channel = RED if row == column else BLUE
+            subpixels.append((channel, float(column), float(row), other, other, -other, other))
+    return Layout(tuple(subpixels), (2, 2))
+
+
 LAYOUTS: dict[str, Layout] = {
     "rgb_stripe": stripes(RED, GREEN, BLUE),
     "bgr_stripe": stripes(BLUE, GREEN, RED),
@@ -228,9 +251,32 @@ LAYOUTS: dict[str, Layout] = {
     "pentile": Layout(
         ((0, 0, 0, 2 / 3, 1), (1, 2 / 3, 0, 1, 1), (2, 1, 0, 5 / 3, 1), (1, 5 / 3, 0, 2, 1)), (2, 1)
     ),
+    # stripes of dual-domain LCDs (IPS, VA): rows lean by turns, by 11 degrees here, so that colours
+    # hold from either side
+    "chevron": chevrons(0.2),
+    # OLED phones: as many greens as pixels, half as many reds and blues, twice as large here so
+    # that white is white
+    "pentile_diamond": diamonds(0.45 / 2**0.5, 0.45),
+    # OLED televisions: a white stripe beside red, blue and green ones
+    "wrgb": Layout(
+        (
+            (RED, 0.0, 0.0, 0.25, 1.0),
+            *((c, 0.25, 0.0, 0.5, 1.0) for c in (RED, GREEN, BLUE)),
+            (BLUE, 0.5, 0.0, 0.75, 1.0),
+            (GREEN, 0.75, 0.0, 1.0, 1.0),
+        )
+    ),
+    # OLED monitors and televisions with quantum dots: green above, red and blue below, of one area
+    "oled_triangle": Layout(
+        ((GREEN, 0.2, 0.04, 0.8, 0.44), (RED, 0.0, 0.5, 0.5, 0.98), (BLUE, 0.5, 0.5, 1.0, 0.98))
+    ),
     # one package with three dies one above the other, as in surface-mounted LEDs
     "led": Layout(
         tuple((c, 0.25, 0.25 + c / 6, 0.75, 0.25 + (c + 1) / 6) for c in (RED, GREEN, BLUE))
+    ),
+    # chips on board: three bare dies in a row, dark all around
+    "led_cob": Layout(
+        tuple((c, 0.26 + 0.18 * c, 0.4, 0.38 + 0.18 * c, 0.6) for c in (RED, GREEN, BLUE))
     ),
     # every pixel emits all colours over its whole area, as a print or a projection does: no moiré
     # unless lit < 1

@@ -35,6 +35,11 @@ class Panel(Part):
             range. Seen where the sensor has a `shutter`.
         duty: share of a pulse's cycle during which the panel is on. A range.
         phase: of the pulses when the first row begins to expose, in cycles. A range.
+        black: light of a black pixel, as a share of a white one's. A range.
+        glare: light that the glass reflects, as a share of a white screen's. A range. It has no
+            subpixels, so it pales picture and moiré alike.
+        glare_x, glare_y: by how much of itself that light grows from the middle of the photo to its
+            right and to its lower edge. Ranges.
     """
 
     scale: Range = ranged(1.0, 1e-3, 1000.0, "panel pixels per image pixel")
@@ -45,6 +50,10 @@ class Panel(Part):
     pwm: Range = ranged(0.0, 0.0, 1e6, "hertz")
     duty: Range = ranged(0.5, 1e-3, 1.0)
     phase: Range = ranged((0.0, 1.0), 0.0, 1.0, "cycles")
+    black: Range = ranged(0.0, 0.0, 1.0)
+    glare: Range = ranged(0.0, 0.0, 10.0)
+    glare_x: Range = ranged(0.0, -0.5, 0.5)
+    glare_y: Range = ranged(0.0, -0.5, 0.5)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -102,7 +111,11 @@ class Lens(Part):
 
     Args:
         k1, k2: radial distortion. Ranges.
-        blur: standard deviation of the Gaussian point spread, in sensor pixels. A range.
+        blur: standard deviation of the Gaussian point spread, in sensor pixels; defocus adds to it.
+            A range.
+        motion_x, motion_y: standard deviation of the spread that a moving hand adds, along both
+            axes of the sensor, in sensor pixels: a line, along a diagonal where both are given, the
+            other diagonal where their signs differ. Ranges.
         olpf: how far the sensor's optical low-pass filter parts the four pictures that it makes of
             one, along both axes, in sensor pixels; 0 is no filter. A range.
         vignetting: share of the light that is lost in the photo's corners, by the cosine to the
@@ -112,6 +125,8 @@ class Lens(Part):
     k1: Range = ranged(0.0, -1.0, 1.0)
     k2: Range = ranged(0.0, -1.0, 1.0)
     blur: Range = ranged(0.0, 0.0, 20.0, "sensor pixels")
+    motion_x: Range = ranged(0.0, -20.0, 20.0, "sensor pixels")
+    motion_y: Range = ranged(0.0, -20.0, 20.0, "sensor pixels")
     olpf: Range = ranged(0.0, 0.0, 4.0, "sensor pixels")
     vignetting: Range = ranged(0.0, 0.0, 0.99)
 
@@ -142,6 +157,9 @@ class Sensor(Part):
         scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the
             raw reading.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
+        crosstalk: share of its light that a colour filter gets from its neighbours in the spectrum:
+            red's from green, blue's from green, green's from both. The colour matrix takes it out
+            of the colours again, but not out of what aliases in each colour apart. A range.
         fill: width of the light-sensitive aperture as a share of the pixel pitch. A range.
         exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the
             panel's harmonics; "box", the overlap of subpixel and aperture; "supersample:n" (n * n
@@ -162,6 +180,7 @@ class Sensor(Part):
 
     scale: float = 1.0
     cfa: str = "rggb"
+    crosstalk: Range = ranged(0.0, 0.0, 0.3)
     fill: Range = ranged(1.0, 1e-3, 1.0)
     exposure: str = "auto"
     gain: Range = ranged(1.0, 1e-3, 1000.0)
@@ -203,10 +222,19 @@ class Develop(Part):
         demosaic: "bilinear" (as in the paper) or "malvar" (Malvar, He and Cutler, 2004: sharper,
             and with the false colours of a real camera).
         red, blue: white balance, what red and blue are multiplied by. Ranges.
+        saturation: of the colour matrix, which also undoes the filters' crosstalk: 0 is grey, 1
+            the sensor's own colours. A range.
+        contrast: of the tone curve x + contrast (2 x - 1) x (1 - x) on codes: 1 is the smoothstep,
+            0 a straight line. A range.
         brighten: added to the encoded photo before it is clipped to [0, 1]. A range.
         denoise: None, "nlm" (OpenCV's non-local means, as in the paper; its gradient passes
             straight through) or "bilateral" (differentiable). Works on codes, on every pixel of the
             sensor.
+        chroma_blur: standard deviation of the Gaussian by which a camera smooths colour, but not
+            brightness, against noise, in sensor pixels. A range.
+        sharpen: amount of the unsharp mask on brightness; 0 is none, below 0 smooths it, as against
+            noise. A range.
+        sharpen_radius: standard deviation of its Gaussian, in sensor pixels. A range.
         resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias"
             (triangle filter) or "point" (bilinear without a prefilter, as the paper's code does).
         registered: bring the photo back to the image's frame, so that labels, boxes and masks stay
@@ -219,8 +247,13 @@ class Develop(Part):
     demosaic: str = "bilinear"
     red: Range = ranged(1.0, 1e-3, 100.0)
     blue: Range = ranged(1.0, 1e-3, 100.0)
+    saturation: Range = ranged(1.0, 0.0, 4.0)
+    contrast: Range = ranged(0.0, -1.0, 1.0)
     brighten: Range = ranged(0.0, -1.0, 1.0)
     denoise: str | None = None
+    chroma_blur: Range = ranged(0.0, 0.0, 20.0, "sensor pixels")
+    sharpen: Range = ranged(0.0, -1.0, 10.0)
+    sharpen_radius: Range = ranged(1.0, 0.3, 20.0, "sensor pixels")
     resize: str = "area"
     registered: bool = True
     linear_light: bool = False

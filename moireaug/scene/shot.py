@@ -12,7 +12,7 @@ from torch import Tensor
 from moireaug.geometry import grids
 from moireaug.geometry.homography import homography
 from moireaug.geometry.sensor import SampledPixels, sampled_pixels
-from moireaug.scene.fields import ranged_fields
+from moireaug.scene.fields import bounds, ranged_fields
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 if TYPE_CHECKING:
@@ -28,8 +28,9 @@ def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels
     """Return which sensor rows and columns a photo of `size` (height, width) reads."""
     sensor, develop = scene.sensor, scene.develop
     reach = REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
-    # a denoiser looks at every pixel of the sensor
-    resize = "all" if develop.denoise else develop.resize
+    # a denoiser and a filter look at every pixel of the sensor
+    filtered = any(any(bounds(value)) for value in (develop.chroma_blur, develop.sharpen))
+    resize = "all" if develop.denoise or filtered else develop.resize
     rows, cols = (sampled_pixels(n, sensor.scale, resize, reach) for n in size)
     return rows, cols
 

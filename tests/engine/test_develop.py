@@ -1,5 +1,7 @@
 """The engine's development equals the reference, and its gradient autograd's."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -7,7 +9,8 @@ import torch.nn.functional as F
 
 from moireaug import Develop, Lens, Scene, Sensor, View, develop, pipeline
 from moireaug.effects.demosaic import DEMOSAICS
-from moireaug.engine import dispatch
+from moireaug.effects.registration import register
+from moireaug.engine import dispatch, from_shot, run
 from moireaug.engine.resampling import lower_resize, lower_stencil
 
 LIGHT = Develop(linear_light=True)
@@ -19,6 +22,17 @@ def resized(resize, demosaic="bilinear"):
     return Develop(linear_light=True, resize=resize, demosaic=demosaic)
 
 
+COLOURS = Develop(
+    linear_light=True,
+    red=1.3,
+    blue=0.8,
+    saturation=(0.6, 1.5),
+    contrast=(-0.5, 0.8),
+    brighten=0.05,
+)
+FILTERED = dataclasses.replace(
+    COLOURS, denoise="bilateral", chroma_blur=(0.0, 1.5), sharpen=(0.2, 1.0), sharpen_radius=0.8
+)
 SCENES = {
     "codes": Scene(sensor=Sensor(scale=2.0)),
     "light": Scene(sensor=Sensor(scale=2.0, gain=2.0), develop=LIGHT),
@@ -46,6 +60,47 @@ SCENES = {
     "balance": Scene(
         sensor=Sensor(scale=2.0, gain=2.0),
         develop=Develop(linear_light=True, red=1.8, blue=0.6, brighten=-0.1),
+    ),
+    "colour matrix": Scene(
+        sensor=Sensor(scale=2.0, gain=2.0, crosstalk=(0.05, 0.2)),
+        develop=Develop(linear_light=True, saturation=(0.5, 1.6)),
+    ),
+    "colour matrix without crosstalk": Scene(
+        sensor=Sensor(scale=2.0), develop=Develop(saturation=0.4, red=1.3)
+    ),
+    "tone curve": Scene(
+        sensor=Sensor(scale=2.0, gain=2.0),
+        develop=Develop(linear_light=True, contrast=(-0.9, 0.9), brighten=0.1),
+    ),
+    "tone curve on codes": Scene(sensor=Sensor(scale=2.0), develop=Develop(contrast=0.7)),
+    "chroma blur": Scene(sensor=Sensor(scale=2.0), develop=Develop(chroma_blur=(0.5, 2.0))),
+    "sharpen": Scene(
+        sensor=Sensor(scale=2.0), develop=Develop(sharpen=(0.3, 1.5), sharpen_radius=(0.5, 2.0))
+    ),
+    "every colour": Scene(
+        view=TURNED, lens=BENT, sensor=Sensor(scale=2.0, gain=2.0, crosstalk=0.15), develop=COLOURS
+    ),
+    "everything": Scene(
+        view=TURNED,
+        lens=BENT,
+        sensor=Sensor(scale=2.0, gain=2.0, crosstalk=0.15),
+        develop=FILTERED,
+    ),
+    "everything, no colour filters": Scene(
+        view=TURNED, sensor=Sensor(scale=2.5, cfa="none", crosstalk=0.15), develop=FILTERED
+    ),
+    "everything, two and a half, point": Scene(
+        view=TURNED,
+        sensor=Sensor(scale=2.5, crosstalk=0.15),
+        develop=dataclasses.replace(FILTERED, resize="point", demosaic="malvar"),
+    ),
+    "everything, camera's frame": Scene(
+        view=TURNED,
+        sensor=Sensor(crosstalk=0.15),
+        develop=dataclasses.replace(FILTERED, registered=False),
+    ),
+    "too little to sharpen, point": Scene(
+        sensor=Sensor(scale=8.0), develop=Develop(sharpen=0.0005, resize="point")
     ),
     "bits": Scene(sensor=Sensor(scale=2.0, bits=6), develop=LIGHT),
 }
@@ -77,7 +132,8 @@ def test_equals_the_reference_and_its_gradient(name):
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (9, 1), (2, 2), (17, 67)])
 @pytest.mark.parametrize(
-    "name", ["registered and bent", "two and a half, area", "eight, point", "malvar"]
+    "name",
+    ["registered and bent", "two and a half, area", "eight, point", "malvar", "everything"],
 )
 def test_any_size(name, size):
     photo, expected, grad, slope = both(SCENES[name], size)
@@ -90,6 +146,41 @@ def test_another_demosaic_is_not_equal():
     raw = torch.rand(shot.raw_shape())
     other = SCENES["light"].sample(1, (19, 26))
     assert (develop(raw, other) - pipeline.develop(raw.double(), shot)).abs().max() > 1 / 512
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "value"),
+    [
+        ("every colour", "saturation", 2.5),
+        ("every colour", "contrast", 0.9),
+        ("everything", "chroma_blur", 3.0),
+        ("everything", "sharpen", 1.5),
+        ("everything", "registered", False),
+    ],
+)
+def test_another_development_is_not_equal(name, field, value):
+    scene = SCENES[name]
+    changed = dataclasses.replace(
+        scene, develop=dataclasses.replace(scene.develop, **{field: value})
+    )
+    raw = torch.rand(scene.sample(1, (19, 26)).raw_shape())
+    photo = develop(raw, changed.sample(1, (19, 26), torch.Generator().manual_seed(1)))
+    shot = scene.sample(1, (19, 26), torch.Generator().manual_seed(1))
+    assert (photo - pipeline.develop(raw.double(), shot)).abs().max() > 0.01
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (19, 26)])
+def test_a_registration_by_itself_equals_the_reference_and_its_gradient(size):
+    shot = SCENES["everything"].sample(2, size)
+    photo = torch.rand(2, 3, *size, requires_grad=True)
+    precise = photo.detach().double().requires_grad_()
+    found = run.register(photo, from_shot.registration_of(shot))
+    expected = register(precise, shot.matrix(), shot.distortion)
+    assert (found - expected).abs().max() < 1e-5
+    ahead = torch.randn_like(found)
+    (grad,) = torch.autograd.grad(found, photo, ahead)
+    (slope,) = torch.autograd.grad(expected, precise, ahead.double())
+    assert (grad - slope).norm() <= 1e-4 * slope.norm()
 
 
 def test_the_gradient_has_no_gradient():

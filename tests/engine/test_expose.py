@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
+from moireaug.effects.prefilter import SMALL
 from moireaug.engine import dispatch, from_shot, run
 from moireaug.scene.presets import PRESETS
 
@@ -47,6 +48,54 @@ SCENES = {
         panel=Panel(pwm=(200.0, 500.0)),
         lens=SOFT,
         sensor=Sensor(scale=2.0, shutter=(0.001, 0.004), readout=0.03),
+    ),
+    "black level": Scene(panel=Panel(black=(0.01, 0.1)), lens=SOFT, sensor=TWICE),
+    "black level, light": Scene(
+        panel=Panel(black=(0.01, 0.1), scale=0.9),
+        lens=SOFT,
+        sensor=TWICE,
+        develop=Develop(linear_light=True),
+    ),
+    "black level, prefilter that varies": Scene(
+        panel=Panel(black=0.1),
+        view=View(yaw=(-25.0, 25.0), zoom=0.12),
+        lens=SOFT,
+        sensor=TWICE,
+        develop=Develop(linear_light=True),
+    ),
+    "glare": Scene(
+        panel=Panel(glare=(0.05, 0.3), glare_x=(-0.5, 0.5), glare_y=(-0.5, 0.5)),
+        view=TURNED,
+        lens=SOFT,
+        sensor=TWICE,
+    ),
+    "glare, no colour filters": Scene(
+        panel=Panel(glare=0.2, glare_x=0.4, glare_y=-0.3, layout=DELTA),
+        view=TURNED,
+        lens=SOFT,
+        sensor=Sensor(scale=2.0, cfa="none", crosstalk=0.1),
+    ),
+    "crosstalk": Scene(view=TURNED, lens=SOFT, sensor=Sensor(scale=2.0, crosstalk=(0.05, 0.3))),
+    "crosstalk, no colour filters": Scene(
+        view=TURNED, lens=SOFT, sensor=Sensor(scale=2.0, cfa="none", crosstalk=0.2)
+    ),
+    "crosstalk, mean": Scene(
+        panel=Panel(glare=0.1),
+        view=TURNED,
+        sensor=Sensor(scale=2.0, crosstalk=0.2, exposure="mean"),
+    ),
+    "motion": Scene(
+        view=TURNED,
+        lens=Lens(blur=0.2, motion_x=(-0.8, 0.8), motion_y=(-0.8, 0.8)),
+        sensor=TWICE,
+    ),
+    "motion alone": Scene(lens=Lens(motion_x=0.4), sensor=TWICE),
+    "everything": Scene(
+        panel=Panel(black=0.02, glare=0.1, glare_x=0.3, lit=0.7, scale=1.2),
+        view=TURNED,
+        lens=dataclasses.replace(BENT, motion_x=0.5, motion_y=-0.3, vignetting=0.3),
+        sensor=Sensor(scale=2.0, gain=1.5, crosstalk=0.15, read_noise=0.01, shot_noise=0.02),
+        develop=Develop(linear_light=True),
     ),
     "black matrix": Scene(panel=Panel(lit=(0.35, 0.9)), view=TURNED, lens=BENT, sensor=TWICE),
     "pentile": Scene(panel=Panel(layout="pentile"), view=TURNED, lens=BENT, sensor=TWICE),
@@ -142,7 +191,9 @@ def test_random_scenes(part):
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (12, 1), (2, 2), (7, 33), (67, 30)])
-@pytest.mark.parametrize("name", ["turned", "light", "no colour filters", "two and a half"])
+@pytest.mark.parametrize(
+    "name", ["turned", "light", "no colour filters", "two and a half", "everything"]
+)
 def test_any_size(name, size):
     assert_equal(*readings(SCENES[name], size))
 
@@ -152,12 +203,19 @@ def test_a_batch_of_none():
     assert expose(torch.rand(0, 3, 8, 8), shot).shape == shot.raw_shape()
 
 
-@pytest.mark.parametrize("name", ["turned", "light"])
+@pytest.mark.parametrize("name", ["turned", "light", "black level", "everything"])
 def test_bytes_are_read_as_they_are(name):
     shot = SCENES[name].sample(3, (20, 24))
     codes = torch.randint(0, 256, (3, 3, 20, 24), dtype=torch.uint8)
     given = from_shot.exposure_of(shot, decoded=False)
     assert (run.expose(codes, given) - run.expose(codes.float() / 255, given)).abs().max() < 2e-6
+
+
+def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():
+    shot = SCENES["black level, prefilter that varies"].sample(2, (20, 24))
+    assert shot.plan.prefilter > SMALL
+    codes = torch.randint(0, 256, (2, 3, 20, 24), dtype=torch.uint8)
+    assert torch.equal(dispatch.expose(codes, shot), dispatch.expose(codes.float() / 255, shot))
 
 
 def test_threads_and_parts_of_a_batch_change_nothing():

@@ -18,6 +18,15 @@ SCENES = {
     "led": Scene(panel=Panel(scale=2.0, layout="led", lit=(0.5, 0.9)), view=TURNED, sensor=POINT),
     "no colour filters": Scene(view=TURNED, sensor=dataclasses.replace(POINT, cfa="none")),
     "light": Scene(view=TURNED, sensor=POINT, develop=Develop(linear_light=True)),
+    "glare": Scene(panel=Panel(glare=0.2, glare_x=0.3, glare_y=-0.4), view=TURNED, sensor=POINT),
+    "black level": Scene(panel=Panel(black=0.1, scale=0.8), view=TURNED, sensor=POINT),
+    "crosstalk": Scene(view=TURNED, sensor=dataclasses.replace(POINT, crosstalk=(0.1, 0.3))),
+    "everything": Scene(
+        panel=Panel(black=0.1, glare=0.2, glare_x=0.3, scale=1.5, layout="pentile"),
+        view=TURNED,
+        sensor=dataclasses.replace(POINT, cfa="none", crosstalk=0.2, read_noise=0.01),
+        develop=Develop(linear_light=True),
+    ),
     "camera's frame": Scene(view=TURNED, sensor=POINT, develop=Develop(registered=False)),
 }
 

@@ -101,12 +101,27 @@ STEPS = torch.tensor(
 )[None]
 
 
+def optics(fill, blur, olpf, motion_x=0.0, motion_y=0.0):
+    given = (fill, blur, olpf, motion_x, motion_y)
+    return Optics(*(torch.tensor([v], dtype=torch.float64) for v in given))
+
+
 def test_a_footprint_has_the_variance_of_what_blurs():
-    optics = Optics(*(torch.tensor([v], dtype=torch.float64) for v in (0.9, 0.3, 0.5)))
-    seen = content.footprint(STEPS, optics)
-    wanted = STEPS.square().sum(-1) * optics.variance()
+    seen = content.footprint(STEPS, optics(0.9, 0.3, 0.5))
+    # of a box, a Gaussian, and two points
+    wanted = STEPS.square().sum(-1) * (0.9**2 / 12 + 0.3**2 + 0.5**2 / 4)
     assert torch.allclose(seen.box.square() / 12 + seen.variance, wanted, atol=1e-11)
     assert torch.allclose(seen.box, 0.9 * STEPS.abs().amax(-1))
+
+
+@pytest.mark.parametrize("motion", [(0.8, 0.0), (0.0, 0.8), (0.5, -0.7)])
+def test_motion_widens_a_footprint_by_how_far_it_goes_along_the_axis(motion):
+    still, moved = optics(0.9, 0.3, 0.5), optics(0.9, 0.3, 0.5, *motion)
+    seen, sharp = content.footprint(STEPS, moved), content.footprint(STEPS, still)
+    along = STEPS @ torch.tensor(motion, dtype=torch.float64)
+    assert torch.equal(seen.box, sharp.box)
+    assert torch.allclose(seen.variance - sharp.variance, along.square(), atol=1e-12)
+    assert (along.square() - 0.64 * STEPS.square().sum(-1)).abs().max() > 0.1  # not a round spread
 
 
 @pytest.mark.parametrize("taps", [1, 3, 7])
@@ -126,10 +141,47 @@ def test_what_is_fitted_reaches_no_further_and_loses_no_variance(taps):
 @pytest.mark.parametrize("fill", [0.5, 1.0])
 def test_the_transfer_is_that_of_the_spread(fill):
     """Optics in space, as mid-quantiles of the light, and in frequency are one thing."""
-    optics = Optics(*(torch.tensor([v], dtype=torch.float64) for v in (fill, 0.25, 0.4)))
-    points = optics.quantiles(4000)[0]
-    assert points.square().mean().item() == pytest.approx(optics.variance().item(), rel=1e-3)
+    blurring = optics(fill, 0.25, 0.4)
+    points = blurring.quantiles(4000)[0]
+    variance = fill**2 / 12 + 0.25**2 + 0.4**2 / 4
+    assert points.square().mean().item() == pytest.approx(variance, rel=1e-3)
     for f in (0.1, 0.5, 1.3):
         at = torch.tensor([f], dtype=torch.float64)
         passed = torch.cos(2 * math.pi * f * points).mean()
-        assert optics.transfer(at, 0 * at).item() == pytest.approx(passed.item(), abs=1e-4)
+        assert blurring.transfer(at, 0 * at).item() == pytest.approx(passed.item(), abs=1e-4)
+
+
+MOTIONS = [(0.0, 0.0), (0.7, 0.0), (0.0, -0.7), (0.4, 0.3), (0.4, -0.3)]
+FREQUENCIES = [(0.3, 0.0), (0.0, 0.3), (0.2, 0.2), (0.2, -0.2), (0.6, -0.1)]
+
+
+def off_brute_force(motion, mirrored=1):
+    """How far the transfer is from the mean of a wave over the points that stand for the spread,
+    at most."""
+    blurring = optics(0.9, 0.25, 0.4, *motion)
+    down, across = blurring.offsets(48)[0]
+    most = 0.0
+    for fu, fv in FREQUENCIES:
+        passed = torch.cos(2 * math.pi * (fu * across + mirrored * fv * down)).mean()
+        u, v = (torch.tensor([f], dtype=torch.float64) for f in (fu, fv))
+        most = max(most, abs(blurring.transfer(u, v).item() - passed.item()))
+    return most
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_transfer_is_the_mean_over_the_points_of_brute_force(motion):
+    assert off_brute_force(motion) < 0.01
+
+
+def test_motion_along_the_other_diagonal_is_noticed():
+    assert off_brute_force((0.4, 0.3), mirrored=-1) > 0.1
+
+
+@pytest.mark.parametrize("n", [1, 2, 8])
+def test_points_have_the_motions_variance_in_any_number(n):
+    """All but a single one, which stands for the middle of the spread."""
+    still, moved = optics(0.9, 0.3, 0.5).offsets(n), optics(0.9, 0.3, 0.5, 0.6, -0.2).offsets(n)
+    assert still.shape == (1, 2, n**2) and moved.shape == (1, 2, n**3)
+    added = (moved[0] @ moved[0].T) / n**3 - (still[0] @ still[0].T) / n**2
+    wanted = torch.tensor([[0.04, -0.12], [-0.12, 0.36]], dtype=torch.float64)
+    assert torch.allclose(added, wanted * (n > 1), atol=1e-12)

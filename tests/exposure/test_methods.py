@@ -1,5 +1,8 @@
 """Every method on layouts of one's own: slanted ones, single colours, panels with gaps."""
 
+import dataclasses
+import math
+
 import pytest
 import torch
 
@@ -191,3 +194,55 @@ def test_light_past_the_taps_is_not_lost(exposure, blur):
     )
     raw = expose(torch.ones(1, 3, 8, 8, dtype=torch.float64), scene.sample(1, (8, 8)))
     assert (raw - 1).abs().max() < 1e-5
+
+
+MOVED = Lens(blur=0.3, motion_x=0.5, motion_y=-0.3)
+
+
+def of_white(exposure, lens=MOVED, crosstalk=0.2):
+    """The reading of a white screen through overlapping filters, from an oblique view."""
+    scene = Scene(
+        panel=Panel(scale=0.6),
+        view=View(yaw=20, roll=8),
+        lens=lens,
+        sensor=Sensor(scale=2.0, crosstalk=crosstalk, exposure=exposure),
+    )
+    return expose(torch.ones(1, 3, 6, 6, dtype=torch.float64), scene.sample(1, (6, 6)))
+
+
+def off(series, brute):
+    return float((series - brute).square().mean().sqrt() / brute.mean())
+
+
+def test_brute_force_converges_to_the_series_with_motion_and_crosstalk():
+    series, brute = of_white("spectral"), of_white("supersample:8")
+    assert off(series, brute) < 0.03
+    assert off(series, brute) < off(series, of_white("supersample:2")) / 4
+    # negative controls: the other diagonal, no motion, and filters that overlap less
+    mirrored = dataclasses.replace(MOVED, motion_y=0.3)
+    assert off(of_white("spectral", mirrored), brute) > 0.06
+    assert off(of_white("spectral", Lens(blur=0.3)), brute) > 0.06
+    assert off(of_white("spectral", crosstalk=0.1), brute) > 0.06
+
+
+@pytest.mark.parametrize(
+    ("exposure", "near"),
+    [("spectral", 0.005), ("box", 0.005), ("mean", 0.005), ("supersample:4", 0.03)],
+)
+def test_motion_blurs_what_lies_across_it(exposure, near):
+    """Stripes of a wave of eight pixels keep exp(-2 pi^2 sigma^2 / 64); those along it all."""
+    wave = 0.5 + 0.4 * torch.cos(2 * math.pi * torch.arange(32, dtype=torch.float64) / 8)
+    vertical = wave.expand(1, 3, 32, 32)
+    sensor = Sensor(cfa="none", exposure=exposure)
+
+    def kept(picture):
+        contrast = []
+        for motion in (0.0, 0.8):
+            lens = Lens(blur=0.3, motion_x=motion)
+            scene = Scene(panel=Panel(layout="even"), lens=lens, sensor=sensor)
+            raw = expose(picture, scene.sample(1, (32, 32)))
+            contrast.append(raw[..., 12:20, 12:20].std().item())
+        return contrast[1] / contrast[0]
+
+    assert kept(vertical) == pytest.approx(math.exp(-2 * math.pi**2 * 0.8**2 / 64), abs=near)
+    assert kept(vertical.mT) == pytest.approx(1, abs=1e-3)

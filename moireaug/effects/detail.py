@@ -1,0 +1,98 @@
+"""What a camera does to detail before it saves a photo: colour is smoothed against noise,
+brightness sharpened."""
+
+from __future__ import annotations
+
+import math
+
+from kornia.filters import gaussian_blur2d
+from torch import Tensor
+
+from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
+from moireaug.numeric import clip, per_image
+from moireaug.scene.fields import Range, bounds
+from moireaug.scene.record import SceneRecord
+
+REACH = 3.0  # standard deviations that a kernel holds
+SMALLEST = 1e-3  # standard deviation: a Gaussian of none has no kernel
+
+
+class ChromaBlur(Effect):
+    """Colour is smoothed, brightness stays."""
+
+    name = "chroma_blur"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        blur = scene.develop.chroma_blur
+        if bounds(blur)[1] == 0:
+            return left_out("colour keeps its detail")
+        return called(f"colour smoothed by {show(blur)} sensor pixels")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        size = kernel_size(shot.scene.develop.chroma_blur)
+        return chroma_blur(photo, shot.develop.chroma_blur, size)
+
+
+class Sharpen(Effect):
+    """An unsharp mask on brightness."""
+
+    name = "sharpen"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        develop = scene.develop
+        why = (
+            f"unsharp mask of {show(develop.sharpen)}, {show(develop.sharpen_radius)} sensor pixels"
+        )
+        return judged(off(develop.sharpen, 0), scene, why, "not asked for")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        size = kernel_size(shot.scene.develop.sharpen_radius)
+        develop = shot.develop
+        return sharpen(photo, develop.sharpen, develop.sharpen_radius, size)
+
+
+class ClipDetail(Effect):
+    """What was smoothed or sharpened ends at 0 and 1 again."""
+
+    name = "clip_detail"
+    shown = False
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        if ChromaBlur().verdict(scene).called or Sharpen().verdict(scene).called:
+            return called("overshoots end at 0 and 1")
+        return left_out("nothing overshoots")
+
+    def __call__(self, photo: Tensor, shot) -> Tensor:
+        return clip(photo)
+
+
+def chroma_blur(photo: Tensor, sigma: Tensor, size: int) -> Tensor:
+    """Return photos (B, 3, H, W) whose difference to their brightness is smoothed by Gaussians of
+    sigma (B,) pixels, in kernels of `size` pixels."""
+    grey = brightness(photo)
+    colour = photo - grey
+    return grey + gaussian(colour, sigma, size)
+
+
+def sharpen(photo: Tensor, amount: Tensor, sigma: Tensor, size: int) -> Tensor:
+    """Return photos (B, 3, H, W) whose brightness is further from its Gaussian mean by an amount
+    (B,)."""
+    grey = brightness(photo)
+    return photo + per_image(amount, photo) * (grey - gaussian(grey, sigma, size))
+
+
+def brightness(photo: Tensor) -> Tensor:
+    """Return the mean of the colours, (B, 1, H, W)."""
+    return photo.mean(1, keepdim=True)
+
+
+def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
+    """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; the border's pixels go
+    on past it."""
+    sigmas = sigma.clamp(min=SMALLEST).to(planes.dtype)[:, None].expand(-1, 2)
+    return gaussian_blur2d(planes, size, sigmas, border_type="replicate")
+
+
+def kernel_size(sigma: Range) -> int:
+    """Return the odd number of pixels along a kernel that holds a range's widest Gaussian."""
+    return 2 * math.ceil(REACH * bounds(sigma)[1]) + 1

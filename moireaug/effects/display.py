@@ -1,0 +1,85 @@
+"""What a display adds to its picture: black that is not black, and the light that its glass
+reflects."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from moireaug.effects.base import Effect, Verdict, judged, off, show
+from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.geometry.sensor import CFA
+from moireaug.numeric import per_image
+from moireaug.panel.fourier import emitting_share, mean_light
+from moireaug.scene.fields import bounds
+from moireaug.scene.layout import as_layout
+from moireaug.scene.record import SceneRecord
+
+
+class BlackLevel(Effect):
+    """Black pixels of the display emit some light."""
+
+    name = "black_level"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        black = scene.panel.black
+        why = f"black pixels emit {show(black)} of a white one's light"
+        change = bounds(black)[1] * bounds(scene.sensor.gain)[1]
+        return judged(change, scene, why, "black is black")
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        return light + per_image(shot.panel.black, light) * (1 - light)
+
+
+class Glare(Effect):
+    """The glass reflects the room: light without subpixels on top of the readings."""
+
+    name = "glare"
+
+    def verdict(self, scene: SceneRecord) -> Verdict:
+        glare = scene.panel.glare
+        why = f"the glass reflects {show(glare)} of a white screen's light"
+        change = most_reflected(scene) * bounds(scene.sensor.gain)[1]
+        return judged(change, scene, why, "the glass reflects nothing")
+
+    def __call__(self, raw: Tensor, shot) -> Tensor:
+        rows, cols = (pixels.positions(raw.device) for pixels in shot.sampled_pixels())
+        if shot.scene.sensor.cfa == "none":
+            lattices = [(rows, cols)] * 3
+        else:
+            lattices = [(rows[s.row :: 2], cols[s.column :: 2]) for s in CFA["rggb"]]
+        planes = []
+        white = white_readings(shot)
+        for plane, (down, across) in enumerate(lattices):
+            share = reflected(down, across, shot.size, shot.panel)
+            planes.append(share * white[:, plane, None, None])
+        return raw + torch.stack(planes, 1).to(raw.dtype)
+
+
+def most_reflected(scene: SceneRecord) -> float:
+    """Return the light that the glass reflects at most, in a corner of the photo."""
+    panel = scene.panel
+    return bounds(panel.glare)[1] * (1 + off(panel.glare_x, 0) + off(panel.glare_y, 0))
+
+
+def reflected(rows: Tensor, cols: Tensor, size: tuple[int, int], panel) -> Tensor:
+    """Return the light that a drawn Panel's glass reflects, as a share of a white screen's: (B, h,
+    w) at photo coordinates (h,) and (w,)."""
+    right = cols / size[1] * 2 - 1
+    down = rows / size[0] * 2 - 1
+    across = panel.glare_x[:, None, None] * right
+    along = panel.glare_y[:, None, None] * down[:, None]
+    return panel.glare[:, None, None] * (1 + across + along)
+
+
+def white_readings(shot) -> Tensor:
+    """Return what each plane of the reading gets from a white screen on average, (B, planes)."""
+    layout = as_layout(shot.scene.panel.layout)
+    shares = emitting_share(shot.panel)
+    light = torch.stack([mean_light(layout, channel, *shares) for channel in range(3)], 1)
+    if "crosstalk" in shot.plan:
+        light = (crosstalk_matrix(shot.sensor.crosstalk) @ light[..., None])[..., 0]
+    channels: list[int] = []
+    for site in CFA[shot.scene.sensor.cfa]:
+        channels.extend(site.channels)
+    return light[:, channels]
