@@ -1,0 +1,174 @@
+"""Hold scenes against real photos of screens.
+
+    python benchmarks/reality.py PAIRS.csv screen_photo phone_at_monitor scene.yaml
+    python benchmarks/reality.py PAIRS.csv screen_photo --images DIR --target twin original
+
+PAIRS.csv has the columns photo and original: aligned pictures of one size. Publishes figures only,
+no pictures. For each scene:
+
+- statistics: of crops of the real photos and of the scene's photos of the same crops, as
+  training/calibrate.py has them.
+- told apart: a small network is trained to tell patches of the real photos from simulated ones of
+  the same crops, on all pictures but one, and judged on that one. 50 % is chance: such a network
+  cannot tell the scene from reality. "as they are" judges everything; "one tone" after the best
+  global colour map of every crop onto its original, which leaves the texture alone: moiré, noise,
+  sharpness. With --controls, two stand beside the scenes: the real photos against themselves, which
+  must be at chance, and the originals, which are no photos at all.
+- cleaned, with --images, a folder of clean pictures: a small network is trained on simulated pairs
+  of these alone, and cleans the real photos. Their PSNR before and after, each after its best
+  global colour map onto the original, says whether what it learned holds in reality.
+
+Writes results/reality.json.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
+
+import torch
+from torch import Tensor
+
+from benchmarks import cleaned, measure, told_apart
+from moireaug import Scene
+from moireaug.synthesis.tone import ColourMap
+from training import scenes
+from training.calibration.compare import distance, lines, measured, said
+from training.calibration.pairs import Crops, cut, find_pairs, photographed, read_pairs
+
+FULL: dict[str, Any] = {
+    "side": 384,
+    "each": 8,
+    "shots": 3,
+    "apart": told_apart.Effort(),
+    "cleaned": cleaned.Effort(),
+}
+QUICK: dict[str, Any] = {
+    "side": 48,
+    "each": 2,
+    "shots": 1,
+    "apart": told_apart.Effort(steps=2, batch=4, side=32, judged=8),
+    "cleaned": cleaned.Effort(steps=2, batch=2, side=32, shown=64),
+}
+CONTROLS = ("the real photos", "the originals")
+PARTS = ("statistics", "apart", "cleaned")
+
+
+def simulated(scene: Scene, crops: Crops, shots: int) -> Tensor:
+    """Return `shots` photos of every crop, (shots, N, 3, S, S) uint8."""
+    return torch.stack([photographed(scene, crops.originals, seed) for seed in range(shots)])
+
+
+def one_tone(photos: Tensor, originals: Tensor) -> Tensor:
+    """Return photos after the best global colour map onto their originals, as 8-bit codes."""
+    mapped = []
+    for photo, original in zip(photos.float().numpy(), originals.float().numpy(), strict=True):
+        mapped.append(torch.from_numpy(ColourMap.fit(photo, original)(photo)))
+    return torch.stack(mapped).round().to(torch.uint8)
+
+
+def statistics(crops: Crops, photos: dict[str, Tensor]) -> dict[str, Any]:
+    """Return every scene's table beside the real photos'."""
+    real = measured(crops.photos, crops.originals)
+    found = {}
+    for name, shots in photos.items():
+        table = lines(real, measured(shots[0], crops.originals))
+        print(f"Statistics of {name}, {len(real)} crops\n{said(table, name)}\n", flush=True)
+        rows = [line.to_dict() for line in table]
+        found[name] = {"distance": distance(table), "rows": rows}
+    return found
+
+
+def tell(
+    crops: Crops, others: dict[str, Tensor], effort: told_apart.Effort
+) -> list[dict[str, Any]]:
+    """Return a row for each of the others and each tone: how well it is told from the photos."""
+    print(f"Told apart, {len(crops.names)} pictures, mean accuracy [95 %]; 50 % is chance")
+    rows = []
+    plain = one_tone(crops.photos, crops.originals)
+    for name, photos in others.items():
+        toned = torch.stack([one_tone(shot, crops.originals) for shot in photos])
+        for tone, real, other in (
+            ("as they are", crops.photos, photos),
+            ("one tone", plain, toned),
+        ):
+            began = time.perf_counter()
+            accuracies = told_apart.accuracy_of_telling(real, other, crops, effort)
+            row = {"scene": name, "tone": tone} | told_apart.summarised(accuracies)
+            row |= {"accuracies": accuracies, "seconds": time.perf_counter() - began}
+            rows.append(row)
+            print(_told(row), flush=True)
+    return rows
+
+
+def _told(row: dict[str, Any]) -> str:
+    percent = [f"{100 * row[key]:.0f}" for key in ("accuracy", "low", "high")]
+    each = " ".join(f"{100 * a:.0f}" for a in row["accuracies"])
+    return (
+        f"{row['scene']:24s} {row['tone']:12s} {percent[0]:>3s} % [{percent[1]}, {percent[2]}]"
+        f"   by fold: {each}   {row['seconds']:.0f} s"
+    )
+
+
+def clean(
+    chosen: dict[str, Scene], args: Namespace, effort: cleaned.Effort
+) -> list[dict[str, Any]]:
+    """Return a row for each scene and target: what a network trained on its pairs does to the real
+    photos."""
+    rows = []
+    for name, scene in chosen.items():
+        for target in args.target:
+            print(f"Cleaned by a network of {name}, target {target}")
+            network = cleaned.train(scene, args.images, target, effort)
+            found = cleaned.cleaned(network, read_pairs(find_pairs(args.pairs)), effort.shown)
+            row = {"scene": name, "target": target} | cleaned.mean(found) | {"pictures": found}
+            rows.append(row)
+            print(
+                f"  PSNR {row['before']:.2f} to {row['after']:.2f} dB; colours mapped "
+                f"{row['before_mapped']:.2f} to {row['after_mapped']:.2f} dB",
+                flush=True,
+            )
+    return rows
+
+
+def main() -> None:
+    parser = measure.arguments(__doc__)
+    parser.add_argument("pairs", type=Path, help="a CSV file with the columns photo and original")
+    parser.add_argument("scenes", nargs="+", help="presets or YAML files")
+    parser.add_argument("--controls", action="store_true", help="also tell the two controls apart")
+    parser.add_argument("--images", type=Path, help="a folder of clean pictures to train on")
+    parser.add_argument("--target", nargs="+", choices=cleaned.TARGETS, default=["twin"])
+    parser.add_argument("--steps", type=int, help="of training each network")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS)
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    facts = measure.metadata()
+    settings = dict(QUICK if args.quick else FULL)
+    if args.steps:
+        for part in ("apart", "cleaned"):
+            settings[part] = dataclasses.replace(settings[part], steps=args.steps)
+    print(measure.told(facts), end="\n\n")
+    chosen = {name: scenes.load(name) for name in args.scenes}
+    crops = cut(read_pairs(find_pairs(args.pairs)), settings["side"], settings["each"])
+    photos = {name: simulated(scene, crops, settings["shots"]) for name, scene in chosen.items()}
+    found: dict[str, Any] = {"metadata": facts}
+    if "statistics" in args.only:
+        found["statistics"] = statistics(crops, photos)
+    if "apart" in args.only:
+        others: dict[str, Tensor] = {}
+        if args.controls:
+            others = dict(zip(CONTROLS, (crops.photos[None], crops.originals[None]), strict=True))
+        found["told_apart"] = tell(crops, others | photos, settings["apart"])
+    if "cleaned" in args.only and args.images:
+        found["cleaned"] = clean(chosen, args, settings["cleaned"])
+    measure.write_json(args.out / "reality.json", found)
+
+
+if __name__ == "__main__":
+    main()

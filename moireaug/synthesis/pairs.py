@@ -1,0 +1,177 @@
+"""Pairs: a crop of a picture, its photo off a screen and, if asked, the photo's twin without moiré.
+
+Pair k takes its picture, its crop and its shot from a counter-based generator at (seed, k). So it
+is the same pair in whichever process, order or number of processes it is made.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import IterableDataset, get_worker_info
+
+from moireaug.capture import capture
+from moireaug.scene.scene import Scene, Shot, as_scene
+from moireaug.synthesis.pictures import Pictures
+from moireaug.synthesis.twins import without_moire
+
+SIZES = (16, 8192)  # pixels a side
+SEEDS = 2**32 - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A photo and what it is of, aligned pixel by pixel.
+
+    Args:
+        index: its number k in the sequence of its seed.
+        picture: the name of the picture, relative to the folder.
+        top, left: where the crop begins in the picture, in pixels.
+        shot: the draw of one, that took the photo.
+        original, photo: (3, size, size) uint8, sRGB codes.
+        twin: the photo by `without_moire(shot)`; None where not asked for.
+    """
+
+    index: int
+    picture: str
+    top: int
+    left: int
+    shot: Shot
+    original: Tensor
+    photo: Tensor
+    twin: Tensor | None
+
+    def pictures(self) -> dict[str, Tensor]:
+        """Return photo, original and, where there is one, twin."""
+        found = {"photo": self.photo, "original": self.original}
+        if self.twin is not None:
+            found["twin"] = self.twin
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the pair was made from, as plain values fit for JSON.
+
+        `Shot.from_dict` of its `shot` takes the same photo of the same original again.
+        """
+        return {
+            "index": self.index,
+            "picture": self.picture,
+            "top": self.top,
+            "left": self.left,
+            "shot": self.shot.to_dict(),
+        }
+
+
+class Pairs(IterableDataset):
+    """Pairs of photographed pictures and their originals, made as they are asked for.
+
+    Yields dicts of `photo`, `original` and, with `twin=True`, `twin`, (3, size, size) float32 in
+    [0, 1], multiples of 1/255 as in a file; and `index`, the pair's number. `make_pair` gives a
+    pair by its number, with the shot. Workers of a DataLoader and ranks of torch.distributed share
+    the numbers out, so that none makes another's pairs.
+
+    Args:
+        images: a folder of pictures, searched deeply. Those that are damaged or have a side below
+            `size` are skipped: others are drawn in their place.
+        scene: a Scene, a preset's name or a dict; its photos must be registered.
+        size: side of the crops in pixels.
+        twin: whether to photograph each crop again without moiré.
+        seed: pair k is the same for the same seed, images, scene and size.
+        n: how many pairs an iteration gives, all processes together; None is without end. Every
+            iteration begins with pair 0: take another seed for other pairs.
+
+    Raises:
+        ValueError, TypeError: a folder without pictures, a scene in the camera's frame, a number
+            out of its bounds.
+    """
+
+    def __init__(
+        self,
+        images: str | Path,
+        scene: Scene | str | dict[str, Any],
+        size: int,
+        *,
+        twin: bool = False,
+        seed: int = 0,
+        n: int | None = None,
+    ) -> None:
+        super().__init__()
+        self.scene, self.twin = as_scene(scene), twin
+        self.size = _integer("size", size, *SIZES)
+        self.seed = _integer("seed", seed, 0, SEEDS)
+        self.n = None if n is None else _integer("n", n, 1, None)
+        _check_aligned(self.scene)
+        self.pictures = Pictures(images, self.size)
+
+    def make_pair(self, k: int) -> Pair:
+        """Return pair k >= 0. A pure function of k, the settings and the files.
+
+        Raises:
+            ValueError: no picture is usable, or one could not be read by the system.
+        """
+        rng = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, k]))
+        name, picture = self.pictures.draw(rng)
+        top = int(rng.integers(picture.height - self.size + 1))
+        left = int(rng.integers(picture.width - self.size + 1))
+        crop = picture.crop((left, top, left + self.size, top + self.size))
+        original = torch.from_numpy(np.array(crop)).permute(2, 0, 1).contiguous()
+        # torch's generator keeps 32 bits of a seed: two of a million shots may be alike, of
+        # different crops
+        generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
+        shot = self.scene.sample(1, (self.size, self.size), generator)
+        photo = _photograph(original, shot)
+        twin = _photograph(original, without_moire(shot)) if self.twin else None
+        return Pair(k, name, top, left, shot, original, photo, twin)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        first, step = _share()
+        numbers: Iterable[int] = itertools.count(first, step)
+        if self.n is not None:
+            numbers = range(first, self.n, step)
+        for k in numbers:
+            pair = self.make_pair(k)
+            item: dict[str, Any] = {"index": k}
+            for name, codes in pair.pictures().items():
+                item[name] = codes.float() / 255
+            yield item
+
+
+@torch.no_grad()
+def _photograph(original: Tensor, shot: Shot) -> Tensor:
+    """Return the photo (3, H, W) of one picture, both uint8."""
+    photo = capture(original[None].float() / 255, shot)
+    return (photo[0] * 255).round().to(torch.uint8)
+
+
+def _share() -> tuple[int, int]:
+    """Return the first number of this process among all workers of all ranks, and their number."""
+    rank, ranks = 0, 1
+    if torch.distributed.is_available() and torch.distributed.is_initialized():
+        rank, ranks = torch.distributed.get_rank(), torch.distributed.get_world_size()
+    info = get_worker_info()
+    worker, workers = (0, 1) if info is None else (info.id, info.num_workers)
+    return rank * workers + worker, ranks * workers
+
+
+def _check_aligned(scene: Scene) -> None:
+    if not scene.develop.registered:
+        raise ValueError(
+            "pairs are aligned, and this scene leaves its photos in the camera's frame "
+            "(develop.registered is false): pass one with Develop(registered=True)."
+        )
+    scene.plan()  # refuses ranges that cannot be photographed
+
+
+def _integer(name: str, value: object, low: int, high: int | None) -> int:
+    inside = type(value) is int and value >= low and (high is None or value <= high)
+    if not inside:
+        allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"
+        raise ValueError(f"{name} must be an integer {allowed}; got {value!r}.")
+    return value  # type: ignore[return-value]

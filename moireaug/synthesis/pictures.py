@@ -1,0 +1,111 @@
+"""The pictures that pairs are made from: found in a folder, drawn, and skipped where unusable."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from torchvision.datasets.folder import IMG_EXTENSIONS
+
+from moireaug.images import read
+
+
+class Pictures:
+    """The picture files of a folder and of those inside it, in the order of their names.
+
+    Names that begin with a dot are not looked at. `others` holds the files that have no suffix of
+    an image, and `unusable` the reason for each picture that `draw` has skipped so far.
+
+    Args:
+        folder: where they are.
+        least: the shortest side in pixels that a picture must have.
+
+    Raises:
+        ValueError: no folder, or no picture in it.
+    """
+
+    def __init__(self, folder: str | Path, least: int) -> None:
+        self.folder, self.least = Path(folder), least
+        self.unusable: dict[int, str] = {}
+        if not self.folder.is_dir():
+            raise ValueError(f"{self.folder} is not a folder: pass one with pictures inside.")
+        self.names: list[str] = []
+        self.others: list[str] = []
+        for name in _files(self.folder):
+            known = name.lower().endswith(IMG_EXTENSIONS)
+            (self.names if known else self.others).append(name)
+        if not self.names:
+            raise ValueError(
+                f"{self.folder} holds no pictures: none of its {len(self.others)} files ends with "
+                f"{', '.join(IMG_EXTENSIONS)}."
+            )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
+        """Draw pictures, each with the same probability, until one is usable; return its name and
+        itself.
+
+        What is returned depends on `rng` and the files alone, not on what was drawn before.
+
+        Raises:
+            ValueError: none is usable, or the system could not read one.
+        """
+        while len(self.unusable) < len(self):
+            index = int(rng.integers(len(self)))
+            if index in self.unusable:
+                continue
+            try:
+                return self.names[index], self._load(self.names[index])
+            except _UnusableError as error:
+                self.unusable[index] = str(error)
+        reasons = list(self.unusable.values())
+        raise ValueError(
+            f"none of the {len(self)} pictures in {self.folder} is usable. The first: {reasons[0]}"
+        )
+
+    def fingerprint(self) -> str:
+        """Return hex digits that change with any picture's name or number of bytes."""
+        digest = hashlib.sha256()
+        for name in self.names:
+            size = (self.folder / name).stat().st_size
+            digest.update(name.encode("utf-8", "surrogateescape") + f"\0{size}\n".encode())
+        return digest.hexdigest()
+
+    def _load(self, name: str) -> Image.Image:
+        path = self.folder / name
+        try:
+            picture = read(str(path))
+        except ValueError as error:
+            # a disk that fails now may work on another machine: no reason to take another picture
+            cause = error.__cause__
+            if isinstance(cause, MemoryError) or (isinstance(cause, OSError) and cause.errno):
+                raise
+            raise _UnusableError(str(error)) from error
+        if min(picture.size) < self.least:
+            width, height = picture.size
+            raise _UnusableError(
+                f"The image {path} is too small: {width} x {height} pixels, and the crops have "
+                f"{self.least} x {self.least}."
+            )
+        return picture
+
+
+class _UnusableError(Exception):
+    """Why a picture is skipped."""
+
+
+def _files(folder: Path) -> list[str]:
+    """Return the names of all files below a folder, relative to it, in order, but for hidden
+    ones."""
+    found = []
+    for parent, folders, files in os.walk(folder, followlinks=True):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            if not name.startswith("."):
+                found.append(Path(parent, name).relative_to(folder).as_posix())
+    return sorted(found)

@@ -1,0 +1,259 @@
+"""Statistics of photos of screens, real or simulated alike: how strong the moiré is and at which
+scale, whether it is stripes or a lattice, and what became of tone, sharpness and noise.
+
+    rows = measure(photos, originals)    # a dict a crop
+    pandas.DataFrame(rows).median()
+
+Band-passed planes are differences of two Gaussian blurs, of the chroma R - G and B - G and of the
+luma (R + G + B) / 3, in codes of 255. A band of sigma a to 2 a passes a wavelength of 6.5 a pixels
+best; it is divided by its gain there, 0.47, so that such a sinusoid of amplitude A has the RMS
+A / sqrt 2. The broad band, sigma 1.5 to 8, is not divided by its own, 0.85.
+
+Flat regions are the 40 % of a crop where the original has least in the broad band of its luma.
+Without an original the photo itself says what is flat: its quietest places are then taken, so that
+the moiré of luma and the noise come out too low, and that of chroma less so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from moireaug.checks import check_images
+from moireaug.synthesis import spectra
+from moireaug.synthesis.tone import ColourMap, levels, psnr
+
+Plane = NDArray[Any]  # of float32
+
+BANDS = ((1, 2), (2, 4), (4, 8), (8, 16))  # sigmas in pixels
+BROAD = (1.5, 8)
+OCTAVE_GAIN = 4 ** (-1 / 3) - 4 ** (-4 / 3)  # of a band of sigma a to 2 a, where it is largest
+FLAT = 0.4  # share of a crop
+BUSY_BLUR = 6  # sigma over which it is asked whether something goes on
+EDGES = 0.2  # share of a crop whose edges are compared
+SMALLEST = 32  # pixels of a crop
+
+
+class Statistic(NamedTuple):
+    """What a number of `measure` is.
+
+    Args:
+        title: for tables. unit: of the number.
+        small: an amount that hardly matters, in that unit: two numbers are compared by
+            asinh(a / small) - asinh(b / small), which is the logarithm of their ratio where they
+            are large, and their difference where they are about nothing.
+        paired: it needs the original.
+        compared: it says how photos look; a direction, say, does not.
+    """
+
+    title: str
+    unit: str
+    small: float
+    paired: bool = False
+    compared: bool = True
+
+
+STATISTICS = {
+    "chroma": Statistic("chroma, sigma 1.5 to 8", "codes RMS", 0.25),
+    "chroma_1_2": Statistic("chroma, sigma 1 to 2", "codes RMS", 0.25),
+    "chroma_2_4": Statistic("chroma, sigma 2 to 4", "codes RMS", 0.25),
+    "chroma_4_8": Statistic("chroma, sigma 4 to 8", "codes RMS", 0.25),
+    "chroma_8_16": Statistic("chroma, sigma 8 to 16", "codes RMS", 0.25),
+    "luma": Statistic("luma, sigma 1.5 to 8", "codes RMS", 0.25),
+    "luma_1_2": Statistic("luma, sigma 1 to 2", "codes RMS", 0.25),
+    "luma_2_4": Statistic("luma, sigma 2 to 4", "codes RMS", 0.25),
+    "luma_4_8": Statistic("luma, sigma 4 to 8", "codes RMS", 0.25),
+    "luma_8_16": Statistic("luma, sigma 8 to 16", "codes RMS", 0.25),
+    "peaks": Statistic("peaks of the spectrum", "a window", 0.5),
+    "peak_strength": Statistic("strongest peak, strength", "codes RMS", 0.25),
+    "peak_frequency": Statistic("strongest peak, frequency", "cycles/px", 0.02),
+    "peak_angle": Statistic("strongest peak, direction", "degrees", 90.0, compared=False),
+    "chroma_2d": Statistic("chroma: stripes 0, lattice 1", "", 0.1),
+    "luma_2d": Statistic("luma: stripes 0, lattice 1", "", 0.1),
+    "psnr": Statistic("PSNR", "dB", 10.0, paired=True),
+    "psnr_mapped": Statistic("PSNR, colours mapped", "dB", 10.0, paired=True),
+    "white": Statistic("white level", "codes", 20.0),
+    "black": Statistic("black level", "codes", 10.0),
+    "contrast": Statistic("contrast of luma", "codes RMS", 5.0),
+    "saturation": Statistic("saturation", "codes", 5.0),
+    "cast_red": Statistic("cast of greys, R - G", "codes", 5.0),
+    "cast_blue": Statistic("cast of greys, B - G", "codes", 5.0),
+    "sharpness": Statistic("gradients, of the original's", "ratio", 0.1, paired=True),
+    "noise": Statistic("noise", "codes RMS", 0.25),
+    "blocks": Statistic("blocks of 8 px", "ratio - 1", 0.05),
+}
+
+
+def measure(photos: Tensor, originals: Tensor | None = None) -> list[dict[str, float]]:
+    """Measure every crop of a batch; computed on the CPU, without gradients.
+
+    Args:
+        photos: (B, 3, H, W) in [0, 1], at least 32 px a side.
+        originals: the same crops of what the screen showed; None leaves out the statistics that
+            are `paired`, and takes flat and grey places from the photo itself.
+
+    Returns:
+        A dict of `STATISTICS` a crop; finite numbers.
+
+    Raises:
+        TypeError, ValueError: no pictures, pictures smaller than 32 px, or of two shapes.
+    """
+    photos = check_images(photos)
+    if min(photos.shape[-2:]) < SMALLEST:
+        raise ValueError(
+            f"crops must have at least {SMALLEST} x {SMALLEST} pixels to have a spectrum; got "
+            f"{photos.shape[-2]} x {photos.shape[-1]}."
+        )
+    if originals is None:
+        return [measure_crop(photo, None) for photo in _in_codes(photos)]
+    originals = check_images(originals)
+    if originals.shape != photos.shape:
+        raise ValueError(
+            f"photos and originals must have one shape; got {tuple(photos.shape)} and "
+            f"{tuple(originals.shape)}."
+        )
+    both = zip(_in_codes(photos), _in_codes(originals), strict=True)
+    return [measure_crop(photo, original) for photo, original in both]
+
+
+def _in_codes(images: Tensor) -> Iterator[Plane]:
+    for image in images.detach().cpu().float():
+        yield 255 * image.numpy()
+
+
+def measure_crop(photo: Plane, original: Plane | None) -> dict[str, float]:
+    """Measure one crop (3, H, W), in codes of 255; see `measure`."""
+    reference = photo if original is None else original
+    busy = busyness(reference)
+    flat = busy <= np.quantile(busy, FLAT)
+    found = band_strengths(photo, flat)
+    found |= spectral(photo, original, busy)
+    found |= levels(photo, reference)
+    found["noise"] = noise(photo, flat)
+    found["blocks"] = blocks(photo)
+    if original is not None:
+        mapped = ColourMap.fit(photo, original)(photo)
+        found["psnr"] = psnr(photo, original)
+        found["psnr_mapped"] = psnr(mapped, original)
+        found["sharpness"] = sharpness(mapped, original, busy)
+    return {name: found[name] for name in STATISTICS if name in found}
+
+
+def planes(picture: Plane) -> tuple[Plane, Plane, Plane]:
+    """Return R - G, B - G and the luma of a picture (3, H, W)."""
+    red, green, blue = picture
+    return red - green, blue - green, (red + green + blue) / 3
+
+
+def busyness(picture: Plane) -> Plane:
+    """Return how much goes on around each pixel, (H, W): the luma's broad band, blurred."""
+    luma = planes(picture)[2]
+    return blur(np.abs(blur(luma, BROAD[0]) - blur(luma, BROAD[1])), BUSY_BLUR)
+
+
+def blur(plane: Plane, sigma: float) -> Plane:
+    """Blur by a Gaussian, mirrored at the borders."""
+    return cv2.GaussianBlur(plane, (0, 0), sigma)
+
+
+def scales(plane: Plane) -> dict[float, Plane]:
+    """Return every other pixel of a plane blurred by 1, 1.5, 2, 4, 8 and 16 px.
+
+    A blur of 4 px leaves nothing that every other pixel would not tell, so that the wide ones are
+    made of these.
+    """
+    found = {sigma: blur(plane, sigma)[::2, ::2] for sigma in (1, 1.5, 2, 4)}
+    for sigma in (8, 16):
+        found[sigma] = blur(found[4], math.sqrt(sigma**2 - 4**2) / 2)
+    return found
+
+
+def band_strengths(photo: Plane, flat: NDArray[np.bool_]) -> dict[str, float]:
+    """Return the RMS of chroma and luma in each band, over the flat regions."""
+    red, blue, luma = (scales(plane) for plane in planes(photo))
+    flat = flat[::2, ::2]
+    found = {}
+    for low, high in (BROAD, *BANDS):
+        name, gain = (f"_{low}_{high}", OCTAVE_GAIN) if (low, high) in BANDS else ("", 1.0)
+        for kind, parts in (("chroma", (red, blue)), ("luma", (luma,))):
+            square = sum(np.square((part[low] - part[high])[flat]).mean() for part in parts)
+            found[kind + name] = math.sqrt(square) / gain
+    return found
+
+
+def spectral(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, float]:
+    """Return what the spectra of the flattest windows say: peaks, and stripes or lattice.
+
+    The picture's own content is taken off them as it would look in the photo's colours.
+    """
+    shown = None
+    if original is not None:
+        shown = planes(ColourMap.fit(original, photo)(original))
+    ours = planes(photo)
+    chroma = spectra.spectrum(ours[:2], shown and shown[:2], busy)
+    luma = spectra.spectrum(ours[2:], shown and shown[2:], busy)
+    both = spectra.Spectrum(chroma.power + luma.power, chroma.floor + luma.floor)
+    windows = spectra.peaks(both)
+    every = [peak for window in windows for peak in window]
+    strongest = max(every, key=lambda peak: peak.strength, default=spectra.Peak(0.0, 0.0, 0.0))
+    return {
+        "peaks": len(every) / len(windows),
+        "peak_strength": strongest.strength,
+        "peak_frequency": strongest.frequency,
+        "peak_angle": strongest.angle,
+        "chroma_2d": spectra.two_dimensionality(chroma),
+        "luma_2d": spectra.two_dimensionality(luma),
+    }
+
+
+def sharpness(mapped: Plane, original: Plane, busy: Plane) -> float:
+    """Return the RMS gradient of a photo, its colours mapped, over the original's, on the fifth of
+    the crop where most goes on; 1 where the original has none."""
+    edges = busy >= np.quantile(busy, 1 - EDGES)
+    ours, theirs = (_gradient(planes(picture)[2])[edges].mean() for picture in (mapped, original))
+    return float(math.sqrt(ours / theirs)) if theirs > 1e-6 else 1.0
+
+
+def _gradient(luma: Plane) -> Plane:
+    down, right = np.gradient(luma)
+    return down * down + right * right
+
+
+def noise(photo: Plane, flat: NDArray[np.bool_]) -> float:
+    """Return the standard deviation of white noise of as much fine detail as the flat regions have:
+    Immerkaer (1996), "Fast noise variance estimation", by the median."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    found = [np.median(np.abs(cv2.filter2D(plane, -1, kernel)[flat])) for plane in photo]
+    # the kernel's norm is 6, and half of a normal distribution lies within 0.6745
+    return float(math.sqrt(np.mean(np.square(found))) / 6 / 0.6745)
+
+
+def blocks(photo: Plane) -> float:
+    """Return by how much the luma's steps across the edges of 8 x 8 blocks exceed the others; the
+    blocks may begin anywhere. About 0 where there are none."""
+    luma = planes(photo)[2]
+    found = []
+    for axis in (0, 1):
+        steps = np.abs(np.diff(luma, axis=axis)).mean(axis=1 - axis)
+        each = np.array([steps[k::8].mean() for k in range(8)])
+        usual = float(np.median(each))
+        found.append(float(each.max()) / usual - 1 if usual > 1e-6 else 0.0)
+    return sum(found) / 2
+
+
+def compare(real: float, simulated: float, statistic: Statistic) -> float:
+    """Return how far a simulated number is from a real one: the logarithm of their ratio where they
+    are large beside what is small, their difference where they are about nothing."""
+    return math.asinh(simulated / statistic.small) - math.asinh(real / statistic.small)
+
+
+def span(values: Any) -> tuple[float, float, float]:
+    """Return the 10th percentile, the median and the 90th percentile of some numbers."""
+    low, median, high = np.percentile(np.asarray(values, dtype=np.float64), [10, 50, 90]).tolist()
+    return low, median, high

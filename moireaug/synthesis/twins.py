@@ -1,0 +1,24 @@
+"""The twin of a photo: the same shot without moiré."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+from moireaug.scene.scene import Scene, Shot
+
+
+def without_moire(shot: Shot) -> Shot:
+    """Return the same shot of a panel without subpixels: camera, light and noise stay, the stripes
+    leave their mean light.
+
+    `capture(images, without_moire(shot))` is the photo that no camera can take, and the target
+    that teaches a demoireing network the moiré alone.
+    """
+    return dataclasses.replace(shot, scene=_mean(shot.scene))
+
+
+@functools.lru_cache(maxsize=64)  # a new scene would be planned again for every shot
+def _mean(scene: Scene) -> Scene:
+    """Return the scene with the exposure that sees a panel's mean light."""
+    return dataclasses.replace(scene, sensor=dataclasses.replace(scene.sensor, exposure="mean"))

@@ -1,0 +1,79 @@
+"""The benchmark against real photos: figures of pairs that the scene itself made, and its parts on
+what they must tell, or must not."""
+
+import json
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from benchmarks import cleaned, told_apart
+from moireaug import Scene
+from training.calibration.pairs import Crops, Shown, photographed
+
+ROOT = Path(__file__).resolve().parents[2]
+EFFORT = told_apart.Effort(steps=100, batch=16, side=32, judged=64)
+
+
+def pictures(n, side=64):
+    draw = np.random.default_rng(3)
+    small = draw.uniform(0, 255, (n, 3, side // 16, side // 16))
+    return torch.from_numpy(np.kron(small, np.ones((16, 16))).astype(np.uint8))
+
+
+def crops_of(photos, n):
+    return Crops(photos, photos, torch.arange(len(photos)) % n, tuple(map(str, range(n))))
+
+
+def test_the_benchmark_writes_figures(tmp_path, monkeypatch, capsys):
+    originals = pictures(2, 96)
+    photos = photographed(Scene.preset("paper_code"), originals)
+    lines = ["photo,original"]
+    for i, (photo, original) in enumerate(zip(photos, originals, strict=True)):
+        for kind, picture in (("p", photo), ("o", original)):
+            Image.fromarray(picture.permute(1, 2, 0).numpy()).save(tmp_path / f"{kind}{i}.png")
+        lines.append(f"p{i}.png,o{i}.png")
+    (tmp_path / "pairs.csv").write_text("\n".join(lines))
+    given = [str(tmp_path / "pairs.csv"), "screen_photo", "--images", str(tmp_path)]
+    given += ["--controls", "--quick", "--threads", "1", "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["reality.py", *given])
+    runpy.run_path(str(ROOT / "benchmarks/reality.py"), run_name="__main__")
+    assert "Told apart, 2 pictures" in capsys.readouterr().out
+    found = json.loads((tmp_path / "reality.json").read_text())
+    assert found["statistics"]["screen_photo"]["distance"] > 0
+    scenes = ["the real photos", "the originals", "screen_photo"]
+    assert [row["scene"] for row in found["told_apart"]] == [s for s in scenes for _ in range(2)]
+    assert all(0 <= row["accuracy"] <= 1 for row in found["told_apart"])
+    assert found["cleaned"][0]["target"] == "twin" and len(found["cleaned"][0]["pictures"]) == 2
+
+
+def test_a_discriminator_tells_stripes_of_ten_codes_and_not_a_photo_from_itself():
+    photos = pictures(8)
+    stripes = 10 * torch.cos(torch.arange(64) * 2 * torch.pi / 8)
+    striped = (photos.float() + stripes).round().clamp(0, 255).to(torch.uint8)
+    crops = crops_of(photos, 2)
+    told = told_apart.accuracy_of_telling(photos, striped[None], crops, EFFORT)
+    same = told_apart.accuracy_of_telling(photos, photos[None], crops, EFFORT)
+    assert min(told) > 0.9
+    assert max(abs(accuracy - 0.5) for accuracy in same) < 0.2
+
+
+def test_folds_are_at_most_so_many():
+    photos = pictures(8)
+    few = told_apart.Effort(steps=1, batch=4, side=32, judged=4, folds=3)
+    assert len(told_apart.accuracy_of_telling(photos, photos[None], crops_of(photos, 8), few)) == 3
+
+
+def test_an_untrained_cleaner_changes_nothing():
+    original = pictures(1)[0]
+    photo = (0.8 * original.float() + 20).to(torch.uint8)
+    shown = [Shown("a", photo, original)]
+    row = cleaned.cleaned(cleaned.Cleaner(), shown, 64)[0]
+    assert row["after"] == pytest.approx(row["before"], abs=1e-3)
+    assert row["after_mapped"] == pytest.approx(row["before_mapped"], abs=0.1)
+    assert row["before_mapped"] > row["before"] + 15
+    assert cleaned.mean([row, row]) == {k: v for k, v in row.items() if k != "picture"}

@@ -1,0 +1,207 @@
+"""Pairs: each is a pure function of its number, replays from its numbers, and is aligned."""
+
+import errno
+import json
+import os
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from torch.utils.data import DataLoader
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
+from moireaug.synthesis import Pairs, pictures, without_moire
+from tests.synthesis.folders import put, spoil
+
+SIZE = 32
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return put(tmp_path / "pictures")
+
+
+def same(one, other):
+    """Whether two pairs have the same pictures and numbers."""
+    pictures, others = one.pictures(), other.pictures()
+    return (
+        one.to_dict() == other.to_dict()
+        and pictures.keys() == others.keys()
+        and all(torch.equal(picture, others[name]) for name, picture in pictures.items())
+    )
+
+
+@pytest.mark.parametrize("scene", ["phone_at_monitor", "dashcam_at_led_sign"])
+def test_a_pair_replays_from_its_numbers(folder, scene):
+    pairs = Pairs(folder, scene, SIZE, twin=True)
+    for k in (0, 7):
+        pair = pairs.make_pair(k)
+        numbers = json.loads(json.dumps(pair.to_dict()))
+        with Image.open(folder / numbers["picture"]) as picture:
+            whole = np.array(picture)
+        top, left = numbers["top"], numbers["left"]
+        crop = torch.from_numpy(whole[top : top + SIZE, left : left + SIZE]).permute(2, 0, 1)
+        assert torch.equal(pair.original, crop) and pair.original.dtype == torch.uint8
+        shot = Shot.from_dict(numbers["shot"])
+        shown = crop[None].float() / 255
+        for taken, by in ((pair.photo, shot), (pair.twin, without_moire(shot))):
+            assert torch.equal(taken, (capture(shown, by)[0] * 255).round().to(torch.uint8))
+
+
+def test_a_pair_depends_on_its_number_alone(folder):
+    spoil(folder)
+    forwards, backwards = (Pairs(folder, "screen_photo", SIZE, twin=True) for _ in range(2))
+    made = [forwards.make_pair(k) for k in range(12)]
+    for pair in reversed(made):
+        assert same(pair, backwards.make_pair(pair.index))
+    other = Pairs(folder, "screen_photo", SIZE, twin=True, seed=1)
+    assert not any(same(pair, other.make_pair(pair.index)) for pair in made)
+    drawn = {(p.picture, p.top, p.left, p.shot.view.yaw.item()) for p in made}
+    assert len(drawn) == 12, "draws repeat"
+
+
+@pytest.mark.parametrize("size", [(32, 32), (33, 47)])
+@pytest.mark.parametrize("scene", ["screen_photo", "dashcam_at_led_sign"])
+def test_a_batch_is_photographed_as_its_images_are_one_by_one(scene, size):
+    shot = Scene.preset(scene).sample(4, size)
+    shown = torch.rand(4, 3, *size)
+    batch = capture(shown, shot)
+    for row in range(4):
+        assert torch.equal(batch[row], capture(shown[row : row + 1], shot[row])[0])
+    assert not torch.equal(batch[0], capture(shown[:1], shot[1])[0])
+
+
+def test_the_twin_has_the_noise_and_not_the_moire(tmp_path):
+    Image.new("RGB", (64, 64), (128, 128, 128)).save(tmp_path / "grey.png")
+    quiet = Scene(
+        panel=Panel(scale=1.2),
+        view=View(roll=(5, 10)),
+        lens=Lens(blur=0.3),
+        sensor=Sensor(scale=2, gain=2.5),
+    )
+    pair = Pairs(tmp_path, quiet, 64, twin=True).make_pair(0)
+    inside = (slice(None), slice(8, 56), slice(8, 56))
+    moire, none = (p[inside].float().std((1, 2)).max() for p in (pair.photo, pair.twin))
+    assert none < 0.5 < 4 < moire
+    noisy = Scene(sensor=Sensor(scale=2, gain=2.5, exposure="mean", read_noise=0.02))
+    pair = Pairs(tmp_path, noisy, 64, twin=True).make_pair(0)
+    assert torch.equal(pair.photo, pair.twin) and pair.twin[inside].float().std() > 1
+
+
+def test_the_pictures_of_a_pair_are_aligned(tmp_path):
+    put(tmp_path, sizes=[(64, 64)])
+    for k in range(3):
+        pair = Pairs(tmp_path, "phone_at_monitor", 64, twin=True).make_pair(k)
+        original = pair.original[:, 8:-8, 8:-8].float()
+        error = {}
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                moved = pair.twin.roll((dy, dx), (1, 2))[:, 8:-8, 8:-8].float()
+                error[dy, dx] = torch.corrcoef(torch.stack([moved.ravel(), original.ravel()]))[0, 1]
+        assert max(error, key=error.get) == (0, 0)
+
+
+def test_unusable_pictures_are_named_and_others_drawn_in_their_place(folder):
+    spoil(folder)
+    pairs = Pairs(folder, "screen_photo", SIZE)
+    assert pairs.pictures.others == ["notes.txt"]
+    names = [pairs.pictures.draw(np.random.default_rng(k))[0] for k in range(300)]
+    counts = {name: names.count(name) for name in set(names)}
+    assert counts.keys() == {"class0/0.png", "class1/1.png", "class0/2.png"}
+    assert min(counts.values()) > 70, "each is as likely, the next after a torn one too"
+    reasons = " ".join(pairs.pictures.unusable.values())
+    assert len(pairs.pictures.unusable) == 3
+    assert "torn.png could not be read" in reasons and "words.jpg could not be read" in reasons
+    assert "low.png is too small: 200 x 20 pixels, and the crops have 32 x 32" in reasons
+
+
+def test_where_no_picture_is_usable_it_is_said(tmp_path):
+    spoil(put(tmp_path))
+    for path in tmp_path.glob("class*/*.png"):
+        path.unlink()
+    pairs = Pairs(tmp_path, "screen_photo", SIZE)
+    with pytest.raises(ValueError, match=r"none of the 3 pictures in .* is usable. The first:"):
+        pairs.make_pair(0)
+
+
+def test_a_failing_disk_is_no_reason_to_take_another_picture(folder, monkeypatch):
+    def fail(path):
+        raise ValueError(f"The image {path} could not be read.") from OSError(
+            errno.EIO, os.strerror(errno.EIO)
+        )
+
+    monkeypatch.setattr(pictures, "read", fail)
+    pairs = Pairs(folder, "screen_photo", SIZE)
+    with pytest.raises(ValueError, match="could not be read"):
+        pairs.make_pair(0)
+    assert not pairs.pictures.unusable
+
+
+def test_the_fingerprint_knows_names_and_sizes(folder):
+    def mark():
+        return Pairs(folder, "screen_photo", SIZE).pictures.fingerprint()
+
+    before = mark()
+    (folder / "notes.txt").touch()
+    assert mark() == before
+    path = folder / "class0/0.png"
+    path.rename(folder / "class0/renamed.png")
+    renamed = mark()
+    (folder / "class0/renamed.png").write_bytes(b"other")
+    assert len({before, renamed, mark()}) == 3
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # Python 3.12 and newer
+def test_workers_share_the_pairs_out_and_give_them_as_they_are(folder):
+    pairs = Pairs(folder, "phone_at_monitor", SIZE, twin=True, n=7)
+    loader = DataLoader(pairs, batch_size=2, num_workers=2, multiprocessing_context="fork")
+    found = {}
+    for batch in loader:
+        for row, k in enumerate(batch["index"].tolist()):
+            assert k not in found
+            found[k] = {name: batch[name][row] for name in ("photo", "original", "twin")}
+    assert sorted(found) == list(range(7))
+    for k, item in found.items():
+        for name, picture in pairs.make_pair(k).pictures().items():
+            assert item[name].dtype == torch.float32
+            assert torch.equal(item[name], picture.float() / 255)
+
+
+def test_ranks_share_the_pairs_out(folder, monkeypatch):
+    monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "get_world_size", lambda: 3)
+    found = []
+    for rank in range(3):
+        monkeypatch.setattr(torch.distributed, "get_rank", lambda rank=rank: rank)
+        found += [item["index"] for item in Pairs(folder, "screen_photo", SIZE, n=8)]
+    assert sorted(found) == list(range(8)) and found != sorted(found)
+
+
+def test_without_n_there_is_no_end(folder):
+    items = iter(Pairs(folder, "screen_photo", SIZE))
+    item = next(items)
+    assert item.keys() == {"index", "photo", "original"}
+    assert [next(items)["index"] for _ in range(3)] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"scene": "paper"}, "leaves its photos in the camera's frame"),
+        ({"scene": Scene(develop=Develop(registered=False))}, "Develop\\(registered=True\\)"),
+        ({"scene": "phone_at_monitr"}, "Did you mean 'phone_at_monitor'"),
+        ({"size": 15}, r"size must be an integer in \[16, 8192\]; got 15"),
+        ({"size": 32.0}, "size must be an integer"),
+        ({"seed": -1}, "seed must be an integer"),
+        ({"n": 0}, "n must be an integer at least 1; got 0"),
+        ({"images": "nowhere"}, "nowhere is not a folder"),
+        ({"images": "empty"}, "holds no pictures: none of its 1 files ends with .jpg"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused(folder, tmp_path, monkeypatch, given, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty/notes.txt").touch()
+    with pytest.raises(ValueError, match=said):
+        Pairs(**{"images": folder, "scene": "screen_photo", "size": SIZE} | given)

@@ -1,0 +1,115 @@
+"""Registration against simulated photos, whose pose the shot knows."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
+from moireaug.synthesis.registration import find_pose, register
+
+SIZE = (288, 384)
+
+
+@pytest.fixture(scope="module")
+def picture():
+    """A picture that can be found: overlapping discs of many sizes, as (3, H, W) uint8."""
+    draw = np.random.default_rng(0)
+    height, width = SIZE
+    y, x = np.mgrid[0.5:height, 0.5:width]
+    found = np.full((3, height, width), 128.0)
+    for _ in range(250):
+        inside = np.hypot(x - draw.uniform(0, width), y - draw.uniform(0, height))
+        found[:, inside < draw.uniform(3, 30)] = draw.uniform(20, 235, (3, 1))
+    return torch.from_numpy(found).to(torch.uint8)
+
+
+def photographed(picture, **view):
+    scene = Scene(
+        panel=Panel(scale=1.1),
+        view=View(**view),
+        lens=Lens(blur=0.5),
+        sensor=Sensor(scale=2.0, gain=2.8, read_noise=0.005),
+        develop=Develop(registered=False, linear_light=True),
+    )
+    shot = scene.sample(1, SIZE, torch.Generator().manual_seed(0))
+    photo = capture(picture[None].float() / 255, shot)[0]
+    return (255 * photo).round().to(torch.uint8), shot.matrix()[0].numpy()
+
+
+def largest_error(found, true):
+    """Return how far the corners of the picture are mapped from where they belong, in pixels."""
+    height, width = SIZE
+    corners = np.array([[0, 0, 1], [width, 0, 1], [width, height, 1], [0, height, 1]], float)
+    ours, theirs = corners @ found.T, corners @ true.T
+    return np.abs(ours[:, :2] / ours[:, 2:] - theirs[:, :2] / theirs[:, 2:]).max()
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        {},
+        {"yaw": 18.0, "pitch": -9.0, "roll": 5.0},
+        {"yaw": -20.0, "roll": -12.0, "fov": 50.0},
+        {"roll": 30.0, "zoom": 0.8},
+    ],
+)
+def test_the_pose_of_a_photo_is_found(picture, view):
+    photo, true = photographed(picture, **view)
+    found = find_pose(photo, picture)
+    assert largest_error(found.matrix, true) < 0.35
+    assert found.matches > 30 and found.correlation > 0.8
+
+
+def test_a_photo_comes_to_the_frame_of_its_picture(picture):
+    photo, _ = photographed(picture, yaw=18.0, pitch=-9.0, roll=5.0)
+    aligned, original = register(photo, picture)
+    assert aligned.shape == original.shape
+    assert original.shape[1] > 0.9 * SIZE[0]
+    pairs = torch.stack([aligned.float().mean(0).flatten(), original.float().mean(0).flatten()])
+    assert torch.corrcoef(pairs)[0, 1] > 0.9
+    # an unregistered photo is nothing like it
+    plain = torch.stack([photo.float().mean(0).flatten(), picture.float().mean(0).flatten()])
+    assert torch.corrcoef(plain)[0, 1] < 0.7
+
+
+def test_a_photo_larger_than_its_picture(picture):
+    photo, true = photographed(picture, yaw=10.0)
+    large = torch.nn.functional.interpolate(photo[None].float(), scale_factor=3, mode="bilinear")
+    found = find_pose(large[0].round().to(torch.uint8), picture)
+    scaled = np.diag([3.0, 3.0, 1.0]) @ true
+    assert largest_error(found.matrix, scaled) < 1.5
+
+
+def test_what_the_photo_does_not_show_is_cut_off_both(picture):
+    photo, _ = photographed(picture, yaw=10.0, zoom=1.4)
+    aligned, original = register(photo, picture)
+    assert aligned.shape == original.shape
+    assert 0.3 * SIZE[0] < original.shape[1] < 0.8 * SIZE[0]
+    # no part of it is the black that lies off the photo
+    assert aligned.float().mean(0).flatten().quantile(0.02) > 10
+
+
+def test_a_photo_of_something_else_is_refused(picture):
+    other = picture.flip(1).flip(2)[[2, 0, 1]].float()
+    noise = 60 * torch.randn(3, *SIZE, generator=torch.Generator().manual_seed(0))
+    other = (other.roll(97, 2).flip(2) + noise).clamp(0, 255).to(torch.uint8)
+    with pytest.raises(ValueError, match=r"the picture was not found in IMG_1\.jpg: \d+ features"):
+        register(other, picture, "IMG_1.jpg")
+
+
+def test_a_mirrored_photo_is_refused(picture):
+    photo, _ = photographed(picture, yaw=5.0)
+    with pytest.raises(ValueError, match="not found"):
+        find_pose(photo.flip(2), picture)
+
+
+def test_a_flat_photo_is_refused(picture):
+    with pytest.raises(ValueError, match="not found"):
+        find_pose(torch.full((3, *SIZE), 90, dtype=torch.uint8), picture)
+
+
+def test_the_largest_error_would_notice_a_pixel():
+    assert largest_error(np.eye(3), np.array([[1.0, 0, 1], [0, 1, 0], [0, 0, 1]])) == 1
+    assert math.isclose(largest_error(np.eye(3), 2 * np.eye(3)), 0)

@@ -1,0 +1,225 @@
+"""calibrate.py: pairs and photos in, a table and a page out; the fit of a scene to hidden ones."""
+
+import csv
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from PIL import Image
+
+from moireaug import Develop, Lens, Scene, Sensor, View
+from moireaug.synthesis.statistics import STATISTICS
+from training import calibrate, scenes
+from training.calibration import fit as fitting
+from training.calibration.compare import distance, lines, measured
+from training.calibration.fit import Searched, fit
+from training.calibration.pairs import Crops, cut, find_pairs, photographed, read_pairs
+
+ROOT = Path(__file__).resolve().parents[2]
+PLAIN = Scene(
+    view=View(roll=(-6.0, 6.0)),
+    lens=Lens(blur=(0.3, 0.4)),
+    sensor=Sensor(scale=2.0, gain=(2.4, 3.0)),
+    develop=Develop(linear_light=True),
+)
+
+
+def picture(seed, height=120, width=160):
+    """Return discs before a gradient, (H, W, 3) uint8."""
+    draw = np.random.default_rng(seed)
+    y, x = np.mgrid[0.5:height, 0.5:width]
+    found = np.stack([40 + 150 * x / width, 90 + 100 * y / height, 0 * x + 120], -1)
+    for _ in range(height * width // 800):
+        inside = np.hypot(x - draw.uniform(0, width), y - draw.uniform(0, height))
+        found[inside < draw.uniform(3, 22)] = draw.uniform(20, 235, 3)
+    return found.astype(np.uint8)
+
+
+def photo_of(scene, shown, seed):
+    as_batch = torch.from_numpy(shown).permute(2, 0, 1)[None]
+    return photographed(scene, as_batch, seed)[0].permute(1, 2, 0).numpy()
+
+
+def table_in(path):
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Three pairs in two folders, photographed by a scene."""
+    root = tmp_path_factory.mktemp("pairs")
+    for kind in ("photo", "original"):
+        (root / kind).mkdir()
+    for seed in range(3):
+        shown = picture(seed)
+        Image.fromarray(shown).save(root / "original" / f"{seed}.png")
+        Image.fromarray(photo_of(PLAIN, shown, seed)).save(root / "photo" / f"{seed}.png")
+    return root
+
+
+def test_the_command_compares_and_writes_a_page(folder, tmp_path):
+    given = [f"pairs={folder}", "scene=screen_photo", f"out={tmp_path}", "size=64", "crops=2"]
+    ran = subprocess.run(
+        [sys.executable, ROOT / "training/calibrate.py", *given],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        cwd=tmp_path,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert "chroma, sigma 1.5 to 8" in ran.stdout and "Mean distance" in ran.stdout
+    table = table_in(tmp_path / "statistics.csv")
+    assert [row["name"] for row in table] == list(STATISTICS)
+    assert all(float(row["real_10"]) <= float(row["real_90"]) for row in table)
+    by_crop = table_in(tmp_path / "crops.csv")
+    assert len(by_crop) == 2 * 6 and {row["picture"] for row in by_crop} == {"0", "1", "2"}
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 1 + 3 * 3  # the plot, and three sides of a crop
+    assert "http" not in page.split("</style>")[1]
+    assert "screen_photo beside real photos" in page
+    assert (tmp_path / "statistics.png").stat().st_size > 10_000
+
+
+def test_photos_alone_are_measured_alone(folder, tmp_path, capsys):
+    given = [f"photos={folder / 'photo'}", f"out={tmp_path}", "size=64", "crops=1"]
+    calibrate.main(given)
+    assert "Mean distance" not in capsys.readouterr().out
+    table = table_in(tmp_path / "statistics.csv")
+    assert [row["name"] for row in table] == [k for k, s in STATISTICS.items() if not s.paired]
+    assert {row["simulated_50"] for row in table} == {""}
+
+
+def test_photos_of_one_picture_are_registered_first(tmp_path, capsys):
+    shown = picture(7, 240, 320)
+    Image.fromarray(shown).save(tmp_path / "shown.png")
+    (tmp_path / "photos").mkdir()
+    view = View(yaw=12.0, roll=4.0)
+    camera = replace(PLAIN, view=view, develop=Develop(linear_light=True, registered=False))
+    Image.fromarray(photo_of(camera, shown, 0)).save(tmp_path / "photos" / "a.png")
+    given = [f"photos={tmp_path / 'photos'}", f"picture={tmp_path / 'shown.png'}"]
+    given += [f"out={tmp_path / 'out'}", "size=96", "crops=2"]
+    found = {
+        line.name: line
+        for line in calibrate.calibrate(
+            calibrate.settings.parse(given, calibrate.Config, calibrate.EXAMPLE)
+        )
+    }
+    assert found["psnr_mapped"].real[1] > 22  # the photo lies on its picture
+    Image.fromarray(picture(8, 240, 320)).save(tmp_path / "photos" / "b.png")
+    with pytest.raises(SystemExit, match=r"not found in .*b\.png|b\.png could not be aligned"):
+        calibrate.main(given)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ([], "no settings given, as in: python training/calibrate.py"),
+        (["pair=x"], "Did you mean 'pairs'"),
+        (["pairs=x", "size=many"], "size: "),
+        (["pairs"], "given as pairs=VALUE"),
+        (["scene=paper"], "pass either pairs= or photos="),
+        (["pairs=a", "photos=b"], "pass either pairs= or photos="),
+        (["pairs=a", "picture=b"], "leave it out with pairs="),
+        (["photos=a", "fit=true"], "fit=true needs to know"),
+        (["pairs=a", "size=8"], "size must be at least 32"),
+        (["pairs=nowhere.csv"], "neither a CSV file nor a folder"),
+        (["pairs=a", "scene=screen_foto"], "Did you mean 'screen_photo'"),
+        (["pairs=a", "scene=none.yaml"], "could not be read"),
+    ],
+)
+def test_what_cannot_be_followed_ends_with_a_sentence(given, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=said) as refused:
+        calibrate.main(given)
+    assert str(refused.value).startswith("error: ")
+
+
+def test_a_table_of_pairs_is_read_from_its_own_folder(folder, tmp_path):
+    table = folder / "pairs.csv"
+    table.write_text("photo,original\nphoto/0.png,original/0.png\n")
+    crops = cut(read_pairs(find_pairs(table)), 48, 3)
+    assert crops.photos.shape == crops.originals.shape == (3, 3, 48, 48)
+    table.write_text("photo,original\nphoto/0.png,original/9.png\n")
+    with pytest.raises(ValueError, match=r"original/9\.png, named in .* does not exist"):
+        find_pairs(table)
+    table.write_text("photo,picture\nphoto/0.png,original/0.png\n")
+    with pytest.raises(ValueError, match=r"missing \['original'\]"):
+        find_pairs(table)
+
+
+def test_a_scene_is_nearest_to_itself():
+    originals = torch.stack([torch.from_numpy(picture(s)).permute(2, 0, 1) for s in range(6)])
+    real = measured(photographed(PLAIN, originals, 1), originals)
+    same = measured(photographed(PLAIN, originals, 2), originals)
+    dark = replace(PLAIN, sensor=Sensor(scale=2.0, gain=1.2))
+    other = measured(photographed(dark, originals, 2), originals)
+    assert distance(lines(real, real)) == 0
+    assert distance(lines(real, same)) < 0.75 * distance(lines(real, other))
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    """Photos of a scene of which gain and blur are to be found; drawn from the search's own seed,
+    so that the distance at the hidden ranges is 0."""
+    side = 48
+    originals = [torch.from_numpy(picture(s, side, side)).permute(2, 0, 1) for s in range(8)]
+    crops = torch.stack(originals)
+    scene = replace(PLAIN, lens=Lens(blur=(0.7, 0.8)), sensor=Sensor(scale=2.0, gain=(2.9, 3.3)))
+    photos = photographed(scene, crops, 0)
+    found = Crops(photos, crops, torch.arange(8), tuple("abcdefgh"))
+    return found, measured(photos, crops)
+
+
+SEARCHED = (Searched("lens.blur", 0.2, 1.2), Searched("sensor.gain", 1.0, 5.0))
+START = replace(PLAIN, sensor=Sensor(scale=2.0, gain=(1.6, 2.0)))
+
+
+def test_a_fit_finds_what_was_hidden(hidden, tmp_path):
+    crops, real = hidden
+    told = []
+    found = fit(START, crops, real, 64, math.inf, 0, told.append, SEARCHED)
+    assert found.after < 0.25 * found.before
+    assert sum(found.scene.sensor.gain) / 2 == pytest.approx(3.1, abs=0.35)
+    assert sum(found.scene.lens.blur) / 2 == pytest.approx(0.75, abs=0.12)
+    assert found.scene.view == START.view and found.evaluations <= 72
+    assert told[0].startswith("fit: distance") and len(told) > 3
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(found.scene.to_dict()))
+    assert scenes.load(str(path)) == found.scene
+
+
+def test_an_interrupted_fit_keeps_the_best(hidden):
+    crops, real = hidden
+
+    def interrupt(line):
+        if "evaluations" in line and "interrupted" not in line:
+            raise KeyboardInterrupt
+
+    found = fit(START, crops, real, 1000, math.inf, 0, interrupt, SEARCHED)
+    assert found.evaluations < 20
+    assert found.after <= found.before
+
+
+def test_a_fit_that_may_not_search_leaves_the_scene(hidden):
+    crops, real = hidden
+    found = fit(START, crops, real, 1, math.inf, 0, lambda line: None, SEARCHED)
+    assert found.scene is START and found.before == found.after
+
+
+def test_every_searched_field_is_a_range_of_a_scene():
+    for name in ("screen_photo", "dashcam_at_led_sign", "paper"):
+        scene = Scene.preset(name)
+        limits = tuple(fitting._widened(scene, one) for one in fitting.SEARCHED)
+        again = fitting.decode(scene, limits, fitting.encode(scene, limits))
+        for field, low, high in limits:
+            for ours, theirs in zip(
+                fitting.get(again, field), fitting.get(scene, field), strict=True
+            ):
+                assert ours == pytest.approx(theirs, abs=0.021 * (high - low)), field

@@ -1,0 +1,352 @@
+"""The command that makes pairs: the same bytes however the work is shared or cut short, files that
+the usual libraries read, and sentences for what cannot be followed."""
+
+import csv
+import errno
+import hashlib
+import io
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tarfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import torch
+from filelock import FileLock
+from PIL import Image
+
+from moireaug import Scene, Shot, capture
+from tests.synthesis.folders import put, spoil
+from tests.training.small import LONG, start
+from training import pair_files, synthesise
+
+FEW = ["n=10", "per_shard=4", "size=32", "scene=phone_at_monitor", "twin=true", "workers=0"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return put(tmp_path / "pictures")
+
+
+def made(out, *given):
+    """Run the command in this process, and return the hash of every file by its name."""
+    synthesise.main([*FEW, "images=pictures", f"out={out}", *given])
+    return hashes(out)
+
+
+def hashes(out):
+    found = {}
+    for path in sorted(out.rglob("*")):
+        if path.is_file() and not path.name.startswith("."):
+            content = hashlib.sha256(path.read_bytes()).hexdigest()
+            found[path.relative_to(out).as_posix()] = content
+    return found
+
+
+def leftovers(out):
+    return [path.name for path in out.iterdir() if path.name.endswith(".tmp")]
+
+
+@pytest.fixture(params=["webdataset", "imagefolder"])
+def form(request):
+    return f"format={request.param}"
+
+
+def test_the_bytes_are_the_same_however_the_work_is_shared(tmp_path, form, folder):
+    spoil(folder)
+    whole = made(tmp_path / "whole", form)
+    assert sum(name.startswith("00000") for name in whole) == (
+        3 if form == "format=webdataset" else 10 * 3 + 3
+    )
+    for share in ("2/3", "0/3", "1/3"):
+        made(tmp_path / "shared", form, f"shard={share}")
+    assert hashes(tmp_path / "shared") == whole
+    with ThreadPoolExecutor(2) as pool:  # at once
+        jobs = [
+            pool.submit(
+                synthesise.synthesise,
+                synthesise.configure(
+                    [*FEW, form, "images=pictures", "out=once", f"shard={k}/2"],
+                ),
+            )
+            for k in range(2)
+        ]
+    assert [job.result() for job in jobs] == [None, None] and hashes(tmp_path / "once") == whole
+    other = made(tmp_path / "other", form, "seed=1")
+    assert not set(other.values()) & set(whole.values())
+
+
+def test_a_killed_command_goes_on_with_nothing_lost_but_the_running_file(tmp_path, capsys):
+    given = ["images=pictures", "out=killed", *FEW, "n=120", "workers=1"]
+    killed, done = tmp_path / "killed", tmp_path / "killed/000001.tar"
+    process = start("synthesise.py", *given, cwd=tmp_path)
+    deadline = time.monotonic() + LONG
+    while not done.exists():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGSTOP)
+    with pytest.raises(SystemExit, match="another command is at work on shard=0/1 of killed"):
+        synthesise.main([*given, "workers=0"])
+    process.kill()
+    process.wait(LONG)  # its worker ends some seconds later
+    process.stdout.close()
+    process.stderr.close()
+    kept = hashes(killed)
+    times = {name: (killed / name).stat().st_mtime_ns for name in kept}
+    assert len(kept) < 31, "nothing was left to go on with"
+
+    assert len(leftovers(killed)) <= 1
+    synthesise.main([*given, "workers=0"])
+    assert not leftovers(killed)
+    for name in kept:
+        assert (killed / name).stat().st_mtime_ns == times[name], "a whole file was made again"
+    assert hashes(killed) == made(tmp_path / "straight", "n=120")
+    capsys.readouterr()
+    synthesise.main([*given, "workers=0"])
+    assert "killed holds 30 of its 30 files of 4 pairs" in capsys.readouterr().out
+
+
+READ = """
+import json, os, sys
+out = sys.argv[1]
+os.environ |= {"HF_DATASETS_OFFLINE": "1", "HF_HUB_OFFLINE": "1", "HF_HOME": out + "/home"}
+import numpy as np
+import webdataset
+from datasets import load_dataset
+table = load_dataset("imagefolder", data_dir=out + "/folders")["train"]
+streamed = load_dataset("imagefolder", data_dir=out + "/folders", streaming=True)["train"]
+tars = [f"{out}/tars/{number:06d}.tar" for number in range(3)]
+tuples = webdataset.WebDataset(tars, shardshuffle=False).decode("rgb8")
+pairs = {item["__key__"]: item for item in tuples}
+for row, again in zip(table, streamed, strict=True):
+    pair = pairs.pop(f"{row['index']:06d}")
+    for name in ("photo", "original", "twin"):
+        assert np.array_equal(np.asarray(row[name]), pair[name + ".png"]), name
+        assert np.array_equal(np.asarray(row[name]), np.asarray(again[name])), name
+    assert json.loads(row["shot"]) == pair["json"]["shot"]
+    assert row["picture"] == pair["json"]["picture"]
+assert not pairs
+print(table.num_rows, table.column_names)
+"""
+
+
+def test_webdataset_and_datasets_read_the_files_as_they_are(tmp_path):
+    made(tmp_path / "tars")
+    made(tmp_path / "folders", "format=imagefolder")
+    program = [sys.executable, "-c", READ, str(tmp_path)]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=LONG)
+    assert done.returncode == 0, done.stderr
+    rows, columns = done.stdout.strip().split(" ", 1)
+    assert int(rows) == 10 and columns == str(
+        ["photo", "original", "twin", "index", "picture", "top", "left", "shot"]
+    )
+
+
+def test_what_is_written_replays(tmp_path):
+    made(tmp_path / "out")
+    with tarfile.open(tmp_path / "out/000002.tar") as tar:
+        files = {member.name: tar.extractfile(member).read() for member in tar}
+        headers = {(m.mtime, m.uid, m.gid, m.uname, m.mode) for m in tar.getmembers()}
+    assert headers == {(0, 0, 0, "", 0o644)}
+    names = ["photo.png", "original.png", "twin.png", "json"]
+    assert list(files) == [f"{k:06d}.{name}" for k in (8, 9) for name in names]
+
+    def codes(name):
+        with Image.open(io.BytesIO(files[name])) as picture:
+            return torch.from_numpy(np.array(picture)).permute(2, 0, 1)
+
+    shot = Shot.from_dict(json.loads(files["000009.json"])["shot"])
+    photo = capture(codes("000009.original.png")[None].float() / 255, shot)[0]
+    assert torch.equal(codes("000009.photo.png"), (photo * 255).round().to(torch.uint8))
+
+
+@pytest.mark.parametrize(
+    ("given", "name", "most"),
+    [
+        (["encoding=webp"], "photo.webp", 0),
+        (["encoding=webp", "quality=90"], "photo.webp", 12),
+        (["encoding=jpeg"], "photo.jpg", 4),
+        (["encoding=jpeg", "quality=30"], "photo.jpg", 20),
+    ],
+)
+def test_encodings_keep_what_they_promise(tmp_path, given, name, most):
+    cfg = synthesise.configure([*FEW, "images=pictures", "out=out", *given])
+    pairs = synthesise.Pairs("pictures", "phone_at_monitor", 32)
+    item = pair_files.EncodedPairs(pairs, cfg.encoding, cfg.quality)[3]
+    with Image.open(io.BytesIO(item.pictures[name])) as picture:
+        read = np.array(picture).astype(float)
+    photo = pairs.make_pair(3).photo.permute(1, 2, 0).numpy()
+    error = np.sqrt(((read - photo) ** 2).mean())
+    assert (error == 0) == (most == 0) and error <= most
+
+
+def test_a_full_disk_ends_in_a_sentence_and_the_same_command_goes_on(
+    tmp_path, monkeypatch, form, capsys
+):
+    out, real = tmp_path / "out", os.fsync
+
+    def full(file):
+        if any(out.glob("000001*")):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(file)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(SystemExit) as end:
+        made(out, form)
+    assert str(end.value.code).startswith("error: ")
+    assert "000002" in end.value.code and "could not be written (No space left" in end.value.code
+    assert "MB are free. Every whole file is kept. Make room" in end.value.code
+    assert not leftovers(out) and not list(out.glob("000002*")) and any(out.glob("000001*"))
+    monkeypatch.setattr(os, "fsync", real)
+    assert made(out, form) == made(tmp_path / "straight", form)
+
+
+def test_a_file_that_may_not_grow_is_not_left_half_written(tmp_path, form):
+    """The kernel itself refuses to write on."""
+    made(tmp_path / "out", form, "shard=0/3")
+    before = hashes(tmp_path / "out")
+    _, hard = limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, hard))
+    try:
+        with pytest.raises(SystemExit, match="could not be written"):
+            made(tmp_path / "out", form)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert hashes(tmp_path / "out") == before and not leftovers(tmp_path / "out")
+
+
+def test_an_interruption_keeps_whole_files_and_says_so(tmp_path, monkeypatch, capsys):
+    encode, out = pair_files.encode, tmp_path / "out"
+
+    def interrupt(*given):
+        if (out / "000000.tar").exists():
+            raise KeyboardInterrupt
+        return encode(*given)
+
+    monkeypatch.setattr(pair_files, "encode", interrupt)
+    with pytest.raises(SystemExit) as end:
+        made(out)
+    assert end.value.code == 130 and "the same command goes on" in capsys.readouterr().err
+    assert not leftovers(out) and [p.name for p in out.glob("0*")] == ["000000.tar"]
+
+
+def test_skipped_pictures_are_named_and_counted(tmp_path, folder, capsys):
+    spoil(folder)
+    made(tmp_path / "out", "n=40", "per_shard=40", "twin=false")
+    said = capsys.readouterr()
+    assert "3 pictures were skipped, see above; others were drawn instead." in said.out
+    assert "1 files in pictures are no pictures by name: notes.txt." in said.out
+    assert "40 pairs in " in said.out and " pairs a second." in said.out
+    for name in ("torn.png", "words.jpg", "low.png"):
+        assert said.err.count(name) == 1
+
+
+def test_where_no_picture_is_usable_the_command_says_so(tmp_path, folder):
+    spoil(folder)
+    for path in folder.glob("class*/*.png"):
+        path.unlink()
+    with pytest.raises(SystemExit, match=r"^error: none of the 3 pictures in pictures is usable"):
+        made(tmp_path / "out")
+    assert not list((tmp_path / "out").glob("0*")) and not leftovers(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("n=12", "n: 10 there, 12 now"),
+        ("seed=3", "seed: 0 there, 3 now"),
+        ("encoding=jpeg", "encoding: png there, jpeg now"),
+        ("scene=screen_photo", "scene: another there"),
+        ("per_shard=5", "per_shard: 4 there, 5 now"),
+    ],
+)
+def test_other_settings_are_refused_in_the_same_folder(tmp_path, given, said):
+    before = made(tmp_path / "out", "shard=0/3")
+    with pytest.raises(SystemExit, match=r"holds a data set with other settings") as end:
+        made(tmp_path / "out", given)
+    assert said in end.value.code and hashes(tmp_path / "out") == before
+
+
+def test_other_pictures_are_refused_in_the_same_folder(tmp_path, folder):
+    made(tmp_path / "out", "shard=0/3")
+    Image.new("RGB", (50, 50)).save(folder / "new.png")
+    with pytest.raises(SystemExit, match="images: another there"):
+        made(tmp_path / "out")
+
+
+def test_a_folder_that_is_something_else_is_refused(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/000000.tar").write_text("of someone else")
+    with pytest.raises(SystemExit, match=r"holds files, but no dataset\.json"):
+        made(tmp_path / "out")
+    (tmp_path / "out/dataset.json").write_text("{")
+    with pytest.raises(SystemExit, match=r"dataset\.json is damaged"):
+        made(tmp_path / "out")
+    assert hashes(tmp_path / "out").keys() == {"000000.tar", "dataset.json"}
+
+
+def test_different_shards_do_not_lock_each_other_out(tmp_path):
+    made(tmp_path / "out", "shard=0/3")
+    with FileLock(tmp_path / "out/.shard-0-of-3.lock"):
+        made(tmp_path / "out", "shard=1/3")
+        with pytest.raises(SystemExit, match="another command is at work on shard=0/3"):
+            made(tmp_path / "out", "shard=0/3")
+    assert sorted(p.name for p in (tmp_path / "out").glob("0*")) == ["000000.tar", "000001.tar"]
+
+
+def test_a_scene_may_be_a_file(tmp_path):
+    (tmp_path / "dim.yaml").write_text("preset: phone_at_monitor\nsensor: {gain: 1.5}\n")
+    made(tmp_path / "out", "scene=dim.yaml", "shard=0/3", "format=imagefolder")
+    settings = json.loads((tmp_path / "out/dataset.json").read_text())["settings"]
+    with (tmp_path / "out/000000/metadata.csv").open() as file:
+        shots = [Shot.from_dict(json.loads(row["shot"])) for row in csv.DictReader(file)]
+    for scene in (Scene.from_dict(settings["scene"]), shots[0].scene):
+        assert scene.sensor.gain == 1.5
+        assert scene.view == Scene.preset("phone_at_monitor").view
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["sed=1"], r"a setting must be one of .*; got 'sed'. Did you mean 'seed'"),
+        (["twin"], "a setting is given as twin=VALUE"),
+        (["n=1e6"], r"n: Value '1e6' of type 'str' could not be converted to Integer"),
+        (["n=0"], "n must be an integer at least 1; got 0"),
+        (["out=null"], "out: "),
+        (["out=${DIR}"], "DIR"),
+        (["shard=3/3"], r"0 <= i < n, .*; got 3/3. It counts from 0: with Slurm, --array=0-15"),
+        (["shard=1"], "shard must be i/n"),
+        (["shard=/4"], "shard must be i/n"),
+        (["format=zip"], "format must be one of 'webdataset', 'imagefolder'"),
+        (["encoding=jpg"], "encoding must be one of .* Did you mean 'jpeg'"),
+        (["quality=90"], "PNG is lossless: leave it out"),
+        (["encoding=jpeg", "quality=0"], r"quality must be in \[1, 100\]; got 0"),
+        (["per_shard=0"], "per_shard must be at least 1"),
+        (["workers=-1"], r"workers must be in \[0, 1024\]"),
+        (["scene=paper"], "leaves its photos in the camera's frame"),
+        (["scene=none.yaml"], r"scene=none.yaml could not be read \(No such file or directory\)"),
+        (["images=nowhere"], "nowhere is not a folder"),
+        (["out=pictures/pairs"], "would be taken for pictures"),
+        (["out=pictures/class0/0.png"], "would be taken for pictures"),
+        (["out=file"], "cannot be a folder: there is a file of that name"),
+    ],
+)
+def test_a_wrong_command_line_gets_a_sentence_before_anything_is_written(tmp_path, given, said):
+    (tmp_path / "file").touch()
+    before = hashes(tmp_path)
+    with pytest.raises(SystemExit, match=f"^error: .*{said}"):
+        synthesise.main([*FEW, "images=pictures", "out=out", *given])
+    assert hashes(tmp_path) == before
+
+
+def test_what_must_be_given_is_asked_for():
+    with pytest.raises(SystemExit, match=r"^error: images, n, out must be given, as in: python"):
+        synthesise.main([])

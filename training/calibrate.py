@@ -1,0 +1,234 @@
+r"""Hold a scene against real photos of screens, and fit it to them.
+
+    python training/calibrate.py pairs=FILE.csv scene=screen_photo     # columns photo, original
+    python training/calibrate.py pairs=DIR scene=FILE.yaml             # DIR/photo/*, DIR/original/*
+    python training/calibrate.py photos=DIR picture=FILE               # of one picture on a screen
+    python training/calibrate.py photos=DIR                            # of unknown pictures
+    python training/calibrate.py pairs=FILE.csv scene=screen_photo fit=true seconds=600
+
+Measures crops of the photos, and photos of the same crops by the scene: strength of the moiré by
+scale, stripes or lattice, tone, tint, sharpness, noise. With `picture`, each photo is first brought
+to the picture's frame; without originals, photos are measured alone. `fit=true` searches the
+scene's ranges so that the two agree, and writes scene.yaml, for scene=FILE of every command.
+
+Writes report.html, statistics.csv, crops.csv (a line a crop) and statistics.png into
+runs/calibrate/<scene>/, or where out=DIR says.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import torch
+import yaml
+
+from moireaug import Scene
+from moireaug.evaluation.report.page import environment, uri
+from moireaug.files import write_bytes, write_text
+from moireaug.synthesis.statistics import SMALLEST
+from training import runs, scenes, settings
+from training.calibration import fit
+from training.calibration.compare import Line, distance, lines, measured, number, said, shown
+from training.calibration.pairs import (
+    Crops,
+    Shown,
+    cut,
+    find_images,
+    find_pairs,
+    photographed,
+    read_pairs,
+    read_picture,
+    registered,
+)
+from training.calibration.plot import draw
+
+EXAMPLE = "python training/calibrate.py pairs=FILE.csv scene=screen_photo"
+TEMPLATE = Path(__file__).parent / "calibration" / "report.html.j2"
+PICTURE = 300  # pixels of a crop that the page shows
+MOST_SHOWN = 6  # crops
+
+
+@dataclass
+class Config:
+    """Hold every setting of the command."""
+
+    pairs: str | None = None  # a CSV file or a folder
+    photos: str | None = None  # a folder of photos of one picture, or of unknown ones
+    picture: str | None = None  # the file that was on the screen in all of `photos`
+    scene: str = "screen_photo"  # a preset's name, or a YAML file of a scene
+    out: str | None = None
+    size: int = 384  # side of the crops, pixels
+    crops: int = 6  # of each picture
+    seed: int = 0
+    fit: bool = False
+    evaluations: int = 400  # of the fit, at most
+    seconds: float = 900.0  # of the fit, at most
+
+
+def calibrate(cfg: Config) -> list[Line]:
+    """Measure, fit where that is asked for, write and print; returns the table.
+
+    Raises:
+        ValueError: settings that do not go together, or files that cannot be read.
+    """
+    check(cfg)
+    scene, name = scenes.load(cfg.scene), Path(cfg.scene).stem
+    out = Path(cfg.out) if cfg.out else Path("runs") / "calibrate" / name
+    runs.make(out)
+    crops = cut(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
+    real = measured(crops.photos, crops.originals)
+    fitted = None
+    if cfg.fit:
+        fitted = fit.fit(scene, crops, real, cfg.evaluations, cfg.seconds, cfg.seed, print)
+        scene, name = fitted.scene, f"{name}, fitted"
+        write_text(out / "scene.yaml", yaml.safe_dump(scene.to_dict(), sort_keys=False))
+        print(f"Written: {out / 'scene.yaml'}")
+    simulated = theirs = None
+    if crops.originals is not None:
+        simulated = photographed(scene, crops.originals, cfg.seed)
+        theirs = measured(simulated, crops.originals)
+    found = lines(real, theirs)
+    plot = draw(found, name)
+    write_bytes(out / "statistics.png", plot)
+    write_text(out / "statistics.csv", pd.DataFrame([line.to_dict() for line in found]).to_csv())
+    write_text(out / "crops.csv", by_crop(crops, real, theirs).to_csv(index=False))
+    examples = blocks(crops, simulated, name)
+    write_text(out / "report.html", page(found, crops, scene, name, plot, examples, fitted))
+    print(said(found, name))
+    print(f"Written: {out / 'report.html'}")
+    return found
+
+
+def check(cfg: Config) -> None:
+    """Refuse settings that do not go together.
+
+    Raises:
+        ValueError: with what to do instead.
+    """
+    if (cfg.pairs is None) == (cfg.photos is None):
+        raise ValueError(f"pass either pairs= or photos=, as in: {EXAMPLE}")
+    if cfg.picture and not cfg.photos:
+        raise ValueError(
+            "picture= says what was on the screen in photos=DIR: leave it out with pairs="
+        )
+    if cfg.fit and cfg.photos and not cfg.picture:
+        raise ValueError(
+            "fit=true needs to know what was on the screen: pass picture=FILE, or pairs="
+        )
+    for key, least in (("size", SMALLEST), ("crops", 1), ("evaluations", 1)):
+        if getattr(cfg, key) < least:
+            raise ValueError(f"{key} must be at least {least}; got {getattr(cfg, key)}.")
+
+
+def pictures_of(cfg: Config) -> Iterator[Shown]:
+    """Yield the photos with their originals, as far as these are known."""
+    if cfg.pairs:
+        yield from read_pairs(find_pairs(Path(cfg.pairs)))
+        return
+    photos = find_images(Path(str(cfg.photos)))
+    if not photos:
+        raise ValueError(f"no images in {cfg.photos}.")
+    if cfg.picture:
+        yield from registered(photos, Path(cfg.picture))
+        return
+    for path in photos:
+        yield Shown(path.stem, read_picture(path), None)
+
+
+def by_crop(
+    crops: Crops, real: list[dict[str, float]], simulated: list[dict[str, float]] | None
+) -> pd.DataFrame:
+    """Return a line a crop, real ones first."""
+    tables = []
+    for kind, rows in (("real", real), ("simulated", simulated)):
+        if rows is not None:
+            table = pd.DataFrame(rows)
+            table.insert(0, "picture", [crops.names[int(i)] for i in crops.picture])
+            table.insert(0, "photos", kind)
+            tables.append(table)
+    return pd.concat(tables)
+
+
+def blocks(crops: Crops, simulated: torch.Tensor | None, name: str) -> list[dict[str, Any]]:
+    """Return the pictures of the page: a crop of each of the first pictures, side by side."""
+    found = []
+    for index, label in list(enumerate(crops.names))[:MOST_SHOWN]:
+        row = int((crops.picture == index).nonzero()[0])
+        sides = {"real photo": crops.photos, name: simulated, "original": crops.originals}
+        cells = []
+        for title, pictures in sides.items():
+            if pictures is not None:
+                cells.append({"title": title, "image": _middle(pictures[row])})
+        found.append({"label": label, "cells": cells})
+    return found
+
+
+def _middle(picture: torch.Tensor) -> Any:
+    top, left = (max(0, (length - PICTURE) // 2) for length in picture.shape[1:])
+    middle = picture[:, top : top + PICTURE, left : left + PICTURE]
+    return middle.permute(1, 2, 0).contiguous().numpy()
+
+
+def page(
+    found: Sequence[Line],
+    crops: Crops,
+    scene: Scene,
+    name: str,
+    plot: bytes,
+    examples: list[dict[str, Any]],
+    fitted: fit.Fitted | None,
+) -> str:
+    """Return the report as a page that needs nothing but itself."""
+    paired = crops.originals is not None
+    rows = []
+    for line in found:
+        apart = "" if line.distance is None else number(line.distance)
+        rows.append(
+            {
+                "title": line.statistic.title,
+                "unit": line.statistic.unit,
+                "real": shown(line.real),
+                "simulated": shown(line.simulated),
+                "apart": apart,
+            }
+        )
+    n = f"{len(crops.photos)} crops of {crops.photos.shape[-1]} px out of {len(crops.names)} photos"
+    lead = f"{n}, without their originals: nothing is simulated."
+    title = "Real photos of screens, measured"
+    if paired:
+        title = f"{name} beside real photos of screens"
+        apart = f"{distance(found):.3f} (0.7 is a factor of two)"
+        lead = f"{n}. Mean distance of the statistics: {apart}."
+    template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
+    return template.render(
+        title=title,
+        lead=lead,
+        facts={"photos": len(crops.names), "crops": len(crops.photos)},
+        plot=uri(plot, "image/png"),
+        rows=rows,
+        scene=name,
+        simulated=paired,
+        paired=paired,
+        fit=None if fitted is None else fitted.view(),
+        examples=examples,
+        command=shlex.join(["python", *sys.argv]),
+        plan=str(scene.plan()) if paired else None,
+    )
+
+
+def main(argv: Sequence[str]) -> None:
+    """Read the command line, and end with a sentence where it cannot be followed."""
+    try:
+        calibrate(settings.parse(argv, Config, EXAMPLE))
+    except (ValueError, TypeError, OSError) as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

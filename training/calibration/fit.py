@@ -1,0 +1,222 @@
+"""Search the ranges of a scene so that its photos have the statistics of real ones.
+
+The search is CMA-ES (Hansen and Ostermeier, 2001) as `cma` has it: it takes some hundred
+evaluations for some tens of numbers that depend on one another, where differential evolution wants
+thousands, and does not mind that the distance has steps. Every evaluation draws its shots from the
+same seed (common random numbers), so that the distance is a function of the ranges alone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import cma
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from moireaug import Scene
+from moireaug.scene.fields import bounds
+from training.calibration.compare import Rows, distance, lines, measured
+from training.calibration.pairs import Crops, photographed
+
+CROPS = 24  # that are looked at in an evaluation
+STEP = 0.15  # of the first draws, as a share of each field's limits
+NARROWEST = 1e-6  # share of its limits: a range of no width would draw no number, and shift others'
+POINT = 5e-3  # share of its limits: a range this narrow is written as a number
+REFUSED = 10.0  # the distance of ranges that no scene can have
+
+
+class Searched(NamedTuple):
+    """A ranged field of a scene, "part.field", and the limits within which it is searched."""
+
+    field: str
+    low: float
+    high: float
+
+
+# A new field takes one line. A scene whose own range is wider widens these limits. No JPEG is a
+# quality of 0 and the worst one 1: no search crosses that, so that it stays as the scene has it.
+SEARCHED = (
+    Searched("panel.scale", 0.4, 2.0),
+    Searched("panel.lit", 0.3, 1.0),
+    Searched("panel.black", 0.0, 0.05),
+    Searched("panel.glare", 0.0, 0.2),
+    Searched("view.roll", -20.0, 20.0),
+    Searched("lens.blur", 0.2, 2.0),
+    Searched("lens.motion_x", -2.0, 2.0),
+    Searched("sensor.gain", 1.0, 6.0),
+    Searched("sensor.read_noise", 0.0, 0.03),
+    Searched("sensor.crosstalk", 0.0, 0.3),
+    Searched("develop.red", 0.7, 1.4),
+    Searched("develop.blue", 0.7, 1.4),
+    Searched("develop.saturation", 0.3, 1.6),
+    Searched("develop.contrast", -0.5, 0.5),
+    Searched("develop.brighten", -0.1, 0.2),
+    Searched("develop.chroma_blur", 0.0, 3.0),
+    Searched("develop.sharpen", 0.0, 2.0),
+)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The best scene that was found, and what it took.
+
+    Args:
+        before, after: distances, see `compare.distance`, on the crops that were looked at.
+        searched: with the limits as they were used. start: the scene from which the search began.
+    """
+
+    scene: Scene
+    start: Scene
+    before: float
+    after: float
+    evaluations: int
+    seconds: float
+    searched: tuple[Searched, ...]
+
+    def view(self) -> dict[str, Any]:
+        """Return what the report shows."""
+        rows = []
+        for field, low, high in self.searched:
+            rows.append(
+                {
+                    "field": field,
+                    "before": _said(get(self.start, field)),
+                    "after": _said(get(self.scene, field)),
+                    "within": f"{low:g} to {high:g}",
+                }
+            )
+        lead = (
+            f"{self.evaluations} evaluations in {self.seconds:.0f} s brought the mean distance "
+            f"from {self.before:.3f} to {self.after:.3f}, on the crops that the search looked at."
+        )
+        return {"lead": lead, "rows": rows}
+
+
+def fit(
+    start: Scene,
+    crops: Crops,
+    real: Rows,
+    evaluations: int,
+    seconds: float,
+    seed: int,
+    tell: Callable[[str], None],
+    searched: Sequence[Searched] = SEARCHED,
+) -> Fitted:
+    """Search the ranges of a scene, from its own; Ctrl-C ends the search and keeps the best so far.
+
+    Args:
+        start: the scene to begin with; what is not searched stays as it is.
+        crops: with originals. real: their statistics.
+        evaluations, seconds: the search ends with the generation that reaches either.
+        seed: of the search and of the shots.
+        tell: takes a line of progress.
+        searched: the fields.
+
+    Returns:
+        The best scene, which is `start` where nothing better was found.
+    """
+    began = time.perf_counter()
+    chosen = np.unique(np.linspace(0, len(real) - 1, min(CROPS, len(real))).round().astype(int))
+    originals = crops.originals[torch.from_numpy(chosen)]  # type: ignore[index]
+    wanted = [real[i] for i in chosen]
+
+    def distance_of(scene: Scene) -> float:
+        photos = photographed(scene, originals, seed)
+        return distance(lines(wanted, measured(photos, originals)))
+
+    limits = tuple(_widened(start, one) for one in searched)
+    before = distance_of(start)
+    best, after, count = start, before, 1
+    tell(f"fit: distance {before:.3f} at the start")
+    options = {"bounds": [0, 1], "seed": seed + 1, "verbose": -9}
+    search = cma.CMAEvolutionStrategy(encode(start, limits), STEP, options)
+    try:
+        while count < evaluations and time.perf_counter() - began < seconds and not search.stop():
+            points = search.ask()
+            values = []
+            for point in points:
+                scene = decode(start, limits, point)
+                value = REFUSED if scene is None else distance_of(scene)
+                if scene is not None and value < after:
+                    best, after = scene, value
+                values.append(value)
+                count += 1
+            search.tell(points, values)
+            tell(f"fit: distance {after:.3f} after {count} evaluations")
+    except KeyboardInterrupt:
+        tell(f"fit: interrupted after {count} evaluations; the best so far is kept")
+    taken = time.perf_counter() - began
+    if best is not start:
+        best = tidy(best, limits)
+    return Fitted(best, start, before, after, count, taken, limits)
+
+
+def get(scene: Scene, field: str) -> tuple[float, float]:
+    """Return the range of a field, "part.field"."""
+    part, name = field.split(".")
+    return bounds(getattr(getattr(scene, part), name))
+
+
+def with_ranges(scene: Scene, ranges: Mapping[str, tuple[float, float]]) -> Scene:
+    """Return a scene with other ranges of some fields.
+
+    Raises:
+        ValueError: ranges that the scene refuses.
+    """
+    parts: dict[str, dict[str, Any]] = {}
+    for field, value in ranges.items():
+        part, name = field.split(".")
+        parts.setdefault(part, {})[name] = value
+    changed = {part: replace(getattr(scene, part), **new) for part, new in parts.items()}
+    return replace(scene, **changed)
+
+
+def _widened(scene: Scene, one: Searched) -> Searched:
+    low, high = get(scene, one.field)
+    return Searched(one.field, min(low, one.low), max(high, one.high))
+
+
+def encode(scene: Scene, limits: Sequence[Searched]) -> NDArray[np.float64]:
+    """Return a scene's ranges as numbers in [0, 1]: the low end of each, and its width."""
+    found = []
+    for field, low, high in limits:
+        begin, end = get(scene, field)
+        found += [(begin - low) / (high - low), (end - begin) / (high - low)]
+    return np.clip(found, 0.01, 0.99)
+
+
+def decode(scene: Scene, limits: Sequence[Searched], point: NDArray[np.float64]) -> Scene | None:
+    """Return a scene with the ranges that these numbers say; None where no scene can have them."""
+    ranges = {}
+    for (field, low, high), (begin, width) in zip(limits, point.reshape(-1, 2), strict=True):
+        first = low + (high - low) * min(float(begin), 1 - NARROWEST)
+        last = min(high, first + (high - low) * max(float(width), NARROWEST))
+        ranges[field] = (first, last)
+    try:
+        found = with_ranges(scene, ranges)
+        found.plan()
+    except ValueError:
+        return None
+    return found
+
+
+def tidy(scene: Scene, limits: Sequence[Searched]) -> Scene:
+    """Return a scene with its searched ranges rounded to four digits, and those that are narrow
+    as one number."""
+    ranges = {}
+    for field, low, high in limits:
+        first, last = get(scene, field)
+        if last - first < POINT * (high - low):
+            first = last = (first + last) / 2
+        ranges[field] = (float(f"{first:.4g}"), float(f"{last:.4g}"))
+    return with_ranges(scene, ranges)
+
+
+def _said(values: tuple[float, float]) -> str:
+    low, high = values
+    return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"

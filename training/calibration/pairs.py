@@ -1,0 +1,201 @@
+"""Real pairs, a photo of a screen and the picture on it, and the crops that are compared."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from moireaug import Scene, capture
+from moireaug.images import read
+from moireaug.synthesis.registration import register
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+BATCH = 8  # crops that are photographed at a time
+
+
+class Pair(NamedTuple):
+    """The files of a photo and of the picture that it shows, aligned and of one size."""
+
+    photo: Path
+    original: Path
+
+
+class Shown(NamedTuple):
+    """A photo (3, H, W) uint8, and the picture that it shows, aligned; None where it is unknown."""
+
+    name: str
+    photo: Tensor
+    original: Tensor | None
+
+
+@dataclass(frozen=True, eq=False)
+class Crops:
+    """Crops at the same places of photos and originals.
+
+    Args:
+        photos: (N, 3, S, S) uint8.
+        originals: the same of the originals; None where only photos are known.
+        picture: (N,) int64, which picture a crop is of.
+        names: of the pictures.
+    """
+
+    photos: Tensor
+    originals: Tensor | None
+    picture: Tensor
+    names: tuple[str, ...]
+
+
+def find_pairs(source: Path) -> list[Pair]:
+    """Find the pairs of a CSV file with the columns photo and original, or of a folder with the
+    folders `photo` and `original`, whose files have equal names.
+
+    A CSV's relative paths are relative to its own folder.
+
+    Raises:
+        ValueError: none found, a column or a file that is missing.
+    """
+    if source.is_dir():
+        pairs = list(_of_folders(source))
+    elif source.is_file():
+        pairs = list(_of_table(source))
+    else:
+        raise ValueError(f"{source} is neither a CSV file nor a folder: name one that exists.")
+    if not pairs:
+        raise ValueError(
+            f"no pairs in {source}. A CSV file has the columns photo and original and a line a "
+            "pair; a folder holds the folders photo and original with files of equal names."
+        )
+    for pair in pairs:
+        for path in (pair.photo, pair.original):
+            if not path.is_file():
+                raise ValueError(f"the picture {path}, named in {source}, does not exist.")
+    return pairs
+
+
+def _of_folders(root: Path) -> Iterator[Pair]:
+    for photo in find_images(root / "photo"):
+        # a photo is often a JPEG, and its picture a PNG
+        same = [p for p in find_images(root / "original") if p.stem == photo.stem]
+        if not same:
+            raise ValueError(f"{photo} has no picture of the same name in {root / 'original'}.")
+        yield Pair(photo, same[0])
+
+
+def _of_table(path: Path) -> Iterator[Pair]:
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = csv.DictReader(file)
+        missing = {"photo", "original"} - set(rows.fieldnames or ())
+        if missing:
+            raise ValueError(
+                f"{path} must have the columns photo and original; missing {sorted(missing)}."
+            )
+        for row in rows:
+            yield Pair(path.parent / row["photo"], path.parent / row["original"])
+
+
+def find_images(folder: Path) -> list[Path]:
+    """Return the image files in a folder and below, in the order of their paths.
+
+    Raises:
+        ValueError: no such folder.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"the folder {folder} does not exist.")
+    return sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES)
+
+
+def read_picture(path: Path) -> Tensor:
+    """Return a picture, (3, H, W) uint8.
+
+    Raises:
+        ValueError: a file that cannot be read as one.
+    """
+    return torch.from_numpy(np.asarray(read(str(path))).copy()).permute(2, 0, 1)
+
+
+def read_pairs(pairs: Iterable[Pair]) -> Iterator[Shown]:
+    """Read pairs one by one.
+
+    Raises:
+        ValueError: a pair of two sizes.
+    """
+    for pair in pairs:
+        photo, original = read_picture(pair.photo), read_picture(pair.original)
+        if photo.shape != original.shape:
+            raise ValueError(
+                f"{pair.photo} is {_size(photo)} and {pair.original} {_size(original)} pixels: a "
+                "pair must be aligned and of one size. With photos= and picture= photos are "
+                "registered first."
+            )
+        yield Shown(pair.photo.stem, photo, original)
+
+
+def cut(pictures: Iterable[Shown], side: int, each: int, seed: int = 0) -> Crops:
+    """Cut `each` square crops of `side` pixels out of every picture, at random places.
+
+    Args:
+        pictures: all of them with originals, or none.
+
+    Raises:
+        ValueError: a picture that is smaller than a crop.
+    """
+    draw = np.random.default_rng(seed)
+    photos: list[Tensor] = []
+    originals: list[Tensor] = []
+    index: list[int] = []
+    names: list[str] = []
+    for name, photo, original in pictures:
+        height, width = photo.shape[-2:]
+        if min(height, width) < side:
+            raise ValueError(
+                f"{name} is {_size(photo)} pixels, smaller than a crop of {side}: make the crops "
+                "smaller."
+            )
+        for _ in range(each):
+            y = int(draw.integers(0, height - side + 1))
+            x = int(draw.integers(0, width - side + 1))
+            photos.append(photo[:, y : y + side, x : x + side])
+            index.append(len(names))
+            if original is not None:
+                originals.append(original[:, y : y + side, x : x + side])
+        names.append(name)
+    both = torch.stack(originals) if originals else None
+    return Crops(torch.stack(photos), both, torch.tensor(index), tuple(names))
+
+
+def _size(picture: Tensor) -> str:
+    return f"{picture.shape[-1]} x {picture.shape[-2]}"
+
+
+@torch.no_grad()
+def photographed(scene: Scene, originals: Tensor, seed: int = 0) -> Tensor:
+    """Photograph crops (N, 3, S, S) uint8 by a scene; returns the photos as 8-bit codes, of the
+    same shape, as files keep them."""
+    generator = torch.Generator().manual_seed(seed)
+    height, width = originals.shape[-2:]
+    shot = scene.sample(len(originals), (height, width), generator)
+    photos = []
+    for start in range(0, len(originals), BATCH):
+        rows = slice(start, start + BATCH)
+        photos.append(capture(originals[rows].float() / 255, shot[rows]))
+    return (255 * torch.cat(photos)).round().clamp(0, 255).to(torch.uint8)
+
+
+def registered(photos: Iterable[Path], picture: Path) -> Iterator[Shown]:
+    """Read photos of a screen that shows a picture, and bring each to the picture's frame; what a
+    photo does not show of the picture is cut off both.
+
+    Raises:
+        ValueError: a photo in which the picture was not found.
+    """
+    shown = read_picture(picture)
+    for path in photos:
+        photo, original = register(read_picture(path), shown, str(path))
+        yield Shown(path.stem, photo, original)

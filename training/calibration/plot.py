@@ -1,0 +1,78 @@
+"""The plot of a calibration: medians and spans of every statistic, real against simulated."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from moireaug.evaluation.report.plots import FAINT, INK, OURS, THEIRS
+from training.calibration.compare import Line, Span
+
+SIZE, DPI = (10.4, 6.4), 100
+MAIN = "codes RMS"  # the unit of most, on the left
+APART = 0.17  # between the two marks of a line, in lines
+LEAST = 0.05  # codes, of an axis that is logarithmic
+
+
+def draw(lines: Sequence[Line], name: str) -> bytes:
+    """Return the plot as a PNG: a panel a unit, a row a statistic.
+
+    Args:
+        name: of the scene.
+    """
+    groups: dict[str, list[Line]] = {}
+    for line in lines:
+        if line.statistic.compared:
+            groups.setdefault(line.statistic.unit, []).append(line)
+    left, others = groups.pop(MAIN), list(groups.values())
+    fig = Figure(figsize=SIZE, dpi=DPI, layout="constrained", facecolor="white")
+    outer = fig.add_gridspec(1, 2)
+    _panel(fig.add_subplot(outer[0]), left, name)
+    heights = [len(group) + 0.9 for group in others]
+    inner = outer[1].subgridspec(len(others), 1, height_ratios=heights)
+    for i, group in enumerate(others):
+        _panel(fig.add_subplot(inner[i]), group, name)
+    handles, labels = fig.axes[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, fontsize=10)
+    file = io.BytesIO()
+    fig.savefig(file, format="png")
+    return file.getvalue()
+
+
+def _panel(ax: Axes, group: Sequence[Line], name: str) -> None:
+    logarithmic = group[0].statistic.unit == MAIN
+    if logarithmic:
+        ax.set_xscale("log")
+        ax.xaxis.set_major_formatter("{x:g}")
+    for row, line in enumerate(group):
+        label = {"real": "real photos", "simulated": name} if row == 0 else {}
+        shift = APART if line.simulated else 0
+        _mark(ax, line.real, row - shift, OURS, "o", label.get("real"), logarithmic)
+        if line.simulated:
+            simulated = label.get("simulated")
+            _mark(ax, line.simulated, row + shift, THEIRS, "D", simulated, logarithmic)
+    ax.set_yticks(range(len(group)), [line.statistic.title for line in group], size=9.5)
+    ax.set_ylim(len(group) - 0.5, -0.5)
+    ax.set_xlabel(group[0].statistic.unit or "share", size=9.5, color=INK, labelpad=1)
+    ax.tick_params(labelsize=9, labelcolor=INK, color=FAINT)
+    ax.grid(axis="x", color=FAINT, linewidth=0.7)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right", "left"]].set_visible(False)
+    ax.spines["bottom"].set_color("#999999")
+
+
+def _mark(
+    ax: Axes,
+    values: Span,
+    y: float,
+    colour: str,
+    marker: str,
+    label: str | None,
+    logarithmic: bool,
+) -> None:
+    low, median, high = (max(LEAST, value) if logarithmic else value for value in values)
+    ax.plot([low, high], [y, y], color=colour, linewidth=2, alpha=0.55, solid_capstyle="butt")
+    ax.plot([median], [y], marker, color=colour, markersize=5.5, label=label)

@@ -1,0 +1,41 @@
+"""Locks between commands that work on the same folder."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+from collections.abc import Iterator
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+_NO_LOCKS = (
+    errno.ENOSYS,
+    errno.ENOLCK,
+    errno.EOPNOTSUPP,
+    errno.ENOTSUP,
+)  # of a disk that knows none
+
+
+@contextlib.contextmanager
+def locked(path: Path, busy: str, wait: float = 0) -> Iterator[None]:
+    """Lock a file for this command; the kernel releases it however the command ends.
+
+    Args:
+        path: the lock's own file. busy: what to say where another command holds it.
+        wait: seconds to wait for that command.
+
+    Raises:
+        ValueError: another command holds it still.
+    """
+    # a soft lock would outlive a killed command
+    lock = FileLock(path, timeout=wait, fallback_to_soft=False)
+    with contextlib.ExitStack() as stack:
+        try:
+            stack.enter_context(lock)
+        except Timeout:
+            raise ValueError(busy) from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+        yield

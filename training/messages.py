@@ -1,0 +1,38 @@
+"""What commands print: errors on lines of their own, each a sentence."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, TextIO
+
+
+class Lines:
+    """Wraps an output stream, and knows whether its last line is complete: a bar's is not."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self.unfinished = stream, False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        if text:
+            self.unfinished = not text.endswith("\n")
+        return self._stream.write(text)
+
+
+def complain(text: str) -> None:
+    """Print to standard error, on its own line."""
+    for stream in (sys.stdout, sys.stderr):
+        if getattr(stream, "unfinished", False):
+            print(file=stream, flush=True)
+    print(text, file=sys.stderr, flush=True)
+
+
+def sentence(error: Exception) -> str:
+    """Return what an error says, without the traceback that a DataLoader's worker adds."""
+    if isinstance(error, OSError) and error.errno:  # the system's own words
+        advice = "Everything complete is kept: fix this, and resume with the same command."
+        return f"{error}. {advice}"
+    said = str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
+    return said or type(error).__name__

@@ -1,0 +1,109 @@
+"""A data set of pairs in its folder: which files it has, whose they are, and with what settings
+they are made."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from moireaug.files import write_text
+from training.files import read_json
+from training.locks import locked
+
+SHARE = re.compile(r"(\d+)/(\d+)")
+WAIT = 60.0  # seconds for another command to write dataset.json
+LIBRARIES = ("torch", "numpy", "numba", "pillow")
+
+
+@dataclass(frozen=True)
+class Share:
+    """The part of the work that is this command's: number `index` of `of`, counted from 0."""
+
+    index: int
+    of: int
+
+    @property
+    def mark(self) -> str:
+        """Return it as a part of a file's name."""
+        return f"{self.index}-of-{self.of}"
+
+
+class PairSet(NamedTuple):
+    """The files of a data set, all or in part, in their folder."""
+
+    folder: Path
+    n: int
+    per_shard: int
+    suffix: str
+
+    def path(self, number: int) -> Path:
+        """Return where a file lies."""
+        return self.folder / f"{number:06d}{self.suffix}"
+
+    def numbers(self, share: Share) -> list[int]:
+        """Return the numbers of a share's files: every `share.of`-th."""
+        count = -(-self.n // self.per_shard)
+        return list(range(share.index, count, share.of))
+
+    def missing(self, share: Share) -> list[int]:
+        """Return the numbers of a share's files that are not there yet."""
+        return [number for number in self.numbers(share) if not self.path(number).exists()]
+
+    def pairs(self, number: int) -> range:
+        """Return the numbers of the pairs in a file."""
+        return range(number * self.per_shard, min((number + 1) * self.per_shard, self.n))
+
+
+def share_of(shard: str) -> Share:
+    """Return what `shard=i/n` says.
+
+    Raises:
+        ValueError: not two whole numbers with 0 <= i < n.
+    """
+    found = SHARE.fullmatch(shard)
+    share = Share(int(found[1]), int(found[2])) if found else None
+    if share is None or share.index >= share.of:
+        raise ValueError(
+            f"shard must be i/n with 0 <= i < n, the number of this command among n; got {shard}. "
+            "It counts from 0: with Slurm, --array=0-15 and "
+            "shard=$SLURM_ARRAY_TASK_ID/$SLURM_ARRAY_TASK_COUNT."
+        )
+    return share
+
+
+def claim(out: Path, settings: dict[str, Any]) -> None:
+    """Make a folder this data set's, by its dataset.json.
+
+    Raises:
+        ValueError: it holds other files, or a data set with other settings.
+        OSError: it cannot be written.
+    """
+    path = out / "dataset.json"
+    out.mkdir(parents=True, exist_ok=True)
+    with locked(out / ".dataset.lock", f"another command has held {out} for {WAIT:g} s.", WAIT):
+        if not path.exists():
+            if any(not other.name.startswith(".") for other in out.iterdir()):
+                raise ValueError(
+                    f"{out} holds files, but no dataset.json of this command: name a new folder."
+                )
+            made_with = {name: version(name) for name in LIBRARIES}
+            write_text(path, json.dumps({"settings": settings, "made_with": made_with}, indent=1))
+    there = (read_json(path) or {}).get("settings")
+    if there is None:
+        raise ValueError(f"{path} is damaged. Name a new folder, or restore the file.")
+    other = [key for key in settings if there.get(key) != settings[key]]
+    if other:
+        told = [f"{key}: {_short(there, key)} there, {_short(settings, key)} now" for key in other]
+        raise ValueError(
+            f"{out} holds a data set with other settings ({'; '.join(told)}). Give its settings, "
+            "see dataset.json, or another out=DIR."
+        )
+
+
+def _short(settings: dict[str, Any], key: str) -> str:
+    value = settings.get(key)
+    return "another" if isinstance(value, dict) else str(value)

@@ -1,0 +1,41 @@
+"""The command line of a script without recipes: key=value, checked against a dataclass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from moireaug.scene.fields import one_of
+
+Schema = TypeVar("Schema")
+
+
+def parse(argv: Sequence[str], schema: type[Schema], example: str) -> Schema:
+    """Return the settings of a command line.
+
+    Args:
+        argv: key=value each. schema: a dataclass with every key, its type and its default.
+        example: a command that works, for who gave none.
+
+    Raises:
+        ValueError: an unknown key, with the closest known one, or a value of another type.
+    """
+    if not argv:
+        raise ValueError(f"no settings given, as in: {example}")
+    cfg = OmegaConf.structured(schema)
+    for argument in argv:
+        key, equals, value = argument.partition("=")
+        one_of("a setting", key, map(str, cfg))
+        if not equals:
+            raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
+        try:
+            cfg[key] = None if value == "null" else value
+        except OmegaConfBaseException as error:
+            raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
+    try:
+        return OmegaConf.to_object(cfg)  # type: ignore[return-value]
+    except OmegaConfBaseException as error:  # ${...}
+        raise ValueError(str(error).splitlines()[0]) from error

@@ -1,0 +1,261 @@
+"""Make pairs of photographed pictures and their originals, as many as wanted, on any number of
+machines.
+
+    python training/synthesise.py images=DIR out=DIR n=1000000 scene=phone_at_monitor size=512
+    python training/synthesise.py images=DIR out=DIR n=100000 scene=FILE.yaml twin=true
+    python training/synthesise.py ... shard=0/16        # the first of 16 commands; counts from 0
+
+Every picture is a crop of `size` pixels of a picture in `images`, searched deeply; those that are
+damaged or smaller are named and skipped. A pair is `photo`, `original`, with twin=true `twin` (the
+same shot without moiré), and the numbers of its shot, which replay it. They lie in 000000.tar,
+000001.tar, ... (WebDataset), or with format=imagefolder in folders of these numbers with a
+metadata.csv (Hugging Face datasets), `per_shard` pairs in each. What is in a file depends on the
+settings in dataset.json alone: not on the commands, machines or processes that share the work.
+
+However a command is cut short, the same command goes on after the last whole file.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import shutil
+import sys
+import time
+import uuid
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import MISSING, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from torch.utils.data import DataLoader
+from tqdm import tqdm
+
+from moireaug.files import remove, unfinished
+from moireaug.scene.fields import one_of
+from moireaug.synthesis import Pairs
+from training import scenes
+from training.locks import locked
+from training.messages import sentence
+from training.pair_files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
+from training.pair_sets import PairSet, Share, claim, share_of
+
+LOST = (
+    "a worker process was lost: it was killed, or ran out of memory. Every whole file is kept, and "
+    "the same command goes on; with fewer workers=N it needs less memory."
+)
+
+
+@dataclass
+class Config:
+    """Hold every setting of the command."""
+
+    images: str = MISSING  # a folder of pictures
+    out: str = MISSING
+    n: int = MISSING  # pairs, of all commands together
+    scene: str = "screen_photo"  # a preset's name, or a YAML file of a scene
+    size: int = 512  # side of the crops, pixels
+    twin: bool = False  # whether to add the same shot without moiré
+    format: str = "webdataset"  # or imagefolder
+    encoding: str = "png"  # or webp, jpeg
+    quality: int | None = None  # 1 to 100 of webp and jpeg; null is lossless, and 95 for jpeg
+    seed: int = 0
+    per_shard: int = 1000  # pairs a tar, or a folder
+    shard: str = "0/1"  # which of how many commands this is, counted from 0
+    workers: int | None = None  # processes; 0 is none but this one, null is one for each core
+
+
+def configure(argv: Sequence[str]) -> Config:
+    """Return the settings of a command line.
+
+    Raises:
+        ValueError: an unknown key, a value of another type, or out of its bounds.
+    """
+    cfg = OmegaConf.structured(Config)
+    for argument in argv:
+        key, equals, value = argument.partition("=")
+        one_of("a setting", key, map(str, cfg))
+        if not equals:
+            raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
+        try:
+            cfg[key] = None if value == "null" else value
+        except OmegaConfBaseException as error:
+            raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
+    absent = sorted(map(str, OmegaConf.missing_keys(cfg)))
+    if absent:
+        raise ValueError(
+            f"{', '.join(absent)} must be given, as in: "
+            "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
+        )
+    try:
+        settings: Config = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+    except OmegaConfBaseException as error:  # ${...}
+        raise ValueError(str(error).splitlines()[0]) from error
+    check(settings)
+    return settings
+
+
+def check(cfg: Config) -> None:
+    """Refuse what `Pairs` does not look at.
+
+    Raises:
+        ValueError: with what was got and what is allowed.
+    """
+    one_of("format", cfg.format, FORMATS)
+    one_of("encoding", cfg.encoding, SUFFIXES)
+    if cfg.encoding == "png" and cfg.quality is not None:
+        raise ValueError("quality= is for encoding=webp and jpeg; PNG is lossless: leave it out.")
+    if cfg.quality is not None and not 1 <= cfg.quality <= 100:
+        raise ValueError(f"quality must be in [1, 100]; got {cfg.quality}.")
+    if cfg.per_shard < 1:
+        raise ValueError(f"per_shard must be at least 1; got {cfg.per_shard}.")
+    if cfg.workers is not None and not 0 <= cfg.workers <= 1024:
+        raise ValueError(f"workers must be in [0, 1024]; got {cfg.workers}.")
+    images, out = Path(cfg.images).resolve(), Path(cfg.out).resolve()
+    if out.is_relative_to(images):
+        raise ValueError(
+            f"out={cfg.out} lies in images={cfg.images}, and what is written would be taken for "
+            "pictures: name a folder outside of it."
+        )
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"out={cfg.out} cannot be a folder: there is a file of that name.")
+
+
+def settings_of(cfg: Config, pairs: Pairs) -> dict[str, Any]:
+    """Return all that the files depend on, as plain values."""
+    settings = {
+        "n": cfg.n,
+        "scene": pairs.scene.to_dict(),
+        "size": cfg.size,
+        "twin": cfg.twin,
+        "format": cfg.format,
+        "encoding": cfg.encoding,
+        "quality": cfg.quality,
+        "seed": cfg.seed,
+        "per_shard": cfg.per_shard,
+        "images": {"files": len(pairs.pictures), "sha256": pairs.pictures.fingerprint()},
+    }
+    return json.loads(json.dumps(settings))  # pairs of numbers as lists, as they are read back
+
+
+def synthesise(cfg: Config) -> None:
+    """Make the pairs of this command that are not there yet.
+
+    Raises:
+        TypeError, ValueError: settings that cannot be followed, or no usable picture.
+        OSError: the disk is full or not writable.
+    """
+    share = share_of(cfg.shard)
+    scene = scenes.load(cfg.scene)
+    pairs = Pairs(cfg.images, scene, cfg.size, twin=cfg.twin, seed=cfg.seed, n=cfg.n)
+    found = PairSet(Path(cfg.out), cfg.n, cfg.per_shard, FORMATS[cfg.format].suffix)
+    claim(found.folder, settings_of(cfg, pairs))
+    busy = f"another command is at work on shard={cfg.shard} of {found.folder}: wait for it."
+    with locked(found.folder / f".shard-{share.mark}.lock", busy):
+        for stale in found.folder.glob(f".*.{share.mark}.*.tmp"):  # of a command that was killed
+            remove(stale)
+        make(cfg, pairs, found, share)
+    others = pairs.pictures.others
+    if others:
+        print(f"{len(others)} files in {cfg.images} are no pictures by name: {_some(others)}.")
+    left, whole = len(found.missing(Share(0, 1))), len(found.numbers(Share(0, 1)))
+    print(f"{found.folder} holds {whole - left} of its {whole} files of {cfg.per_shard} pairs.")
+
+
+def make(cfg: Config, pairs: Pairs, found: PairSet, share: Share) -> None:
+    """Write the files of a share that are missing, and say how long it took."""
+    missing = found.missing(share)
+    total = sum(len(found.pairs(number)) for number in missing)
+    skipped: set[str] = set()
+    began = time.perf_counter()
+    encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)
+    wanted = itertools.chain.from_iterable(map(found.pairs, missing))
+    with tqdm(total=total, unit="pair", disable=None) as bar:
+        made = _noted(loader(encoded, wanted, min(workers_of(cfg), total)), bar, skipped)
+        for number, group in itertools.groupby(made, lambda pair: pair.index // cfg.per_shard):
+            write(found.path(number), group, cfg.format, share)
+    seconds = time.perf_counter() - began
+    if skipped:
+        print(f"{len(skipped)} pictures were skipped, see above; others were drawn instead.")
+    print(f"{total} pairs in {seconds:.1f} s: {total / seconds:.1f} pairs a second.")
+
+
+def loader(encoded: EncodedPairs, wanted: Iterable[int], workers: int) -> DataLoader:
+    """Return pairs in the order of their numbers, made by processes of one thread each."""
+    return DataLoader(
+        encoded,
+        batch_size=None,
+        sampler=wanted,
+        num_workers=workers,
+        collate_fn=_as_it_is,  # type: ignore[arg-type]  # without batches it gets a pair
+        multiprocessing_context="spawn" if workers else None,  # threads do not survive a fork
+    )
+
+
+def _as_it_is(pair: EncodedPair) -> EncodedPair:
+    return pair
+
+
+def _noted(pairs: Iterable[EncodedPair], bar: tqdm, skipped: set[str]) -> Iterator[EncodedPair]:
+    """Pass pairs on, count them, and say which pictures were skipped, each once."""
+    for pair in pairs:
+        for reason in pair.skipped:
+            if reason not in skipped:  # every process finds out by itself
+                skipped.add(reason)
+                bar.write(f"skipped: {reason}", file=sys.stderr)
+        bar.update()
+        yield pair
+
+
+def write(path: Path, pairs: Iterable[EncodedPair], form: str, share: Share) -> None:
+    """Write one file of pairs, whole or not at all.
+
+    Raises:
+        OSError: the disk is full or not writable; says how many MB are free.
+    """
+    try:
+        with unfinished(path, f"{share.mark}.{uuid.uuid4().hex[:8]}") as beside:
+            FORMATS[form].write(beside, pairs)
+    except OSError as error:
+        free = shutil.disk_usage(path.parent).free / 1e6
+        raise OSError(
+            f"{path} could not be written ({error.strerror or error}), and {free:.1f} MB are free. "
+            "Every whole file is kept. Make room, and give the same command again."
+        ) from error
+
+
+def workers_of(cfg: Config) -> int:
+    """Return how many processes are asked for; 0 is this one alone."""
+    if cfg.workers is not None:
+        return cfg.workers
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))  # of a job that was given some of a machine's cores
+    return os.cpu_count() or 1
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+
+
+def main(argv: Sequence[str]) -> None:
+    """Follow the command line, and end with a sentence where it cannot be followed."""
+    torch.set_num_threads(1)
+    try:
+        synthesise(configure(argv))
+    except KeyboardInterrupt:
+        print("\nInterrupted. Every whole file is kept; the same command goes on.", file=sys.stderr)
+        raise SystemExit(130) from None
+    except (ValueError, TypeError, OSError) as error:
+        raise SystemExit(f"error: {sentence(error)}") from None
+    except RuntimeError as error:
+        if not str(error).startswith("DataLoader worker"):
+            raise
+        raise SystemExit(f"error: {LOST}") from None
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
