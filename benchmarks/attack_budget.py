@@ -23,19 +23,14 @@ from torch import nn
 
 from benchmarks import measure
 from moireaug.evaluation import Cell, Table, images_frame, rates
-from moireaug.evaluation.attackers import (
-    Attacker,
-    MoireAttacker,
-    PoseUnknown,
-    SquareAttacker,
-    TargetedApgd,
-)
+from moireaug.evaluation.attackers import Attacker, MoireAttacker, PoseUnknown
+from moireaug.evaluation.autoattack import SquareAttacker, TargetedApgd
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Batches, Runner, jobs_of
 from moireaug.scene.scene import Scene
 from training import saved
+from training.attacking import protocol_of
 from training.data import load
-from training.results import protocol_of
 
 STEPS = (1, 2, 5, 10, 20, 50)
 FULL: dict[str, Any] = {"steps": STEPS, "n": 96}

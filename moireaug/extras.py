@@ -6,8 +6,18 @@ import importlib.util
 
 # extra of pyproject.toml to the modules that its part of the package imports
 MODULES = {
-    "eval": ("filelock", "jinja2", "matplotlib", "pandas", "pywt", "scipy", "skimage", "tqdm"),
-    "train": ("hydra", "omegaconf", "yaml"),
+    "eval": (
+        "filelock",
+        "jinja2",
+        "matplotlib",
+        "pandas",
+        "pywt",
+        "scipy",
+        "skimage",
+        "torchmetrics",
+        "tqdm",
+    ),
+    "train": ("cma", "hydra", "omegaconf", "yaml"),
 }
 INCLUDED = {"eval": (), "train": ("eval",)}  # extras that an extra brings with it
 

@@ -7,7 +7,6 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TextIO
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
@@ -15,33 +14,13 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.utilities import rank_zero_only
 
 from training import runs
+from training.messages import Lines as Lines
+from training.messages import complain as complain
+from training.messages import sentence as sentence
 from training.schema import Config, check_keys
 
 EXPECTED = (ValueError, TypeError, FloatingPointError, OSError, MisconfigurationException)
 _failed: list[str] = []  # jobs of a sweep
-
-
-class Lines:
-    """Wraps an output stream, and knows whether its last line is complete: a bar's is not."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self.unfinished = stream, False
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-    def write(self, text: str) -> int:
-        if text:
-            self.unfinished = not text.endswith("\n")
-        return self._stream.write(text)
-
-
-def complain(text: str) -> None:
-    """Print to standard error, on its own line."""
-    for stream in (sys.stdout, sys.stderr):
-        if getattr(stream, "unfinished", False):
-            print(file=stream, flush=True)
-    print(text, file=sys.stderr, flush=True)
 
 
 def run(main: Callable[[], None], schema: type[Config]) -> None:
@@ -108,14 +87,3 @@ def _job_of_a_sweep() -> str | None:
     """Return the overrides of this job; None outside of a sweep."""
     hydra = HydraConfig.get()
     return " ".join(hydra.overrides.task) if hydra.mode == RunMode.MULTIRUN else None
-
-
-def sentence(error: Exception) -> str:
-    """Return what an error says, without the traceback that a DataLoader's worker adds."""
-    if isinstance(error, OSError) and error.errno:  # the system's own words
-        advice = (
-            "All complete epochs and records are kept: fix this, and resume with the same command."
-        )
-        return f"{error}. {advice}"
-    said = str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
-    return said or type(error).__name__

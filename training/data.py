@@ -14,9 +14,9 @@ from torch.utils.data import Dataset, Subset, TensorDataset
 from torchvision.datasets import ImageFolder
 from torchvision.transforms import v2
 
+from moireaug.images import read
 from moireaug.scene.fields import one_of
 from training import signs
-from training.images import read
 from training.schema import DATA, Data
 
 IMAGENET = 1000  # classes of torchvision's published weights, which a class_index refers to

@@ -29,17 +29,10 @@ from omegaconf import DictConfig
 
 from moireaug.evaluation import report
 from moireaug.scene.fields import one_of
-from training import adversaries, commands, reattack, runs, saved
+from training import adversaries, commands, reattack, runs, saved, scenes
+from training.attacking import Attacked, Protocol, attack, protocol_of
 from training.data import Splits, load
-from training.results import (
-    Attacked,
-    Protocol,
-    attack,
-    compare,
-    describe,
-    protocol_of,
-    publish,
-)
+from training.results import compare, describe, publish
 from training.schema import Config, as_config, register
 from training.train import train_model
 
@@ -54,6 +47,7 @@ def fit(cfg: DictConfig | Config) -> Metrics:
         ConnectionError, FloatingPointError, OSError: as `train_model`.
     """
     cfg = as_config(cfg)
+    cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
     check(cfg)
     run = runs.run_of(cfg)
     if runs.is_first():

@@ -9,6 +9,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from moireaug.evaluation import GROUPS, SUITES
 from training.schema import DATA, HOME, RECIPES, Config, ReattackConfig, Trainer, as_values
 
 TRAINING = ("recipe", "seed", "adversary", "train", "resume")  # say how a model is trained
@@ -23,9 +24,11 @@ OWN = (
     "train",
     "reattack",
 )  # a run's, unless overridden
+ATTACKED = tuple(name for name in (*SUITES, *GROUPS) if name not in ("threat", "unseen"))
 USES = {
     "targets": ("transfer", "paper", "trust"),
     "demoire": ("defences", "paper"),
+    "lpips": ATTACKED,
 }  # option to suites
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from moireaug.evaluation.suites.scenes import OWN
+from training import comparable
 from training.files import read_metrics
 
 STEPS, N = 50, 480  # of the re-attack that a run without one is advised to have
-_WHERE = ("root", "workers", "download")  # settings of the data that no image depends on
 Metrics = dict[str, Any]
 
 MEAN, WORST = "mean of the others", "worst of the others"  # of all scenes but the own
@@ -116,12 +115,19 @@ def read(root: Path) -> Found:
 
 
 def _compared(root: Path, trained: Mapping[Path, Metrics], others: list[str]) -> Found:
-    settings = _same({folder: _settings(m) for folder, m in trained.items()}, "runs")
+    settings = comparable.same(
+        {folder: comparable.settings(metrics) for folder, metrics in trained.items()}, "runs"
+    )
     attacked = {}
     for folder, metrics in trained.items():
         if again := _again(folder, metrics):
             attacked[folder] = again
-    protocol = _same({folder: _protocol(again) for folder, again in attacked.items()}, "re-attacks")
+    protocol = comparable.same(
+        {folder: comparable.protocol(again) for folder, again in attacked.items()}, "re-attacks"
+    )
+    comparable.same(
+        {folder: comparable.attackers(again) for folder, again in attacked.items()}, "re-attacks"
+    )
     commands = []
     for folder, metrics in trained.items():
         if folder not in attacked:
@@ -131,13 +137,13 @@ def _compared(root: Path, trained: Mapping[Path, Metrics], others: list[str]) ->
         raise ValueError("\n  ".join([said, *commands]))
     points = [_point(folder, trained, again) for folder, again in attacked.items()]
     shared = {
-        "data": _data(trained.values()),
+        "data": comparable.data_name(trained.values()),
         "model": settings["model"],
         "scene": settings["scene"],
     }
     for name, value in protocol.items():
         shared[name.removeprefix("reattack.")] = value
-    return Found(points, shared, commands, _warnings(trained, attacked) + others)
+    return Found(points, shared, commands, comparable.warnings(trained, attacked) + others)
 
 
 def _seeds(root: Path) -> list[Path]:
@@ -168,66 +174,15 @@ def _group(root: Path) -> tuple[Path, list[str]]:
     )
 
 
-def _data(metrics: Iterable[Metrics]) -> str:
-    """Return the data set's name; a folder goes by its own, where all runs have the same."""
-    sets = [m["config"]["data"] for m in metrics]
-    own = {Path(data["root"]).resolve().name for data in sets if data["name"] == "folder"}
-    return own.pop() if len(own) == 1 else sets[0]["name"]
-
-
-def _images(metrics: Metrics) -> Metrics:
-    """Return the settings of the data that its test images depend on."""
-    data = metrics["config"]["data"]
-    return {name: data.get(name) for name in ("name", "root", "size", "test", "class_index")}
-
-
-def _settings(metrics: Metrics) -> Metrics:
-    found = {"model": metrics["model"], "scene": metrics["scene_name"]}
-    for name, value in metrics["config"]["data"].items():
-        if name not in _WHERE:
-            found[f"data.{name}"] = value
-    for name, value in metrics["scene"].items():
-        found[f"scene.{name}"] = value
-    return found
-
-
-def _protocol(again: Metrics) -> Metrics:
-    return {
-        "reattack.n": again["n"],
-        "reattack.steps": again["steps"],
-        "reattack.seed": again["config"]["reattack"]["seed"],
-        "reattack.batch_size": again["config"]["reattack"].get("batch_size"),
-    }
-
-
-def _same(every: Mapping[Path, Metrics], what: str) -> Metrics:
-    """Return what all of them share; empty where there are none.
-
-    Raises:
-        ValueError: one differs from most; it is named, with what differs.
-    """
-    shared: Metrics = {}
-    for key in next(iter(every.values()), {}):
-        values = {folder: own.get(key) for folder, own in every.items()}
-        usual = Counter(map(repr, values.values())).most_common(1)[0][0]
-        for folder, value in values.items():
-            if repr(value) != usual:
-                raise ValueError(
-                    f"{what} with different {key} do not compare: {folder} has {value!r}, most "
-                    f"others have {usual}. "
-                    "Make it again with the same, or move it to another folder."
-                )
-            shared[key] = value
-    return shared
-
-
 def _again(folder: Path, metrics: Metrics) -> Metrics | None:
     """Return the re-attack of a run in its own scene, on its own images; of several that of the
     most images, then of the most steps."""
     found = []
     for path in sorted(folder.glob("reattack/*/recipes")):
         again = read_metrics(path)
-        if again and again["scene"] == metrics["scene"] and _images(again) == _images(metrics):
+        if not again or again["scene"] != metrics["scene"]:
+            continue
+        if comparable.images(again) == comparable.images(metrics):
             found.append(again)
     return max(found, key=lambda again: (again["n"], again["steps"]), default=None)
 
@@ -293,26 +248,3 @@ def _clean_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float:
         f"run in {twin}: "
         f"train recipe clean with seed={metrics['seed']} and the same settings."
     )
-
-
-def _warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
-    """Return what a reader must know before he believes the figures."""
-    found = []
-    machines = sorted({_machine(trained[folder]["environment"]) for folder in attacked})
-    if len(machines) > 1:
-        named = "; ".join(machines)
-        found.append(
-            f"The runs were trained on different machines ({named}): their times do not compare."
-        )
-    for folder, again in attacked.items():
-        failed = [check["name"] for check in again.get("trust") or [] if check["verdict"] == "fail"]
-        if failed:
-            found.append(f"Checks of the attack failed on {folder}: {'; '.join(failed)}.")
-    return found
-
-
-def _machine(environment: Mapping[str, Any]) -> str:
-    device = environment["device"]
-    if device == "cpu":
-        return f"{environment['cpu']}, {environment['threads']} threads"
-    return device

@@ -17,6 +17,7 @@ kept in records/: the same command goes on where it stopped, and another suite t
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,22 +30,14 @@ from torch import nn
 
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation import GROUPS, SUITES
+from moireaug.evaluation.visibility import LPIPS
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
-from training import bounds, commands, overrides, runs, saved
+from training import bounds, commands, overrides, runs, saved, scenes
+from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
 from training.data import AUGMENT, Splits, load
 from training.models import as_model
-from training.results import (
-    Attacked,
-    Plan,
-    Protocol,
-    attack,
-    compare,
-    describe,
-    protocol_of,
-    publish,
-    publish_suite,
-)
+from training.results import compare, describe, publish, publish_suite
 from training.saved import Saved
 from training.schema import Config, Reattack, ReattackConfig, as_config, register, scene_of
 from training.suites import fabric_of, suite_config
@@ -82,6 +75,7 @@ def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> Metrics:
     own = as_config(cfg)
     if not isinstance(own, ReattackConfig):
         raise TypeError(f"a re-attack needs a ReattackConfig; got a {type(own).__name__}.")
+    own = replace(own, scene=scenes.inlined(own.scene))
     overrides.check(own, given)
     return attack_weights(own) if own.run is None else attack_run(own, given)
 
@@ -95,6 +89,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
             "(or torchvision's "
             "name of weights, such as DEFAULT)."
         )
+    lpips = lpips_of(cfg)
     home = Path(cfg.runs) / "reattack" / cfg.model
     runs.make(home)
     began = time.perf_counter()
@@ -102,7 +97,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
     model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True)
     if cfg.data.class_index:
         splits = splits._replace(classes=published_names(cfg.model) or splits.classes)
-    protocol = protocol_of(cfg, splits)
+    protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
     out = home / protocol_name(cfg, protocol.batches.n, with_data=True) / cfg.suite
     seconds = {"data": time.perf_counter() - began}
     with runs.held(out):
@@ -120,6 +115,7 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
     found = saved.read(Path(cfg.run))  # type: ignore[arg-type]
     cfg = overrides.onto(found.cfg, cfg, given)
     check(cfg)
+    lpips = lpips_of(cfg)
     runs.make(found.folder / "reattack")
     if not (found.folder / "metrics.json").is_file():
         print(
@@ -130,7 +126,7 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
     splits = load(cfg.data)
     found.check_classes(splits, cfg.data)
     model = found.model()
-    protocol = protocol_of(cfg, splits)
+    protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
     same_data = runs.settings(cfg)["data"] == runs.settings(found.cfg)["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
     out = found.folder / "reattack" / name / cfg.suite
@@ -184,6 +180,19 @@ def attack_by_suite(
     return publish_suite(out, cfg, cfg.suite, plan.results(), protocol, splits.classes, seconds)
 
 
+def lpips_of(cfg: ReattackConfig) -> LPIPS | None:
+    """Return what measures LPIPS; None where no weights are given for it.
+
+    Raises:
+        ValueError: a file of other weights, or images that are too small for them.
+    """
+    if cfg.lpips is None:
+        return None
+    found = LPIPS(cfg.lpips)
+    found.require_side(cfg.data.size)
+    return found
+
+
 def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
     """Return the name of a folder for all that is attacked in this way.
 
@@ -196,7 +205,7 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
     for name in ("eps", "seed", "batch_size"):
         if getattr(own, name) != getattr(usual, name):
             odd[name] = getattr(own, name)
-    for name in ("targets", "demoire"):
+    for name in ("targets", "demoire", "lpips"):
         if getattr(cfg, name):
             odd[name] = getattr(cfg, name)
     if with_data:

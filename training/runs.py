@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import hashlib
 import itertools
 import json
@@ -15,24 +14,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
 from training.files import read_checkpoint as read_checkpoint
 from training.files import read_json, read_metrics, read_settings
+from training.locks import locked
 from training.machine import command as command
 from training.machine import environment as environment
 from training.schema import HOME, RECIPES, Adversary, Config, Data, as_config, as_values
 
 # What a run's result does not depend on.
 _FREE, _FREE_DATA = ("runs", "resume"), ("workers", "download")
-_NO_LOCKS = (
-    errno.ENOSYS,
-    errno.ENOLCK,
-    errno.EOPNOTSUPP,
-    errno.ENOTSUP,
-)  # of a disk that knows none
 PLAIN = ("clean", "baseline")  # recipes without an adversary, which the others are compared with
 
 
@@ -234,17 +227,6 @@ def held(path: Path) -> Iterator[None]:
         yield
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    # beside the folder, which may itself be moved; a soft lock would outlive a killed command
-    lock = FileLock(path.with_name(f".{path.name}.lock"), blocking=False, fallback_to_soft=False)
-    with contextlib.ExitStack() as stack:
-        try:
-            stack.enter_context(lock)
-        except Timeout:
-            raise ValueError(
-                f"another command is at work in {path}: wait for it, "
-                "or give another seed=N or runs=DIR."
-            ) from None
-        except OSError as error:
-            if error.errno not in _NO_LOCKS:
-                raise
+    busy = f"another command is at work in {path}: wait for it, or give another seed=N or runs=DIR."
+    with locked(path.with_name(f".{path.name}.lock"), busy):  # the folder itself may be moved
         yield

@@ -122,7 +122,8 @@ class Config:
     recipe: str = MISSING
     seed: int = 0
     runs: str = "runs"
-    # a preset's name, or a mapping of Scene's fields with an optional `preset`
+    # a preset's name, or a mapping of Scene's fields with an optional `preset`; on a command line
+    # also a YAML file of such a mapping
     scene: Any = "screen_photo"
     model: str = "small_resnet"  # or any torchvision classifier
     weights: str | None = None  # a state_dict file, or torchvision's name of weights
@@ -147,6 +148,8 @@ class ReattackConfig(Config):
     targets: Any = None  # of transfer: name to a file of weights or a run's folder
     # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
     demoire: str | None = None
+    # a state_dict of torchvision's squeezenet1_1, alexnet or vgg16: LPIPS of every attack
+    lpips: str | None = None
 
 
 def as_config(cfg: DictConfig | Config) -> Config:

@@ -19,10 +19,10 @@ from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import Defence
 from moireaug.evaluation.judges import require_identity
 from training import runs, saved
+from training.attacking import Protocol
 from training.data import Splits
 from training.models import as_model, names
 from training.overrides import USES
-from training.results import Protocol
 from training.schema import Data, ReattackConfig, Trainer
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")

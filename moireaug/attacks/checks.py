@@ -1,8 +1,9 @@
-"""What an attack refuses: labels and logits that do not belong together, and models without an
-answer."""
+"""What an attack refuses: settings that mean nothing, labels and logits that do not belong
+together, and models without an answer."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,6 +16,54 @@ from moireaug.attacks.answers import decided
 class NoAnswerError(ValueError):
     """A model whose logits are not finite for any of the images, before any attack: broken, not
     robust."""
+
+
+def check_bounds(eps: object) -> None:
+    """Refuse an `eps` that is no number in [0, 1], nor a list of them.
+
+    Raises:
+        ValueError: with what was got and what is allowed.
+    """
+    several = eps if isinstance(eps, (list, tuple)) else [eps]
+    bounds = [isinstance(e, (int, float)) and 0 <= e < math.inf for e in several]
+    if not bounds or not all(bounds):
+        raise ValueError(
+            f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {eps!r}."
+        )
+    if max(several) > 1:
+        raise ValueError(
+            f"eps is in [0, 1] units, where 1 is full scale; got {eps!r}. Divide by 255?"
+        )
+
+
+def check_steps(steps: object, restarts: object) -> None:
+    """Refuse counts that are no integers, or too small.
+
+    Raises:
+        ValueError: with what was got and what is allowed.
+    """
+    for name, value, least in (("steps", steps, 0), ("restarts", restarts, 1)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise ValueError(f"{name} must be an integer >= {least}; got {value!r}.")
+
+
+def check_sizes(step_size: float | None, random_start: float, steps: int) -> None:
+    """Refuse a step size or a random start, in units of eps, that these steps cannot follow.
+
+    Raises:
+        ValueError: with what was got and what is allowed.
+    """
+    if step_size is not None and not step_size > 0:
+        raise ValueError(f"step_size must be above 0, in units of eps; got {step_size!r}.")
+    if not random_start >= 0:
+        raise ValueError(
+            f"random_start must be a radius >= 0, in units of eps; got {random_start!r}."
+        )
+    if random_start > 1 and steps > 1:
+        raise ValueError(
+            f"a random_start beyond the ball ({random_start!r} times eps) is for a single step, "
+            f"which does not pull it back; got steps = {steps}. Use random_start <= 1."
+        )
 
 
 def check_labels(labels: Tensor, n: int, name: str) -> Tensor:

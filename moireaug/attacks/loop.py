@@ -11,12 +11,21 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import decided, predicted
-from moireaug.attacks.checks import check_answers, check_classes, check_goals, check_gradient
-from moireaug.attacks.losses import LOSSES, margin, reported
+from moireaug.attacks.answers import predicted
+from moireaug.attacks.best import Best
+from moireaug.attacks.checks import (
+    check_answers,
+    check_bounds,
+    check_classes,
+    check_goals,
+    check_gradient,
+    check_sizes,
+    check_steps,
+)
+from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem, Result
-from moireaug.attacks.rules import RULES, Ball, Rule, choose
+from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.checks import check_images
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import Shot
@@ -59,32 +68,9 @@ class Attack(ABC):
     restarts: int = 1
 
     def __post_init__(self) -> None:
-        several = self.eps if isinstance(self.eps, (list, tuple)) else [self.eps]
-        bounds = [isinstance(e, (int, float)) and 0 <= e < math.inf for e in several]
-        if not bounds or not all(bounds):
-            raise ValueError(
-                f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {self.eps!r}."
-            )
-        if max(several) > 1:
-            raise ValueError(
-                f"eps is in [0, 1] units, where 1 is full scale; got {self.eps!r}. Divide by 255?"
-            )
-        for name, least in (("steps", 0), ("restarts", 1)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise ValueError(f"{name} must be an integer >= {least}; got {value!r}.")
-        if self.step_size is not None and not self.step_size > 0:
-            raise ValueError(f"step_size must be above 0, in units of eps; got {self.step_size!r}.")
-        if not self.random_start >= 0:
-            raise ValueError(
-                f"random_start must be a radius >= 0, in units of eps; got {self.random_start!r}."
-            )
-        if self.random_start > 1 and self.steps > 1:
-            raise ValueError(
-                f"a random_start beyond the ball ({self.random_start!r} times eps) is for a single "
-                f"step, which does not pull it back; got steps = {self.steps}. Use random_start <= "
-                "1."
-            )
+        check_bounds(self.eps)
+        check_steps(self.steps, self.restarts)
+        check_sizes(self.step_size, self.random_start, self.steps)
         one_of("rule", self.rule, RULES)
         one_of("loss", self.loss, LOSSES)
 
@@ -279,7 +265,7 @@ class Attack(ABC):
         eps: float,
         generator: torch.Generator | None,
     ) -> Result:
-        best = _Best(labels, targets, problem.views)
+        best = Best(labels, targets, problem.views)
         for restart in range(self.restarts):
             best.losses = []
             point = self._start(problem, eps, restart, images, generator)
@@ -293,30 +279,3 @@ class Attack(ABC):
         losses = torch.stack(best.losses[: self.steps]) if self.steps else torch.zeros(0)
         shot = problem.aim(best.point["pose"]) if problem.aim else problem.shot
         return Result(photo.detach(), success, best.point["noise"], losses.cpu(), eps, shot)
-
-
-class _Best:
-    """Keeps each image's point of the greatest margin, over steps and restarts, and the mean loss
-    of each step."""
-
-    def __init__(self, labels: Tensor, targets: Tensor | None, views: int) -> None:
-        self.labels, self.targets, self.views = labels, targets, views
-        self.point: Point = {}
-        self.losses: list[Tensor] = []
-
-    def watch(self, point: Point, logits: Tensor) -> None:
-        labels = self.labels.repeat(self.views)
-        targets = None if self.targets is None else self.targets.repeat(self.views)
-        goal = labels if targets is None else targets
-        if not self.losses:
-            check_classes(goal, logits, 1)
-        score = margin(logits.float(), labels, targets)
-        # no answer is a wrong one, and never the target
-        score = torch.where(decided(logits), score, math.inf if self.targets is None else -math.inf)
-        score = score.view(self.views, len(self.labels)).mean(0)
-        if not self.point:
-            self.point, self.score = point, torch.full_like(score, -math.inf)
-        better = score > self.score
-        self.score = torch.where(better, score, self.score)
-        self.point = {name: choose(better, x, self.point[name]) for name, x in point.items()}
-        self.losses.append(reported(logits, goal))

@@ -9,19 +9,12 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from moireaug.attacks import (
-    ATTACKS,
-    MoireAttack,
-    MultiTargeted,
-    NoAnswerError,
-    SquareMoire,
-    evaluating,
-)
+from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
 from moireaug.attacks.pose import moved_fields
 from moireaug.attacks.problem import single
 from moireaug.capture import capture
 from moireaug.defenses import Defended
-from moireaug.evaluation.conditions import Condition, EvalBatch, codes
+from moireaug.evaluation.conditions import Condition, EvalBatch, Model, codes
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.visibility import visibility
 from moireaug.scene.scene import Scene
@@ -77,7 +70,7 @@ class Attacker(Condition):
         return batch.labels, batch.targets if self.targeted else None
 
     def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        return visibility(shown, self.start(batch))
+        return visibility(shown, self.start(batch), batch.lpips)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,15 +104,11 @@ class MoireAttacker(Attacker):
 
     @property
     def parts(self) -> int:
-        randomised = self.knows is not None and getattr(self.knows.defence, "randomised", False)
-        return DRAWS if randomised else 1
+        return draws_of(self.knows)
 
     def attacked(self, batch: EvalBatch) -> Tensor:
-        model = batch.model
-        if self.knows is not None and self.knows.defence is not None:
-            model = Defended(model, self.knows.defence, draws=self.parts)
         attack = MoireAttack(
-            model=model,
+            model=through(self.knows, batch.model),
             scene=batch.shot.scene,
             eps=self.eps,
             steps=self.steps,
@@ -140,38 +129,7 @@ class MoireAttacker(Attacker):
         return super().measure(batch, shown)
 
     def settings(self) -> dict[str, Any]:
-        found = super().settings()
-        if self.knows is not None:
-            found["knows"] = self.knows.identity
-        return found
-
-
-class TargetedApgd(Attacker):
-    """APGD-T on the raw reading: APGD toward each of the nine likeliest other classes in turn, by
-    the targeted DLR loss; a model of fewer than four classes has no such loss, and is attacked by
-    the margin."""
-
-    kind = "apgd_t"
-
-    @property
-    def base_name(self) -> str:
-        return f"apgd_t_{codes(self.eps)}"
-
-    def attacked(self, batch: EvalBatch) -> Tensor:
-        with evaluating(batch.model), torch.no_grad():
-            classes = batch.model(batch.images[:1]).shape[1]
-        attack = MoireAttack(
-            model=batch.model,
-            scene=batch.shot.scene,
-            eps=self.eps,
-            steps=self.steps,
-            rule="apgd",
-            loss="dlr" if classes >= 4 else "margin",
-        )
-        toward = MultiTargeted(attack)
-        return single(
-            toward(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
-        ).images
+        return super().settings() | known_defence(self.knows)
 
 
 class PoseUnknown(Attacker):
@@ -200,24 +158,6 @@ class PoseUnknown(Attacker):
         return capture(batch.images, batch.shot, result.noise)
 
 
-class SquareAttacker(Attacker):
-    """A search without gradients, on the raw reading; `steps` are queries."""
-
-    kind = "square"
-
-    @property
-    def base_name(self) -> str:
-        return f"square_{codes(self.eps)}"
-
-    def attacked(self, batch: EvalBatch) -> Tensor:
-        scene = batch.shot.scene
-        attack = SquareMoire(model=batch.model, scene=scene, eps=self.eps, steps=self.steps)
-        goals = self.goals(batch)
-        return single(
-            attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
-        ).images
-
-
 @dataclass(frozen=True, kw_only=True)
 class PixelAttacker(Attacker):
     """A rival that perturbs the pixels of the image, which no camera saw.
@@ -242,6 +182,25 @@ class PixelAttacker(Attacker):
         attack = ATTACKS[self.attack](model=batch.model, **settings)
         goals = self.goals(batch)
         return single(attack(batch.images, *goals, generator=batch.generator)).images
+
+
+def draws_of(knows: Judge | None) -> int:
+    """Return how many draws of a defence an attacker averages over: several where it is
+    randomised."""
+    randomised = knows is not None and getattr(knows.defence, "randomised", False)
+    return DRAWS if randomised else 1
+
+
+def through(knows: Judge | None, model: Model) -> Model:
+    """Return what is attacked: the model, behind the defence that the attacker knows of."""
+    if knows is None or knows.defence is None:
+        return model
+    return Defended(model, knows.defence, draws=draws_of(knows))
+
+
+def known_defence(knows: Judge | None) -> dict[str, str]:
+    """Return what tells a defence that an attacker knows of from others, for its settings."""
+    return {} if knows is None else {"knows": knows.identity}
 
 
 def turnable(scene: Scene) -> tuple[tuple[str, ...], str]:

@@ -21,6 +21,7 @@ from moireaug.capture import capture, develop, expose
 from moireaug.evaluation.statistics import ratio_of_means
 from moireaug.numeric import clip
 from moireaug.scene.scene import Scene, Shot
+from moireaug.synthesis.twins import without_moire
 
 Model = nn.Module | Callable[[Tensor], Tensor]
 Defence = Callable[[Tensor], Tensor]
@@ -35,6 +36,7 @@ class EvalBatch:
         images: (B, 3, H, W) in [0, 1]. labels: (B,). targets: (B,), another class each.
         shot: one draw of the condition's scene per image.
         generator: of the condition's own random numbers.
+        lpips: what measures how visible an attack is beside the other figures; None for nothing.
     """
 
     model: Model
@@ -43,8 +45,9 @@ class EvalBatch:
     targets: Tensor
     shot: Shot
     generator: torch.Generator
+    lpips: nn.Module | None = None
 
-    def __getitem__(self, rows: slice) -> EvalBatch:
+    def __getitem__(self, rows: slice | Tensor) -> EvalBatch:
         return dataclasses.replace(
             self,
             images=self.images[rows],
@@ -173,10 +176,3 @@ class RandomNoise(Condition):
 def codes(eps: float) -> str:
     """Return an eps in units of 1/255, as names and titles have it."""
     return f"{eps * 255:g}"
-
-
-def without_moire(shot: Shot) -> Shot:
-    """Return the same shot of a panel without subpixels: camera, light and noise stay, the stripes
-    leave their mean light."""
-    sensor = dataclasses.replace(shot.scene.sensor, exposure="mean")
-    return dataclasses.replace(shot, scene=dataclasses.replace(shot.scene, sensor=sensor))

@@ -18,6 +18,7 @@ from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites import tables_of
 from moireaug.evaluation.tables import SuiteConfig, paper_defences
+from moireaug.evaluation.visibility import LPIPS
 from moireaug.scene.scene import Scene, as_scene
 
 
@@ -34,6 +35,7 @@ def evaluate(
     targets: Mapping[str, Model] | None = None,
     defences: Mapping[str, Defence] | None = None,
     folder: str | Path | None = None,
+    lpips: str | Path | None = None,
     progress: bool = True,
 ) -> pd.DataFrame:
     """Attack a classifier, with the controls that tell the moiré from the noise.
@@ -60,6 +62,8 @@ def evaluate(
             None keeps them in memory. They are kept by weights, settings and pixels, so that
             model, targets and defences must be Modules, records of `defenses` or functions that can
             be imported.
+        lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16: the
+            LPIPS of every attack is measured with it. None measures none.
         progress: whether a bar is shown.
 
     Returns:
@@ -68,7 +72,8 @@ def evaluate(
 
     Raises:
         ValueError, TypeError: an unknown suite, no images, images, labels or logits that cannot be
-            read, or a folder where nothing tells a callable from another.
+            read, a folder where nothing tells a callable from another, or an lpips file of another
+            network.
     """
     batches = gathered(loader, n)
     config = SuiteConfig(
@@ -79,13 +84,17 @@ def evaluate(
         defences=paper_defences() | dict(defences or {}),
     )
     tables = tables_of(suite, config)
+    measure = None
+    if lpips is not None:
+        measure = LPIPS(lpips)
+        measure.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     records = Records()
     if folder is not None:
         for name, part in {"the model": model, **config.targets, **config.defences}.items():
             require_identity(name, part)
         records = RecordFolder(Path(folder))
     with records:
-        runner = Runner(model, batches, config.scene, records, seed=seed)
+        runner = Runner(model, batches, config.scene, records, seed=seed, lpips=measure)
         jobs = jobs_of(tables)
         indices = range(len(batches))
         done = runner.run(jobs, indices)

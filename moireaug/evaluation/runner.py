@@ -67,6 +67,8 @@ class Runner:
             seed, the batch's index and the names of condition and judge alone, so that any process,
             or a later one, gets the same.
         name: stands for the model in records; None is a digest of its weights.
+        lpips: measured of every attack where it is given: `visibility.LPIPS`. Records without it
+            are others.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class Runner:
         *,
         seed: int = 0,
         name: str | None = None,
+        lpips: nn.Module | None = None,
     ) -> None:
         if name is None:
             name = digest(model) if isinstance(model, nn.Module) else "callable"
@@ -87,6 +90,8 @@ class Runner:
         self.records = records
         self.seed = seed
         self.name = name
+        self.lpips = lpips
+        self._lpips_identity = None if lpips is None else digest(lpips)
         self.device = device_of(model)
         self._contents: dict[int, str] = {}
 
@@ -140,12 +145,15 @@ class Runner:
 
     def _meaning(self, condition: Condition) -> dict[str, Any]:
         scene = self.scene if condition.scene is None else condition.scene
-        return {
+        meaning = {
             "model": self.name,
             "scene": scene.to_dict(),
             "condition": condition.settings() | {"name": condition.name},
             "seed": self.seed,
         }
+        if self._lpips_identity is not None and not condition.control:
+            meaning["lpips"] = self._lpips_identity
+        return meaning
 
     def _targets(self, images: Tensor, labels: Tensor, index: int) -> Tensor:
         """Draw another class of the model's for each image."""
@@ -169,7 +177,7 @@ class Runner:
         size = (images.shape[-2], images.shape[-1])
         shot = scene.sample(len(images), size, draws).to(images.device)
         own = torch.Generator().manual_seed(mix(self.seed, index, 2, _digits(condition.name)))
-        return EvalBatch(self.model, images, labels, targets, shot, own)
+        return EvalBatch(self.model, images, labels, targets, shot, own, self.lpips)
 
     def _judged(
         self,

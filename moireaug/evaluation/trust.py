@@ -19,7 +19,8 @@ from torch import Tensor
 
 from moireaug.attacks import LOSSES, evaluating
 from moireaug.defenses import BitDepth
-from moireaug.evaluation.attackers import MoireAttacker, SquareAttacker
+from moireaug.evaluation.attackers import MoireAttacker
+from moireaug.evaluation.autoattack import SquareAttacker
 from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise, codes
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table

@@ -1,21 +1,96 @@
-"""How visible a change is: the four figures that papers give."""
+"""How visible a change is: the figures that papers give."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
 import numpy as np
 import torch
+import torchvision
 from kornia.metrics import ssim
 from skimage.color import deltaE_ciede2000, rgb2lab
-from torch import Tensor
+from torch import Tensor, nn
+
+# torchvision's name of each network that LPIPS has linear heads for: torchmetrics' name of it, and
+# the least side of an image that passes all of its layers
+NETWORKS: dict[str, tuple[Literal["squeeze", "alex", "vgg"], int]] = {
+    "squeezenet1_1": ("squeeze", 17),
+    "alexnet": ("alex", 31),
+    "vgg16": ("vgg", 16),
+}
+PART = 8  # pairs of images that pass the network at once
 
 
-def visibility(changed: Tensor, original: Tensor) -> dict[str, list[float]]:
+class LPIPS(nn.Module):
+    """Learned perceptual image patch similarity (Zhang et al., 2018): how far two images lie apart
+    in the features of a network, 0 for the same image.
+
+    The linear heads are the authors' version 0.1, which torchmetrics brings; the features are
+    those of the given file, so that nothing is downloaded.
+
+    Args:
+        path: state_dict of torchvision's squeezenet1_1, alexnet or vgg16, as published; which of
+            them it is, its tensors say.
+
+    Attributes:
+        network: torchvision's name of it. least: side of the smallest image it takes, in pixels.
+
+    Raises:
+        ValueError: a file that is missing, damaged or of another network.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        from torchmetrics.functional.image.lpips import _LPIPS  # takes seconds to import
+
+        super().__init__()
+        features = _features_in(path)
+        self.network = _network_of(features, path)
+        name, self.least = NETWORKS[self.network]
+        with torch.random.fork_rng(devices=[]):  # what is drawn for the network is replaced
+            self.model = _LPIPS(net=name, pnet_rand=True)
+        own = self.model.net.state_dict()
+        # "slice2.3.bias" or "slices.1.3.bias" of torchmetrics is torchvision's "features.3.bias"
+        for key in own:
+            own[key] = features[key.removeprefix("slices.").partition(".")[2]]
+        self.model.net.load_state_dict(own)
+
+    def forward(self, changed: Tensor, original: Tensor) -> Tensor:
+        """Measure how far images (B, 3, H, W) in [0, 1] lie apart, as (B,) float32."""
+        found = []
+        for a, b in zip(changed.split(PART), original.split(PART), strict=True):
+            found.append(self.model(a.float(), b.float(), normalize=True).flatten())
+        return torch.cat(found)
+
+    def require_side(self, side: int) -> None:
+        """Refuse images that the network is too deep for.
+
+        Args:
+            side: the shorter one, in pixels.
+
+        Raises:
+            ValueError: with the least side.
+        """
+        if side < self.least:
+            raise ValueError(
+                f"lpips: {self.network} takes images of at least {self.least} x {self.least} "
+                f"pixels; got a side of {side}. Use vgg16, which takes 16, or leave lpips out."
+            )
+
+
+def visibility(
+    changed: Tensor, original: Tensor, lpips: nn.Module | None = None
+) -> dict[str, list[float]]:
     """Measure how far two sets of images (B, 3, H, W) in [0, 1] lie apart, image by image.
+
+    Args:
+        lpips: an `LPIPS`, where its weights are given.
 
     Returns:
         `psnr` in dB, at most 100, which stands for no difference; `ssim`, windows of 11 pixels;
         `ciede2000`, the mean colour difference (1 is just noticeable side by side); `largest`, the
-        greatest change of a code, in [0, 1].
+        greatest change of a code, in [0, 1]; and `lpips` where it is given.
     """
     a, b = (x.detach().double().cpu() for x in (changed, original))
     error = (a - b).square().mean((1, 2, 3))
@@ -23,9 +98,59 @@ def visibility(changed: Tensor, original: Tensor) -> dict[str, list[float]]:
     for one, other in zip(a.numpy(), b.numpy(), strict=True):
         lab, lab_before = (rgb2lab(np.moveaxis(x, 0, -1)) for x in (one, other))
         colour.append(float(deltaE_ciede2000(lab, lab_before).mean()))
-    return {
+    found = {
         "psnr": (-10 * torch.log10(error.clamp(min=1e-10))).tolist(),
         "ssim": ssim(a, b, 11).mean((1, 2, 3)).tolist(),
         "ciede2000": colour,
         "largest": (a - b).abs().amax((1, 2, 3)).tolist(),
     }
+    if lpips is not None:
+        with torch.no_grad():
+            found["lpips"] = lpips.to(changed.device)(changed, original).tolist()
+    return found
+
+
+def _features_in(path: str | Path) -> dict[str, Tensor]:
+    """Return the tensors of a file's convolutions, by torchvision's names without "features."; no
+    code in it is run.
+
+    Raises:
+        ValueError: a file that is missing, damaged or no state_dict.
+    """
+    if not Path(path).is_file():
+        raise ValueError(f"lpips: there is no file {str(path)!r}. {_wanted()}")
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, KeyError, ...
+        raise ValueError(
+            f"lpips: the file {str(path)!r} could not be read ({type(error).__name__}): it is "
+            f"damaged, or holds more than tensors. {_wanted()}"
+        ) from error
+    found = {}
+    if isinstance(state, Mapping):
+        for name, value in state.items():
+            if isinstance(value, Tensor) and str(name).startswith("features."):
+                found[name.removeprefix("features.")] = value
+    return found
+
+
+def _network_of(features: Mapping[str, Tensor], path: str | Path) -> str:
+    """Return the network whose convolutions these are, by their names and shapes.
+
+    Raises:
+        ValueError: none of them.
+    """
+    shapes = {name: value.shape for name, value in features.items()}
+    for network in NETWORKS:
+        with torch.device("meta"):
+            layers = torchvision.models.get_model(network).features.state_dict()
+        if shapes == {name: value.shape for name, value in layers.items()}:
+            return network
+    raise ValueError(
+        f"lpips: the file {str(path)!r} does not hold the weights of any of these networks. "
+        f"{_wanted()}"
+    )
+
+
+def _wanted() -> str:
+    return f"Pass a state_dict of one of torchvision's {', '.join(NETWORKS)}."

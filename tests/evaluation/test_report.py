@@ -238,3 +238,12 @@ def test_numbers_stay_on_one_line_with_their_units(tmp_path, metrics):
         "8\N{NO-BREAK SPACE}% to 76\N{NO-BREAK SPACE}%</h1>" in raw
         and "n\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}200" in raw
     )
+
+
+def test_lpips_is_shown_where_it_was_measured(tmp_path, metrics):
+    without = read(tmp_path, metrics)
+    assert "LPIPS" not in without.text
+    for row in metrics["reattack"]:
+        row |= {"psnr": 30.0, "ssim": 0.9, "largest": 0.1, "lpips": 0.1234}
+    shown = read(tmp_path, metrics)
+    assert "LPIPS" in shown.text and shown.text.count("0.123") == len(metrics["reattack"])

@@ -1,6 +1,5 @@
 """The runner: the same figures however the work is cut, and nothing computed twice."""
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +8,8 @@ import torch
 from torch import nn
 
 from moireaug import Scene
-from moireaug.attacks import Normalized
-from moireaug.defenses import JPEG, Compose
-from moireaug.evaluation import Cell, Table, images_frame, rates
-from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation import Table, images_frame, rates
+from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.conditions import (
     Clean,
     Condition,
@@ -21,30 +18,13 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     Rotated,
 )
-from moireaug.evaluation.judges import UNDEFENDED, Judge, digest, identity
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
-from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.tables import crossed
+from tests.evaluation.haze import EPS, HAZE, TABLE, ran, results, table_of
 
 from .conftest import classifier
-
-SCENE = Scene.preset("screen_photo")
-EPS = 8 / 255
-
-
-def hazy(images):
-    """A randomised defence."""
-    return (images + 0.3 * torch.rand(images.shape)).clamp(0, 1)
-
-
-HAZE = Judge("haze", defence=hazy)
-CONDITIONS = {
-    "moire": Photo(),
-    "random": RandomNoise(eps=EPS),
-    "ma": MoireAttacker(eps=EPS, steps=2),
-    "pgd": PixelAttacker(attack="pgd", eps=EPS, steps=2),
-}
-TABLE = Table("mine", tuple(crossed({"none": UNDEFENDED, "haze": HAZE}, CONDITIONS)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,37 +46,6 @@ class Mine(Condition):
         return {"kind": self.kind, "title": self.title}
 
 
-def table_of(*conditions, judge=UNDEFENDED):
-    return Table("mine", tuple(Cell(c.name, "shown", (c,), judge) for c in conditions))
-
-
-class Kept(Records):
-    """Records that keep the pictures too."""
-
-    def __init__(self):
-        super().__init__()
-        self.pictures = {}
-
-    def keep_picture(self, name, shown):
-        self.pictures[name] = shown
-
-
-def ran(known, table=TABLE, indices=(0, 1), seed=3, records=None, scene=SCENE):
-    model, batches = known
-    runner = Runner(model, batches, scene, Kept() if records is None else records, seed=seed)
-    for _ in runner.run(jobs_of([table]), indices):
-        pass
-    return runner
-
-
-def results(runner):
-    """Everything but the time, which differs."""
-    found = {}
-    for key, record in runner.records._known.items():
-        found[key] = {name: value for name, value in record.items() if name != "seconds"}
-    return found
-
-
 def test_any_cut_of_the_work_gives_the_same_figures(known):
     whole = results(ran(known))
     # the clean images before the model, four conditions before it and behind the haze
@@ -112,84 +61,6 @@ def test_another_seed_gives_others(known):
     assert not results(same).keys() & results(other).keys()
     clean = same.record(Clean(), UNDEFENDED, 0)
     assert other.record(Clean(), UNDEFENDED, 0)["targets"] != clean["targets"]
-
-
-CHANGES = {
-    "steps": 3,
-    "eps": EPS / 2,
-    "restarts": 2,
-    "targeted": True,
-    "rule": "apgd",
-    "loss": "margin",
-    "noise_at": "photo",
-    "optimise": ("noise", "view"),
-    "knows": Judge("j", defence=JPEG(60)),
-    "variant": "other",
-    "scene": Scene.preset("paper"),
-}
-
-
-@pytest.mark.parametrize("setting", CHANGES)
-def test_a_key_changes_with_every_setting(known, setting):
-    runner = ran(known)
-    plain = CONDITIONS["ma"]
-    assert runner.key(plain, UNDEFENDED, 0) in runner.records
-    changed = dataclasses.replace(plain, **{setting: CHANGES[setting]})
-    assert runner.key(changed, UNDEFENDED, 0) not in runner.records
-    assert runner.key(plain, Judge("other"), 0) not in runner.records
-
-
-def test_every_setting_of_an_attacker_is_tried():
-    named = {field.name for field in dataclasses.fields(MoireAttacker)}
-    assert named - {"place"} == set(CHANGES)
-
-
-def test_a_defence_is_known_by_its_settings_and_weights():
-    """Not by its name alone."""
-    parts = [
-        JPEG(60),
-        JPEG(10),
-        Compose((JPEG(60),)),
-        Compose((classifier(0),)),
-        Compose((classifier(1),)),
-        classifier(0),
-        torch.nn.functional.relu,
-        torch.nn.functional.gelu,
-        lambda x: x,
-        lambda x: x + 1,
-    ]
-    found = [identity(part) for part in parts]
-    assert len(set(found)) == len(parts)
-    assert found[:5] == [identity(part) for part in parts[:5]]
-    keys = {Judge("one", defence=part).identity for part in parts}
-    assert len(keys) == len(parts)
-    knowing = [
-        MoireAttacker(eps=EPS, steps=2, knows=Judge("j", defence=part)) for part in parts[:2]
-    ]
-    assert knowing[0].settings() != knowing[1].settings()
-
-
-def test_a_digest_sees_buffers_that_are_not_saved_and_layers_without_weights():
-    net = classifier()
-    grey, plain = Normalized(net, (0.5,) * 3, (0.5,) * 3), Normalized(net, (0.0,) * 3, (1.0,) * 3)
-    assert digest(grey) != digest(plain)
-    assert digest(nn.Sequential(net, nn.ReLU())) != digest(nn.Sequential(net, nn.GELU()))
-    assert digest(classifier(0)) == digest(classifier(0)) != digest(classifier(1))
-
-
-def test_a_key_changes_with_weights_scene_and_pixels(known):
-    model, batches = known
-    runner = ran(known)
-    plain = CONDITIONS["ma"]
-    key = runner.key(plain, UNDEFENDED, 0)
-    assert Runner(model, batches, SCENE, Records(), seed=3).key(plain, UNDEFENDED, 0) == key
-    for other in (
-        Runner(classifier(1), batches, SCENE, Records(), seed=3),
-        Runner(model, batches, Scene.preset("phone_at_laptop"), Records(), seed=3),
-        Runner(model, [(x * 0.5, y) for x, y in batches], SCENE, Records(), seed=3),
-        Runner(model, [(x, (y + 1) % 4) for x, y in batches], SCENE, Records(), seed=3),
-    ):
-        assert other.key(plain, UNDEFENDED, 0) != key
 
 
 def test_what_is_done_is_not_done_again(known):

@@ -233,7 +233,22 @@ class Deaf(nn.Module):
 def test_nothing_fools_a_model_that_does_not_look(known, suite):
     """Negative control: a table that finds success here counts wrongly."""
     batches = [(known[1][0][0], torch.tensor([1, 1, 1, 1, 1, 1, 0, 2]))]
-    lines = run_suite(Deaf().eval(), batches, suite)[2]
+    config = dataclasses.replace(CONFIG, steps=1)
+    lines = run_suite(Deaf().eval(), batches, suite, config)[2]
     for line in lines.to_dict("records"):
         found = (line["success"], line["accuracy"], line["counted"])
         assert found == (0.0, 0.75, 6), (line["row"], line["column"])
+
+
+def test_lpips_is_a_column_where_it_was_measured(measured, tmp_path):
+    tables, _, lines, _ = measured
+    metrics = {"model": "m", "suite": "recipes"}
+    for name, own in (("without", lines), ("with", lines.assign(lpips=lines["psnr"] / 1000))):
+        shown = with_paper(own, list(tables.values()))
+        report.write_suite(tmp_path / name, metrics, list(tables.values()), shown, {})
+        for file in ("report.html", "tables.md", "results.csv"):
+            text = (tmp_path / name / file).read_text("utf-8")
+            assert ("lpips" in text.lower()) == (name == "with"), (name, file)
+    rows = (tmp_path / "with/tables.md").read_text("utf-8").splitlines()
+    (head,) = [i for i, row in enumerate(rows) if row.endswith("CIEDE2000 | LPIPS |")]
+    assert rows[head + 1] == "|---" * 7 + "|" and rows[head + 2].count("|") == 8

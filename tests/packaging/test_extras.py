@@ -31,7 +31,7 @@ import importlib.util
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name in hidden else found(name, *rest)
 sys.meta_path.insert(0, Hidden())
-import moireaug, moireaug.attacks, moireaug.transforms
+import moireaug, moireaug.attacks, moireaug.transforms, moireaug.synthesis.pairs
 print("core imported")
 import importlib
 importlib.import_module(sys.argv[2])

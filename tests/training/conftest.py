@@ -5,6 +5,8 @@ import warnings
 
 import pytest
 
+from tests.training.frontier_runs import put
+
 
 @pytest.fixture
 def as_the_command_is():
@@ -14,3 +16,16 @@ def as_the_command_is():
         warnings.simplefilter("ignore")
         yield
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def root(tmp_path):
+    """Three recipes of three seeds; `slow` is beaten by `good`, and `lone` has one seed."""
+    for seed in range(3):
+        put(tmp_path, "clean", seed, worst=(0.01, 0.0), seconds=10.0 + seed)
+        put(tmp_path, "good", seed, worst=(0.3 + 0.02 * seed, 0.2), seconds=20.0, start=10.0 + seed)
+        put(
+            tmp_path, "slow", seed, worst=(0.2, 0.1), seconds=60.0, start=10.0 + seed, init="random"
+        )
+    put(tmp_path, "lone", 0, worst=(0.5, 0.25), seconds=100.0, collapsed=4)
+    return tmp_path

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from training import signs
+from training import sign_backgrounds, signs
 
 CLASS_COUNT = len(signs.CLASSES)
 
@@ -52,7 +52,7 @@ def test_same_seed_same_images_whatever_n_and_whatever_was_drawn_before(train):
 
 def test_faces_kept_in_memory_are_not_drawn_upon(train):
     signs.face.cache_clear()
-    signs._noise_tile.cache_clear()
+    sign_backgrounds.noise_tile.cache_clear()
     images, _ = signs.make("train", 3 * CLASS_COUNT, size=32)
     assert torch.equal(images, train[0][: 3 * CLASS_COUNT])
 

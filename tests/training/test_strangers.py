@@ -11,7 +11,7 @@ import yaml
 
 from tests.training.small import TINY, command, configured
 from tests.training.strangers import images, put
-from training import overrides, reattack, results, runs, saved, signs
+from training import attacking, overrides, reattack, runs, saved, signs
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -30,7 +30,7 @@ def attack(folder, *given):
 @pytest.fixture
 def nothing_attacked(monkeypatch):
     """No time may be spent."""
-    for module, name in ((results.Plan, "run"), (reattack, "load")):
+    for module, name in ((attacking.Plan, "run"), (reattack, "load")):
         monkeypatch.setattr(module, name, lambda *args, **settings: pytest.fail("time was spent"))
 
 

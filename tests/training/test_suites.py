@@ -16,13 +16,15 @@ import torch
 from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
+from moireaug import Scene
 from moireaug.evaluation import GROUPS
 from moireaug.evaluation.frame import read_published
 from moireaug.evaluation.report.suite_view import CONTROLS
-from training import models, reattack
+from moireaug.evaluation.suites.scenes import other_scenes
+from training import attacking, models, reattack
+from training.attacking import Plan, protocol_of
 from training.data import Splits, load
 from training.eval_batches import EvalBatches
-from training.results import Plan, protocol_of
 from training.schema import Reattack, as_config, check_keys
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -99,6 +101,14 @@ def whole(weights, tmp_path_factory):
     return found, folder_of(runs, "paper", 3).parent
 
 
+@pytest.fixture(scope="module")
+def straight(weights, tmp_path_factory):
+    """One suite by one process, never stopped."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return suite("noise_position", weights, tmp_path_factory.mktemp("straight"))
+
+
 def cells(metrics):
     """Every figure but the times."""
     return {
@@ -149,9 +159,9 @@ def test_a_group_is_one_report(weights, tmp_path):
         and "Without any attacker the moiré adds most for" in text
         and "nan" not in text
     )
-    assert (
-        page.count('<div class="cell"') == 7 + 4
-    )  # the attackers and controls of one bound, and the scenes
+    # the attackers and controls of one bound, and the scenes
+    scenes = 1 + len(other_scenes(Scene.preset("screen_photo")))
+    assert page.count('<div class="cell"') == 7 + scenes
 
 
 def test_the_worst_case_is_no_better_than_any_of_its_row(whole):
@@ -228,11 +238,14 @@ def test_a_smoke_test_leaves_a_long_evaluation_alone(whole, weights):
     assert len(list(folder.parents[1].glob("*/noise_position"))) == 4
 
 
-def test_the_checks_look_at_as_many_images_as_are_asked_for(weights, tmp_path):
-    found = suite(
-        "trust", weights, tmp_path, "data.test=120", "reattack.n=110", "reattack.batch_size=55"
-    )
-    assert found["n"] == found["trust_n"] == 110 and len(found["trust"]) == 10
+def test_the_checks_look_at_as_many_images_as_are_asked_for(weights, tmp_path, monkeypatch):
+    """Beside another suite at no more than they need."""
+    monkeypatch.setattr(attacking, "TRUST_N", 2)
+    given = ("reattack.n=4", "reattack.batch_size=2")
+    found = suite("trust", weights, tmp_path, *given)
+    assert found["n"] == found["trust_n"] == 4 and len(found["trust"]) == 10
+    beside = suite("unseen", weights, tmp_path, *given)
+    assert beside["n"] == 4 and beside["trust_n"] == 2 and len(beside["trust"]) == 10
 
 
 def test_the_ladder_is_a_suite_like_any_other(weights, tmp_path):
@@ -275,7 +288,11 @@ def test_records_that_are_missing_are_not_passed_over(weights, tmp_path):
 
 def run(cwd, weights, *more, **options):
     names = ["model=small_resnet", f"weights={weights}", *TINY, *more]
-    env = os.environ | {"OMP_NUM_THREADS": "1"}
+    env = os.environ | {
+        "OMP_NUM_THREADS": "1",
+        "OMP_WAIT_POLICY": "passive",
+        "PYTHONPATH": str(ROOT),
+    }
     process = subprocess.Popen(
         [sys.executable, str(ROOT / "training/reattack.py"), *names],
         cwd=cwd,
@@ -292,7 +309,7 @@ def metrics_of(cwd, name):
     return json.loads((folder_of(cwd / "runs", name) / "metrics.json").read_text())
 
 
-def test_a_killed_evaluation_goes_on_where_it_was(weights, tmp_path):
+def test_a_killed_evaluation_goes_on_where_it_was(weights, straight, tmp_path):
     """And gives the figures of one that was never stopped."""
     process = run(tmp_path, weights, "suite=noise_position")
     until, kept = time.time() + 120, 0
@@ -311,10 +328,10 @@ def test_a_killed_evaluation_goes_on_where_it_was(weights, tmp_path):
     assert records.read_text().startswith(before)
     lines = [json.loads(line) for line in records.read_text().splitlines()]
     assert len({r["key"] for r in lines}) == len(lines)  # nothing was done twice
-    assert cells(stopped) == cells(suite("noise_position", weights, tmp_path / "other"))
+    assert cells(stopped) == cells(straight)
 
 
-def test_processes_share_the_work(weights, tmp_path):
+def test_processes_share_the_work(weights, straight, tmp_path):
     """Two of Lightning's processes: each its own batches, one report, the figures of one
     process."""
     process = run(
@@ -328,9 +345,7 @@ def test_processes_share_the_work(weights, tmp_path):
     for path in sorted(folder.glob("*.jsonl")):
         batches.append({json.loads(line)["batch"] for line in path.read_text().splitlines()})
     assert sorted(batches, key=min) == [{0}, {1}]
-    assert cells(metrics_of(tmp_path, "noise_position")) == cells(
-        suite("noise_position", weights, tmp_path / "one")
-    )
+    assert cells(metrics_of(tmp_path, "noise_position")) == cells(straight)
 
 
 def test_a_network_against_moire_is_a_defence(weights, tmp_path):

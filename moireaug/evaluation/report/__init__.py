@@ -70,7 +70,10 @@ def write_suite(
     facts = {name: metrics.get(name) for name in ("data", "model", "suite", "n", "steps")}
     facts["scene"] = metrics.get("scene_name")
     phases = _phases(metrics)
-    results = lines.drop(columns="outcomes").to_csv(index=False, float_format="%.6g")
+    unused = ["outcomes"]
+    if lines["lpips"].isna().all():
+        unused.append("lpips")
+    results = lines.drop(columns=unused).to_csv(index=False, float_format="%.6g")
     write_text(folder / "results.csv", results)
     write_text(folder / "tables.md", page.render("suite.md.j2", suite=suite, metrics=loose))
     html = page.render("suite.html.j2", suite=suite, metrics=loose, facts=facts, phases=phases)

@@ -28,11 +28,15 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
     """Return what the templates of a run ask for. Entries of the metrics may be missing; None and
     NaN stand for unknown."""
     known = {"start": metrics.get("start"), "baseline": metrics.get("baseline"), "ours": metrics}
-    sides = {kind: side for kind, side in known.items() if side and side.get("reattack")}
+    sides = {}
+    cleans = {}
+    for kind, side in known.items():
+        cleans[kind] = finite((side or {}).get("clean_accuracy"))
+        if side and side.get("reattack"):
+            sides[kind] = side
     baseline = sides.get("baseline")
     rows = _rows(metrics, sides)
     main = _main(metrics, rows, sides)
-    cleans = {kind: finite((side or {}).get("clean_accuracy")) for kind, side in known.items()}
     train = metrics.get("train") or {}
     view = {
         "name": name_of(metrics),
@@ -43,6 +47,7 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
         "n": rows[0]["n"] if rows else None,
         "main": main,
         "noise": [row for row in rows if row["psnr"] is not None],
+        "has_lpips": any(row["lpips"] is not None for row in rows),
         "clean": cleans["ours"],
         "clean_theirs": cleans["baseline"],
         "clean_start": cleans["start"],
@@ -82,9 +87,11 @@ def _side(kind: str, side: Metrics) -> dict[str, Any]:
     name = name_of(side)
     role = "this model" if kind == "ours" else kind
     label = role if role == name else f"{role} ({name})"
-    counts = dict.fromkeys(
-        str(row["counted"]) for row in side["reattack"] if row.get("counted") is not None
-    )
+    counts: list[str] = []
+    for row in side["reattack"]:
+        counted = row.get("counted")
+        if counted is not None and str(counted) not in counts:
+            counts.append(str(counted))
     return {"kind": kind, "name": name, "label": label, "counted": " / ".join(counts)}
 
 
@@ -92,10 +99,13 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
     """Return a row a rung, with every side's rates and the gain over the baseline."""
     rows: list[dict[str, Any]] = []
     for line in metrics.get("reattack") or []:
-        found = {kind: row_of(side, line["name"]) for kind, side in sides.items()}
         rates = {}
-        for kind, row in found.items():
-            rates[kind] = {"accuracy": _rate(row, "accuracy"), "success": _rate(row, "success")}
+        for kind, side in sides.items():
+            theirs = row_of(side, line["name"])
+            rates[kind] = {
+                "accuracy": _rate(theirs, "accuracy"),
+                "success": _rate(theirs, "success"),
+            }
         attack = is_attack(line)
         first = attack and bool(rows) and not rows[-1]["attack"]
         row = {
@@ -109,7 +119,7 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
             "seconds": finite(line.get("seconds")),
             "n": line.get("n"),
         }
-        for name in ("largest", "psnr", "ssim"):
+        for name in ("largest", "psnr", "ssim", "lpips"):
             row[name] = finite(line.get(name))
         rows.append(row)
     return rows

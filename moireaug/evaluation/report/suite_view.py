@@ -17,6 +17,7 @@ ATTACKS = ("worst", "ma", "ma_4")  # of a table, the strongest first
 # of the tables that nobody attacks in: the column with moiré, and the one without
 UNATTACKED = {"threat": ("all", "all_no_moire"), "unseen": ("moire", "no_moire")}
 CONTROLS = ("clean", "rotated", "rotated_dim", "no_moire", "moire", "random")
+Cells = Mapping[tuple[str, str], dict[str, Any]]  # by row and column
 
 
 def suite_view(
@@ -32,18 +33,17 @@ def suite_view(
         examples: name of a table to its pictures.
     """
     views = []
+    first = None
     explained = True
     for table in tables:
-        own = lines[lines["table"] == table.name]
-        view = _table_view(table, own) | {
-            "examples": examples.get(table.name, []),
-            "explained": explained,
-        }
+        view = _table_view(table, lines[lines["table"] == table.name])
+        view["examples"] = examples.get(table.name, [])
+        view["explained"] = explained
         explained = explained and not view["examples"]
+        if first is None and view["verdict"]:
+            first = view
         views.append(view)
-    with_verdict = [view for view in views if view["verdict"]]
     unanswered = _unanswered(lines)
-    first = with_verdict[0] if with_verdict else None
     seconds = metrics.get("time") or {}
     paragraphs = render(
         "suite_lead.j2",
@@ -64,42 +64,57 @@ def suite_view(
 
 
 def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
-    cells = {(line["row"], line["column"]): _cell(line) for line in lines.to_dict("records")}
-    rows = []
-    for name in table.rows:
-        own = [cells.get((name, column)) for column in table.columns]
-        there = [cell for cell in own if cell]
-        counts = dict.fromkeys(str(cell["counted"]) for cell in there)
-        seconds = sum(cell["seconds"] for cell in there) if there else None
-        rows.append({"name": name, "cells": own, "counted": " / ".join(counts), "seconds": seconds})
+    cells = {}
+    for line in lines.to_dict("records"):
+        cells[line["row"], line["column"]] = _cell(line)
+    noise = []
+    has_lpips = has_paper = has_controls = False
+    for cell in cells.values():
+        has_lpips = has_lpips or cell["lpips"] is not None
+        has_paper = has_paper or cell["paper"] is not None
+        has_controls = has_controls or cell["control"]
+        if cell["psnr"] is not None and cell["judge"] == "model":
+            noise.append(cell)
     return {
         "name": table.name,
         "columns": table.columns,
-        "rows": rows,
+        "rows": [_row(table, cells, name) for name in table.rows],
         "facts": table.facts,
         "empty": table.empty,
-        "noise": [
-            cell for cell in cells.values() if cell["psnr"] is not None and cell["judge"] == "model"
-        ],
-        "has_paper": any(cell["paper"] is not None for cell in cells.values()),
-        "has_controls": any(cell["control"] for cell in cells.values()),
+        "noise": noise,
+        "has_lpips": has_lpips,
+        "has_paper": has_paper,
+        "has_controls": has_controls,
         "verdict": verdict(table, cells),
         "natural": natural(table, cells),
     }
 
 
+def _row(table: Table, cells: Cells, name: str) -> dict[str, Any]:
+    """Return a row's cells, None where there is none, with their denominators and their time."""
+    own = []
+    counts: list[str] = []
+    seconds = None
+    for column in table.columns:
+        cell = cells.get((name, column))
+        own.append(cell)
+        if cell is None:
+            continue
+        seconds = (seconds or 0.0) + cell["seconds"]
+        if str(cell["counted"]) not in counts:
+            counts.append(str(cell["counted"]))
+    return {"name": name, "cells": own, "counted": " / ".join(counts), "seconds": seconds}
+
+
 def _cell(line: dict[str, Any]) -> dict[str, Any]:
-    found = {
-        name: line[name] for name in ("row", "column", "counted", "n", "judge", "seconds", "eps")
-    }
+    found = {}
+    for name in ("row", "column", "counted", "n", "judge", "seconds", "eps"):
+        found[name] = line[name]
     for name in ("success", "low", "high", "paper", *MEASURES):
         found[name] = finite(line[name])
     found["control"] = line["column"] in CONTROLS
     found["side"] = Rate(found["success"], found["low"], found["high"])
     return found
-
-
-Cells = Mapping[tuple[str, str], dict[str, Any]]
 
 
 def _success(cells: Cells, row: str, column: str) -> float | None:
@@ -111,10 +126,13 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
     """Return what a table says of the moiré and of the noise, on its row at eps 4, or its first, by
     the strongest attack that it has; None where it has none beside its photo."""
     row = "eps_4" if "eps_4" in table.rows else table.rows[0]
-    attack = next((column for column in ATTACKS if column in table.columns), None)
-    if attack is None:
+    there = [column for column in ATTACKS if column in table.columns]
+    if not there:
         return None
-    photo, random, fooled = (_success(cells, row, column) for column in ("moire", "random", attack))
+    attack = there[0]
+    photo = _success(cells, row, "moire")
+    random = _success(cells, row, "random")
+    fooled = _success(cells, row, attack)
     if photo is None or random is None or fooled is None:
         return None
     cell = cells[row, attack]

@@ -3,32 +3,17 @@ worst of them."""
 
 from __future__ import annotations
 
-from moireaug.evaluation.attackers import (
-    MoireAttacker,
-    PixelAttacker,
-    PoseUnknown,
-    SquareAttacker,
-    TargetedApgd,
-    turnable,
-)
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown, turnable
+from moireaug.evaluation.autoattack import Apgd, SquareAttacker, TargetedApgd
 from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.suites.paper import controls, eps_row
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, row_of, worst_of
 
 ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # a codec, a filter, a randomised one
 WORST_EPS = (4 / 255, 8 / 255)
 QUERIES = 20  # of Square, for each gradient step of the others
-CAMERA = ("moire", "ma", "adaptive", "pose_unknown")  # what the worst case is the worst of
-
-
-def strong(eps: float, steps: int, knows: Judge | None = None) -> MoireAttacker:
-    """Return the Moiré Attack that searches harder: APGD by the margin, with two restarts; through
-    a defence where it knows of one."""
-    variant = "apgd_margin" if knows is None else f"through_{knows.name}"
-    return MoireAttacker(
-        eps=eps, steps=steps, variant=variant, rule="apgd", loss="margin", restarts=2, knows=knows
-    )
+CAMERA = ("moire", "ma", "apgd", "pose_unknown")  # what the worst case is the worst of
 
 
 def adaptive(config: SuiteConfig) -> Table:
@@ -38,7 +23,7 @@ def adaptive(config: SuiteConfig) -> Table:
     plain = MoireAttacker(eps=eps, steps=steps)
     columns: dict[str, Condition] = controls(eps) | {
         "ma": plain,
-        "adaptive": strong(eps, steps),
+        "adaptive": Apgd(eps=eps, steps=steps),
         "pose_unknown": PoseUnknown(eps=eps, steps=steps),
     }
     parts, why = turnable(config.scene)
@@ -50,7 +35,7 @@ def adaptive(config: SuiteConfig) -> Table:
     for name in ADAPTED:
         judge = config.behind(name)
         cells += crossed({name: judge}, controls(eps) | {"ma": plain})
-        cells.append(Cell(name, "adaptive", (strong(eps, steps, judge),), judge))
+        cells.append(Cell(name, "adaptive", (Apgd(eps=eps, steps=steps, knows=judge),), judge))
     for row in ("undefended", *ADAPTED):
         cells.append(worst_of(cells, row))
     return Table("adaptive", tuple(cells), facts={"why_not_turned": why})
@@ -94,7 +79,7 @@ def worst_case(config: SuiteConfig) -> Table:
         row = eps_row(eps)
         columns: dict[str, Condition] = controls(eps) | {
             "ma": MoireAttacker(eps=eps, steps=steps),
-            "adaptive": strong(eps, steps),
+            "apgd": Apgd(eps=eps, steps=steps),
             "pose_unknown": PoseUnknown(eps=eps, steps=steps),
         }
         cells += row_of(row, columns)

@@ -9,6 +9,7 @@ often fools as many images as the attack.
 from __future__ import annotations
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.autoattack import Apgd
 from moireaug.evaluation.conditions import (
     Clean,
     Condition,
@@ -16,15 +17,18 @@ from moireaug.evaluation.conditions import (
     Photo,
     PhotoWithoutMoire,
     RandomNoise,
+    codes,
 )
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 
 ANSWER = "answer"  # the one column
+# that APGD-T goes toward; on a robust network the others of the usual nine found nothing more
+CLASSES = 3
 
 
 def rungs(config: SuiteConfig) -> list[Condition]:
-    """Return the controls first, then the Moiré Attack at each eps, targeted at the middle one,
-    then PGD."""
+    """Return the rungs of one condition: the controls first, then the Moiré Attack at each eps,
+    targeted at the middle one, then PGD."""
     eps = sorted(config.eps)
     steps = config.steps
     found: list[Condition] = [Clean(), Dimmed(), PhotoWithoutMoire(), Photo()]
@@ -40,7 +44,7 @@ def main_attack(table: Table) -> Condition:
     """Return the condition that stands for the ladder: the plain Moiré Attack at the middle eps."""
     plain = []
     for cell in table.cells:
-        (condition,) = cell.conditions
+        condition = cell.conditions[0]
         if condition.kind == "ma" and not condition.targeted:
             plain.append(condition)
     plain.sort(key=lambda condition: condition.eps)
@@ -48,9 +52,14 @@ def main_attack(table: Table) -> Condition:
 
 
 def ladder(config: SuiteConfig) -> Table:
-    """Lay out the ladder: a row a rung."""
+    """Lay out the ladder: a row a rung, and last each image at the worst of its photo, the Moiré
+    Attack and APGD at the middle eps."""
     cells = []
     for condition in rungs(config):
         cells.append(Cell(condition.name, ANSWER, (condition,)))
-    shown = ("clean", "moire", MoireAttacker(eps=config.middle, steps=config.steps).name)
+    eps, steps = config.middle, config.steps
+    plain = MoireAttacker(eps=eps, steps=steps)
+    tried = (Photo(), plain, Apgd(eps=eps, steps=steps, classes=CLASSES))
+    cells.append(Cell(f"worst_{codes(eps)}", ANSWER, tried, worst=True))
+    shown = ("clean", "moire", plain.name)
     return Table("ladder", tuple(cells), pictures=tuple((row, ANSWER) for row in shown))

@@ -1,0 +1,66 @@
+"""A small evaluation, run: four conditions before a model, and before it in haze."""
+
+import torch
+
+from moireaug import Scene
+from moireaug.evaluation import Cell, Table
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.conditions import (
+    Photo,
+    RandomNoise,
+)
+from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.records import Records
+from moireaug.evaluation.runner import Runner, jobs_of
+from moireaug.evaluation.tables import crossed
+
+SCENE = Scene.preset("screen_photo")
+EPS = 8 / 255
+
+
+def hazy(images):
+    """A randomised defence."""
+    return (images + 0.3 * torch.rand(images.shape)).clamp(0, 1)
+
+
+HAZE = Judge("haze", defence=hazy)
+CONDITIONS = {
+    "moire": Photo(),
+    "random": RandomNoise(eps=EPS),
+    "ma": MoireAttacker(eps=EPS, steps=2),
+    "pgd": PixelAttacker(attack="pgd", eps=EPS, steps=2),
+}
+
+
+TABLE = Table("mine", tuple(crossed({"none": UNDEFENDED, "haze": HAZE}, CONDITIONS)))
+
+
+class Kept(Records):
+    """Records that keep the pictures too."""
+
+    def __init__(self):
+        super().__init__()
+        self.pictures = {}
+
+    def keep_picture(self, name, shown):
+        self.pictures[name] = shown
+
+
+def table_of(*conditions, judge=UNDEFENDED):
+    return Table("mine", tuple(Cell(c.name, "shown", (c,), judge) for c in conditions))
+
+
+def ran(known, table=TABLE, indices=(0, 1), seed=3, records=None, scene=SCENE):
+    model, batches = known
+    runner = Runner(model, batches, scene, Kept() if records is None else records, seed=seed)
+    for _ in runner.run(jobs_of([table]), indices):
+        pass
+    return runner
+
+
+def results(runner):
+    """Everything but the time, which differs."""
+    found = {}
+    for key, record in runner.records._known.items():
+        found[key] = {name: value for name, value in record.items() if name != "seconds"}
+    return found

@@ -1,0 +1,97 @@
+"""Folders of runs as the frontier reads them, written without training."""
+
+import json
+
+from moireaug import Scene
+from moireaug.evaluation.suites.scenes import OWN, other_scenes
+
+SCENE = Scene.preset("screen_photo")
+ENVIRONMENT = {"device": "cpu", "cpu": "a slow one", "threads": 2}
+
+
+def cell(row, column, accuracy, n):
+    """A cell of which the first images are right."""
+    right = round(accuracy * n)
+    return {"row": row, "column": column, "outcomes": "1" * right + "0" * (n - right)}
+
+
+def put(
+    root,
+    recipe,
+    seed,
+    *,
+    worst=(0.2, 0.1),
+    seconds=10.0,
+    start=10.0,
+    init="clean",
+    unseen=0.6,
+    attacked=True,
+    n=200,
+    steps=50,
+    collapsed=None,
+    scene="screen_photo",
+    data="signs",
+    at=None,
+    size=48,
+    device=ENVIRONMENT,
+    trust=(),
+):
+    """A finished run as fit.py leaves it, and its re-attack."""
+    folder = root / recipe / f"seed{seed}"
+    init = "random" if recipe == "clean" else init
+    where = Scene.preset(scene).to_dict()
+    train = {
+        "seconds": seconds,
+        "images_per_second": 600.0,
+        "init": init,
+        "passes": 2.5,
+        "collapsed_at": collapsed,
+    }
+    plain = {"recipe": "clean", "train": {"seconds": start}}
+    started = init == "clean"
+    baseline = (
+        None
+        if recipe in ("clean", "baseline")
+        else {"recipe": "baseline", "train": {"seconds": 1.0}}
+    )
+    if baseline and not started:
+        baseline = plain
+    config = {
+        "data": {"name": data, "size": size, "root": at},
+        "reattack": {"n": 480, "steps": 20, "seed": 1234},
+    }
+    metrics = {
+        "recipe": recipe,
+        "seed": seed,
+        "data": data,
+        "model": "small_resnet",
+        "train": train,
+        "config": config,
+        "baseline": baseline,
+        "start": plain if started else None,
+        "scene_name": scene,
+        "scene": where,
+        "environment": device,
+    }
+    write(folder, metrics)
+    if attacked:
+        rows = [cell(f"eps_{e}", "worst", w, n) for e, w in zip((4, 8), worst, strict=True)]
+        rows += [
+            cell("eps_4", "clean", 0.9, n),
+            cell("eps_4", "pgd", 0.4, n),
+            cell("eps_4", "moire", 0.7, n),
+        ]
+        photos = [cell(OWN, "moire", 0.7, n), cell(OWN, "no_moire", 0.8, n)]
+        photos += [
+            cell(name, "moire", unseen + 0.2 * (i % 2), n)
+            for i, name in enumerate(other_scenes(SCENE))
+        ]
+        again = {"n": n, "steps": steps, "scene": where, "config": config, "trust": list(trust),
+                 "tables": {"worst_case": rows, "unseen": photos}}  # fmt: skip
+        write(folder / "reattack" / f"{scene}-n{n}-steps{steps}" / "recipes", again)
+    return folder
+
+
+def write(folder, metrics):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "metrics.json").write_text(json.dumps(metrics))

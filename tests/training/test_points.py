@@ -1,0 +1,137 @@
+"""Runs as the frontier reads them: which count, which compare, and what is said of the others."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from moireaug import Scene
+from tests.training.frontier_runs import cell, put, write
+from training import frontier as command
+from training.points import read
+
+
+def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path):
+    put(root, "new one", 0, attacked=False)
+    (
+        root / "good" / "seed0-0123456789ab"
+    ).mkdir()  # set aside by fit.py, which found other settings there
+    write(root / "good" / "seed0-0123456789ab", {"train": None})
+    found = read(root)
+    assert len(found.points) == 10
+    assert found.commands == [
+        f"python training/reattack.py run='{root}/new one/seed0' suite=recipes reattack.n=200 "
+        f"reattack.steps=50"
+    ]
+    recipes = command.frontier(root, root / "out")
+    assert (
+        "new one" not in {r.name for r in recipes}
+        and "    python training/" in (root / "out/frontier.md").read_text()
+    )
+
+
+def test_an_attack_in_another_scene_does_not_count(tmp_path):
+    folder = put(tmp_path, "good", 0)
+    (folder / "reattack/screen_photo-n200-steps50").rename(folder / "reattack/elsewhere")
+    assert len(read(tmp_path).points) == 1  # whatever its folder is called
+    path = folder / "reattack/elsewhere/recipes/metrics.json"
+    again = json.loads(path.read_text())
+    path.write_text(json.dumps(again | {"scene": Scene.preset("phone_at_laptop").to_dict()}))
+    with pytest.raises(
+        ValueError,
+        match=r"(?s)own scene. Run:.*run=\S+/good/seed0 suite=recipes reattack.steps=50$",
+    ):
+        read(tmp_path)
+
+
+def test_an_attack_on_other_images_does_not_count(tmp_path):
+    """However many they are."""
+    folder = put(tmp_path, "good", 0)
+    path = next(folder.glob("reattack/*/recipes/metrics.json"))
+    again = json.loads(path.read_text())
+    again["config"] = again["config"] | {"data": {"name": "folder", "size": 48, "root": "other"}}
+    cells = [line | {"outcomes": "0" * 1000} for line in again["tables"]["worst_case"]]
+    again |= {"n": 1000, "tables": again["tables"] | {"worst_case": cells}}
+    write(folder / "reattack/other-n1000/recipes", again)
+    (point,) = read(tmp_path).points
+    assert point.outcomes["clean"].mean() == 0.9
+
+
+def test_worst_cases_of_other_attackers_do_not_compare(tmp_path):
+    for seed in range(3):
+        folder = put(tmp_path, "good", seed)
+    path = next(folder.glob("reattack/*/recipes/metrics.json"))
+    again = json.loads(path.read_text())
+    again["tables"]["worst_case"].append(cell("eps_4", "adaptive", 0.2, again["n"]))
+    path.write_text(json.dumps(again))
+    with pytest.raises(ValueError, match=r"different attackers do not compare: \S+good/seed2 has"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("odd", "message"),
+    [
+        (
+            {"data": "cifar10"},
+            r"runs with different data.name do not compare: \S+odd/seed0 has 'cifar10', most "
+            r"others",
+        ),
+        (
+            {"size": 32},
+            "runs with different data.size do not compare: .* has 32, most others have 48",
+        ),
+        (
+            {"scene": "phone_at_laptop"},
+            "different scene do not compare: .*'phone_at_laptop', .* have 'screen_photo'",
+        ),
+        (
+            {"steps": 20},
+            "re-attacks with different reattack.steps do not compare: .* has 20, most others "
+            "have 50",
+        ),
+        ({"n": 480}, r"re-attacks with different reattack.n do not compare: \S+odd/seed0 has 480"),
+    ],
+)
+def test_what_does_not_compare_is_named(root, odd, message):
+    put(root, "odd", 0, **odd)
+    with pytest.raises(ValueError, match=message):
+        read(root)
+
+
+def test_mistakes_get_a_sentence(tmp_path):
+    with pytest.raises(
+        SystemExit,
+        match=r"error: no finished run in \S+: it must hold <recipe>/seed<k>/metrics.json",
+    ):
+        command.main([str(tmp_path / "nowhere")])
+    for argv in ([], ["a", "b"], ["a", "out=b", "out=c"]):
+        with pytest.raises(SystemExit, match="error: pass one folder of runs, as in: python"):
+            command.main(argv)
+    folder = put(tmp_path, "good", 0)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    write(folder, metrics | {"baseline": None, "start": None})
+    with pytest.raises(ValueError, match="train recipe clean with seed=0 and the same settings"):
+        read(tmp_path)
+    del metrics["train"]["passes"]
+    write(folder, metrics)
+    with pytest.raises(ValueError, match="lacks 'passes': another version"):
+        read(tmp_path)
+
+
+def test_a_folder_of_images_goes_by_its_own_name(tmp_path):
+    put(tmp_path, "clean", 0, data="folder", at="somewhere/gtsrb")
+    put(tmp_path, "good", 0, data="folder", at="elsewhere/gtsrb/")
+    assert read(tmp_path).shared["data"] == "gtsrb"
+    put(tmp_path, "good", 1, data="folder", at="elsewhere/moved")
+    assert read(tmp_path).shared["data"] == "folder"
+
+
+def test_times_of_two_machines_and_failed_checks_are_said(tmp_path):
+    failed = {"name": "many steps beat one", "verdict": "fail", "says": ""}
+    put(tmp_path, "clean", 0, trust=[failed, failed | {"verdict": "pass", "name": "fine"}])
+    put(tmp_path, "good", 0, device={"device": "NVIDIA H100"})
+    machines, checks = read(tmp_path).warnings
+    assert machines.startswith(
+        "The runs were trained on different machines (NVIDIA H100; a slow one, 2 threads)"
+    )
+    assert checks.endswith(f"failed on {Path(tmp_path, 'clean', 'seed0')}: many steps beat one.")

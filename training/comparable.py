@@ -1,0 +1,95 @@
+"""Whether runs and their re-attacks compare: what they must share, and what a reader must know."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+_WHERE = ("root", "workers", "download")  # settings of the data that no image depends on
+Metrics = dict[str, Any]
+
+
+def data_name(metrics: Iterable[Metrics]) -> str:
+    """Return the data set's name; a folder goes by its own, where all runs have the same."""
+    sets = [m["config"]["data"] for m in metrics]
+    own = {Path(data["root"]).resolve().name for data in sets if data["name"] == "folder"}
+    return own.pop() if len(own) == 1 else sets[0]["name"]
+
+
+def images(metrics: Metrics) -> Metrics:
+    """Return the settings of the data that its test images depend on."""
+    data = metrics["config"]["data"]
+    return {name: data.get(name) for name in ("name", "root", "size", "test", "class_index")}
+
+
+def settings(metrics: Metrics) -> Metrics:
+    """Return what the runs of a table must share."""
+    found = {"model": metrics["model"], "scene": metrics["scene_name"]}
+    for name, value in metrics["config"]["data"].items():
+        if name not in _WHERE:
+            found[f"data.{name}"] = value
+    for name, value in metrics["scene"].items():
+        found[f"scene.{name}"] = value
+    return found
+
+
+def attackers(again: Metrics) -> Metrics:
+    """Return whose worst a re-attack's worst case is: other versions asked others."""
+    lines = again["tables"]["worst_case"]
+    return {"attackers": sorted({line["column"] for line in lines})}
+
+
+def protocol(again: Metrics) -> Metrics:
+    """Return what the re-attacks of a table must share, by the settings' names."""
+    return {
+        "reattack.n": again["n"],
+        "reattack.steps": again["steps"],
+        "reattack.seed": again["config"]["reattack"]["seed"],
+        "reattack.batch_size": again["config"]["reattack"].get("batch_size"),
+    }
+
+
+def same(every: Mapping[Path, Metrics], what: str) -> Metrics:
+    """Return what all of them share; empty where there are none.
+
+    Raises:
+        ValueError: one differs from most; it is named, with what differs.
+    """
+    shared: Metrics = {}
+    for key in next(iter(every.values()), {}):
+        values = {folder: own.get(key) for folder, own in every.items()}
+        usual = Counter(map(repr, values.values())).most_common(1)[0][0]
+        for folder, value in values.items():
+            if repr(value) != usual:
+                raise ValueError(
+                    f"{what} with different {key} do not compare: {folder} has {value!r}, most "
+                    f"others have {usual}. "
+                    "Make it again with the same, or move it to another folder."
+                )
+            shared[key] = value
+    return shared
+
+
+def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
+    """Return what a reader must know before he believes the figures."""
+    found = []
+    machines = sorted({_machine(trained[folder]["environment"]) for folder in attacked})
+    if len(machines) > 1:
+        named = "; ".join(machines)
+        found.append(
+            f"The runs were trained on different machines ({named}): their times do not compare."
+        )
+    for folder, again in attacked.items():
+        failed = [check["name"] for check in again.get("trust") or [] if check["verdict"] == "fail"]
+        if failed:
+            found.append(f"Checks of the attack failed on {folder}: {'; '.join(failed)}.")
+    return found
+
+
+def _machine(environment: Mapping[str, Any]) -> str:
+    device = environment["device"]
+    if device == "cpu":
+        return f"{environment['cpu']}, {environment['threads']} threads"
+    return device
