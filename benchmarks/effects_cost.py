@@ -48,11 +48,17 @@ MOST = 0.25  # of the default photo, for one effect
 # how the default scene goes without each of its effects
 WITHOUT: dict[str, dict[str, Any]] = {
     "decode, encode": {"develop.linear_light": False},
-    "layout": {"panel.layout": "even"},
+    "black_level": {"panel.black": 0.0},
+    "layout": {"panel.layout": "even", "panel.lit_x": 1.0, "panel.lit_y": 1.0},
     "pose": {"view.yaw": 0.0, "view.pitch": 0.0, "view.roll": 0.0},
     "lens": {"lens.k1": 0.0},
-    "gain, saturate": {"sensor.gain": 1.0},
+    "crosstalk, colour_matrix": {"sensor.crosstalk": 0.0, "develop.saturation": 1.0},
+    "glare, gain, saturate": {"panel.glare": 0.0, "sensor.gain": 1.0},
     "noise": {"sensor.read_noise": 0.0},
+    "balance": {"develop.red": 1.0, "develop.blue": 1.0},
+    "tone_curve": {"develop.contrast": 0.0},
+    "chroma_blur, sharpen": {"develop.chroma_blur": 0.0, "develop.sharpen": 0.0},
+    "jpeg": {"develop.jpeg": 0.0},
     "register": {"develop.registered": False},
 }
 # and with those that it has not
@@ -64,12 +70,10 @@ WITH: dict[str, dict[str, Any]] = {
     "flicker": {"panel.pwm": 240.0, "sensor.shutter": 1 / 500, "sensor.readout": 1 / 60},
     "noise of photons": {"sensor.shot_noise": 0.01},
     "bits": {"sensor.bits": 8},
-    "demosaic malvar": {"develop.demosaic": "malvar"},
-    "balance": {"develop.red": 1.2, "develop.blue": 1.5},
+    "demosaic bilinear": {"develop.demosaic": "bilinear"},
     "brighten": {"develop.brighten": 0.05},
     "resize antialias": {"develop.resize": "antialias"},
     "denoise bilateral": {"develop.denoise": "bilateral"},
-    "jpeg": {"develop.jpeg": 80.0},
 }
 ALWAYS = ("exposure alone", "demosaic, resize")  # with all of `WITHOUT` left out
 EXECUTIONS = ("engine", "reference")

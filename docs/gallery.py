@@ -71,6 +71,17 @@ EFFECTS: dict[str, Scene] = {
         sensor={"exposure": "point"}
     ),
     "exposure mean:\nthe same camera, no moiré": moire(sensor={"exposure": "mean"}),
+    "black matrix, 80 % of width and\n60 % of height lit: a lattice": moire(
+        panel={"lit_x": 0.8, "lit_y": 0.6}
+    ),
+    "black level 0.1": replace(PLAIN, panel=Panel(layout="even", black=0.1)),
+    "glare 0.4, more of it\nat the right": replace(
+        PLAIN,
+        panel=Panel(layout="even", glare=0.4, glare_x=0.5),
+        sensor=Sensor(cfa="none", gain=0.7),
+    ),
+    "crosstalk 0.25, undone by\nthe colour matrix": moire(sensor={"crosstalk": 0.25}),
+    "motion along a diagonal, 2 px": replace(PLAIN, lens=Lens(motion_x=2.0, motion_y=2.0)),
     "lens blur 0.6 px:\nthe moiré fades": moire(lens={"blur": 0.6}),
     "low-pass filter, 1 px apart": moire(lens={"olpf": 1.0}),
     "yaw 45, not registered": replace(
@@ -95,6 +106,10 @@ EFFECTS: dict[str, Scene] = {
     "Bayer, bilinear, 1 sensor\npixel a photo pixel": replace(PLAIN, sensor=Sensor()),
     "Bayer, Malvar:\nsharper": replace(PLAIN, sensor=Sensor(), develop=Develop(demosaic="malvar")),
     "white balance: red 1.3, blue 0.7": replace(PLAIN, develop=Develop(red=1.3, blue=0.7)),
+    "saturation 1.8": replace(PLAIN, develop=Develop(saturation=1.8)),
+    "contrast 0.9": replace(PLAIN, develop=Develop(contrast=0.9)),
+    "chroma blur 4 px:\nbrightness stays": replace(PLAIN, develop=Develop(chroma_blur=4.0)),
+    "unsharp mask of 2": replace(PLAIN, develop=Develop(sharpen=2.0, sharpen_radius=1.5)),
     "brighten 0.25": replace(PLAIN, develop=Develop(brighten=0.25)),
     "noise, then non-local means": replace(
         PLAIN, sensor=Sensor(cfa="none", read_noise=0.02), develop=Develop(denoise="nlm")

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 # packages that are imported when first asked for
-LAZY = ("attacks", "defenses", "evaluation", "transforms")
+LAZY = ("attacks", "defenses", "evaluation", "synthesis", "transforms")
 
 
 def __getattr__(name: str) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 
@@ -36,19 +37,41 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
             free.
     """
     path = Path(path)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished.open("wb") as file:
+        with unfinished(path, str(os.getpid())) as beside, beside.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(unfinished, path)
     except OSError as error:
         raise OSError(_sentence(path, len(data), error)) from error
+
+
+@contextlib.contextmanager
+def unfinished(path: Path, mark: str) -> Iterator[Path]:
+    """Yield a hidden path beside `path`, for a file or a folder that takes its place when the block
+    ends, and is removed when it fails.
+
+    Args:
+        path: a file is replaced; a folder that is there by then is kept, and the new one dropped.
+        mark: tells apart those who write the same path at once.
+    """
+    beside = path.with_name(f".{path.name}.{mark}.tmp")
+    try:
+        yield beside
+        if not (beside.is_dir() and path.is_dir()):  # else another command was first
+            os.replace(beside, path)
     finally:
-        with contextlib.suppress(OSError):
-            unfinished.unlink()
+        remove(beside)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or a folder with all that is in it, where that is possible."""
+    with contextlib.suppress(OSError):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
 
 
 def _sentence(path: Path, size: int, error: OSError) -> str:

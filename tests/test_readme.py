@@ -5,6 +5,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -24,7 +25,10 @@ for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_snippets_define_what_they_use(page, capsys):
+def test_snippets_define_what_they_use(page, capsys, tmp_path, monkeypatch):
+    (tmp_path / "DIR").mkdir()  # where pages say that pictures are
+    Image.effect_noise((300, 280), 40).convert("RGB").save(tmp_path / "DIR" / "picture.png")
+    monkeypatch.chdir(tmp_path)
     names = {}
     for code in PAGES[page]:
         if "import torchattacks" in code:

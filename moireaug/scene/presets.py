@@ -5,31 +5,75 @@ and distance d in mm. A scene's pitch is `Sensor.scale * zoom / Panel.scale`. St
 turned picture fits the photo magnifies it by 0.77 to 1 in its centre with the angles below, so
 `Panel.scale = 0.8 * Sensor.scale / pitch`, and pitches are good to that.
 
-Figures used below:
-- Phone: iPhone 12 main camera, 4032 x 3024 pixels, 26 mm equivalent (Apple's specifications; the
-  phone of the paper's appendix C): f = 26 / 43.3 of the 5040 px diagonal = 3030 px. Spread at f/1.6
-  with 1.4 um pixels and 0.55 um light: the Airy disc's Gaussian, 0.42 * wavelength * N
-  = 0.37 um = 0.26 px; defocus and shake add to it.
+Screens:
 - Monitors: 27 inch 3840 x 2160 (AOC U27P1U, the paper's appendix C) 0.155 mm; 27 inch 2560 x 1440
   0.233 mm; 24 inch 1920 x 1080 0.277 mm. The first at 400 mm, the others at up to 600 mm: pitch 1.2
   to 2.1.
 - Laptops: 13.3 inch 2560 x 1600 (MacBook Air 2020, the paper's appendix C) 0.112 mm, 15.6 inch 1920
-  x 1080 0.179 mm. The first at 250 to 300 mm, the second at 300 to 450 mm: pitch 1.1 to 1.8.
+  x 1080 0.179 mm. The first at 200 to 300 mm, the second at 270 to 450 mm: pitch 1.1 to 2.
+- OLED phones: 460 pixels an inch (iPhone 12, Apple's specifications) 0.055 mm at 80 to 150 mm:
+  pitch 1.1 to 2.1. Phones in front of a webcam: 270 to 460 an inch, 0.094 to 0.055 mm.
+- Television: 55 inch 3840 x 2160, 0.317 mm, WRGB, at 450 to 900 mm: pitch 1.1 to 2.1.
+- LED walls: 1.5 to 2.5 mm between pixels, as indoor walls are sold, at 2.4 to 7.5 m: pitch 1 to
+  1.9.
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three
-  dies on one package. Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle,
-  barrel distorted. 10 mm at 4 to 7 m, 20 mm at 8 to 14 m: pitch 1.05 to 1.9. From farther away
+  dies on one package. 10 mm at 4 to 7 m, 20 mm at 8 to 14 m: pitch 1.05 to 1.9. From farther away
   nothing is left to alias, from nearer single LEDs are seen.
-- Gain, a choice: the phones' exposure brings a white screen to 75 to 105 % of full scale, 3 times
-  the inverse of the lit area; a dashcam does not expose for the sign, which then lies between 45 %
-  and an overexposed 150 %.
-- Read noise, a choice: 0.2 to 1 % of full scale for the phones, a signal-to-noise ratio of 54 to 40
-  dB at white; 0.5 to 2 % for the dashcam.
+- Tablet: 264 pixels an inch (iPad, Apple's specifications), 0.096 mm.
+- Black matrix: LCDs of these sizes emit from about half to three quarters of a pixel. No data sheet
+  says how much along either axis; rows are the wider gaps, because transistors lie there.
+
+Cameras:
+- Phone: iPhone 12 main camera, 4032 x 3024 pixels, 26 mm equivalent (Apple's specifications; the
+  phone of the paper's appendix C): f = 26 / 43.3 of the 5040 px diagonal = 3030 px. Spread at f/1.6
+  with 1.4 um pixels and 0.55 um light: the Airy disc's Gaussian, 0.42 * wavelength * N
+  = 0.37 um = 0.26 px; defocus adds to it.
+- Webcam: 1920 x 1080, 78 degrees across the diagonal (Logitech C920's data sheet): f = 1360 px. At
+  60 to 120 mm: pitch 1 to 2.1.
+- Document camera: 3264 px across 160 to 300 mm of the desk: 11 to 20 px a mm, pitch 1.05 to 2.
+- Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle, barrel distorted.
+
+What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): blur and
+motion, crosstalk, exposure, white balance, tone, smoothing of colour, sharpening and JPEG of the
+phone. Its exposure leaves a white screen anywhere from a fifth of full scale on, half of it in
+codes, to beyond it. Others vary it by what is known of them: a webcam smooths and compresses more,
+a dashcam does not expose for the sign.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
 from moireaug.scene.record import SceneRecord
+
+# An LCD in a room: black matrix along both axes, a backlight that leaks, glass that reflects.
+LCD = Panel(
+    lit_x=(0.7, 0.9),
+    lit_y=(0.4, 0.75),
+    black=(0.0, 0.003),
+    glare=(0.0, 0.015),
+    glare_x=(-0.5, 0.5),
+    glare_y=(-0.5, 0.5),
+)
+# OLEDs have no backlight; their subpixels are small.
+OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
+
+PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.35, 0.8), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
+PHONE_SENSOR = Sensor(scale=2.0, crosstalk=(0.1, 0.25), gain=(2.0, 5.0), read_noise=(0.001, 0.008))
+PHONE_PHOTO = Develop(
+    linear_light=True,
+    demosaic="malvar",
+    red=(0.85, 1.15),
+    blue=(0.85, 1.15),
+    saturation=(0.9, 1.4),
+    contrast=(0.0, 0.8),
+    chroma_blur=(1.0, 3.0),
+    sharpen=(-0.9, 1.0),
+    sharpen_radius=(1.5, 4.0),
+    jpeg=(40.0, 90.0),
+)
+BY_HAND = View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-8.0, 8.0), fov=(20.0, 50.0))
 
 PRESETS: dict[str, SceneRecord] = {
     # Paper, section 3.3, steps 1 to 6: alpha 3, 3 x 3 subpixels, rotation by up to 45 degrees,
@@ -52,36 +96,81 @@ PRESETS: dict[str, SceneRecord] = {
         sensor=Sensor(scale=9.0, exposure="point"),
         develop=Develop(registered=False, resize="point"),
     ),
+    # The broad default of RandomMoire: a phone in front of an LCD, held against photographs.
+    "screen_photo": SceneRecord(
+        panel=replace(LCD, scale=(0.78, 1.25)),
+        view=BY_HAND,
+        lens=replace(PHONE_LENS, k1=(-0.03, 0.05)),
+        sensor=PHONE_SENSOR,
+        develop=PHONE_PHOTO,
+    ),
     # A phone in the hand, half a metre from a desk monitor.
     "phone_at_monitor": SceneRecord(
-        panel=Panel(scale=(0.75, 1.35)),
-        view=View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-6.0, 6.0), fov=(30.0, 60.0)),
-        lens=Lens(k1=(-0.02, 0.03), blur=(0.26, 0.4)),
-        sensor=Sensor(scale=2.0, gain=(2.25, 3.15), read_noise=(0.002, 0.01)),
-        develop=Develop(linear_light=True),
+        panel=replace(LCD, scale=(0.75, 1.35)),
+        view=replace(BY_HAND, roll=(-6.0, 6.0), fov=(30.0, 60.0)),
+        lens=PHONE_LENS,
+        sensor=PHONE_SENSOR,
+        develop=PHONE_PHOTO,
     ),
-    # The same phone looking down at a laptop.
+    # The same phone looking down at a laptop, whose rows lean by turns.
     "phone_at_laptop": SceneRecord(
-        panel=Panel(scale=(0.9, 1.45)),
-        view=View(yaw=(-15.0, 15.0), pitch=(0.0, 30.0), roll=(-8.0, 8.0), fov=(20.0, 45.0)),
-        lens=Lens(k1=(-0.02, 0.03), blur=(0.26, 0.4)),
-        sensor=Sensor(scale=2.0, gain=(2.25, 3.15), read_noise=(0.002, 0.01)),
-        develop=Develop(linear_light=True),
+        panel=replace(LCD, layout="chevron", scale=(0.8, 1.45)),
+        view=replace(BY_HAND, yaw=(-15.0, 15.0), pitch=(0.0, 30.0), fov=(20.0, 45.0)),
+        lens=PHONE_LENS,
+        sensor=PHONE_SENSOR,
+        develop=PHONE_PHOTO,
+    ),
+    # A phone over another phone.
+    "phone_at_phone": SceneRecord(
+        panel=replace(OLED, layout="pentile_diamond", scale=(0.76, 1.45)),
+        view=replace(BY_HAND, roll=(-15.0, 15.0)),
+        lens=PHONE_LENS,
+        sensor=replace(PHONE_SENSOR, gain=(2.5, 6.5)),
+        develop=PHONE_PHOTO,
+    ),
+    # A phone near an OLED television.
+    "phone_at_television": SceneRecord(
+        panel=replace(OLED, layout="wrgb", scale=(0.76, 1.45)),
+        view=replace(BY_HAND, fov=(30.0, 60.0)),
+        lens=PHONE_LENS,
+        sensor=replace(PHONE_SENSOR, gain=(1.2, 3.3)),
+        develop=PHONE_PHOTO,
+    ),
+    # A phone in front of an LED wall.
+    "phone_at_led_wall": SceneRecord(
+        panel=Panel(layout="led", scale=(0.85, 1.6), lit=(0.4, 1.0)),
+        view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(20.0, 60.0)),
+        lens=PHONE_LENS,
+        sensor=replace(PHONE_SENSOR, gain=(6.0, 15.0)),
+        develop=PHONE_PHOTO,
+    ),
+    # A phone held before a webcam, as in a check of identity.
+    "webcam_at_phone": SceneRecord(
+        panel=replace(OLED, layout="pentile_diamond", scale=(0.76, 1.6)),
+        view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
+        lens=Lens(k1=(0.0, 0.06), blur=(0.5, 1.1), motion_x=(-0.8, 0.8), motion_y=(-0.8, 0.8)),
+        sensor=replace(PHONE_SENSOR, gain=(2.5, 8.0), read_noise=(0.004, 0.02)),
+        develop=replace(
+            PHONE_PHOTO,
+            demosaic="bilinear",
+            chroma_blur=(1.5, 4.0),
+            jpeg=(30.0, 80.0),
+        ),
+    ),
+    # A tablet under a document camera, which looks straight down.
+    "document_camera_at_tablet": SceneRecord(
+        panel=replace(LCD, layout="chevron", scale=(0.8, 1.5)),
+        view=View(yaw=(-3.0, 3.0), pitch=(-3.0, 3.0), roll=(-10.0, 10.0), fov=(30.0, 60.0)),
+        lens=Lens(k1=(-0.02, 0.04), blur=(0.4, 0.9)),
+        sensor=replace(PHONE_SENSOR, read_noise=(0.002, 0.012)),
+        develop=replace(PHONE_PHOTO, jpeg=(60.0, 95.0)),
     ),
     # A car drives up to a full-colour LED sign.
     "dashcam_at_led_sign": SceneRecord(
         panel=Panel(layout="led", scale=(0.85, 1.5), lit=(0.6, 1.0)),
         view=View(yaw=(-30.0, 30.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0), fov=(5.0, 20.0)),
-        lens=Lens(k1=(0.0, 0.06), blur=(0.2, 0.45)),
-        sensor=Sensor(scale=2.0, gain=(9.0, 18.0), read_noise=(0.005, 0.02)),
-        develop=Develop(linear_light=True),
-    ),
-    # The broad default of RandomMoire: any of the screens above, pitch 1.1 to 2.5.
-    "screen_photo": SceneRecord(
-        panel=Panel(scale=(0.65, 1.45)),
-        view=View(yaw=(-25.0, 25.0), pitch=(-15.0, 15.0), roll=(-12.0, 12.0), fov=(20.0, 50.0)),
-        lens=Lens(k1=(-0.03, 0.05), blur=(0.2, 0.4)),
-        sensor=Sensor(scale=2.0, gain=(2.0, 3.2), read_noise=(0.0, 0.01)),
-        develop=Develop(linear_light=True),
+        lens=Lens(k1=(0.0, 0.06), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.2, 0.2)),
+        sensor=replace(PHONE_SENSOR, gain=(4.0, 9.0), read_noise=(0.002, 0.01)),
+        develop=PHONE_PHOTO,
     ),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,7 +87,10 @@ class Scene(SceneRecord):
             one_of("a key of a scene", key, (*PARTS, "tolerance", "preset"))
         merged, parts = base.to_dict(), {}
         for name in PARTS:
-            parts[name] = part_from_dict(name, merged[name] | dict(values.get(name) or {}))
+            given = {} if values.get(name) is None else values[name]
+            if not isinstance(given, Mapping):
+                raise TypeError(f"Scene.{name} must be a mapping of its fields; got {given!r}.")
+            parts[name] = part_from_dict(name, merged[name] | dict(given))
         return Scene(**parts, tolerance=values.get("tolerance", base.tolerance))
 
 

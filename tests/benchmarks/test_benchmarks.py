@@ -93,10 +93,8 @@ def test_effects_cost(ran):
     assert effects.keys() == {*effects_cost.WITHOUT, *effects_cost.WITH, *effects_cost.ALWAYS}
     whole = written["default_photo"]["seconds"]["engine"]["median"]
     assert effects["pose"]["share"] == pytest.approx(effects["pose"]["engine"] / whole)
-    assert (
-        effects["denoise bilateral"]["run_by"] == "expose"
-        and effects["jpeg"]["run_by"] == "expose and develop"
-    )
+    assert effects["denoise bilateral"]["run_by"] == "expose and develop"
+    assert effects["jpeg"]["run_by"] == "expose and develop"
     assert len(written["presets"]) == effects_cost.QUICK["presets"]
     for name, rows in written["presets"].items():
         plan = Scene.preset(name).plan()
@@ -104,7 +102,7 @@ def test_effects_cost(ran):
             rows[-1]["effects"] == [step.name for step in plan]
             and rows[-1]["exposure"] == plan.exposure
         )
-    assert "develop.registered False" in out and "demosaic malvar" in out
+    assert "develop.registered False" in out and "demosaic bilinear" in out
 
 
 @pytest.mark.parametrize("name", effects_cost.WITHOUT)
@@ -177,6 +175,22 @@ def test_attack_budget(ran):
     assert f"Within a point of the least for the least time: {best['attacker']}" in out
 
 
+def test_synthesis(ran):
+    out, written, _ = ran("synthesis")
+    rows = written["rows"]
+    encodings = {(row["encoding"], row["quality"]) for row in rows}
+    assert encodings == {("png", None), ("webp", None), ("webp", 90), ("jpeg", 95)}
+    for row in rows:
+        parts = [row[name]["mean"] for name in ("make", "encode", "write")]
+        assert all(part >= 0 for part in parts) and row["make"]["mean"] > 0
+        assert row["whole"]["mean"] == pytest.approx(sum(parts))
+    # three pictures where there were two
+    assert {row["twin"] for row in rows} == {False, True}
+    for one, three in zip(rows[:4], rows[4:], strict=True):
+        assert three["bytes"] > one["bytes"]
+    assert "a million of them" in out
+
+
 def test_the_recommended_budget_is_the_cheapest_that_is_near():
     rows = [
         {"attacker": "quick", "steps": 1, "accuracy": 0.5, "n": 100, "seconds_per_image": 1.0},
@@ -197,7 +211,7 @@ def test_a_preset_is_built_up_whole(name):
 def test_a_scene_reaches_another_checkout_whole(name):
     scene = Scene.preset(name)
     told = checkouts.plain(scene)
-    assert Scene.from_dict(told) == scene and "lit_x" not in told["panel"]
+    assert Scene.from_dict(told) == scene and "olpf" not in told["lens"]
 
 
 def test_a_checkout_measures_its_own_code_alone(tmp_path):
