@@ -23,6 +23,10 @@ def colour(**fields):
 
 CALLED = [
     ("decode", {"develop": Develop(linear_light=True)}),
+    (
+        "black_level",
+        {"panel": Panel(layout="even", black=0.001), "develop": Develop(linear_light=True)},
+    ),
     ("black_level", {"panel": Panel(layout="even", black=(0.0, 0.01))}),
     ("prefilter", {"panel": Panel(layout="even", scale=0.8)}),
     ("prefilter", {"panel": Panel(layout="even", scale=0.8), "sensor": colour(exposure="point")}),

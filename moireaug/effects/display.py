@@ -15,6 +15,8 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
+STEEPEST = 12.92  # codes by light: the slope of sRGB at black
+
 
 class BlackLevel(Effect):
     """Black pixels of the display emit some light."""
@@ -25,6 +27,8 @@ class BlackLevel(Effect):
         black = scene.panel.black
         why = f"black pixels emit {show(black)} of a white one's light"
         change = bounds(black)[1] * bounds(scene.sensor.gain)[1]
+        if scene.develop.linear_light:
+            change *= STEEPEST  # a little light is many codes in the dark
         return judged(change, scene, why, "black is black")
 
     def __call__(self, light: Tensor, shot) -> Tensor:

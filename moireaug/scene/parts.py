@@ -115,7 +115,9 @@ class Lens(Part):
             A range.
         motion_x, motion_y: standard deviation of the spread that a moving hand adds, along both
             axes of the sensor, in sensor pixels: a line, along a diagonal where both are given, the
-            other diagonal where their signs differ. Ranges.
+            other diagonal where their signs differ. The moiré has it exactly; the picture has while
+            the spread stays within seven panel pixels, and is blurred alike in all directions
+            beyond. Ranges.
         olpf: how far the sensor's optical low-pass filter parts the four pictures that it makes of
             one, along both axes, in sensor pixels; 0 is no filter. A range.
         vignetting: share of the light that is lost in the photo's corners, by the cosine to the

@@ -122,8 +122,8 @@ class Pairs(IterableDataset):
         left = int(rng.integers(picture.width - self.size + 1))
         crop = picture.crop((left, top, left + self.size, top + self.size))
         original = torch.from_numpy(np.array(crop)).permute(2, 0, 1).contiguous()
-        # torch's generator keeps 32 bits of a seed: two of a million shots may be alike, of
-        # different crops
+        # torch's generator keeps 32 bits of a seed: about a hundred of a million shots come twice,
+        # of different crops
         generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
         shot = self.scene.sample(1, (self.size, self.size), generator)
         photo = _photograph(original, shot)
