@@ -21,6 +21,9 @@ SLANTED = Layout(
 )
 PAIRS = ((0, 0), (1, 0), (0, 1), (2, -1), (-3, 4), (5, 2))
 
+# of layouts whose edges lie between samples, as those of the parallelograms below
+BOUNDS = dict.fromkeys(("chevron", "pentile_diamond", "oled_triangle", "led_cob"), 1e-3)
+
 
 def number(x):
     return torch.tensor(x, dtype=torch.float64)
@@ -62,7 +65,7 @@ def test_coefficients_are_those_of_what_is_emitted(name, width, height):
         wanted = sampled(layout, channel, 480, number(width), number(height))
         for k, l in PAIRS:
             found = in_closed_form(layout, channel, k, l, number(width), number(height))
-            assert abs(found - wanted[k, l]) < 1e-6
+            assert abs(found - wanted[k, l]) < BOUNDS.get(name, 1e-6)
 
 
 @pytest.mark.parametrize(("width", "height"), [(1.0, 1.0), (0.6, 0.9)])

@@ -132,12 +132,13 @@ RASTERS = {
     "rgb_column": 3,
     "pentile": 3,
     "led": 12,
+    "wrgb": 4,
     "even": 1,
     "own": 20,
 }
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", RASTERS)
 def test_a_raster_is_as_coarse_as_fits_the_rectangles(name):
     assert ALL[name].raster == RASTERS[name]
     edges = [v for s in ALL[name].subpixels for v in s[1:]]
