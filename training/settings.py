@@ -23,8 +23,6 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str) -> Schema:
     Raises:
         ValueError: an unknown key, with the closest known one, or a value of another type.
     """
-    if not argv:
-        raise ValueError(f"no settings given, as in: {example}")
     cfg = OmegaConf.structured(schema)
     for argument in argv:
         key, equals, value = argument.partition("=")
@@ -35,6 +33,11 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str) -> Schema:
             cfg[key] = None if value == "null" else value
         except OmegaConfBaseException as error:
             raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
+    absent = sorted(map(str, OmegaConf.missing_keys(cfg)))
+    if absent:
+        raise ValueError(f"{', '.join(absent)} must be given, as in: {example}")
+    if not argv:
+        raise ValueError(f"no settings given, as in: {example}")
     try:
         return OmegaConf.to_object(cfg)  # type: ignore[return-value]
     except OmegaConfBaseException as error:  # ${...}

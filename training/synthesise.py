@@ -30,8 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from omegaconf import MISSING, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import MISSING
 from torch.utils.data import DataLoader
 from tqdm import tqdm
 
@@ -43,6 +42,9 @@ from training.locks import locked
 from training.messages import sentence
 from training.pair_files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
 from training.pair_sets import PairSet, Share, claim, share_of
+from training.settings import parse
+
+EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
 
 LOST = (
     "a worker process was lost: it was killed, or ran out of memory. Every whole file is kept, and "
@@ -75,26 +77,7 @@ def configure(argv: Sequence[str]) -> Config:
     Raises:
         ValueError: an unknown key, a value of another type, or out of its bounds.
     """
-    cfg = OmegaConf.structured(Config)
-    for argument in argv:
-        key, equals, value = argument.partition("=")
-        one_of("a setting", key, map(str, cfg))
-        if not equals:
-            raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
-        try:
-            cfg[key] = None if value == "null" else value
-        except OmegaConfBaseException as error:
-            raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
-    absent = sorted(map(str, OmegaConf.missing_keys(cfg)))
-    if absent:
-        raise ValueError(
-            f"{', '.join(absent)} must be given, as in: "
-            "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
-        )
-    try:
-        settings: Config = OmegaConf.to_object(cfg)  # type: ignore[assignment]
-    except OmegaConfBaseException as error:  # ${...}
-        raise ValueError(str(error).splitlines()[0]) from error
+    settings = parse(argv, Config, EXAMPLE)
     check(settings)
     return settings
 
