@@ -56,7 +56,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "glare, gain, saturate": {"panel.glare": 0.0, "sensor.gain": 1.0},
     "noise": {"sensor.read_noise": 0.0},
     "balance": {"develop.red": 1.0, "develop.blue": 1.0},
-    "tone_curve": {"develop.contrast": 0.0},
+    "tone_curve": {"develop.contrast": 0.0, "develop.shoulder": 0.0},
     "chroma_blur, sharpen": {"develop.chroma_blur": 0.0, "develop.sharpen": 0.0},
     "jpeg": {"develop.jpeg": 0.0},
     "register": {"develop.registered": False},

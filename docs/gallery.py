@@ -107,6 +107,7 @@ EFFECTS: dict[str, Scene] = {
     "Bayer, Malvar:\nsharper": replace(PLAIN, sensor=Sensor(), develop=Develop(demosaic="malvar")),
     "white balance: red 1.3, blue 0.7": replace(PLAIN, develop=Develop(red=1.3, blue=0.7)),
     "saturation 1.8": replace(PLAIN, develop=Develop(saturation=1.8)),
+    "shoulder 3: highlights\nrolled off": replace(PLAIN, develop=Develop(shoulder=3.0)),
     "contrast 0.9": replace(PLAIN, develop=Develop(contrast=0.9)),
     "chroma blur 4 px:\nbrightness stays": replace(PLAIN, develop=Develop(chroma_blur=4.0)),
     "unsharp mask of 2": replace(PLAIN, develop=Develop(sharpen=2.0, sharpen_radius=1.5)),

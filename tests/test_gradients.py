@@ -45,6 +45,7 @@ SCENES = {
             red=1.1,
             blue=0.9,
             saturation=0.7,
+            shoulder=0.4,
             contrast=-0.3,
             chroma_blur=0.6,
             sharpen=0.3,

@@ -73,6 +73,7 @@ CALLED = [
     ("colour_matrix", {"develop": Develop(saturation=(0.9, 1.0))}),
     ("encode", {"develop": Develop(linear_light=True)}),
     ("tone_curve", {"develop": Develop(contrast=(-0.2, 0.0))}),
+    ("tone_curve", {"develop": Develop(shoulder=(0.0, 0.3))}),
     ("brighten", {"develop": Develop(brighten=0.1)}),
     ("denoise", {"develop": Develop(denoise="bilateral")}),
     ("chroma_blur", {"develop": Develop(chroma_blur=(0.0, 0.5))}),
@@ -164,6 +165,7 @@ DROPPED = [  # effect, too small to matter, and not so
     ("balance", {"develop": Develop(red=1.0019)}, {"develop": Develop(red=1.5)}),
     ("balance", {"develop": Develop(blue=0.9981)}, {"develop": Develop(blue=0.5)}),
     ("tone_curve", {"develop": Develop(contrast=-0.02)}, {"develop": Develop(contrast=1.0)}),
+    ("tone_curve", {"develop": Develop(shoulder=0.007)}, {"develop": Develop(shoulder=2.0)}),
     ("sharpen", {"develop": Develop(sharpen=0.0019)}, {"develop": Develop(sharpen=0.9)}),
     ("brighten", {"develop": Develop(brighten=-0.0019)}, {"develop": Develop(brighten=-0.2)}),
 ]

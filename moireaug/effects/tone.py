@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -44,17 +46,18 @@ class ColourMatrix(Effect):
 
 
 class ToneCurve(Effect):
-    """Contrast, on codes."""
+    """Highlights rolled off, then contrast, on codes."""
 
     name = "tone_curve"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        contrast = scene.develop.contrast
-        most = off(contrast, 0) / STEEPEST
-        return judged(most, scene, f"contrast {show(contrast)}", "a straight line")
+        contrast, shoulder = scene.develop.contrast, scene.develop.shoulder
+        most = off(contrast, 0) / STEEPEST + shoulder_shift(off(shoulder, 0))
+        why = f"shoulder {show(shoulder)}, contrast {show(contrast)}"
+        return judged(most, scene, why, "a straight line")
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
-        return tone_curve(photo, shot.develop.contrast)
+        return tone_curve(photo, shot.develop.contrast, shot.develop.shoulder)
 
 
 class Brighten(Effect):
@@ -80,11 +83,19 @@ def colour_matrix(crosstalk: Tensor, saturation: Tensor) -> Tensor:
     return vivid @ torch.linalg.inv(crosstalk_matrix(crosstalk))
 
 
-def tone_curve(photo: Tensor, contrast: Tensor) -> Tensor:
-    """Return x + contrast (2 x - 1) x (1 - x) of codes x, contrast (B,) in [-1, 1]: it never
-    falls, and keeps 0, 1/2 and 1. Codes are clipped to [0, 1] first."""
+def tone_curve(photo: Tensor, contrast: Tensor, shoulder: Tensor) -> Tensor:
+    """Return y + contrast (2 y - 1) y (1 - y) with y = (1 + shoulder) x / (1 + shoulder x) of
+    codes x, contrast (B,) in [-1, 1] and shoulder (B,) from 0: it never falls, and keeps 0 and 1.
+    Codes are clipped to [0, 1] first."""
     x = clip(photo)
-    return x + per_image(contrast, photo) * (2 * x - 1) * x * (1 - x)
+    s = per_image(shoulder, photo)
+    y = x * (1 + s) / (1 + s * x)
+    return y + per_image(contrast, photo) * (2 * y - 1) * y * (1 - y)
+
+
+def shoulder_shift(shoulder: float) -> float:
+    """Return the most by which a shoulder moves a code: at x = 1 / (1 + sqrt(1 + shoulder))."""
+    return shoulder / (1 + math.sqrt(1 + shoulder)) ** 2
 
 
 def balance(photo: Tensor, red: Tensor, blue: Tensor) -> Tensor:

@@ -189,13 +189,13 @@ def develop(photos, raw, d, first, last):
     """
     if not d.registers:
         for i in range(first, last):
-            development.develop(photos[i], raw[i], d, d.matrix[i], d.contrast[i], d.brighten[i])
+            development.develop(photos[i], raw[i], d, i)
         return
     h, w = d.size
     planes = np.zeros(room(h, w), np.float32)
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
-        development.develop(taken, raw[i], d, d.matrix[i], d.contrast[i], d.brighten[i])
+        development.develop(taken, raw[i], d, i)
         _register(photos[i], planes, d.registration, i, False)
 
 
@@ -204,9 +204,7 @@ def develop_back(raw_grad, photo_grad, raw, d, first, last):
     """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
     if not d.registers:
         for i in range(first, last):
-            development.develop_back(
-                raw_grad[i], photo_grad[i], raw[i], d, d.matrix[i], d.contrast[i], d.brighten[i]
-            )
+            development.develop_back(raw_grad[i], photo_grad[i], raw[i], d, i)
         return
     h, w = d.size
     planes = np.empty(room(h, w), np.float32)
@@ -214,6 +212,4 @@ def develop_back(raw_grad, photo_grad, raw, d, first, last):
     for i in range(first, last):
         fill(planes, ZERO)
         _register(photo_grad[i], planes, d.registration, i, True)
-        development.develop_back(
-            raw_grad[i], taken, raw[i], d, d.matrix[i], d.contrast[i], d.brighten[i]
-        )
+        development.develop_back(raw_grad[i], taken, raw[i], d, i)

@@ -45,8 +45,9 @@ def _mix(red, green, blue, matrix):
 
 
 @loop
-def _code(out, gain, d, contrast, brighten):
-    """Turn a row of light into codes, in place."""
+def _code(out, gain, d, image):
+    """Turn a row of an image's light into codes, in place."""
+    shoulder, contrast, brighten = d.shoulder[image], d.contrast[image], d.brighten[image]
     if d.coded:
         for i in range(len(out)):
             out[i] = encode(out[i] * gain)
@@ -56,22 +57,27 @@ def _code(out, gain, d, contrast, brighten):
     if d.toned:
         for i in range(len(out)):
             x = min(max(out[i], ZERO), ONE)
+            x *= (ONE + shoulder) / (ONE + shoulder * x)
             out[i] = x + contrast * (TWO * x - ONE) * x * (ONE - x)
     for i in range(len(out)):
         out[i] = min(max(out[i] + brighten, ZERO), ONE)
 
 
 @loop
-def _code_slope(out, light, gain, d, contrast, brighten):
+def _code_slope(out, light, gain, d, image):
     """Multiply a gradient by the slope of `_code` at `light`: 1 on a clip's bounds, 0 beyond."""
+    shoulder, contrast, brighten = d.shoulder[image], d.contrast[image], d.brighten[image]
     for i in range(len(out)):
         x = light[i] * gain
         code = encode(x) if d.coded else x
         slope = gain * encode_slope(x) if d.coded else gain
         if d.toned:
-            slope *= ONE + contrast * (SIX * code * (ONE - code) - ONE)
             slope = slope if ZERO <= code <= ONE else ZERO
             code = min(max(code, ZERO), ONE)
+            below = ONE + shoulder * code
+            slope *= (ONE + shoulder) / (below * below)
+            code *= (ONE + shoulder) / below
+            slope *= ONE + contrast * (SIX * code * (ONE - code) - ONE)
             code += contrast * (TWO * code - ONE) * code * (ONE - code)
         code += brighten
         out[i] *= slope if ZERO <= code <= ONE else ZERO
@@ -192,14 +198,14 @@ def _mix_row(colours, r, step, lanes, w, matrix):
 
 
 @loop
-def develop(photo, raw, d, matrix, contrast, brighten):
+def develop(photo, raw, d, image):
     """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
 
     Args:
-        d: see `record.Development`.
-        matrix, contrast, brighten: (3, 3), and a number each, see there.
+        d: see `record.Development`. image: which of its batch this is.
     """
     _, h, w = raw.shape
+    matrix = d.matrix[image]
     mosaic, saturates, levels = d.mosaic, d.saturates, d.levels
     stencil, rows, cols = d.stencil, d.rows, d.cols
     step = 2 if mosaic else 1
@@ -223,7 +229,7 @@ def develop(photo, raw, d, matrix, contrast, brighten):
                 seen = colours[(r * 2 * 3 + channel) * lanes :]
                 gain = ONE if d.mixes else matrix[channel, channel]
                 for c in range(step):
-                    _code(seen[c * 3 * lanes : c * 3 * lanes + w], gain, d, contrast, brighten)
+                    _code(seen[c * 3 * lanes : c * 3 * lanes + w], gain, d, image)
                 if cols.cells:
                     _mean(line, seen, seen[3 * lanes :])
                 else:
@@ -248,9 +254,7 @@ def _fold_back(raw_grad, total, raw, y, wide, saturates):
 
 
 @loop
-def develop_back(  # noqa: C901  # one pass, row by row
-    raw_grad, photo_grad, raw, d, matrix, contrast, brighten
-):
+def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass, row by row
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop`."""
     _, h, w = raw.shape
@@ -265,6 +269,7 @@ def develop_back(  # noqa: C901  # one pass, row by row
     fill(held, -1)
     line = np.empty(photo_grad.shape[2], np.float32)
     total = np.zeros((3, SITES * wide), np.float32)
+    matrix = d.matrix[image]
     transposed = matrix.T.copy()
     for y in range(h):
         _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
@@ -287,7 +292,7 @@ def develop_back(  # noqa: C901  # one pass, row by row
                     a = start + c * 3 * lanes
                     if not cols.cells:
                         _gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
-                    _code_slope(grads[a : a + w], colours[a : a + w], gain, d, contrast, brighten)
+                    _code_slope(grads[a : a + w], colours[a : a + w], gain, d, image)
             if d.mixes:
                 _mix_row(grads, r, step, lanes, w, transposed)
         if not mosaic:

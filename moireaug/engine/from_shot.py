@@ -91,8 +91,9 @@ def development_of(shot: ShotRecord) -> Development:
     if "balance" in plan:
         gains = [drawn["develop.red"], np.ones(len(shot)), drawn["develop.blue"]]
         matrix = matrix * np.stack(gains, 1)[:, None, :]
-    contrast, brighten = np.zeros(len(shot), np.float32), np.zeros(len(shot), np.float32)
+    shoulder, contrast, brighten = np.zeros((3, len(shot)), np.float32)
     if "tone_curve" in plan:
+        shoulder[:] = drawn["develop.shoulder"]
         contrast[:] = drawn["develop.contrast"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
@@ -117,6 +118,7 @@ def development_of(shot: ShotRecord) -> Development:
         mixes="colour_matrix" in plan,
         coded="encode" in plan,
         toned="tone_curve" in plan,
+        shoulder=shoulder,
         contrast=contrast,
         brighten=brighten,
         registers="register" in plan and not whole,

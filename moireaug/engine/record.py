@@ -241,7 +241,8 @@ class Development(NamedTuple):
             becomes sRGB codes.
         matrix: (B, 3, 3) float32, from the filters' colours to the photo's. mixes: whether it is
             more than a gain for each colour.
-        toned: codes go through a tone curve of contrast (B,) float32. brighten: (B,) float32.
+        toned: codes go through a tone curve of shoulder and contrast, (B,) float32 each. brighten:
+            (B,) float32.
         registers: whether the photos come back to the image's frame.
     """
 
@@ -256,6 +257,7 @@ class Development(NamedTuple):
     mixes: bool
     coded: bool
     toned: bool
+    shoulder: np.ndarray
     contrast: np.ndarray
     brighten: np.ndarray
     registers: bool

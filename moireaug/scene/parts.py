@@ -226,8 +226,10 @@ class Develop(Part):
         red, blue: white balance, what red and blue are multiplied by. Ranges.
         saturation: of the colour matrix, which also undoes the filters' crosstalk: 0 is grey, 1
             the sensor's own colours. A range.
-        contrast: of the tone curve x + contrast (2 x - 1) x (1 - x) on codes: 1 is the smoothstep,
-            0 a straight line. A range.
+        shoulder: of the tone curve (1 + shoulder) x / (1 + shoulder x) on codes x, by which a
+            camera lifts the middle and rolls off the highlights: 0 is a straight line. A range.
+        contrast: of the tone curve x + contrast (2 x - 1) x (1 - x) on the codes after it: 1 is the
+            smoothstep, 0 a straight line. A range.
         brighten: added to the encoded photo before it is clipped to [0, 1]. A range.
         denoise: None, "nlm" (OpenCV's non-local means, as in the paper; its gradient passes
             straight through) or "bilateral" (differentiable). Works on codes, on every pixel of the
@@ -250,6 +252,7 @@ class Develop(Part):
     red: Range = ranged(1.0, 1e-3, 100.0)
     blue: Range = ranged(1.0, 1e-3, 100.0)
     saturation: Range = ranged(1.0, 0.0, 4.0)
+    shoulder: Range = ranged(0.0, 0.0, 10.0)
     contrast: Range = ranged(0.0, -1.0, 1.0)
     brighten: Range = ranged(0.0, -1.0, 1.0)
     denoise: str | None = None

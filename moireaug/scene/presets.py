@@ -35,9 +35,9 @@ Cameras:
 
 What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): blur and
 motion, crosstalk, exposure, white balance, tone, smoothing of colour, sharpening and JPEG of the
-phone. Its exposure leaves a white screen anywhere from a fifth of full scale on, half of it in
-codes, to beyond it. Others vary it by what is known of them: a webcam smooths and compresses more,
-a dashcam does not expose for the sign.
+phone. Its exposure leaves a white screen at a quarter to half of full scale; its tone curve lifts
+the middle and rolls off the highlights, as the curves of photographs do. Others vary it by what is known of them: a
+webcam smooths and compresses more, a dashcam does not expose for the sign.
 """
 
 from __future__ import annotations
@@ -59,19 +59,20 @@ LCD = Panel(
 # OLEDs have no backlight; their subpixels are small.
 OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
 
-PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.35, 0.8), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
-PHONE_SENSOR = Sensor(scale=2.0, crosstalk=(0.1, 0.25), gain=(2.0, 5.0), read_noise=(0.001, 0.008))
+PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.5, 0.85), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
+PHONE_SENSOR = Sensor(scale=2.0, crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.001, 0.006))
 PHONE_PHOTO = Develop(
     linear_light=True,
     demosaic="malvar",
-    red=(0.85, 1.15),
-    blue=(0.85, 1.15),
-    saturation=(0.9, 1.4),
-    contrast=(0.0, 0.8),
-    chroma_blur=(1.0, 3.0),
-    sharpen=(-0.9, 1.0),
-    sharpen_radius=(1.5, 4.0),
-    jpeg=(40.0, 90.0),
+    red=(0.92, 1.12),
+    blue=(0.92, 1.08),
+    saturation=(0.75, 1.4),
+    shoulder=(0.2, 1.2),
+    contrast=(0.4, 1.0),
+    chroma_blur=(2.0, 5.0),
+    sharpen=(-0.9, 0.5),
+    sharpen_radius=(2.0, 5.0),
+    jpeg=(92.0, 100.0),
 )
 BY_HAND = View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-8.0, 8.0), fov=(20.0, 50.0))
 
@@ -98,7 +99,7 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # The broad default of RandomMoire: a phone in front of an LCD, held against photographs.
     "screen_photo": SceneRecord(
-        panel=replace(LCD, scale=(0.78, 1.25)),
+        panel=replace(LCD, scale=(0.73, 1.08)),
         view=BY_HAND,
         lens=replace(PHONE_LENS, k1=(-0.03, 0.05)),
         sensor=PHONE_SENSOR,
@@ -125,7 +126,7 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(OLED, layout="pentile_diamond", scale=(0.76, 1.45)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, gain=(2.5, 6.5)),
+        sensor=replace(PHONE_SENSOR, gain=(2.0, 4.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone near an OLED television.
@@ -133,7 +134,7 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(OLED, layout="wrgb", scale=(0.76, 1.45)),
         view=replace(BY_HAND, fov=(30.0, 60.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, gain=(1.2, 3.3)),
+        sensor=replace(PHONE_SENSOR, gain=(1.0, 2.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone in front of an LED wall.
@@ -141,7 +142,7 @@ PRESETS: dict[str, SceneRecord] = {
         panel=Panel(layout="led", scale=(0.85, 1.6), lit=(0.4, 1.0)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(20.0, 60.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, gain=(6.0, 15.0)),
+        sensor=replace(PHONE_SENSOR, gain=(4.5, 9.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone held before a webcam, as in a check of identity.
@@ -149,12 +150,11 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(OLED, layout="pentile_diamond", scale=(0.76, 1.6)),
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.5, 1.1), motion_x=(-0.8, 0.8), motion_y=(-0.8, 0.8)),
-        sensor=replace(PHONE_SENSOR, gain=(2.5, 8.0), read_noise=(0.004, 0.02)),
+        sensor=replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.003, 0.012)),
         develop=replace(
             PHONE_PHOTO,
             demosaic="bilinear",
-            chroma_blur=(1.5, 4.0),
-            jpeg=(30.0, 80.0),
+            jpeg=(40.0, 85.0),
         ),
     ),
     # A tablet under a document camera, which looks straight down.
@@ -162,15 +162,15 @@ PRESETS: dict[str, SceneRecord] = {
         panel=replace(LCD, layout="chevron", scale=(0.8, 1.5)),
         view=View(yaw=(-3.0, 3.0), pitch=(-3.0, 3.0), roll=(-10.0, 10.0), fov=(30.0, 60.0)),
         lens=Lens(k1=(-0.02, 0.04), blur=(0.4, 0.9)),
-        sensor=replace(PHONE_SENSOR, read_noise=(0.002, 0.012)),
-        develop=replace(PHONE_PHOTO, jpeg=(60.0, 95.0)),
+        sensor=replace(PHONE_SENSOR, read_noise=(0.001, 0.006)),
+        develop=replace(PHONE_PHOTO, jpeg=(75.0, 98.0)),
     ),
     # A car drives up to a full-colour LED sign.
     "dashcam_at_led_sign": SceneRecord(
         panel=Panel(layout="led", scale=(0.85, 1.5), lit=(0.6, 1.0)),
         view=View(yaw=(-30.0, 30.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0), fov=(5.0, 20.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.2, 0.2)),
-        sensor=replace(PHONE_SENSOR, gain=(4.0, 9.0), read_noise=(0.002, 0.01)),
+        sensor=replace(PHONE_SENSOR, gain=(3.0, 6.0), read_noise=(0.001, 0.006)),
         develop=PHONE_PHOTO,
     ),
 }

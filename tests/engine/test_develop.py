@@ -27,6 +27,7 @@ COLOURS = Develop(
     red=1.3,
     blue=0.8,
     saturation=(0.6, 1.5),
+    shoulder=(0.0, 1.5),
     contrast=(-0.5, 0.8),
     brighten=0.05,
 )
@@ -70,7 +71,9 @@ SCENES = {
     ),
     "tone curve": Scene(
         sensor=Sensor(scale=2.0, gain=2.0),
-        develop=Develop(linear_light=True, contrast=(-0.9, 0.9), brighten=0.1),
+        develop=Develop(
+            linear_light=True, shoulder=(0.0, 10.0), contrast=(-0.9, 0.9), brighten=0.1
+        ),
     ),
     "tone curve on codes": Scene(sensor=Sensor(scale=2.0), develop=Develop(contrast=0.7)),
     "chroma blur": Scene(sensor=Sensor(scale=2.0), develop=Develop(chroma_blur=(0.5, 2.0))),
@@ -153,6 +156,7 @@ def test_another_demosaic_is_not_equal():
     [
         ("every colour", "saturation", 2.5),
         ("every colour", "contrast", 0.9),
+        ("every colour", "shoulder", 2.5),
         ("everything", "chroma_blur", 3.0),
         ("everything", "sharpen", 1.5),
         ("everything", "registered", False),
