@@ -36,8 +36,8 @@ Cameras:
 What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): blur and
 motion, crosstalk, exposure, white balance, tone, smoothing of colour, sharpening and JPEG of the
 phone. Its exposure leaves a white screen at a quarter to half of full scale; its tone curve lifts
-the middle and rolls off the highlights, as the curves of photographs do. Others vary it by what is known of them: a
-webcam smooths and compresses more, a dashcam does not expose for the sign.
+the middle and rolls off the highlights, as the curves of photographs do. Others vary it by what is
+known of them: a webcam smooths and compresses more, a dashcam does not expose for the sign.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ LCD = Panel(
 # OLEDs have no backlight; their subpixels are small.
 OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
 
-PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.5, 0.85), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
+PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.65), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
+# In front of LCDs it is held against photographs, which are softer.
+SOFT_LENS = replace(PHONE_LENS, blur=(0.5, 0.85))
 PHONE_SENSOR = Sensor(scale=2.0, crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.001, 0.006))
 PHONE_PHOTO = Develop(
     linear_light=True,
@@ -101,7 +103,7 @@ PRESETS: dict[str, SceneRecord] = {
     "screen_photo": SceneRecord(
         panel=replace(LCD, scale=(0.73, 1.08)),
         view=BY_HAND,
-        lens=replace(PHONE_LENS, k1=(-0.03, 0.05)),
+        lens=replace(SOFT_LENS, k1=(-0.03, 0.05)),
         sensor=PHONE_SENSOR,
         develop=PHONE_PHOTO,
     ),
@@ -109,7 +111,7 @@ PRESETS: dict[str, SceneRecord] = {
     "phone_at_monitor": SceneRecord(
         panel=replace(LCD, scale=(0.75, 1.35)),
         view=replace(BY_HAND, roll=(-6.0, 6.0), fov=(30.0, 60.0)),
-        lens=PHONE_LENS,
+        lens=SOFT_LENS,
         sensor=PHONE_SENSOR,
         develop=PHONE_PHOTO,
     ),
@@ -117,7 +119,7 @@ PRESETS: dict[str, SceneRecord] = {
     "phone_at_laptop": SceneRecord(
         panel=replace(LCD, layout="chevron", scale=(0.8, 1.45)),
         view=replace(BY_HAND, yaw=(-15.0, 15.0), pitch=(0.0, 30.0), fov=(20.0, 45.0)),
-        lens=PHONE_LENS,
+        lens=SOFT_LENS,
         sensor=PHONE_SENSOR,
         develop=PHONE_PHOTO,
     ),
@@ -149,7 +151,7 @@ PRESETS: dict[str, SceneRecord] = {
     "webcam_at_phone": SceneRecord(
         panel=replace(OLED, layout="pentile_diamond", scale=(0.76, 1.6)),
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
-        lens=Lens(k1=(0.0, 0.06), blur=(0.5, 1.1), motion_x=(-0.8, 0.8), motion_y=(-0.8, 0.8)),
+        lens=Lens(k1=(0.0, 0.06), blur=(0.35, 0.7), motion_x=(-0.4, 0.4), motion_y=(-0.4, 0.4)),
         sensor=replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.003, 0.012)),
         develop=replace(
             PHONE_PHOTO,
@@ -161,7 +163,7 @@ PRESETS: dict[str, SceneRecord] = {
     "document_camera_at_tablet": SceneRecord(
         panel=replace(LCD, layout="chevron", scale=(0.8, 1.5)),
         view=View(yaw=(-3.0, 3.0), pitch=(-3.0, 3.0), roll=(-10.0, 10.0), fov=(30.0, 60.0)),
-        lens=Lens(k1=(-0.02, 0.04), blur=(0.4, 0.9)),
+        lens=Lens(k1=(-0.02, 0.04), blur=(0.3, 0.65)),
         sensor=replace(PHONE_SENSOR, read_noise=(0.001, 0.006)),
         develop=replace(PHONE_PHOTO, jpeg=(75.0, 98.0)),
     ),
