@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -38,3 +40,21 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         use_distributed_sampler=False,
         benchmark=False,
     )
+
+
+def quiet() -> None:
+    """Silence what Lightning says at every start and a user of these recipes cannot act on."""
+    for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", ".*does not have many workers.*")
+    warnings.filterwarnings(
+        "ignore", ".*in eval mode at the start of training.*"
+    )  # what fine-tuning keeps
+    warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
+    warnings.filterwarnings(
+        "ignore", ".*sync_dist=True.*"
+    )  # what is logged is the mean of all devices already
+    warnings.filterwarnings("ignore", ".*smaller than the logging interval.*")
+    warnings.filterwarnings(
+        "ignore", ".*isinstance.treespec, LeafSpec.*"
+    )  # Lightning's own, on newer torch

@@ -116,9 +116,7 @@ class Pairs(IterableDataset):
         Raises:
             ValueError: no picture is usable, or one could not be read by the system.
         """
-        return make_pair(
-            k, self.pictures, self.scene, self.size, twin=self.twin, seed=self.seed
-        )
+        return make_pair(k, self.pictures, self.scene, self.size, twin=self.twin, seed=self.seed)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         first, step = _share()
@@ -133,9 +131,7 @@ class Pairs(IterableDataset):
             yield item
 
 
-def make_pair(
-    k: int, pictures: Source, scene: Scene, size: int, *, twin: bool, seed: int
-) -> Pair:
+def make_pair(k: int, pictures: Source, scene: Scene, size: int, *, twin: bool, seed: int) -> Pair:
     """Return the pair of a number: a picture, a crop of it and a shot, all drawn from (seed, k).
 
     Args:

@@ -104,7 +104,9 @@ class PairBatches(L.LightningDataModule):
         return SimulatedPairs(pictures, self.scenes, cfg.data.size, cfg.demoire.target, seed)
 
     def train_dataloader(self) -> DataLoader:
-        ranks, rank = (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
+        ranks, rank = (
+            (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
+        )
         train, workers = self.cfg.train, self.cfg.data.workers
         size = max(1, train.batch_size // ranks)
         numbers = Numbers(train.check_every * size * ranks, ranks, rank)
