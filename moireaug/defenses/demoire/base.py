@@ -50,9 +50,9 @@ class DemoireNet(nn.Module, ABC):
                 predictions cropped.
 
         Returns:
-            Predictions from the finest to the coarsest. The first is (B, 3, H, W); the k-th of a
-            network of several scales is (B, 3, ceil(H / 2^k), ceil(W / 2^k)). Differentiable in
-            images and weights.
+            Predictions from the finest to the coarsest. The first is the image, (B, 3, H, W); what
+            follows, each network says: images at the same size or at 1 / s of it,
+            (B, 3, ceil(H / s), ceil(W / s)), or edges. Differentiable in images and weights.
 
         Raises:
             TypeError, ValueError: images of another type or shape.

@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.defenses.demoire.base import DemoireNet, scaled
+from moireaug.defenses.demoire.layers import Residual, resized
 
 ENCODER, DECODER = 48, 64  # channels of the first encoder level and of every decoder level
 GROWTH = 32  # channels that a layer of a dense block adds
@@ -22,8 +23,8 @@ class ESDNet(DemoireNet):
     """An encoder and decoder of three levels; each level is a dilated residual dense block and a
     semantic-aligned scale-aware module, and each decoder level predicts the image at its scale.
 
-    Source: section 4 and figure 4; the sizes are of the smaller of the two published networks,
-    5.93 million parameters. The paper leaves open, and chosen here: the dilation rates, 48 channels
+    Source: section 4; the smaller of the two published networks, 5.93 million parameters. The
+    paper leaves open, and chosen here: the dilation rates, 48 channels
     that double by level in the encoder, 64 in every decoder level, 32 a dense layer, reduction 4.
     With these, the number of parameters is the published one.
     """
@@ -66,7 +67,7 @@ class ESDNet(DemoireNet):
         for level in (2, 1, 0):
             below = skips[level]
             if level < 2:
-                below = torch.cat([below, _resized(x, below)], 1)
+                below = torch.cat([below, resized(x, below)], 1)
             x = self.decoders[level](self.merges[level](below))
             predictions.insert(0, self.tails[level](x))
         return tuple(predictions)
@@ -74,7 +75,8 @@ class ESDNet(DemoireNet):
 
 class DenseBlock(nn.Module):
     """Dilated convolutions, each of everything before it, and a 1 x 1 convolution of them all back
-    to the input's channels (section 4.1; residual dense blocks are Zhang et al.'s, CVPR 2018)."""
+    to the input's channels; residual dense
+    blocks are Zhang et al.'s (CVPR 2018)."""
 
     def __init__(self, channels: int, growth: int, rates: tuple[int, ...]) -> None:
         super().__init__()
@@ -91,27 +93,16 @@ class DenseBlock(nn.Module):
         return self.fuse(x)
 
 
-class Residual(nn.Module):
-    """A block around which the input passes."""
-
-    def __init__(self, block: nn.Module) -> None:
-        super().__init__()
-        self.block = block
-
-    def forward(self, x: Tensor) -> Tensor:
-        return x + self.block(x)
-
-
 class ScaleAware(nn.Module):
-    """Semantic-aligned scale-aware module (section 4.2, figure 4): a pyramid of the features at
+    """Semantic-aligned scale-aware module (section 4.2): a pyramid of the features at
     full, half and quarter size passes a dense block each, and the three are added up by weights
-    that a perceptron finds from their means, channel by channel (equations 1 to 3)."""
+    that a perceptron finds from their means, channel by channel."""
 
     def __init__(self, channels: int, growth: int) -> None:
         super().__init__()
         branches = [DenseBlock(channels, growth, PYRAMID_RATES) for _ in range(3)]
         self.branches = nn.ModuleList(branches)
-        squeezed = max(1, 3 * channels // REDUCTION)
+        squeezed = max(8, 3 * channels // REDUCTION)
         self.weigh = nn.Sequential(
             nn.Conv2d(3 * channels, squeezed, 1),
             _relu(),
@@ -125,7 +116,7 @@ class ScaleAware(nn.Module):
         found = [self.branches[0](x)]
         for scale, branch in zip((2, 4), list(self.branches)[1:], strict=True):
             small = F.interpolate(x, scale_factor=1 / scale, mode="bilinear", align_corners=False)
-            found.append(_resized(branch(small), x))
+            found.append(resized(branch(small), x))
         means = torch.cat(found, 1).mean((2, 3), keepdim=True)
         weights = self.weigh(means).chunk(3, 1)
         total = x
@@ -137,10 +128,6 @@ class ScaleAware(nn.Module):
 def _level(channels: int, growth: int) -> nn.Sequential:
     residual = Residual(DenseBlock(channels, growth, RESIDUAL_RATES))
     return nn.Sequential(residual, ScaleAware(channels, growth))
-
-
-def _resized(x: Tensor, like: Tensor) -> Tensor:
-    return F.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=False)
 
 
 def _relu() -> nn.ReLU:

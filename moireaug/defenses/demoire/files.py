@@ -10,11 +10,21 @@ from typing import Any
 
 import torch
 
+from moireaug.defenses.demoire.amnet import AMNet
 from moireaug.defenses.demoire.base import DemoireNet
 from moireaug.defenses.demoire.esdnet import ESDNet
+from moireaug.defenses.demoire.fhde2net import FHDe2Net
+from moireaug.defenses.demoire.mddm import MDDM
+from moireaug.defenses.demoire.mopnet import MopNet
 from moireaug.files import write_bytes
 
-NETWORKS: dict[str, type[DemoireNet]] = {"esdnet": ESDNet}
+NETWORKS: dict[str, type[DemoireNet]] = {
+    "mopnet": MopNet,
+    "mddm": MDDM,
+    "fhde2net": FHDe2Net,
+    "amnet": AMNet,
+    "esdnet": ESDNet,
+}
 KEYS = ("network", "width", "state")  # of a weights file
 
 

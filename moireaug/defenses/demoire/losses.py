@@ -14,18 +14,25 @@ import torch.nn.functional as F
 import torchvision
 from torch import Tensor, nn
 
+from moireaug.defenses.demoire.layers import resized
+from moireaug.defenses.demoire.mopnet import sobel
+
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the images that VGG-16 was trained on
-CONV3_3 = 16  # layers up to the ReLU after it
-EPSILON = 1e-3  # of Charbonnier's loss
+DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
+USUAL_DEPTH = 16  # up to the ReLU after conv3_3
+CHARBONNIER = 1e-3  # added to the difference, in quadrature
+FEATURES = 0.1  # weight of MopNet's features
 
 Loss = Callable[[Sequence[Tensor], Tensor, nn.Module | None], Tensor]
 
 
 class VGGFeatures(nn.Module):
-    """VGG-16 up to the ReLU after conv3_3, frozen: (B, 3, H, W) in [0, 1] to (B, 256, H/4, W/4).
+    """VGG-16 up to the layer that a network's loss compares, frozen: (B, 3, H, W) in [0, 1] to
+    features, (B, 256, H/4, W/4) after conv3_3 or (B, 64, H, W) after MopNet's conv1_2.
 
     Args:
         path: a state_dict of torchvision's vgg16, as published.
+        network: name of the network to train.
 
     Raises:
         ValueError: a file that is missing, damaged or of another network.
@@ -34,9 +41,9 @@ class VGGFeatures(nn.Module):
     mean: Tensor
     std: Tensor
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, network: str) -> None:
         super().__init__()
-        self.layers = torchvision.models.vgg16().features[:CONV3_3]
+        self.layers = torchvision.models.vgg16().features[: DEPTHS.get(network, USUAL_DEPTH)]
         wanted = "Pass a state_dict of torchvision's vgg16."
         try:
             state = torch.load(path, map_location="cpu", weights_only=True)
@@ -56,32 +63,48 @@ class VGGFeatures(nn.Module):
 
 
 def esdnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
-    """Compute ESDNet's loss (section 4.3, equation 4): L1 and, by weight 1, the L1 distance of
-    VGG-16's features after conv3_3, summed over the three scales.
+    """Compute ESDNet's loss (section 4.3): L1 and, by weight 1, the L1 distance of VGG-16's
+    features after conv3_3, summed over the three scales.
 
     Args:
         outputs: of `DemoireNet.outputs`.
-        target: (B, 3, H, W) in [0, 1]; brought to the coarser scales bilinearly.
+        target: (B, 3, H, W) in [0, 1]; brought to coarser scales bilinearly.
         features: a `VGGFeatures`; None leaves the perceptual part out.
+
+    Returns:
+        A scalar, differentiable in outputs.
     """
     total = target.new_zeros(())
     for output in outputs:
-        wanted = _resized(target, output)
+        wanted = resized(target, output)
         total = total + F.l1_loss(output, wanted)
         if features is not None:
             total = total + F.l1_loss(features(output), features(wanted))
     return total
 
 
-def charbonnier(output: Tensor, target: Tensor) -> Tensor:
-    """Compute the mean of sqrt((output - target)^2 + 1e-6), an L1 that is smooth at 0."""
-    return ((output - target).square() + EPSILON**2).sqrt().mean()
+def mddm(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
+    """Compute MDDM's loss: Charbonnier's, the mean of sqrt((output - target)^2 + 1e-6), an L1 that
+    is smooth at 0; `features` are not used. Args, Returns: as `esdnet`."""
+    return ((outputs[0] - target).square() + CHARBONNIER**2).sqrt().mean()
 
 
-LOSSES: dict[str, Loss] = {"esdnet": esdnet}
+def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
+    """Compute MopNet's loss: mean square error of the image and of the edges, and of VGG-16's
+    features after conv1_2 by the paper's weight 0.1. Args, Returns: as `esdnet`."""
+    image, edges = outputs
+    total = F.mse_loss(image, target) + F.mse_loss(edges, sobel(target))
+    if features is not None:
+        total = total + FEATURES * F.mse_loss(features(image), features(target))
+    return total
 
 
-def _resized(x: Tensor, like: Tensor) -> Tensor:
-    if x.shape == like.shape:
-        return x
-    return F.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=False)
+# FHDe2Net's and AMNet's exact weights were not at hand: FHDe2Net's stages are held to L1 like
+# ESDNet's scales, and so is AMNet's image, without the adversarial part
+LOSSES: dict[str, Loss] = {
+    "mopnet": mopnet,
+    "mddm": mddm,
+    "fhde2net": esdnet,
+    "amnet": esdnet,
+    "esdnet": esdnet,
+}
