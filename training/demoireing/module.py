@@ -20,7 +20,7 @@ CLIP = 1.0  # norm of a step's gradient: the networks have no normalisation
 
 class Demoireing(L.LightningModule):
     """Trains a network by its published loss; validation scores PSNR and SSIM of the cleaned
-    photos.
+    photos, and for comparison the photos' own PSNR.
 
     Args:
         network: of `demoire.build`. demoire, train: how it is trained.
@@ -67,13 +67,14 @@ class Demoireing(L.LightningModule):
 
     def on_validation_epoch_start(self) -> None:
         self._trained = time.perf_counter() - self._began
-        self._scores = {"psnr": [], "ssim": []}
+        self._scores = {"psnr": [], "ssim": [], "photo_psnr": []}
 
     def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
         photos, targets = (codes.float() / 255 for codes in batch)
         cleaned = self(photos)
         self._scores["psnr"].append(psnr(cleaned, targets))
         self._scores["ssim"].append(ssim(cleaned, targets))
+        self._scores["photo_psnr"].append(psnr(photos, targets))
 
     def on_validation_epoch_end(self) -> None:
         validation = time.perf_counter() - self._began - self._trained
@@ -85,7 +86,7 @@ class Demoireing(L.LightningModule):
         }
         for name, values in self._scores.items():
             mean = self.trainer.strategy.reduce(torch.cat(values).mean(), reduce_op="mean")
-            self.log(f"val_{name}", mean, prog_bar=True, logger=False)
+            self.log(f"val_{name}", mean, prog_bar=name != "photo_psnr", logger=False)
             row[name] = float(mean)
         self.history.append(row)
 

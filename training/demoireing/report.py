@@ -174,13 +174,19 @@ def curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, 
     found = []
     for name, label, caption in (
         ("loss", "training loss", "Training loss, mean since the last validation."),
-        ("psnr", "validation PSNR, dB", f"PSNR of validation photos; step {best} was kept."),
+        (
+            "psnr",
+            "validation PSNR, dB",
+            "PSNR of validation photos, cleaned; the level line is of the photos themselves. "
+            f"Step {best} was kept.",
+        ),
     ):
         figure = Figure(SIZE, layout="constrained")
         ax = figure.subplots()
         ax.plot(steps, [row[name] for row in history], "o-", color=OURS, markersize=3.2)
         if name == "psnr":
-            ax.axvline(best, color=THEIRS, linewidth=1)
+            ax.axvline(best, color=FAINT)
+            ax.axhline(history[-1]["photo_psnr"], color=THEIRS, linewidth=1)
         ax.set_xlabel("step", size=10, color=INK)
         ax.set_ylabel(label, size=10, color=INK)
         ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
