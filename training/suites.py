@@ -14,7 +14,8 @@ import torch
 from torch import nn
 from torch.utils.data import Subset
 
-from moireaug.defenses import Compose, Quilting
+from moireaug.defenses import Quilting, demoire
+from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import Defence
 from moireaug.evaluation.judges import require_identity
@@ -59,9 +60,17 @@ def suite_config(
     config = dataclasses.replace(protocol.config(), targets=targets)
     defences = dict(config.defences)
     without = {}
-    network = None
-    if cfg.demoire:  # before a patch bank is made
-        network = callable_of(cfg.demoire, fabric.device)
+    networks: dict[str, Defence] = {}
+    if cfg.networks:  # before a patch bank is made
+        networks = networks_of(cfg.networks, fabric.device)
+    if cfg.demoire:
+        own = Demoire(callable_of(cfg.demoire, fabric.device))
+        (networks if cfg.suite == "demoireing" else defences)[cfg.demoire] = own
+    if cfg.suite == "demoireing" and not networks:
+        raise ValueError(
+            "suite=demoireing needs demoiréing networks: pass networks=DIR with their weights, or "
+            "demoire=package.module:callable."
+        )
     if cfg.suite in ("defences", "paper"):
         donors = protocol.batches.others(splits)
         if len(donors):
@@ -74,9 +83,7 @@ def suite_config(
             without["quilting"] = (
                 "there are no images to make its patch bank from beside those attacked"
             )
-    if network is not None and cfg.demoire:
-        defences[cfg.demoire] = Compose((network,))
-    return dataclasses.replace(config, defences=defences, without=without)
+    return dataclasses.replace(config, defences=defences, networks=networks, without=without)
 
 
 def targets_of(
@@ -123,6 +130,32 @@ def quilting(images: Subset, cache: Path) -> Quilting:
     stack = torch.stack(some).float() / 255
     cache.parent.mkdir(parents=True, exist_ok=True)
     return Quilting.from_images(stack, patches=BANK, seed=0, cache=cache)
+
+
+def networks_of(folder: str, device: torch.device) -> dict[str, Defence]:
+    """Return the demoiréing networks whose weights are the files FILE.pt of a folder, by the files'
+    names.
+
+    Raises:
+        ValueError: no such folder or files, a file that is damaged or holds no network, or one that
+            is named after another network than it holds.
+    """
+    files = sorted(Path(folder).glob("*.pt"))
+    if not files:
+        raise ValueError(
+            f"networks={folder!r} is no folder with weights of demoiréing networks, FILE.pt each. "
+            "Pass one that holds files of demoire.save, such as mopnet.pt."
+        )
+    found: dict[str, Defence] = {}
+    for file in files:
+        network = demoire.load(file)
+        if file.stem in demoire.NETWORKS and file.stem != network.name:
+            raise ValueError(
+                f"{file} is named after another network than it holds, {network.name}: its row "
+                "would stand beside that network's figures. Rename it."
+            )
+        found[file.stem] = Demoire(network.to(device))
+    return found
 
 
 def callable_of(name: str, device: torch.device) -> Defence:
