@@ -27,6 +27,7 @@ from training.overrides import USES
 from training.schema import Data, ReattackConfig, Trainer
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
+RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
 BANK, DONORS = 50_000, 500  # patches of the image quilting, and images that they are drawn from
 
 
@@ -132,29 +133,34 @@ def quilting(images: Subset, cache: Path) -> Quilting:
     return Quilting.from_images(stack, patches=BANK, seed=0, cache=cache)
 
 
-def networks_of(folder: str, device: torch.device) -> dict[str, Defence]:
-    """Return the demoiréing networks whose weights are the files FILE.pt of a folder, by the files'
-    names.
+def networks_of(given: Any, device: torch.device) -> dict[str, Defence]:
+    """Return demoiréing networks by name: those of the files FILE.pt of a folder, by the files'
+    names, or those named, by a file of weights or a run's folder.
 
     Raises:
-        ValueError: no such folder or files, a file that is damaged or holds no network, or one that
+        ValueError: no such file or folder, a file that is damaged or holds no network, or one that
             is named after another network than it holds.
     """
-    files = sorted(Path(folder).glob("*.pt"))
-    if not files:
+    places = given
+    if isinstance(given, str):
+        places = {file.stem: file for file in sorted(Path(given).glob("*.pt"))}
+    if not isinstance(places, Mapping) or not places:
         raise ValueError(
-            f"networks={folder!r} is no folder with weights of demoiréing networks, FILE.pt each. "
-            "Pass one that holds files of demoire.save, such as mopnet.pt."
+            f"networks={given!r} has no weights of demoiréing networks. Pass a folder with files "
+            "of demoire.save, such as mopnet.pt, or networks='{mopnet: FILE}'."
         )
     found: dict[str, Defence] = {}
-    for file in files:
+    for name, place in places.items():
+        file = Path(place) / RUN_WEIGHTS if Path(place).is_dir() else Path(place)
         network = demoire.load(file)
-        if file.stem in demoire.NETWORKS and file.stem != network.name:
+        if name == Path(RUN_WEIGHTS).stem:  # of a run's own folder
+            name = network.name
+        if name in demoire.NETWORKS and name != network.name:
             raise ValueError(
-                f"{file} is named after another network than it holds, {network.name}: its row "
-                "would stand beside that network's figures. Rename it."
+                f"networks: {name!r} names another network than {str(file)!r} holds, "
+                f"{network.name}: its row would stand beside that network's figures. Rename it."
             )
-        found[file.stem] = Demoire(network.to(device))
+        found[name] = Demoire(network.to(device))
     return found
 
 
