@@ -154,7 +154,9 @@ class ReattackConfig(Config):
     # or one of evaluation.suites.SUITES, a group ("paper", "recipes"), "trust"
     suite: str = "ladder"
     targets: Any = None  # of transfer: name to a file of weights or a run's folder
-    # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
+    # of demoireing: a folder of weights FILE.pt, or name to a file of weights or a run's folder
+    networks: Any = None
+    # package.module:callable on (B, 3, H, W) in [0, 1], a further defence or demoiréing network
     demoire: str | None = None
     # a state_dict of torchvision's squeezenet1_1, alexnet or vgg16: LPIPS of every attack
     lpips: str | None = None

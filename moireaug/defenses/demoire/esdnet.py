@@ -23,10 +23,12 @@ class ESDNet(DemoireNet):
     """An encoder and decoder of three levels; each level is a dilated residual dense block and a
     semantic-aligned scale-aware module, and each decoder level predicts the image at its scale.
 
-    Source: section 4; the smaller of the two published networks, 5.93 million parameters. The
-    paper leaves open, and chosen here: the dilation rates, 48 channels
-    that double by level in the encoder, 64 in every decoder level, 32 a dense layer, reduction 4.
-    With these, the number of parameters is the published one.
+    Source: section 4; the smaller of the two published networks, 5.93 million parameters. Its text
+    does not give the numbers inside a level: 48 channels that double by level in the encoder, 64 in
+    every decoder level, 32 a dense layer, a reduction of 4 and the dilation rates are those with
+    which the number of parameters is the published one. The blocks' activations are ReLU.
+
+    `outputs` are the images at full, half and quarter size.
     """
 
     name = "esdnet"

@@ -76,10 +76,10 @@ class RegionAttention(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         batch, _, height, width = x.shape
         rows, columns = height // REGION, width // REGION
-        split = self.embed(x).view(batch, 3, self.inner, rows, REGION, columns, REGION)
+        split = self.embed(x).reshape(batch, 3, self.inner, rows, REGION, columns, REGION)
         query, key, value = split.permute(1, 0, 3, 5, 4, 6, 2).flatten(4, 5)
         found = F.scaled_dot_product_attention(query, key, value)
-        found = found.view(batch, rows, columns, REGION, REGION, self.inner)
+        found = found.reshape(batch, rows, columns, REGION, REGION, self.inner)
         found = found.permute(0, 5, 1, 3, 2, 4).reshape(batch, self.inner, height, width)
         return x + self.fuse(found)
 

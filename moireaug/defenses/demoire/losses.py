@@ -43,12 +43,14 @@ class VGGFeatures(nn.Module):
 
     def __init__(self, path: str | Path, network: str) -> None:
         super().__init__()
-        self.layers = torchvision.models.vgg16().features[: DEPTHS.get(network, USUAL_DEPTH)]
+        with torch.device("meta"):  # the file's weights take the place of what would be drawn
+            whole = torchvision.models.vgg16().features
+        self.layers = whole[: DEPTHS.get(network, USUAL_DEPTH)]
         wanted = "Pass a state_dict of torchvision's vgg16."
         try:
             state = torch.load(path, map_location="cpu", weights_only=True)
             own = {key: state[f"features.{key}"] for key in self.layers.state_dict()}
-            self.layers.load_state_dict(own)
+            self.layers.load_state_dict(own, assign=True)
         except Exception as error:  # whichever byte was hit, or tensor is missing
             raise ValueError(
                 f"vgg: the file {str(path)!r} could not be read as VGG-16 "

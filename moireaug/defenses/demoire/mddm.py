@@ -22,10 +22,10 @@ class MDDM(DemoireNet):
     Source: strided convolutions between the branches, sub-pixel convolutions after them and a
     learned factor each (multi-scale); squeeze and excitation, reduction 16, and AdaIN from a bypass
     of convolutions (dynamic feature encoding); a region-level non-local layer before each branch's
-    own residual; PReLU. The paper leaves open, and chosen here: 64 channels, one convolution a
-    block in the bypass, regions of 8 x 8 pixels, and 6, 12, 18 and 27 blocks in the four branches
-    (more at coarse sizes, as there), which give the published 8.01 million parameters. The photo is
-    added to the sum, so that the branches predict what to change.
+    own residual; PReLU. The paper's numbers of layers were not at hand. Chosen here, to agree with
+    the published 8.01 million parameters: 64 channels, one convolution a block in the bypass,
+    regions of 8 x 8 pixels, and 6, 12, 18 and 27 blocks in four branches (more at coarse sizes, as
+    there). The photo is added to the sum, so that the branches predict what to change.
     """
 
     name = "mddm"

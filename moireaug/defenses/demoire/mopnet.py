@@ -28,10 +28,11 @@ class MopNet(DemoireNet):
     decoder with non-local blocks from the photo, its Sobel edges added channel by channel, to the
     edges of the clean image; networks like VGG-16 for whether the moiré has one or several colours,
     a low or a high frequency, and straight or curved stripes, whose answers go into the last layers
-    as constant maps. The paper leaves open, and chosen here: five scales, six dense layers each of
-    growth 52, no batch normalisation, the channels of the edge predictor, non-local blocks within
-    regions, and the classifiers' heads. They give 5.54, 6.99, 15.9 and 31.8 million parameters
-    where 5.45, 6.95, 15.9 and 31.9 are published; the larger classifier is of two attributes.
+    as constant maps. The paper's numbers of layers were not at hand. Chosen here: five scales, six
+    dense layers each of growth 52, no batch normalisation, the channels of the edge predictor,
+    non-local blocks within regions, and the classifiers' heads. They give 5.54, 6.99, 15.9 and 31.8
+    million parameters where 5.45, 6.95, 15.9 and 31.9 are published; the larger classifier is of
+    two attributes.
 
     The paper trains the classifiers on 12 000 photos labelled by hand. Pairs have no such labels:
     without them the classifiers are trained with the rest, towards what helps the image.
