@@ -21,7 +21,7 @@ def psnr(pictures: Tensor, wanted: Tensor) -> Tensor:
 def ssim(pictures: Tensor, wanted: Tensor) -> Tensor:
     """Return the structural similarity of each of (B, 3, H, W) in [0, 1]: the mean over pixels and
     channels, windows of 11 pixels."""
-    return ssim_map(pictures.double(), wanted.double(), WINDOW).mean((1, 2, 3))
+    return ssim_map(pictures.float(), wanted.float(), WINDOW).mean((1, 2, 3))
 
 
 def mapped(picture: Tensor, wanted: Tensor) -> Tensor:
