@@ -5,7 +5,7 @@
     python training/fit.py recipe=moire_fast data=folder data.root=DIR train.epochs=30
     python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR
 
-The last trains a demoireing network, and is a story of its own: training/demoireing/fit.py.
+The last trains a demoiréing network, and is a story of its own: training/demoireing/fit.py.
 
 Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with
 report.html, metrics.json, best.ckpt, last.ckpt and config.yaml; with other data or another model

@@ -1,4 +1,4 @@
-"""Demoireing networks through their real commands, small: files, figures, resuming, and sentences
+"""Demoiréing networks through their real commands, small: files, figures, resuming, and sentences
 for what goes wrong."""
 
 import csv
@@ -244,7 +244,7 @@ SENTENCES = [
     (["model=esdnett"], "Did you mean 'esdnet'?"),
     (["demoire.target=twins"], "Did you mean 'twin'?"),
     (["demoire.width=0"], "width"),
-    (["data.train=100"], "data.train= has no effect on a demoireing network"),
+    (["data.train=100"], "data.train= has no effect on a demoiréing network"),
     (["train.check_every=3"], "must be a multiple of train.check_every"),
     (["train.steps=0"], "train.steps must be at least 1"),
     (["data.val=null"], "data.val must be at least 1"),

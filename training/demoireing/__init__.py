@@ -1,1 +1,1 @@
-"""Demoireing networks, trained on simulated pairs alone: `fit.py recipe=demoire`."""
+"""Demoiréing networks, trained on simulated pairs alone: `fit.py recipe=demoire`."""

@@ -1,4 +1,4 @@
-"""Train a demoireing network on simulated pairs alone, test it, and report what it cleans.
+"""Train a demoiréing network on simulated pairs alone, test it, and report what it cleans.
 
     python training/fit.py recipe=demoire                                   # on drawn signs
     python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR pairs=PAIRS.csv
@@ -86,7 +86,7 @@ def check(cfg: DemoireConfig) -> None:
     one_of("data", cfg.data.name, pictures.PICTURES)
     for key, usual in UNUSED.items():
         if getattr(cfg.data, key) != usual:
-            raise ValueError(f"data.{key}= has no effect on a demoireing network: leave it out.")
+            raise ValueError(f"data.{key}= has no effect on a demoiréing network: leave it out.")
     for name, value, least in (
         ("train.steps", cfg.train.steps, 1),
         ("train.check_every", cfg.train.check_every, 1),

@@ -1,4 +1,4 @@
-"""The demoireing network that is trained: Lightning's loop around it."""
+"""The demoiréing network that is trained: Lightning's loop around it."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from moireaug.evaluation.report.numbers import number
 from moireaug.evaluation.report.page import environment, uri
 from moireaug.evaluation.report.plots import FAINT, INK, OURS, SIZE, THEIRS
 from training.demoireing.fidelity import WINDOW
-from training.demoireing.testing import TestPair
+from training.demoireing.testing import GroupedPair
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
 PICTURE = 300  # pixels of a picture that the page shows
@@ -31,7 +31,7 @@ COLUMNS = {
 }
 
 
-def page(metrics: Mapping[str, Any], shown: Sequence[tuple[TestPair, Tensor]]) -> str:
+def page(metrics: Mapping[str, Any], shown: Sequence[tuple[GroupedPair, Tensor]]) -> str:
     """Return the report of a run as a page that needs nothing but itself.
 
     Args:
@@ -144,7 +144,7 @@ def said(metrics: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def block(pair: TestPair, cleaned: Tensor) -> dict[str, Any]:
+def block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
     """Return the pictures of a pair, side by side."""
     removed = 128 + STRONGER * (pair.photo.int() - cleaned.int())
     sides = {

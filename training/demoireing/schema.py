@@ -1,4 +1,4 @@
-"""Every setting of a run that trains a demoireing network; recipes in `recipes/demoireing/`.
+"""Every setting of a run that trains a demoiréing network; recipes in `recipes/demoireing/`.
 
 Lengths of time are steps, sizes are pixels.
 """
@@ -35,8 +35,8 @@ class Demoire:
 class Train:
     """Say how the weights are trained."""
 
-    steps: int = 1500
-    check_every: int = 150  # steps from one validation to the next; each can be resumed from
+    steps: int = 600
+    check_every: int = 50  # steps from one validation to the next; each can be resumed from
     batch_size: int = 4  # of all devices together
     lr: float = 1e-3  # the greatest; falls to nothing along half a cosine
     warmup: int = 50  # steps over which it rises
@@ -45,7 +45,7 @@ class Train:
 
 
 @dataclass
-class Test:
+class HeldOut:
     """Say what the trained network is tested on."""
 
     size: int = 256  # side of the pairs
@@ -63,13 +63,13 @@ class DemoireConfig(RunConfig):
     # `weights`: a file of moireaug.defenses.demoire.save to start from
     demoire: Demoire = field(default_factory=Demoire)
     train: Train = field(default_factory=Train)
-    test: Test = field(default_factory=Test)
+    test: HeldOut = field(default_factory=HeldOut)
     # real photos and what was on the screen, for the report: as training/calibrate.py takes them
     pairs: str | None = None
 
 
 def names() -> list[str]:
-    """Return the recipes that train a demoireing network."""
+    """Return the recipes that train a demoiréing network."""
     return sorted(path.stem for path in OWN.glob("*.yaml"))
 
 
@@ -88,7 +88,7 @@ def asked_for(overrides: Sequence[str]) -> bool:
     if ours and len(ours) < len(given):
         raise SystemExit(
             f"error: recipe={','.join(given)} mixes recipes of two kinds: {', '.join(ours)} trains "
-            "a demoireing network. Give them to two commands."
+            "a demoiréing network. Give them to two commands."
         )
     return bool(ours)
 

@@ -24,7 +24,7 @@ from training.demoireing.schema import DemoireConfig
 MEASURES = ("psnr", "ssim", "mapped_psnr", "mapped_ssim")
 
 
-class TestPair(NamedTuple):
+class GroupedPair(NamedTuple):
     """A photo and what it is of, (3, H, W) uint8 each.
 
     Args:
@@ -40,7 +40,7 @@ class TestPair(NamedTuple):
     twin: Tensor | None
 
 
-class Tested(NamedTuple):
+class Outcome(NamedTuple):
     """A test's figures and pictures.
 
     Args:
@@ -50,19 +50,19 @@ class Tested(NamedTuple):
     """
 
     scores: pd.DataFrame
-    shown: list[tuple[TestPair, Tensor]]
+    shown: list[tuple[GroupedPair, Tensor]]
 
 
-def simulated(cfg: DemoireConfig, splits: Splits) -> Iterator[TestPair]:
+def simulated(cfg: DemoireConfig, splits: Splits) -> Iterator[GroupedPair]:
     """Make the simulated pairs of every scene that is tested in."""
     for name, pairs in test_pairs(cfg, splits).items():
         kind = "unseen" if name in cfg.test.unseen else "seen"
         for k in range(cfg.data.test or 0):
             pair = pairs.pair(k)
-            yield TestPair(name, kind, pair.picture, pair.photo, pair.original, pair.twin)
+            yield GroupedPair(name, kind, pair.picture, pair.photo, pair.original, pair.twin)
 
 
-def real(source: str) -> Iterator[TestPair]:
+def real(source: str) -> Iterator[GroupedPair]:
     """Read the real pairs that `pairs=` names.
 
     Raises:
@@ -70,7 +70,7 @@ def real(source: str) -> Iterator[TestPair]:
     """
     for shown in read_pairs(find_pairs(Path(source))):
         if shown.original is not None:
-            yield TestPair("real photos", "real", shown.name, shown.photo, shown.original, None)
+            yield GroupedPair("real photos", "real", shown.name, shown.photo, shown.original, None)
 
 
 def clean(network: DemoireNet, photo: Tensor) -> Tensor:
@@ -82,13 +82,13 @@ def clean(network: DemoireNet, photo: Tensor) -> Tensor:
     return (255 * cleaned).round().to(torch.uint8).cpu()
 
 
-def test(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Tested:
+def test(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Outcome:
     """Clean the photos of all pairs, and compare them with what they should be."""
     found = list(simulated(cfg, splits))
     if cfg.pairs:
         found += real(cfg.pairs)
     rows: list[dict[str, Any]] = []
-    shown: list[tuple[TestPair, Tensor]] = []
+    shown: list[tuple[GroupedPair, Tensor]] = []
     for pair in tqdm(found, desc="Testing", unit="pair", disable=None, leave=False):
         began = time.perf_counter()
         cleaned = clean(network, pair.photo)
@@ -98,10 +98,10 @@ def test(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Tested:
             shown.append((pair, cleaned))
         for row in compared(pair, cleaned):
             rows.append(row | {"seconds": seconds, "pixels": pair.photo[0].numel()})
-    return Tested(pd.DataFrame(rows), shown)
+    return Outcome(pd.DataFrame(rows), shown)
 
 
-def compared(pair: TestPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
+def compared(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
     """Yield the photo's and the cleaned photo's likeness to each reference there is."""
     about = {"group": pair.group, "kind": pair.kind, "picture": pair.name}
     for reference in ("twin", "original"):

@@ -1,4 +1,4 @@
-"""Training of a demoireing network: begun, resumed, or read back where it is complete."""
+"""Training of a demoiréing network: begun, resumed, or read back where it is complete."""
 
 from __future__ import annotations
 
