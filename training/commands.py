@@ -17,13 +17,13 @@ from training import runs
 from training.messages import Lines as Lines
 from training.messages import complain as complain
 from training.messages import sentence as sentence
-from training.schema import Config, check_keys
+from training.schema import RunConfig, check_keys
 
 EXPECTED = (ValueError, TypeError, FloatingPointError, OSError, MisconfigurationException)
 _failed: list[str] = []  # jobs of a sweep
 
 
-def run(main: Callable[[], None], schema: type[Config]) -> None:
+def run(main: Callable[[], None], schema: type[RunConfig]) -> None:
     """Run a Hydra command, or its sweep.
 
     Raises:

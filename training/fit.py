@@ -3,6 +3,9 @@
     python training/fit.py recipe=moire_at
     python training/fit.py -m recipe=baseline,moire_at seed=0,1
     python training/fit.py recipe=moire_fast data=folder data.root=DIR train.epochs=30
+    python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR
+
+The last trains a demoiréing network, and is a story of its own: training/demoireing/fit.py.
 
 Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with
 report.html, metrics.json, best.ckpt, last.ckpt and config.yaml; with other data or another model
@@ -16,9 +19,8 @@ was, is resumed by the same command.
 
 from __future__ import annotations
 
-import logging
+import sys
 import time
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -32,9 +34,11 @@ from moireaug.scene.fields import one_of
 from training import adversaries, commands, reattack, runs, saved, scenes
 from training.attacking import Attacked, Protocol, attack, protocol_of
 from training.data import Splits, load
+from training.demoireing import fit as demoireing
 from training.results import compare, describe, publish
 from training.schema import Config, as_config, register
 from training.train import train_model
+from training.trainers import quiet
 
 Metrics = dict[str, Any]
 
@@ -204,24 +208,10 @@ def main(cfg: DictConfig) -> None:
         fit(cfg)
 
 
-def quiet() -> None:
-    """Silence what Lightning says at every start and a user of these recipes cannot act on."""
-    for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
-        logging.getLogger(name).setLevel(logging.WARNING)
-    warnings.filterwarnings("ignore", ".*does not have many workers.*")
-    warnings.filterwarnings(
-        "ignore", ".*in eval mode at the start of training.*"
-    )  # what fine-tuning keeps
-    warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
-    warnings.filterwarnings(
-        "ignore", ".*sync_dist=True.*"
-    )  # what is logged is the mean of all devices already
-    warnings.filterwarnings("ignore", ".*smaller than the logging interval.*")
-    warnings.filterwarnings(
-        "ignore", ".*isinstance.treespec, LeafSpec.*"
-    )  # Lightning's own, on newer torch
-
-
 register()
+demoireing.register()
 if __name__ == "__main__":
-    commands.run(main, Config)
+    if demoireing.asked_for(sys.argv[1:]):
+        commands.run(demoireing.main, demoireing.DemoireConfig)
+    else:
+        commands.run(main, Config)

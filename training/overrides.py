@@ -27,7 +27,8 @@ OWN = (
 ATTACKED = tuple(name for name in (*SUITES, *GROUPS) if name not in ("threat", "unseen"))
 USES = {
     "targets": ("transfer", "paper", "trust"),
-    "demoire": ("defences", "paper"),
+    "demoire": ("defences", "demoireing", "paper"),
+    "networks": ("demoireing", "paper"),
     "lpips": ATTACKED,
 }  # option to suites
 

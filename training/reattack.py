@@ -205,7 +205,7 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
     for name in ("eps", "seed", "batch_size"):
         if getattr(own, name) != getattr(usual, name):
             odd[name] = getattr(own, name)
-    for name in ("targets", "demoire", "lpips"):
+    for name in ("targets", "networks", "demoire", "lpips"):
         if getattr(cfg, name):
             odd[name] = getattr(cfg, name)
     if with_data:

@@ -22,10 +22,19 @@ from training.files import read_json, read_metrics, read_settings
 from training.locks import locked
 from training.machine import command as command
 from training.machine import environment as environment
-from training.schema import HOME, RECIPES, Adversary, Config, Data, as_config, as_values
+from training.schema import (
+    HOME,
+    RECIPES,
+    Adversary,
+    Config,
+    Data,
+    RunConfig,
+    as_config,
+    as_values,
+)
 
 # What a run's result does not depend on.
-_FREE, _FREE_DATA = ("runs", "resume"), ("workers", "download")
+_FREE, _FREE_DATA = ("runs", "resume", "pairs"), ("workers", "download")
 PLAIN = ("clean", "baseline")  # recipes without an adversary, which the others are compared with
 
 
@@ -34,7 +43,7 @@ def is_first() -> bool:
     return int(getattr(rank_zero_only, "rank", 0)) == 0
 
 
-def settings(cfg: DictConfig | Config) -> dict[str, Any]:
+def settings(cfg: DictConfig | RunConfig) -> dict[str, Any]:
     """Return the settings that a run's result depends on, as plain values."""
     values = as_values(cfg)
     for key in _FREE:
@@ -49,7 +58,7 @@ def fingerprint(values: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
-def folder(cfg: Config) -> Path:
+def folder(cfg: RunConfig) -> Path:
     """Return where a run is kept.
 
     That is `runs`/<recipe>/seed<k> for the default data and model, else
@@ -175,7 +184,7 @@ class Run:
             stale.unlink(missing_ok=True)
 
 
-def run_of(cfg: Config) -> Run:
+def run_of(cfg: RunConfig) -> Run:
     """Return the run of these settings."""
     return Run(folder(cfg), fingerprint(settings(cfg)), cfg.resume)
 

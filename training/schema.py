@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
@@ -16,6 +16,7 @@ from moireaug.scene.fields import one_of
 from moireaug.scene.scene import Scene, as_scene
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
+Settings = TypeVar("Settings", bound="RunConfig")
 
 
 @dataclass
@@ -116,8 +117,8 @@ class Reattack:
 
 
 @dataclass
-class Config:
-    """Hold every setting of a run."""
+class RunConfig:
+    """Hold the settings that every run has, whatever it trains."""
 
     recipe: str = MISSING
     seed: int = 0
@@ -125,15 +126,22 @@ class Config:
     # a preset's name, or a mapping of Scene's fields with an optional `preset`; on a command line
     # also a YAML file of such a mapping
     scene: Any = "screen_photo"
-    model: str = "small_resnet"  # or any torchvision classifier
+    model: str = MISSING
     weights: str | None = None  # a state_dict file, or torchvision's name of weights
     data: Data = field(default_factory=Data)
-    adversary: Adversary = field(default_factory=Adversary)
-    train: Train = field(default_factory=Train)
     trainer: Trainer = field(default_factory=Trainer)
-    reattack: Reattack = field(default_factory=Reattack)
     # null: resume where possible; true: resume or fail; false: train again
     resume: bool | None = None
+
+
+@dataclass
+class Config(RunConfig):
+    """Hold every setting of a run that trains a classifier."""
+
+    model: str = "small_resnet"  # or any torchvision classifier
+    adversary: Adversary = field(default_factory=Adversary)
+    train: Train = field(default_factory=Train)
+    reattack: Reattack = field(default_factory=Reattack)
 
 
 @dataclass
@@ -146,14 +154,16 @@ class ReattackConfig(Config):
     # or one of evaluation.suites.SUITES, a group ("paper", "recipes"), "trust"
     suite: str = "ladder"
     targets: Any = None  # of transfer: name to a file of weights or a run's folder
-    # package.module:callable on (B, 3, H, W) in [0, 1], a further defence
+    # of demoireing: a folder of weights FILE.pt, or name to a file of weights or a run's folder
+    networks: Any = None
+    # package.module:callable on (B, 3, H, W) in [0, 1], a further defence or demoiréing network
     demoire: str | None = None
     # a state_dict of torchvision's squeezenet1_1, alexnet or vgg16: LPIPS of every attack
     lpips: str | None = None
 
 
-def as_config(cfg: DictConfig | Config) -> Config:
-    """Return the settings as the dataclass they are declared as, `Config` or `ReattackConfig`.
+def as_config(cfg: DictConfig | Settings) -> Settings:
+    """Return the settings as the dataclass they are declared as.
 
     Args:
         cfg: as Hydra composed it; a dataclass is returned as it is.
@@ -166,7 +176,7 @@ def as_config(cfg: DictConfig | Config) -> Config:
     return cfg
 
 
-def as_values(cfg: DictConfig | Config) -> dict[str, Any]:
+def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
     """Return the settings as plain values: dictionaries, lists, strings and numbers."""
     if isinstance(cfg, DictConfig):
         return OmegaConf.to_container(cfg, resolve=True)  # type: ignore[return-value]
@@ -175,6 +185,10 @@ def as_values(cfg: DictConfig | Config) -> dict[str, Any]:
 
 HOME = ("signs", Config.model)  # data and model whose runs need no folder of their own
 QUIET = {"run": {"dir": "."}, "sweep": {"dir": "${runs}", "subdir": "."}, "output_subdir": None}
+SILENT = [
+    {"override hydra/job_logging": "disabled"},
+    {"override hydra/hydra_logging": "disabled"},
+]
 
 
 def scene_of(cfg: Any) -> Scene:
@@ -185,7 +199,7 @@ def scene_of(cfg: Any) -> Scene:
     return as_scene(scene)
 
 
-def check_keys(overrides: list[str], schema: type[Config]) -> None:
+def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
     """Refuse an unknown key, recipe or data set of a command line, with the nearest known one.
 
     Raises:
@@ -211,7 +225,7 @@ def check_keys(overrides: list[str], schema: type[Config]) -> None:
                     "recipe= says how a model is trained, and this one is only attacked: leave it "
                     "out."
                 )
-            names = {"recipe": [p.stem for p in RECIPES.glob("*.yaml")], "data": list(DATA)}
+            names = {"recipe": [p.stem for p in RECIPES.rglob("*.yaml")], "data": list(DATA)}
             if key in names:
                 for name in value.split(","):
                     one_of(key, name, sorted(names[key]))
@@ -225,15 +239,18 @@ def register() -> None:
     store.store(name="schema", node=Config)
     for name, node in DATA.items():
         store.store(group="data", name=name, node=node)
-    for path in sorted(RECIPES.glob("*.yaml")):
-        recipe = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
-        store.store(group="recipe", name=path.stem, package="_global_", node=recipe)
-    silent = [
-        {"override hydra/job_logging": "disabled"},
-        {"override hydra/hydra_logging": "disabled"},
-    ]
+    store_recipes(RECIPES)
     defaults = ["schema", {"data": HOME[0]}, {"recipe": "clean"}, "_self_"]
-    store.store(name="root", node={"defaults": [*defaults, *silent], "hydra": QUIET})
+    store.store(name="root", node={"defaults": [*defaults, *SILENT], "hydra": QUIET})
     store.store(name="reattack_schema", node=ReattackConfig)
-    defaults = ["reattack_schema", {"data": HOME[0]}, "_self_", *silent]
+    defaults = ["reattack_schema", {"data": HOME[0]}, "_self_", *SILENT]
     store.store(name="reattack", node={"defaults": defaults, "hydra": QUIET})
+
+
+def store_recipes(folder: Path) -> None:
+    """Register the recipes that lie in a folder itself with Hydra."""
+    for path in sorted(folder.glob("*.yaml")):
+        recipe = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
+        ConfigStore.instance().store(
+            group="recipe", name=path.stem, package="_global_", node=recipe
+        )

@@ -17,23 +17,27 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str) -> Schema:
     """Return the settings of a command line.
 
     Args:
-        argv: key=value each. schema: a dataclass with every key, its type and its default.
+        argv: key=value each.
+        schema: a dataclass with every key, its type and its default. A key that is a word of
+            Python's has an underscore behind it there: in_ is in=.
         example: a command that works, for who gave none.
 
     Raises:
         ValueError: an unknown key, with the closest known one, or a value of another type.
     """
     cfg = OmegaConf.structured(schema)
+    fields = {str(field).removesuffix("_"): str(field) for field in cfg}
     for argument in argv:
         key, equals, value = argument.partition("=")
-        one_of("a setting", key, map(str, cfg))
+        one_of("a setting", key, fields)
         if not equals:
             raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
         try:
-            cfg[key] = None if value == "null" else value
+            cfg[fields[key]] = None if value == "null" else value
         except OmegaConfBaseException as error:
             raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
-    absent = sorted(map(str, OmegaConf.missing_keys(cfg)))
+    missing = OmegaConf.missing_keys(cfg)
+    absent = sorted(key for key, field in fields.items() if field in missing)
     if absent:
         raise ValueError(f"{', '.join(absent)} must be given, as in: {example}")
     if not argv:

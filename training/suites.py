@@ -14,7 +14,8 @@ import torch
 from torch import nn
 from torch.utils.data import Subset
 
-from moireaug.defenses import Compose, Quilting
+from moireaug.defenses import Quilting, demoire
+from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import Defence
 from moireaug.evaluation.judges import require_identity
@@ -26,6 +27,7 @@ from training.overrides import USES
 from training.schema import Data, ReattackConfig, Trainer
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
+RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
 BANK, DONORS = 50_000, 500  # patches of the image quilting, and images that they are drawn from
 
 
@@ -59,9 +61,17 @@ def suite_config(
     config = dataclasses.replace(protocol.config(), targets=targets)
     defences = dict(config.defences)
     without = {}
-    network = None
-    if cfg.demoire:  # before a patch bank is made
-        network = callable_of(cfg.demoire, fabric.device)
+    networks: dict[str, Defence] = {}
+    if cfg.networks:  # before a patch bank is made
+        networks = networks_of(cfg.networks, fabric.device)
+    if cfg.demoire:
+        own = Demoire(callable_of(cfg.demoire, fabric.device))
+        (networks if cfg.suite == "demoireing" else defences)[cfg.demoire] = own
+    if cfg.suite == "demoireing" and not networks:
+        raise ValueError(
+            "suite=demoireing needs demoiréing networks: pass networks=DIR with their weights, or "
+            "demoire=package.module:callable."
+        )
     if cfg.suite in ("defences", "paper"):
         donors = protocol.batches.others(splits)
         if len(donors):
@@ -74,9 +84,7 @@ def suite_config(
             without["quilting"] = (
                 "there are no images to make its patch bank from beside those attacked"
             )
-    if network is not None and cfg.demoire:
-        defences[cfg.demoire] = Compose((network,))
-    return dataclasses.replace(config, defences=defences, without=without)
+    return dataclasses.replace(config, defences=defences, networks=networks, without=without)
 
 
 def targets_of(
@@ -123,6 +131,37 @@ def quilting(images: Subset, cache: Path) -> Quilting:
     stack = torch.stack(some).float() / 255
     cache.parent.mkdir(parents=True, exist_ok=True)
     return Quilting.from_images(stack, patches=BANK, seed=0, cache=cache)
+
+
+def networks_of(given: Any, device: torch.device) -> dict[str, Defence]:
+    """Return demoiréing networks by name: those of the files FILE.pt of a folder, by the files'
+    names, or those named, by a file of weights or a run's folder.
+
+    Raises:
+        ValueError: no such file or folder, a file that is damaged or holds no network, or one that
+            is named after another network than it holds.
+    """
+    places = given
+    if isinstance(given, str):
+        places = {file.stem: file for file in sorted(Path(given).glob("*.pt"))}
+    if not isinstance(places, Mapping) or not places:
+        raise ValueError(
+            f"networks={given!r} has no weights of demoiréing networks. Pass a folder with files "
+            "of demoire.save, such as mopnet.pt, or networks='{mopnet: FILE}'."
+        )
+    found: dict[str, Defence] = {}
+    for name, place in places.items():
+        file = Path(place) / RUN_WEIGHTS if Path(place).is_dir() else Path(place)
+        network = demoire.load(file)
+        if name == Path(RUN_WEIGHTS).stem:  # of a run's own folder
+            name = network.name
+        if name in demoire.NETWORKS and name != network.name:
+            raise ValueError(
+                f"networks: {name!r} names another network than {str(file)!r} holds, "
+                f"{network.name}: its row would stand beside that network's figures. Rename it."
+            )
+        found[name] = Demoire(network.to(device))
+    return found
 
 
 def callable_of(name: str, device: torch.device) -> Defence:

@@ -5,14 +5,10 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import lightning as L
-import torch
-from lightning.pytorch.callbacks import TQDMProgressBar
-from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import OmegaConf
 
@@ -20,13 +16,14 @@ from moireaug.files import write_text
 from training import ranks, runs
 from training.adversaries import passes
 from training.batches import Batches
-from training.checkpoints import AtomicCheckpointIO, ClassNames, RunCheckpoint
+from training.checkpoints import ClassNames, RunCheckpoint
 from training.classifier import Classifier
 from training.data import Splits
 from training.files import read_checkpoint, read_json
 from training.guard import Guard
 from training.models import as_model
 from training.schema import Config, Trainer, as_values, scene_of
+from training.trainers import make_trainer
 from training.tuning import Tuning, averaging
 
 
@@ -143,28 +140,11 @@ def trainer_of(
         settings: passed on as they are. tuning: how the weights are averaged.
         out: the run's folder. classes: the name of each logit.
     """
-    given = asdict(settings)
-    if given["accelerator"] == "auto" and not torch.cuda.is_available():
-        given["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
-    plugins: list[Any] = [AtomicCheckpointIO()]
-    if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
-        plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself
     callbacks = [
         averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),
         Guard(out / "best.ckpt"),
         RunCheckpoint(out, "last"),
         ClassNames(classes),
-        TQDMProgressBar(leave=False),
     ]
-    return L.Trainer(
-        **given,
-        max_epochs=epochs,
-        callbacks=callbacks,
-        plugins=plugins,
-        logger=False,
-        num_sanity_val_steps=0,
-        enable_model_summary=False,
-        use_distributed_sampler=False,
-        benchmark=False,
-    )
+    return make_trainer(settings, epochs, callbacks)

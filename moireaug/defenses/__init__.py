@@ -14,6 +14,7 @@ from moireaug.extras import require
 
 require("eval", "moireaug.defenses")
 
+from moireaug.defenses import demoire
 from moireaug.defenses.base import Defence
 from moireaug.defenses.defended import Compose, Defended
 from moireaug.defenses.deflection import PixelDeflection
@@ -48,5 +49,6 @@ __all__ = [
     "PixelDeflection",
     "Quilting",
     "TotalVariation",
+    "demoire",
     "restore_mean",
 ]

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from numbers import Integral, Real
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from moireaug.capture import check_images
 
@@ -29,6 +29,11 @@ class Defence(ABC):
     @abstractmethod
     def title(self) -> str:
         """The defence's name in tables."""
+
+    @property
+    def networks(self) -> tuple[nn.Module, ...]:
+        """The modules that it computes with."""
+        return ()
 
     def __call__(self, images: Tensor) -> Tensor:
         """Defend a batch.

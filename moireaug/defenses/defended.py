@@ -53,8 +53,13 @@ class Compose(Defence):
     @property
     def networks(self) -> tuple[nn.Module, ...]:
         """The modules among the defences, also inside other rows."""
-        inside = (d.networks if isinstance(d, Compose) else (d,) for d in self.defences)
-        return tuple(d for row in inside for d in row if isinstance(d, nn.Module))
+        found: list[nn.Module] = []
+        for defence in self.defences:
+            if isinstance(defence, Defence):
+                found += defence.networks
+            elif isinstance(defence, nn.Module):
+                found.append(defence)
+        return tuple(found)
 
     def __call__(self, images: Tensor) -> Tensor:
         images = check_images(images)

@@ -11,6 +11,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from moireaug.checks import check_images
+from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import Defence, Model
 from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.judges import require_identity
@@ -34,6 +35,7 @@ def evaluate(
     seed: int = 0,
     targets: Mapping[str, Model] | None = None,
     defences: Mapping[str, Defence] | None = None,
+    networks: Mapping[str, Defence] | None = None,
     folder: str | Path | None = None,
     lpips: str | Path | None = None,
     progress: bool = True,
@@ -50,18 +52,21 @@ def evaluate(
             by 255. Its order must not change where `folder` is given.
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
         scene: a Scene, a preset's name or a dict: whose shots are drawn, one per image.
-        eps: bounds of the ladder, in [0, 1] units; jpeg, defences, transfer, factors,
-            noise_position, adaptive and trust attack at the middle one, other suites have their
-            own.
+        eps: bounds of the ladder, in [0, 1] units; jpeg, defences, demoireing, transfer,
+            factors, noise_position, adaptive and trust attack at the middle one, other suites have
+            their own.
         steps: gradient steps of every attack.
         n: images; None is all.
         seed: of shots, targets and random starts.
         targets: name to model, for the suite "transfer".
         defences: name to defence, beside the paper's or in place of one.
+        networks: name to demoiréing network, for the suite "demoireing": of `demoire.load`, or any
+            callable from images to images. Beside "mopnet", "mddm", "fhde2net" and "amnet" stand
+            the paper's figures.
         folder: where records are kept as they come, so that the same call goes on where it stopped;
             None keeps them in memory. They are kept by weights, settings and pixels, so that
-            model, targets and defences must be Modules, records of `defenses` or functions that can
-            be imported.
+            model, targets, defences and networks must be Modules, records of `defenses` or
+            functions that can be imported.
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16: the
             LPIPS of every attack is measured with it. None measures none.
         progress: whether a bar is shown.
@@ -82,6 +87,7 @@ def evaluate(
         steps=steps,
         targets=targets or {},
         defences=paper_defences() | dict(defences or {}),
+        networks={name: Demoire(network) for name, network in (networks or {}).items()},
     )
     tables = tables_of(suite, config)
     measure = None
@@ -90,7 +96,8 @@ def evaluate(
         measure.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     records = Records()
     if folder is not None:
-        for name, part in {"the model": model, **config.targets, **config.defences}.items():
+        named = {**config.targets, **config.defences, **config.networks}
+        for name, part in {"the model": model, **named}.items():
             require_identity(name, part)
         records = RecordFolder(Path(folder))
     with records:

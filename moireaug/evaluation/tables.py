@@ -83,6 +83,7 @@ class SuiteConfig:
         steps: gradient steps of every attack.
         targets: name to model for transfer; None where its weights are not at hand.
         defences: name to defence: by default the paper's.
+        networks: name to demoiréing network, as a defence.
         without: name to the reason why a defence is not there.
 
     Raises:
@@ -94,17 +95,18 @@ class SuiteConfig:
     steps: int = 20
     targets: Mapping[str, Model | None] = field(default_factory=dict)
     defences: Mapping[str, Defence] = field(default_factory=lambda: paper_defences())
+    networks: Mapping[str, Defence] = field(default_factory=dict)
     without: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.eps or len(set(self.eps)) < len(self.eps):
             raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
-        names = [*self.targets, *self.defences]
+        names = [*self.targets, *self.defences, *self.networks]
         for name in names:
             if name in RESERVED or names.count(name) > 1:
                 raise ValueError(
-                    f"{name!r} cannot name a target or defence: it is another's name already, or "
-                    f"one of {', '.join(RESERVED)}. Choose another."
+                    f"{name!r} cannot name a target, defence or network: it is another's name "
+                    f"already, or one of {', '.join(RESERVED)}. Choose another."
                 )
 
     @property

@@ -19,7 +19,7 @@ from torch.utils.data import IterableDataset, get_worker_info
 
 from moireaug.capture import capture
 from moireaug.scene.scene import Scene, Shot, as_scene
-from moireaug.synthesis.pictures import Pictures
+from moireaug.synthesis.pictures import Pictures, Source
 from moireaug.synthesis.twins import without_moire
 
 SIZES = (16, 8192)  # pixels a side
@@ -107,7 +107,7 @@ class Pairs(IterableDataset):
         self.size = _integer("size", size, *SIZES)
         self.seed = _integer("seed", seed, 0, SEEDS)
         self.n = None if n is None else _integer("n", n, 1, None)
-        _check_aligned(self.scene)
+        check_aligned(self.scene)
         self.pictures = Pictures(images, self.size)
 
     def make_pair(self, k: int) -> Pair:
@@ -116,19 +116,7 @@ class Pairs(IterableDataset):
         Raises:
             ValueError: no picture is usable, or one could not be read by the system.
         """
-        rng = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, k]))
-        name, picture = self.pictures.draw(rng)
-        top = int(rng.integers(picture.height - self.size + 1))
-        left = int(rng.integers(picture.width - self.size + 1))
-        crop = picture.crop((left, top, left + self.size, top + self.size))
-        original = torch.from_numpy(np.array(crop)).permute(2, 0, 1).contiguous()
-        # torch's generator keeps 32 bits of a seed: about a hundred of a million shots come twice,
-        # of different crops
-        generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
-        shot = self.scene.sample(1, (self.size, self.size), generator)
-        photo = _photograph(original, shot)
-        twin = _photograph(original, without_moire(shot)) if self.twin else None
-        return Pair(k, name, top, left, shot, original, photo, twin)
+        return make_pair(k, self.pictures, self.scene, self.size, twin=self.twin, seed=self.seed)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         first, step = _share()
@@ -141,6 +129,32 @@ class Pairs(IterableDataset):
             for name, codes in pair.pictures().items():
                 item[name] = codes.float() / 255
             yield item
+
+
+def make_pair(k: int, pictures: Source, scene: Scene, size: int, *, twin: bool, seed: int) -> Pair:
+    """Return the pair of a number: a picture, a crop of it and a shot, all drawn from (seed, k).
+
+    Args:
+        k: its number, at least 0. pictures: where its picture comes from.
+        scene: one for which `check_aligned` holds. size: side of the crop in pixels.
+        twin: whether to photograph the crop again without moiré. seed: as of `Pairs`.
+
+    Raises:
+        ValueError: as `pictures.draw`.
+    """
+    rng = np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, k]))
+    name, picture = pictures.draw(rng)
+    top = int(rng.integers(picture.height - size + 1))
+    left = int(rng.integers(picture.width - size + 1))
+    crop = picture.crop((left, top, left + size, top + size))
+    original = torch.from_numpy(np.array(crop)).permute(2, 0, 1).contiguous()
+    # torch's generator keeps 32 bits of a seed: about a hundred of a million shots come twice,
+    # of different crops
+    generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
+    shot = scene.sample(1, (size, size), generator)
+    photo = _photograph(original, shot)
+    without = _photograph(original, without_moire(shot)) if twin else None
+    return Pair(k, name, top, left, shot, original, photo, without)
 
 
 @torch.no_grad()
@@ -160,7 +174,12 @@ def _share() -> tuple[int, int]:
     return rank * workers + worker, ranks * workers
 
 
-def _check_aligned(scene: Scene) -> None:
+def check_aligned(scene: Scene) -> None:
+    """Refuse a scene whose photos do not lie on their originals, or cannot be taken.
+
+    Raises:
+        ValueError: with what to pass instead.
+    """
     if not scene.develop.registered:
         raise ValueError(
             "pairs are aligned, and this scene leaves its photos in the camera's frame "

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from PIL import Image
 from torchvision.datasets.folder import IMG_EXTENSIONS
 
 from moireaug.images import read
+
+
+class Source(Protocol):
+    """Where pairs take their pictures from."""
+
+    def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
+        """Draw a picture; return its name and itself, in mode RGB. A pure function of `rng`."""
+        ...
 
 
 class Pictures:
@@ -67,6 +78,13 @@ class Pictures:
         raise ValueError(
             f"none of the {len(self)} pictures in {self.folder} is usable. The first: {reasons[0]}"
         )
+
+    def part(self, numbers: Sequence[int]) -> Pictures:
+        """Return some of the pictures, by their numbers, as if the folder held no others."""
+        found = copy.copy(self)
+        found.names = [self.names[number] for number in numbers]
+        found.unusable = {}
+        return found
 
     def fingerprint(self) -> str:
         """Return hex digits that change with any picture's name or number of bytes."""

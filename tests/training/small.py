@@ -130,8 +130,8 @@ def weights(path):
 
 def same(one, other):
     """Whether two runs' folders hold the same weights, bit for bit."""
-    return all(
-        torch.equal(value, weights(other / name)[key])
-        for name in ("best.ckpt", "last.ckpt")
-        for key, value in weights(one / name).items()
-    )
+    for name in ("best.ckpt", "last.ckpt"):
+        ours, theirs = weights(one / name), weights(other / name)
+        if not all(torch.equal(value, theirs[key]) for key, value in ours.items()):
+            return False
+    return True

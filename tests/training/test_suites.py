@@ -4,6 +4,7 @@ several processes."""
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
 from moireaug import Scene
+from moireaug.defenses import demoire
 from moireaug.evaluation import GROUPS
 from moireaug.evaluation.frame import read_published
 from moireaug.evaluation.report.suite_view import CONTROLS
@@ -26,6 +28,7 @@ from training.attacking import Plan, protocol_of
 from training.data import Splits, load
 from training.eval_batches import EvalBatches
 from training.schema import Reattack, as_config, check_keys
+from training.suites import networks_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -361,6 +364,33 @@ def test_a_network_against_moire_is_a_defence(weights, tmp_path):
     assert same[0] == same[1]  # relu changes nothing in [0, 1]
 
 
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory):
+    """A folder of two small demoiréing networks that were never trained."""
+    folder = tmp_path_factory.mktemp("networks")
+    for name in ("amnet", "esdnet"):
+        torch.manual_seed(0)
+        demoire.save(demoire.build(name, width=0.05), folder / f"{name}.pt")
+    return folder
+
+
+def test_demoireing_networks_are_rows(weights, networks, tmp_path):
+    run = tmp_path / "run"
+    run.mkdir()
+    shutil.copy(networks / "amnet.pt", run / "weights.pt")
+    rows = []
+    for given in (networks, f"{{mine: {networks / 'esdnet.pt'}, amnet: {run}}}"):
+        more = ["reattack.n=1", f"networks={given}"]
+        found = suite("demoireing", weights, tmp_path / "runs", *more)
+        rows.append({r["row"] for r in found["tables"]["demoireing"]})
+    assert rows == [{"undefended", "amnet", "esdnet"}, {"undefended", "amnet", "mine"}]
+    assert list(networks_of(str(run), torch.device("cpu"))) == ["amnet"]
+    for page in tmp_path.rglob("tables.md"):
+        text = page.read_text("utf-8")
+        assert "| AMNet |" in text and "| MopNet | – |" in text
+        assert "MopNet: no weights were given" in text
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [
@@ -375,6 +405,9 @@ def test_a_network_against_moire_is_a_defence(weights, tmp_path):
             "demoire='nothing:there' could not be imported",
         ),
         (["suite=defences", "demoire=math:pi"], "is a float, not a callable"),
+        (["suite=demoireing"], "suite=demoireing needs demoiréing networks: pass networks=DIR"),
+        (["suite=demoireing", "networks=nowhere"], "networks='nowhere' has no weights"),
+        (["suite=demoireing", "networks={amnet: none.pt}"], "no weights file 'none.pt'"),
         (
             ["suite=success", "reattack.batch_size=0"],
             "reattack.batch_size must be at least 1; got 0",
@@ -385,6 +418,12 @@ def test_mistakes_get_a_sentence(more, message, weights, tmp_path):
     with pytest.raises(ValueError, match=message):
         suite("success", weights, tmp_path, *more)
     assert not list(tmp_path.rglob("report.html"))
+
+
+def test_a_network_is_not_shown_as_another(weights, networks, tmp_path):
+    given = f"networks={{mopnet: {networks / 'amnet.pt'}}}"
+    with pytest.raises(ValueError, match=r"'mopnet' names another network than .*, amnet"):
+        suite("demoireing", weights, tmp_path, given)
 
 
 def test_a_target_on_its_own_says_how_to_pass_it():

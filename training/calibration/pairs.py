@@ -17,6 +17,7 @@ from moireaug.images import read
 from moireaug.synthesis.registration import register
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+TABLE = "pairs.csv"  # of a folder
 BATCH = 8  # crops that are photographed at a time
 
 
@@ -53,14 +54,16 @@ class Crops:
 
 
 def find_pairs(source: Path) -> list[Pair]:
-    """Find the pairs of a CSV file with the columns photo and original, or of a folder with the
-    folders `photo` and `original`, whose files have equal names.
+    """Find the pairs of a CSV file with the columns photo and original, of a folder with such a
+    file pairs.csv, or of one with the folders `photo` and `original`, whose files have equal names.
 
     A CSV's relative paths are relative to its own folder.
 
     Raises:
         ValueError: none found, a column or a file that is missing.
     """
+    if (source / TABLE).is_file():
+        source = source / TABLE
     if source.is_dir():
         pairs = list(_of_folders(source))
     elif source.is_file():

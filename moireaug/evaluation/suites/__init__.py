@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from moireaug.evaluation.suites.adaptive import adaptive, standard, worst_case
+from moireaug.evaluation.suites.demoireing import demoireing
 from moireaug.evaluation.suites.ladder import ladder
 from moireaug.evaluation.suites.paper import (
     budget,
@@ -31,6 +32,7 @@ SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
     "mean_normalised": mean_normalised,
     "jpeg": jpeg,
     "defences": defences,
+    "demoireing": demoireing,
     "transfer": transfer,
     "budget": budget,
     "factors": factors,
@@ -48,6 +50,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "mean_normalised",
         "jpeg",
         "defences",
+        "demoireing",
         "transfer",
         "budget",
         "factors",

@@ -46,7 +46,7 @@ def eps_row(eps: float) -> str:
     return f"eps_{codes(eps)}"
 
 
-def _is_published(config: SuiteConfig) -> bool:
+def is_published(config: SuiteConfig) -> bool:
     """Return whether the bound is the one that the paper compares at, 4/255."""
     return codes(config.middle) == "4"
 
@@ -92,7 +92,7 @@ def jpeg(config: SuiteConfig) -> Table:
         "jpeg",
         tuple(crossed(judges, columns)),
         pictures=tuple(("undefended", column) for column in columns),
-        published=_is_published(config),
+        published=is_published(config),
     )
 
 
@@ -107,7 +107,7 @@ def defences(config: SuiteConfig) -> Table:
         "defences",
         tuple(crossed(judges, columns)),
         empty=config.without,
-        published=_is_published(config),
+        published=is_published(config),
     )
 
 
@@ -125,7 +125,7 @@ def transfer(config: SuiteConfig) -> Table:
         "transfer",
         tuple(crossed(judges, columns)),
         empty=lost,
-        published=_is_published(config),
+        published=is_published(config),
     )
 
 
@@ -190,4 +190,4 @@ def noise_position(config: SuiteConfig) -> Table:
     judges = {"undefended": UNDEFENDED}
     for quality in (20, 40):
         judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    return Table("noise_position", tuple(crossed(judges, columns)), published=_is_published(config))
+    return Table("noise_position", tuple(crossed(judges, columns)), published=is_published(config))

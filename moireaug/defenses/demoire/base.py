@@ -1,0 +1,124 @@
+"""What every demoiréing network shares: images of any size in, images in [0, 1] out."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from torch import Tensor, nn
+
+from moireaug.checks import channels_last
+from moireaug.defenses.base import check_real, mirrored, straight_through
+
+WIDEST = 4.0
+
+
+class DemoireNet(nn.Module, ABC):
+    """A demoiréing network: a subclass sets `name`, `title` and `multiple`, and computes
+    `predict`.
+
+    Args:
+        width: factor of the published numbers of channels, in (0, 4].
+
+    Attributes:
+        name: of `demoire.NETWORKS`. title: in tables.
+        multiple: what the sides of the images that `predict` gets are multiples of, in pixels.
+
+    Raises:
+        TypeError, ValueError: a width out of range.
+    """
+
+    name: str
+    title: str
+    multiple: int
+
+    def __init__(self, width: float = 1.0) -> None:
+        super().__init__()
+        check_real("width", width, 0, WIDEST)
+        self.width = float(width)
+
+    @abstractmethod
+    def predict(self, images: Tensor) -> tuple[Tensor, ...]:
+        """Predict from images whose sides are multiples of `multiple`; as `outputs` returns them,
+        not cropped."""
+
+    def outputs(self, images: Tensor) -> tuple[Tensor, ...]:
+        """Predict the images without moiré as the published loss takes them: not clipped.
+
+        Args:
+            images: (B, 3, H, W) float in [0, 1], sRGB codes, of any size. Their right and lower
+                edges are extended by their mirror image to a multiple of `multiple`, and the
+                predictions cropped.
+
+        Returns:
+            Predictions from the finest to the coarsest. The first is the image, (B, 3, H, W); what
+            follows, each network says: images at the same size or at 1 / s of it,
+            (B, 3, ceil(H / s), ceil(W / s)), or edges. Differentiable in images and weights.
+
+        Raises:
+            TypeError, ValueError: images of another type or shape.
+        """
+        _check_shape(images)
+        height, width = images.shape[-2:]
+        predictions = self.predict(self._extended(images))
+        finest = predictions[0].shape[-2]
+        cropped = []
+        for prediction in predictions:
+            scale = finest // prediction.shape[-2]
+            rows, columns = -(-height // scale), -(-width // scale)
+            cropped.append(prediction[..., :rows, :columns])
+        return tuple(cropped)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Remove the moiré.
+
+        Args:
+            images: (B, 3, H, W) float in [0, 1], sRGB codes, of any size.
+
+        Returns:
+            (B, 3, H, W) in [0, 1]: the finest of `outputs`, clipped. Backward is that of the
+            prediction before it was clipped: a network that answers beyond black or white would
+            otherwise have no gradient there, and hide from an attack (BPDA; Athalye, Carlini and
+            Wagner 2018).
+
+        Raises:
+            TypeError, ValueError: as `outputs`.
+        """
+        finest = self.outputs(images)[0]
+        return straight_through(finest, finest.clamp(0, 1))
+
+    def extra_repr(self) -> str:
+        return f"width={self.width:g}"
+
+    def _extended(self, images: Tensor) -> Tensor:
+        """Extend the right and lower edges to a multiple of `multiple`."""
+        height, width = images.shape[-2:]
+        if height % self.multiple:
+            rows = mirrored(height, 0, -height % self.multiple, images.device)
+            images = images[..., rows, :]
+        if width % self.multiple:
+            columns = mirrored(width, 0, -width % self.multiple, images.device)
+            images = images[..., columns]
+        return images
+
+
+def scaled(channels: int, width: float, multiple: int = 4) -> int:
+    """Return a published number of channels by a factor, rounded to a multiple of `multiple` and at
+    least that; at width 1 the number itself."""
+    if width == 1:
+        return channels
+    return max(multiple, multiple * round(channels * width / multiple))
+
+
+def _check_shape(images: Tensor) -> None:
+    """Refuse what is no float batch of three channels; values are not looked at, which would wait
+    for the device in every step of a training."""
+    if not isinstance(images, Tensor) or not images.is_floating_point():
+        raise TypeError(
+            "images must be a floating point tensor in [0, 1]; got "
+            f"{getattr(images, 'dtype', type(images).__name__)}. Divide uint8 images by 255."
+        )
+    if images.ndim != 4 or images.shape[1] != 3 or 0 in images.shape:
+        raise ValueError(
+            "images must have the shape (B, 3, H, W) with B, H, W >= 1; got "
+            f"{tuple(images.shape)}.{channels_last(images)}"
+        )

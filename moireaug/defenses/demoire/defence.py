@@ -1,0 +1,57 @@
+"""A demoiréing network as a defence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from torch import Tensor, nn
+
+from moireaug.defenses.base import Defence, straight_through
+
+
+@dataclass(frozen=True)
+class Demoire(Defence):
+    """A demoiréing network before the model.
+
+    Args:
+        network: of `demoire.build` or `demoire.load`, or of one's own: any callable from images
+            (B, 3, H, W) in [0, 1] to images of the same shape, clipped here. A module is put into
+            evaluation mode; images are computed in the dtype of its parameters. It may name itself
+            in tables by an attribute `title`.
+
+    Backward: the network's own gradient; where its answer is clipped, that of the unclipped one.
+
+    Raises:
+        TypeError: what cannot be called on images.
+    """
+
+    network: Callable[[Tensor], Tensor]
+
+    def __post_init__(self) -> None:
+        if not callable(self.network) or isinstance(self.network, type):
+            raise TypeError(
+                f"network must be callable on images; got {self.network!r}. Is it "
+                "demoire.load(FILE)?"
+            )
+        if isinstance(self.network, nn.Module):
+            self.network.eval()
+
+    @property
+    def title(self) -> str:
+        named = getattr(self.network, "title", "") or getattr(self.network, "__name__", "")
+        return str(named or type(self.network).__name__)
+
+    @property
+    def networks(self) -> tuple[nn.Module, ...]:
+        return (self.network,) if isinstance(self.network, nn.Module) else ()
+
+    def apply(self, images: Tensor) -> Tensor:
+        weights = [p for network in self.networks for p in network.parameters()]
+        out = self.network(images.to(weights[0].dtype) if weights else images)
+        if out.shape != images.shape:
+            raise ValueError(
+                f"a demoiréing network must keep the images' shape {tuple(images.shape)}; "
+                f"{self.title} gave {tuple(out.shape)}."
+            )
+        return straight_through(out, out.clamp(0, 1)).to(images.dtype)

@@ -1,0 +1,136 @@
+"""ESDNet (Yu et al., "Towards Efficient and Scale-Robust Ultra-High-Definition Image Demoiréing",
+ECCV 2022)."""
+
+from __future__ import annotations
+
+import itertools
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from moireaug.defenses.demoire.base import DemoireNet, scaled
+from moireaug.defenses.demoire.layers import Residual, resized
+
+ENCODER, DECODER = 48, 64  # channels of the first encoder level and of every decoder level
+GROWTH = 32  # channels that a layer of a dense block adds
+RESIDUAL_RATES = (1, 2, 1)  # dilation of the layers of a dilated residual dense block
+PYRAMID_RATES = (1, 2, 3, 2, 1)  # of the five layers of a branch of the pyramid
+REDUCTION = 4  # of the perceptron that weighs the branches
+
+
+class ESDNet(DemoireNet):
+    """An encoder and decoder of three levels; each level is a dilated residual dense block and a
+    semantic-aligned scale-aware module, and each decoder level predicts the image at its scale.
+
+    Source: section 4; the smaller of the two published networks, 5.93 million parameters. Its text
+    does not give the numbers inside a level: 48 channels that double by level in the encoder, 64 in
+    every decoder level, 32 a dense layer, a reduction of 4 and the dilation rates are those with
+    which the number of parameters is the published one. The blocks' activations are ReLU.
+
+    `outputs` are the images at full, half and quarter size.
+    """
+
+    name = "esdnet"
+    title = "ESDNet"
+    multiple = 32  # a pixel unshuffle, two levels, and a pyramid of a quarter: 2 x 4 x 4
+
+    def __init__(self, width: float = 1.0) -> None:
+        super().__init__(width)
+        wide = [scaled(ENCODER * 2**level, width) for level in range(3)]
+        deep, growth = scaled(DECODER, width), scaled(GROWTH, width)
+        first = nn.Conv2d(12, wide[0], 5, padding=2)
+        self.head = nn.Sequential(nn.PixelUnshuffle(2), first, _relu())
+        self.encoders = nn.ModuleList([_level(channels, growth) for channels in wide])
+        self.downs = nn.ModuleList()
+        for fine, coarse in itertools.pairwise(wide):
+            down = nn.Conv2d(fine, coarse, 3, stride=2, padding=1)
+            self.downs.append(nn.Sequential(down, _relu()))
+        self.merges = nn.ModuleList()
+        for level, channels in enumerate(wide):
+            coarser = deep if level < 2 else 0
+            merge = nn.Conv2d(channels + coarser, deep, 3, padding=1)
+            self.merges.append(nn.Sequential(merge, _relu()))
+        self.decoders = nn.ModuleList([_level(deep, growth) for _ in wide])
+        self.tails = nn.ModuleList()
+        for _ in wide:
+            tail = nn.Conv2d(deep, 12, 3, padding=1)
+            self.tails.append(nn.Sequential(tail, nn.PixelShuffle(2)))
+
+    def predict(self, images: Tensor) -> tuple[Tensor, ...]:
+        x = self.head(images)
+        skips = []
+        for level, encoder in enumerate(self.encoders):
+            x = encoder(x)
+            skips.append(x)
+            if level < 2:
+                x = self.downs[level](x)
+        predictions: list[Tensor] = []
+        for level in (2, 1, 0):
+            below = skips[level]
+            if level < 2:
+                below = torch.cat([below, resized(x, below)], 1)
+            x = self.decoders[level](self.merges[level](below))
+            predictions.insert(0, self.tails[level](x))
+        return tuple(predictions)
+
+
+class DenseBlock(nn.Module):
+    """Dilated convolutions, each of everything before it, and a 1 x 1 convolution of them all back
+    to the input's channels; residual dense
+    blocks are Zhang et al.'s (CVPR 2018)."""
+
+    def __init__(self, channels: int, growth: int, rates: tuple[int, ...]) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList()
+        for index, rate in enumerate(rates):
+            inputs = channels + index * growth
+            layer = nn.Conv2d(inputs, growth, 3, padding=rate, dilation=rate)
+            self.layers.append(nn.Sequential(layer, _relu()))
+        self.fuse = nn.Conv2d(channels + len(rates) * growth, channels, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        for layer in self.layers:
+            x = torch.cat([x, layer(x)], 1)
+        return self.fuse(x)
+
+
+class ScaleAware(nn.Module):
+    """Semantic-aligned scale-aware module (section 4.2): a pyramid of the features at
+    full, half and quarter size passes a dense block each, and the three are added up by weights
+    that a perceptron finds from their means, channel by channel."""
+
+    def __init__(self, channels: int, growth: int) -> None:
+        super().__init__()
+        branches = [DenseBlock(channels, growth, PYRAMID_RATES) for _ in range(3)]
+        self.branches = nn.ModuleList(branches)
+        squeezed = max(8, 3 * channels // REDUCTION)
+        self.weigh = nn.Sequential(
+            nn.Conv2d(3 * channels, squeezed, 1),
+            _relu(),
+            nn.Conv2d(squeezed, squeezed, 1),
+            _relu(),
+            nn.Conv2d(squeezed, 3 * channels, 1),
+            nn.Sigmoid(),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        found = [self.branches[0](x)]
+        for scale, branch in zip((2, 4), list(self.branches)[1:], strict=True):
+            small = F.interpolate(x, scale_factor=1 / scale, mode="bilinear", align_corners=False)
+            found.append(resized(branch(small), x))
+        means = torch.cat(found, 1).mean((2, 3), keepdim=True)
+        weights = self.weigh(means).chunk(3, 1)
+        total = x
+        for weight, features in zip(weights, found, strict=True):
+            total = total + weight * features
+        return total
+
+
+def _level(channels: int, growth: int) -> nn.Sequential:
+    residual = Residual(DenseBlock(channels, growth, RESIDUAL_RATES))
+    return nn.Sequential(residual, ScaleAware(channels, growth))
+
+
+def _relu() -> nn.ReLU:
+    return nn.ReLU(inplace=True)

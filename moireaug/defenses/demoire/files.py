@@ -1,0 +1,132 @@
+"""Networks by name, and their weights in files."""
+
+from __future__ import annotations
+
+import difflib
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from moireaug.defenses.demoire.amnet import AMNet
+from moireaug.defenses.demoire.base import DemoireNet
+from moireaug.defenses.demoire.esdnet import ESDNet
+from moireaug.defenses.demoire.fhde2net import FHDe2Net
+from moireaug.defenses.demoire.mddm import MDDM
+from moireaug.defenses.demoire.mopnet import MopNet
+from moireaug.files import write_bytes
+
+NETWORKS: dict[str, type[DemoireNet]] = {
+    "mopnet": MopNet,
+    "mddm": MDDM,
+    "fhde2net": FHDe2Net,
+    "amnet": AMNet,
+    "esdnet": ESDNet,
+}
+KEYS = ("network", "width", "state")  # of a weights file
+
+
+def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -> DemoireNet:
+    """Return a demoiréing network by name, freshly initialised or with weights.
+
+    Args:
+        name: of `demoire.NETWORKS`.
+        width: factor of the published numbers of channels, in (0, 4].
+        weights: a file that `save` wrote, of this name and width.
+
+    Raises:
+        TypeError, ValueError: an unknown name, a width out of range, a file that is missing,
+            damaged, or of another network.
+    """
+    if name not in NETWORKS:
+        closest = difflib.get_close_matches(str(name), NETWORKS, n=1, cutoff=0.3)
+        hint = f" Closest: {closest[0]}." if closest else ""
+        raise ValueError(
+            f"demoire: there is no network {name!r}.{hint} Choose one of {', '.join(NETWORKS)}."
+        )
+    network = NETWORKS[name](width)
+    if weights is None:
+        return network
+    kept = _read(weights)
+    if (kept["network"], kept["width"]) != (name, network.width):
+        raise ValueError(
+            f"demoire: {str(weights)!r} holds {kept['network']} of width {kept['width']:g}; asked "
+            f"for was {name} of width {network.width:g}. Ask for what it holds, or use "
+            "demoire.load, which reads both from the file."
+        )
+    _fill(network, kept["state"], weights)
+    return network
+
+
+def load(path: str | Path) -> DemoireNet:
+    """Return the network in a file that `save` wrote, of its name and width, in evaluation mode.
+
+    Raises:
+        ValueError: a file that is missing, damaged, or holds none of `demoire.NETWORKS`.
+    """
+    kept = _read(path)
+    network = build(kept["network"], width=kept["width"])
+    _fill(network, kept["state"], path)
+    return network.eval()
+
+
+def save(network: DemoireNet, path: str | Path) -> None:
+    """Write a network's name, width and weights, whole or not at all.
+
+    Args:
+        network: of `demoire.NETWORKS`, on any device.
+        path: its folder is made where it is missing.
+
+    Raises:
+        TypeError: another module, whose file could not be read again.
+        OSError: the disk is full or not writable.
+    """
+    if NETWORKS.get(getattr(network, "name", "")) is not type(network):
+        raise TypeError(
+            f"demoire.save takes a network of demoire.build; got {type(network).__name__}. Keep "
+            "another module by torch.save(module.state_dict(), path)."
+        )
+    state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
+    packed = io.BytesIO()
+    torch.save({"network": network.name, "width": network.width, "state": state}, packed)
+    write_bytes(Path(path), packed.getvalue())
+
+
+def _read(path: str | Path) -> dict[str, Any]:
+    """Return a file's name, width and state; no code in it is run."""
+    if not Path(path).is_file():
+        raise ValueError(f"demoire: there is no weights file {str(path)!r}. {_wanted()}")
+    try:
+        kept = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, KeyError, ...
+        raise ValueError(
+            f"demoire: the weights file {str(path)!r} could not be read ({type(error).__name__}): "
+            f"it is damaged, or holds more than tensors. {_wanted()}"
+        ) from error
+    if not isinstance(kept, Mapping) or set(kept) != set(KEYS):
+        raise ValueError(
+            f"demoire: the file {str(path)!r} holds no network, width and state. {_wanted()}"
+        )
+    if kept["network"] not in NETWORKS:
+        raise ValueError(
+            f"demoire: {str(path)!r} holds a network {kept['network']!r}, which this version does "
+            f"not know. {_wanted()}"
+        )
+    return dict(kept)
+
+
+def _fill(network: DemoireNet, state: Mapping[str, torch.Tensor], path: str | Path) -> None:
+    try:
+        network.load_state_dict(state)
+    except (RuntimeError, TypeError, AttributeError) as error:
+        told = " ".join(str(error).split())
+        raise ValueError(
+            f"demoire: the weights in {str(path)!r} are not of {network.name} of width "
+            f"{network.width:g} ({told[:200]}). {_wanted()}"
+        ) from error
+
+
+def _wanted() -> str:
+    return f"Pass a file that demoire.save wrote, of {', '.join(NETWORKS)}."

@@ -1,0 +1,126 @@
+"""Layers that several demoiréing networks are made of; all keep height and width unless they say
+otherwise."""
+
+from __future__ import annotations
+
+import itertools
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+REGION = 8  # side of the regions within which non-local attention looks, in pixels of its scale
+SLOPE = 0.1  # of leaky ReLUs
+
+
+def conv(inputs: int, outputs: int, stride: int = 1, rate: int = 1) -> nn.Sequential:
+    """Return a 3 x 3 convolution and a leaky ReLU; a stride of 2 halves the sides."""
+    layer = nn.Conv2d(inputs, outputs, 3, stride=stride, padding=rate, dilation=rate)
+    return nn.Sequential(layer, nn.LeakyReLU(SLOPE, inplace=True))
+
+
+def resized(x: Tensor, like: Tensor) -> Tensor:
+    """Bring features bilinearly to another's height and width; as they are if they have them."""
+    if x.shape[-2:] == like.shape[-2:]:
+        return x
+    return F.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=False)
+
+
+class Residual(nn.Module):
+    """A block around which the input passes."""
+
+    def __init__(self, block: nn.Module) -> None:
+        super().__init__()
+        self.block = block
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.block(x)
+
+
+class ChannelAttention(nn.Module):
+    """Squeeze and excitation (Hu et al., CVPR 2018): channels weighed by a perceptron of their
+    means.
+
+    Args:
+        channels: of input and output. reduction: of the hidden layer, which keeps two channels.
+    """
+
+    def __init__(self, channels: int, reduction: int = 16) -> None:
+        super().__init__()
+        hidden = max(2, channels // reduction)
+        self.weigh = nn.Sequential(
+            nn.Conv2d(channels, hidden, 1),
+            nn.LeakyReLU(SLOPE, inplace=True),
+            nn.Conv2d(hidden, channels, 1),
+            nn.Sigmoid(),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x * self.weigh(x.mean((2, 3), keepdim=True))
+
+
+class RegionAttention(nn.Module):
+    """Non-local block (Wang et al., CVPR 2018, embedded Gaussian) within regions of 8 x 8 pixels,
+    as Dai et al. (CVPR 2019) look at one region at a time: time and memory grow with the number of
+    pixels, not with its square.
+
+    Takes (B, C, H, W), both sides multiples of 8.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.inner = max(4, channels // 2)
+        self.embed = nn.Conv2d(channels, 3 * self.inner, 1)
+        self.fuse = nn.Conv2d(self.inner, channels, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        batch, _, height, width = x.shape
+        rows, columns = height // REGION, width // REGION
+        split = self.embed(x).reshape(batch, 3, self.inner, rows, REGION, columns, REGION)
+        query, key, value = split.permute(1, 0, 3, 5, 4, 6, 2).flatten(4, 5)
+        found = F.scaled_dot_product_attention(query, key, value)
+        found = found.reshape(batch, rows, columns, REGION, REGION, self.inner)
+        found = found.permute(0, 5, 1, 3, 2, 4).reshape(batch, self.inner, height, width)
+        return x + self.fuse(found)
+
+
+class UNet(nn.Module):
+    """Encoder and decoder with skip connections (Ronneberger et al., 2015), two convolutions a
+    level.
+
+    Args:
+        inputs, outputs: channels of the images.
+        channels: of each level, the finest first; from one to the next the sides halve.
+        attention: whether a `RegionAttention` follows each level of the decoder.
+
+    Takes sides that are multiples of 2^(levels - 1), with attention of eight times as much.
+    """
+
+    def __init__(
+        self, inputs: int, outputs: int, channels: list[int], attention: bool = False
+    ) -> None:
+        super().__init__()
+        self.head = nn.Sequential(conv(inputs, channels[0]), conv(channels[0], channels[0]))
+        self.encoder = nn.ModuleList()
+        self.decoder = nn.ModuleList()
+        for fine, coarse in itertools.pairwise(channels):
+            self.encoder.append(nn.Sequential(conv(fine, coarse, stride=2), conv(coarse, coarse)))
+            layers: list[nn.Module] = [conv(fine + coarse, fine), conv(fine, fine)]
+            if attention:
+                layers.append(RegionAttention(fine))
+            self.decoder.append(nn.Sequential(*layers))
+        self.tail = nn.Conv2d(channels[0], outputs, 3, padding=1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.tail(self.features(x))
+
+    def features(self, x: Tensor) -> Tensor:
+        """Compute the features of the finest level, before the last convolution."""
+        skips = [self.head(x)]
+        for level in self.encoder:
+            skips.append(level(skips[-1]))
+        found = skips.pop()
+        for level in reversed(self.decoder):
+            skip = skips.pop()
+            found = level(torch.cat([skip, resized(found, skip)], 1))
+        return found

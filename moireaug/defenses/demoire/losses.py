@@ -1,0 +1,112 @@
+"""The published training losses, by a network's name.
+
+All take `DemoireNet.outputs` and the target at full size. Their perceptual parts compare features
+of VGG-16, whose weights are a file of the user's; without it they are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+import torchvision
+from torch import Tensor, nn
+
+from moireaug.defenses.demoire.layers import resized
+from moireaug.defenses.demoire.mopnet import sobel
+
+MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the images that VGG-16 was trained on
+DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
+USUAL_DEPTH = 16  # up to the ReLU after conv3_3
+CHARBONNIER = 1e-3  # added to the difference, in quadrature
+FEATURES = 0.1  # weight of MopNet's features
+
+Loss = Callable[[Sequence[Tensor], Tensor, nn.Module | None], Tensor]
+
+
+class VGGFeatures(nn.Module):
+    """VGG-16 up to the layer that a network's loss compares, frozen: (B, 3, H, W) in [0, 1] to
+    features, (B, 256, H/4, W/4) after conv3_3 or (B, 64, H, W) after MopNet's conv1_2.
+
+    Args:
+        path: a state_dict of torchvision's vgg16, as published.
+        network: name of the network to train.
+
+    Raises:
+        ValueError: a file that is missing, damaged or of another network.
+    """
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, path: str | Path, network: str) -> None:
+        super().__init__()
+        with torch.device("meta"):  # the file's weights take the place of what would be drawn
+            whole = torchvision.models.vgg16().features
+        self.layers = whole[: DEPTHS.get(network, USUAL_DEPTH)]
+        wanted = "Pass a state_dict of torchvision's vgg16."
+        try:
+            state = torch.load(path, map_location="cpu", weights_only=True)
+            own = {key: state[f"features.{key}"] for key in self.layers.state_dict()}
+            self.layers.load_state_dict(own, assign=True)
+        except Exception as error:  # whichever byte was hit, or tensor is missing
+            raise ValueError(
+                f"vgg: the file {str(path)!r} could not be read as VGG-16 "
+                f"({type(error).__name__}). {wanted}"
+            ) from error
+        self.register_buffer("mean", torch.tensor(MEAN).view(-1, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(STD).view(-1, 1, 1), persistent=False)
+        self.eval().requires_grad_(False)
+
+    def forward(self, images: Tensor) -> Tensor:
+        return self.layers((images - self.mean) / self.std)
+
+
+def esdnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
+    """Compute ESDNet's loss (section 4.3): L1 and, by weight 1, the L1 distance of VGG-16's
+    features after conv3_3, summed over the three scales.
+
+    Args:
+        outputs: of `DemoireNet.outputs`.
+        target: (B, 3, H, W) in [0, 1]; brought to coarser scales bilinearly.
+        features: a `VGGFeatures`; None leaves the perceptual part out.
+
+    Returns:
+        A scalar, differentiable in outputs.
+    """
+    total = target.new_zeros(())
+    for output in outputs:
+        wanted = resized(target, output)
+        total = total + F.l1_loss(output, wanted)
+        if features is not None:
+            total = total + F.l1_loss(features(output), features(wanted))
+    return total
+
+
+def mddm(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
+    """Compute MDDM's loss: Charbonnier's, the mean of sqrt((output - target)^2 + 1e-6), an L1 that
+    is smooth at 0; `features` are not used. Args, Returns: as `esdnet`."""
+    return ((outputs[0] - target).square() + CHARBONNIER**2).sqrt().mean()
+
+
+def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
+    """Compute MopNet's loss: mean square error of the image and of the edges, and of VGG-16's
+    features after conv1_2 by the paper's weight 0.1. Args, Returns: as `esdnet`."""
+    image, edges = outputs
+    total = F.mse_loss(image, target) + F.mse_loss(edges, sobel(target))
+    if features is not None:
+        total = total + FEATURES * F.mse_loss(features(image), features(target))
+    return total
+
+
+# FHDe2Net's and AMNet's exact weights were not at hand: FHDe2Net's stages are held to L1 like
+# ESDNet's scales, and so is AMNet's image, without the adversarial part
+LOSSES: dict[str, Loss] = {
+    "mopnet": mopnet,
+    "mddm": mddm,
+    "fhde2net": esdnet,
+    "amnet": esdnet,
+    "esdnet": esdnet,
+}

@@ -1,0 +1,114 @@
+"""MDDM (Cheng, Fu and Yang, "Multi-scale Dynamic Feature Encoding Network for Image Demoiréing",
+ICCV workshops 2019)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from moireaug.defenses.demoire.base import DemoireNet, scaled
+from moireaug.defenses.demoire.layers import REGION, ChannelAttention, RegionAttention
+
+CHANNELS = 64
+BLOCKS = (6, 12, 18, 27)  # residual blocks of each branch, the finest first
+EPSILON = 1e-5  # of the variances in AdaIN
+
+
+class MDDM(DemoireNet):
+    """Branches at full, half, quarter and eighth size, each of residual blocks with channel
+    attention whose features take the statistics of a second, encoding path; the branches' images
+    are weighed and added up.
+
+    Source: strided convolutions between the branches, sub-pixel convolutions after them and a
+    learned factor each (multi-scale); squeeze and excitation, reduction 16, and AdaIN from a bypass
+    of convolutions (dynamic feature encoding); a region-level non-local layer before each branch's
+    own residual; PReLU. The paper's numbers of layers were not at hand. Chosen here, to agree with
+    the published 8.01 million parameters: 64 channels, one convolution a block in the bypass,
+    regions of 8 x 8 pixels, and 6, 12, 18 and 27 blocks in four branches (more at coarse sizes, as
+    there). The photo is added to the sum, so that the branches predict what to change.
+    """
+
+    name = "mddm"
+    title = "MDDM"
+    multiple = 2 ** (len(BLOCKS) - 1) * REGION
+
+    def __init__(self, width: float = 1.0) -> None:
+        super().__init__(width)
+        channels = scaled(CHANNELS, width)
+        self.head = nn.Sequential(nn.Conv2d(3, channels, 3, padding=1), nn.PReLU())
+        self.downs = nn.ModuleList()
+        self.branches = nn.ModuleList()
+        self.tails = nn.ModuleList()
+        for level, blocks in enumerate(BLOCKS):
+            if level:
+                down = nn.Conv2d(channels, channels, 3, stride=2, padding=1)
+                self.downs.append(nn.Sequential(down, nn.PReLU()))
+            self.branches.append(Branch(channels, blocks))
+            self.tails.append(_tail(channels, level))
+        self.factors = nn.Parameter(torch.full((len(BLOCKS),), 1 / len(BLOCKS)))
+
+    def predict(self, images: Tensor) -> tuple[Tensor, ...]:
+        x = self.head(images)
+        total = images
+        for level, branch in enumerate(self.branches):
+            if level:
+                x = self.downs[level - 1](x)
+            total = total + self.factors[level] * self.tails[level](branch(x))
+        return (total,)
+
+
+class Branch(nn.Module):
+    """Residual blocks at one scale beside the path that encodes their statistics, a non-local
+    layer, and the branch's own residual."""
+
+    def __init__(self, channels: int, blocks: int) -> None:
+        super().__init__()
+        self.blocks = nn.ModuleList([DynamicResidual(channels) for _ in range(blocks)])
+        self.region = RegionAttention(channels)
+
+    def forward(self, x: Tensor) -> Tensor:
+        found, encoded = x, x
+        for block in self.blocks:
+            found, encoded = block(found, encoded)
+        return x + self.region(found)
+
+
+class DynamicResidual(nn.Module):
+    """Channel attention dynamic feature encoding residual block: (B, C, H, W) of the main path and
+    of the encoding path to both again."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.encode = nn.Sequential(nn.Conv2d(channels, channels, 3, padding=1), nn.PReLU())
+        self.body = nn.Sequential(
+            nn.Conv2d(channels, channels, 3, padding=1),
+            nn.PReLU(),
+            nn.Conv2d(channels, channels, 3, padding=1),
+            ChannelAttention(channels),
+        )
+
+    def forward(self, x: Tensor, encoded: Tensor) -> tuple[Tensor, Tensor]:
+        encoded = self.encode(encoded)
+        return x + adain(self.body(x), encoded), encoded
+
+
+def adain(x: Tensor, like: Tensor) -> Tensor:
+    """Give features the mean and the standard deviation of others, channel by channel (Huang and
+    Belongie, ICCV 2017); both (B, C, H, W)."""
+    mean, deviation = _statistics(x)
+    wanted, spread = _statistics(like)
+    return (x - mean) / deviation * spread + wanted
+
+
+def _statistics(x: Tensor) -> tuple[Tensor, Tensor]:
+    variance, mean = torch.var_mean(x, (2, 3), correction=0, keepdim=True)
+    return mean, (variance + EPSILON).sqrt()
+
+
+def _tail(channels: int, level: int) -> nn.Sequential:
+    """Return sub-pixel convolutions back to full size, and one to an image."""
+    layers: list[nn.Module] = []
+    for _ in range(level):
+        layers += [nn.Conv2d(channels, 4 * channels, 3, padding=1), nn.PixelShuffle(2), nn.PReLU()]
+    layers.append(nn.Conv2d(channels, 3, 3, padding=1))
+    return nn.Sequential(*layers)

@@ -1,0 +1,129 @@
+"""MopNet (He et al., "Mop Moiré Patterns Using MopNet", ICCV 2019)."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+from torchvision.models import vgg
+
+from moireaug.defenses.demoire.base import DemoireNet, scaled
+from moireaug.defenses.demoire.layers import REGION, ChannelAttention, UNet, conv, resized
+
+CHANNELS, GROWTH, LAYERS, SCALES = 80, 52, 6, 5  # of the generator's dense blocks
+NECK = 4  # channels of a dense layer's bottleneck, as a multiple of its growth
+EDGES = (60, 120, 240, 480)  # channels of the levels of the edge predictor
+ATTRIBUTES = 3  # colour; frequency and shape
+HIDDEN, GRID = 256, 3  # of a classifier's head: units, and the side of the map that it sees
+VGG16 = (64, 64, "M", 128, 128, "M", 256, 256, 256, "M", 512, 512, 512, "M", 512, 512, 512, "M")
+STEEPEST = 4.0  # the largest sum of a Sobel kernel over values in [0, 1]
+
+
+class MopNet(DemoireNet):
+    """A multi-scale densely connected generator that is told the edges of the clean image, by an
+    edge predictor, and the moiré's attributes, by classifiers.
+
+    Source: features of dense blocks at several scales, brought to full size by convolutions,
+    concatenated and weighed by squeeze and excitation (multi-scale aggregation); an encoder and
+    decoder with non-local blocks from the photo, its Sobel edges added channel by channel, to the
+    edges of the clean image; networks like VGG-16 for whether the moiré has one or several colours,
+    a low or a high frequency, and straight or curved stripes, whose answers go into the last layers
+    as constant maps. The paper's numbers of layers were not at hand. Chosen here: five scales, six
+    dense layers each of growth 52, no batch normalisation, the channels of the edge predictor,
+    non-local blocks within regions, and the classifiers' heads. They give 5.54, 6.99, 15.9 and 31.8
+    million parameters where 5.45, 6.95, 15.9 and 31.9 are published; the larger classifier is of
+    two attributes.
+
+    The paper trains the classifiers on 12 000 photos labelled by hand. Pairs have no such labels:
+    without them the classifiers are trained with the rest, towards what helps the image.
+
+    `outputs` are the image and the edges of the clean image, as `sobel` computes them.
+    """
+
+    name = "mopnet"
+    title = "MopNet"
+    multiple = 2 ** (len(EDGES) - 1) * REGION
+
+    def __init__(self, width: float = 1.0) -> None:
+        super().__init__(width)
+        channels, growth = scaled(CHANNELS, width), scaled(GROWTH, width)
+        self.edges = UNet(3, 3, [scaled(level, width) for level in EDGES], attention=True)
+        self.colour = Classifier(width)
+        self.stripes = nn.ModuleList([Classifier(width) for _ in range(ATTRIBUTES - 1)])
+        self.image_head = conv(3, channels)
+        self.edge_head = conv(3, channels)
+        self.merge = conv(2 * channels, channels)
+        self.scales = nn.ModuleList([DenseScale(channels, growth) for _ in range(SCALES)])
+        self.aggregate = ChannelAttention(SCALES * channels)
+        self.tail = nn.Sequential(
+            ChannelAttention(SCALES * channels + ATTRIBUTES),
+            conv(SCALES * channels + ATTRIBUTES, 2 * channels),
+            conv(2 * channels, channels),
+            nn.Conv2d(channels, 3, 3, padding=1),
+        )
+
+    def predict(self, images: Tensor) -> tuple[Tensor, ...]:
+        edges = self.edges(images + sobel(images))
+        x = self.merge(torch.cat([self.image_head(images), self.edge_head(edges)], 1))
+        found = []
+        for level, scale in enumerate(self.scales):
+            if level:
+                x = F.avg_pool2d(x, 2)
+            x, full = scale(x, images)
+            found.append(full)
+        features = self.aggregate(torch.cat(found, 1))
+        answers = [classifier(images) for classifier in (self.colour, *self.stripes)]
+        maps = torch.cat(answers, 1).sigmoid()[..., None, None]
+        maps = maps.expand(-1, -1, *images.shape[-2:])
+        return images + self.tail(torch.cat([features, maps], 1)), edges
+
+
+class DenseScale(nn.Module):
+    """A dense block with bottlenecks (Huang et al., CVPR 2017) at one scale, and its features at
+    full size."""
+
+    def __init__(self, channels: int, growth: int) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList()
+        for index in range(LAYERS):
+            neck = nn.Conv2d(channels + index * growth, NECK * growth, 1)
+            self.layers.append(nn.Sequential(neck, nn.ReLU(), conv(NECK * growth, growth)))
+        self.shrink = nn.Conv2d(channels + LAYERS * growth, channels, 1)
+        self.upsample = conv(channels, channels)
+
+    def forward(self, x: Tensor, full: Tensor) -> tuple[Tensor, Tensor]:
+        for layer in self.layers:
+            x = torch.cat([x, layer(x)], 1)
+        x = self.shrink(x)
+        return x, resized(self.upsample(x), full)
+
+
+class Classifier(nn.Module):
+    """VGG-16's convolutions and a head of one logit: (B, 3, H, W) to (B, 1)."""
+
+    def __init__(self, width: float) -> None:
+        super().__init__()
+        layers = [layer if layer == "M" else scaled(int(layer), width) for layer in VGG16]
+        self.features = vgg.make_layers(layers)
+        inputs = GRID**2 * int(layers[-2])
+        hidden = scaled(HIDDEN, width)
+        self.head = nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, 1))
+        for layer in self.features:
+            if isinstance(layer, nn.Conv2d):  # thirteen layers of the usual start leave no signal
+                nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
+                if layer.bias is not None:
+                    nn.init.zeros_(layer.bias)
+
+    def forward(self, images: Tensor) -> Tensor:
+        found = F.adaptive_avg_pool2d(self.features(images - 0.5), GRID)
+        return self.head(found.flatten(1))
+
+
+def sobel(images: Tensor) -> Tensor:
+    """Compute the strength of the edges of each channel, (B, 3, H, W) to the same shape in [0,
+    sqrt(2)]: the length of Sobel's gradient, 1 for an upright step from 0 to 1."""
+    across = images.new_tensor([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]]) / STEEPEST
+    kernels = torch.stack([across, across.T]).repeat(3, 1, 1)[:, None]
+    framed = F.pad(images, (1, 1, 1, 1), mode="replicate")
+    parts = F.conv2d(framed, kernels, groups=3).unflatten(1, (3, 2))
+    return (parts.square().sum(2) + 1e-8).sqrt() - 1e-4  # not the kink of a flat picture

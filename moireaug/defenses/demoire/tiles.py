@@ -1,0 +1,86 @@
+"""Pictures of any size through a network that is given tiles of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+SIDE, OVERLAP = 768, 128  # pixels; multiples of what the networks halve pictures by
+
+
+def tiled(
+    network: Callable[[Tensor], Tensor],
+    images: Tensor,
+    side: int = SIDE,
+    overlap: int = OVERLAP,
+) -> Tensor:
+    """Return what a network makes of pictures, tile by tile.
+
+    Neighbouring tiles overlap and are blended: of the overlap the outer quarters are dropped, and
+    the halves between fade into one another. So the result is the whole picture's where a pixel
+    depends on no others farther off than a quarter of the overlap. A network that looks at means
+    over its whole input, as ESDNet does, finds those of each tile.
+
+    Args:
+        network: takes images (B, 3, h, w) in [0, 1] and returns the same shape.
+        images: (B, 3, H, W). Where H and W are at most `side`, the network gets them whole.
+        side: of a tile, in pixels. overlap: of neighbouring tiles, at least; a multiple of 4. Both
+            should be multiples of what the network halves a picture by, so that a tile lies on the
+            grid of the whole.
+
+    Returns:
+        (B, 3, H, W), on the images' device; memory beside it is that of a tile.
+
+    Raises:
+        ValueError: a tile that is not longer than its overlaps.
+    """
+    if overlap < 4 or overlap % 4 or side < 2 * overlap:
+        raise ValueError(
+            "overlap must be a multiple of 4 and side at least twice as long; got "
+            f"side={side} and overlap={overlap}."
+        )
+    height, width = images.shape[-2:]
+    if max(height, width) <= side:
+        return network(images)
+    total = torch.zeros_like(images)
+    weight = images.new_zeros(height, width)
+    for top, bottom in _spans(height, side, overlap):
+        rows = _fade(top, bottom, height, overlap).to(images)
+        for left, right in _spans(width, side, overlap):
+            columns = _fade(left, right, width, overlap).to(images)
+            share = rows[:, None] * columns
+            found = network(images[..., top:bottom, left:right])
+            total[..., top:bottom, left:right] += share * found
+            weight[top:bottom, left:right] += share
+    return total / weight
+
+
+def _spans(length: int, side: int, overlap: int) -> list[tuple[int, int]]:
+    """Return where tiles begin and end along an axis. The last one begins earlier than by the
+    others' step, so that it is about as long as they are."""
+    spans = []
+    start = 0
+    while start + side < length:
+        spans.append((start, start + side))
+        start += side - overlap
+    grid = overlap // 4
+    last = max(0, -(-(length - side) // grid) * grid)
+    spans.append((min(start, last), length))
+    return spans
+
+
+def _fade(first: int, last: int, length: int, overlap: int) -> Tensor:
+    """Return the weights of a tile's pixels along an axis, which fade towards its neighbours."""
+    position = torch.arange(first, last, dtype=torch.float64) + 0.5
+    weights = torch.ones_like(position)
+    if first > 0:
+        weights = _ramp(position - first, overlap)
+    if last < length:
+        weights = weights * _ramp(last - position, overlap)
+    return weights
+
+
+def _ramp(distance: Tensor, overlap: int) -> Tensor:
+    return ((distance - overlap / 4) / (overlap / 2)).clamp(0, 1)

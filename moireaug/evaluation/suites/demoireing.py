@@ -1,0 +1,41 @@
+"""Demoiréing networks before the model: what the paper's table 5 asks, and what an attacker gains
+who knows of the network."""
+
+from __future__ import annotations
+
+from moireaug.evaluation.attackers import MoireAttacker
+from moireaug.evaluation.autoattack import Apgd
+from moireaug.evaluation.conditions import Condition
+from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.suites.paper import controls, is_published, rivals
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, worst_of
+
+PRINTED = ("mopnet", "mddm", "fhde2net", "amnet")  # the paper's networks
+LARGER_EPS = 8 / 255  # the paper's other bound
+NOT_GIVEN = "no weights were given, and its authors' cannot be had here"
+# what the worst case is the worst of: all in front of the camera, at one bound
+CAMERA = ("moire", "ma", "adaptive")
+
+
+def demoireing(config: SuiteConfig) -> Table:
+    """Paper, table 5: the attacks after demoiréing networks. The attacker knows of none of them,
+    but for APGD, which goes through each network's own gradient."""
+    judges: dict[str, Judge] = {"undefended": UNDEFENDED}
+    for name, network in config.networks.items():
+        judges[name] = Judge(name, defence=network)
+    lost = {name: NOT_GIVEN for name in PRINTED if name not in judges}
+    eps, steps = config.middle, config.steps
+    columns: dict[str, Condition] = controls(eps) | rivals(config)
+    columns["ma_8"] = MoireAttacker(eps=LARGER_EPS, steps=steps)
+    cells = crossed(judges, columns)
+    for name, judge in judges.items():
+        knows = None if judge is UNDEFENDED else judge
+        cells.append(Cell(name, "adaptive", (Apgd(eps=eps, steps=steps, knows=knows),), judge))
+        cells.append(worst_of(cells, name, CAMERA))
+    return Table(
+        "demoireing",
+        tuple(cells),
+        pictures=tuple(("undefended", column) for column in columns),
+        empty=lost,
+        published=is_published(config),
+    )

@@ -1,0 +1,313 @@
+"""Demoiréing networks: their size, any image, gradients everywhere, weights in files, and as a
+defence."""
+
+import math
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug.defenses import Compose, Defended, demoire
+from moireaug.defenses.demoire import fhde2net, layers, losses, mddm, mopnet
+
+NETWORKS = sorted(demoire.NETWORKS)
+# millions of parameters, as published: of the whole network, and of parts of it
+PUBLISHED = {
+    ("mopnet",): 60.2,
+    ("mopnet", "edges"): 6.95,
+    ("mopnet", "colour"): 15.9,
+    ("mopnet", "stripes"): 31.9,
+    ("mddm",): 8.01,
+    ("fhde2net",): 13.6,
+    ("fhde2net", "gdn"): 5.2,
+    ("fhde2net", "lrn"): 5.1,
+    ("fhde2net", "fdn"): 0.8,
+    ("fhde2net", "frn"): 2.5,
+    ("amnet",): 1.41,
+    ("esdnet",): 5.93,
+}
+# by how much each of a network's outputs is smaller than the image
+SCALES = {
+    "mopnet": (1, 1),
+    "mddm": (1,),
+    "fhde2net": (1, 1, 4),
+    "amnet": (1,),
+    "esdnet": (1, 2, 4),
+}
+
+
+def small(name, width=0.1, seed=0):
+    torch.manual_seed(seed)
+    return demoire.build(name, width=width)
+
+
+def pictures(*size, seed=0):
+    return torch.rand(*size, generator=torch.Generator().manual_seed(seed))
+
+
+def parameters(module):
+    return sum(parameter.numel() for parameter in module.parameters())
+
+
+@pytest.mark.parametrize("part", PUBLISHED, ids="-".join)
+def test_the_published_size_has_the_published_number_of_parameters(part):
+    name, *inside = part
+    with torch.device("meta"):
+        network = demoire.build(name)
+    found = network.get_submodule(".".join(inside))
+    assert parameters(found) / 1e6 == pytest.approx(PUBLISHED[part], rel=0.02)
+
+
+def test_mopnets_generator_has_its_own_size():
+    with torch.device("meta"):
+        network = demoire.build("mopnet")
+    others = (network.edges, network.colour, network.stripes)
+    generator = parameters(network) - sum(map(parameters, others))
+    assert generator / 1e6 == pytest.approx(5.45, rel=0.02)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_half_the_width_has_a_quarter_of_the_parameters(name):
+    with torch.device("meta"):
+        whole, half = demoire.build(name), demoire.build(name, width=0.5)
+    assert parameters(half) / parameters(whole) == pytest.approx(1 / 4, rel=0.06)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 40), (33, 17)])
+@pytest.mark.parametrize("name", NETWORKS)
+def test_images_of_any_size_keep_it(name, size):
+    network = small(name).eval()
+    images = pictures(2, 3, *size)
+    before = images.clone()
+    with torch.no_grad():
+        shown, outputs = network(images), network.outputs(images)
+    assert torch.equal(images, before)
+    assert shown.shape == images.shape and shown.dtype == images.dtype
+    assert torch.equal(shown, outputs[0].clamp(0, 1))
+    for output, scale in zip(outputs, SCALES[name], strict=True):
+        assert output.shape == (2, 3, *(math.ceil(side / scale) for side in size))
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_images_of_a_batch_do_not_meet(name):
+    """Also in training, and in the layout that is fast on a GPU: no statistics of the batch."""
+    network = small(name)
+    images = pictures(2, 3, 32, 32)
+    with torch.no_grad():
+        alone = torch.cat([network(image[None]) for image in images])
+        network.to(memory_format=torch.channels_last)
+        together = network(images.contiguous(memory_format=torch.channels_last))
+    assert torch.allclose(together, alone, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_the_loss_has_a_gradient_in_image_and_every_weight(name):
+    network = small(name)
+    images = pictures(2, 3, 48, 40).requires_grad_()
+    loss = losses.LOSSES[name](network.outputs(images), pictures(2, 3, 48, 40, seed=1))
+    loss.backward()
+    gradients = {"images": images.grad}
+    for key, parameter in network.named_parameters():
+        gradients[key] = parameter.grad
+    for key, gradient in gradients.items():
+        assert gradient is not None and gradient.isfinite().all(), key
+        assert gradient.abs().sum() > 0, key
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_clipped_answer_keeps_its_gradient(name):
+    """A network that answers beyond white is white, and hides nothing from an attack."""
+    network = small(name)
+    with torch.no_grad():
+        last = [layer for layer in network.modules() if isinstance(layer, nn.Conv2d)]
+        for layer in last:
+            if layer.bias is not None and layer.out_channels in (3, 12):
+                layer.bias += 9.0
+    images = pictures(1, 3, 32, 32).requires_grad_()
+    shown = network(images)
+    assert torch.equal(shown, torch.ones_like(shown))
+    shown.sum().backward()
+    assert images.grad.abs().sum() > 0
+    unclipped = torch.autograd.grad(network.outputs(images)[0].sum(), images)[0]
+    assert torch.allclose(images.grad, unclipped)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_weights_come_back_from_their_file(name, tmp_path):
+    network = small(name, seed=3).eval()
+    file = tmp_path / "new folder/weights.pt"
+    demoire.save(network, file)
+    images = pictures(1, 3, 20, 20)
+    with torch.no_grad():
+        wanted = network(images)
+        for read in (demoire.load(file), demoire.build(name, width=0.1, weights=file).eval()):
+            assert (read.name, read.width, read.training) == (name, 0.1, False)
+            assert torch.equal(read(images), wanted)
+    assert [path.name for path in file.parent.iterdir()] == ["weights.pt"]
+
+
+def test_a_file_of_another_network_is_refused(tmp_path):
+    file = tmp_path / "amnet.pt"
+    demoire.save(small("amnet"), file)
+    for name, width, got in (("esdnet", 0.1, "esdnet of width 0.1"), ("amnet", 1, "width 1;|1\\.")):
+        with pytest.raises(ValueError, match=f"holds amnet of width 0.1; asked for was .*{got}"):
+            demoire.build(name, width=width, weights=file)
+
+
+def test_files_that_hold_no_network_are_refused(tmp_path):
+    network = small("amnet")
+    demoire.save(network, tmp_path / "good.pt")
+    good = torch.load(tmp_path / "good.pt", weights_only=True)
+    torch.save(network.state_dict(), tmp_path / "bare.pt")
+    torch.save(network, tmp_path / "code.pt")
+    torch.save(good | {"network": "unet"}, tmp_path / "unknown.pt")
+    torch.save(good | {"width": "wide"}, tmp_path / "width.pt")
+    torch.save(good | {"state": {}}, tmp_path / "empty.pt")
+    torch.save(good | {"state": None}, tmp_path / "none.pt")
+    (tmp_path / "cut.pt").write_bytes((tmp_path / "good.pt").read_bytes()[:999])
+    for name, message in {
+        "missing": "there is no weights file",
+        "bare": "holds no network, width and state",
+        "code": "could not be read .* or holds more than tensors",
+        "unknown": "holds a network 'unet', which this version does not know",
+        "width": "width must be a finite number",
+        "empty": "the weights in .* are not of amnet of width 0.1",
+        "none": "the weights in .* are not of amnet of width 0.1",
+        "cut": "it is damaged",
+    }.items():
+        with pytest.raises((ValueError, TypeError), match=message):
+            demoire.load(tmp_path / f"{name}.pt")
+
+
+@pytest.mark.parametrize(
+    ("ask", "error", "message"),
+    [
+        (lambda: demoire.build("esdnt"), ValueError, "no network 'esdnt'. Closest: esdnet"),
+        (lambda: demoire.build("amnet", width=0), ValueError, "width must be .*; got 0"),
+        (lambda: demoire.build("amnet", width=float("nan")), ValueError, "width must be"),
+        (lambda: demoire.build("amnet", width="1"), TypeError, "width must be"),
+        (lambda: demoire.save(nn.Identity(), "x.pt"), TypeError, "takes a network of demoire.b"),
+        (lambda: demoire.Demoire(demoire.DemoireNet), TypeError, "callable on images"),
+        (lambda: losses.VGGFeatures("none.pt", "esdnet"), ValueError, "as VGG-16 .FileNotFound"),
+        (lambda: small("amnet")(torch.zeros(2, 3, 8)), ValueError, r"shape \(B, 3, H, W\)"),
+        (lambda: small("amnet")(torch.zeros(1, 8, 8, 3)), ValueError, "channels seem to be last"),
+        (lambda: small("amnet")(torch.zeros(1, 3, 0, 8)), ValueError, "H, W >= 1"),
+        (lambda: small("amnet")(torch.zeros(1, 3, 8, 8).byte()), TypeError, "Divide uint8"),
+    ],
+)
+def test_mistakes_get_a_sentence(ask, error, message):
+    with pytest.raises(error, match=message):
+        ask()
+
+
+def mean_of(images):
+    return images.mean((2, 3))
+
+
+def test_a_network_is_a_defence():
+    network = small("amnet")
+    defence = demoire.Demoire(network)
+    assert (defence.title, defence.randomised, network.training) == ("AMNet", False, False)
+    images = pictures(2, 3, 12, 12)
+    assert torch.equal(defence(images), network(images))
+    defended = Defended(mean_of, defence)
+    assert list(defended.networks) == [network]
+    assert (
+        list(Defended(mean_of, Compose((Compose((defence,)), network))).networks) == [network] * 2
+    )
+    images.requires_grad_()
+    through = torch.autograd.grad(defended(images).sum(), images)[0]
+    straight = torch.autograd.grad(mean_of(network(images)).sum(), images)[0]
+    assert torch.equal(through, straight)
+    assert defence(images.double()).dtype == torch.float64  # computed as its weights are
+    assert defence(images[:0]).shape == (0, 3, 12, 12)
+
+
+def test_ones_own_network_is_a_defence_too():
+    def brighter(images):
+        return images + 0.7
+
+    defence = demoire.Demoire(brighter)
+    images = pictures(1, 3, 4, 4).requires_grad_()
+    shown = defence(images)
+    assert defence.title == "brighter" and torch.equal(shown, (images + 0.7).clamp(0, 1))
+    shown.sum().backward()
+    assert torch.equal(images.grad, torch.ones_like(images))
+    with pytest.raises(ValueError, match=r"must keep the images' shape .* mean_of gave"):
+        demoire.Demoire(mean_of)(images)
+
+
+def test_losses_are_those_of_their_formulae():
+    target = pictures(1, 3, 8, 8)
+    half = torch.nn.functional.interpolate(target, size=(4, 4), mode="bilinear")
+    perfect = (target, half)
+    assert losses.esdnet(perfect, target) == 0
+    assert losses.esdnet((target + 0.25, half - 0.5), target).item() == pytest.approx(0.75)
+    charbonnier = losses.mddm((target + 0.25,), target).item()
+    assert charbonnier == pytest.approx(math.hypot(0.25, 1e-3))
+    edges = mopnet.sobel(target)
+    assert losses.mopnet((target, edges), target) == 0
+    found = losses.mopnet((target + 0.5, edges + 0.1), target, lambda x: 2 * x).item()
+    assert found == pytest.approx(0.25 + 0.01 + 0.1 * 1.0)
+    found = losses.esdnet((target + 0.25,), target, lambda x: 2 * x).item()
+    assert found == pytest.approx(0.25 + 0.5)
+
+
+def test_perceptual_features_are_those_of_the_file(tmp_path):
+    import torchvision
+
+    with torch.device("meta"):
+        vgg = torchvision.models.vgg16().features
+    state = {}
+    for key, value in vgg.state_dict().items():
+        state[f"features.{key}"] = 0.05 * pictures(*value.shape)
+    torch.save(state, tmp_path / "vgg16.pth")
+    images = pictures(1, 3, 16, 16)
+    for network, shape in {"esdnet": (1, 256, 4, 4), "mopnet": (1, 64, 16, 16)}.items():
+        features = losses.VGGFeatures(tmp_path / "vgg16.pth", network)
+        assert features(images).shape == shape
+        assert not any(parameter.requires_grad for parameter in features.parameters())
+    loss = losses.LOSSES["mopnet"]((images, mopnet.sobel(images)), images * 0.5, features)
+    assert loss > losses.LOSSES["mopnet"]((images, mopnet.sobel(images)), images * 0.5)
+
+
+def test_sobel_is_one_on_an_upright_step():
+    step = torch.zeros(1, 3, 6, 6)
+    step[..., 3:] = 1.0
+    found = mopnet.sobel(step)
+    assert torch.allclose(found[..., 2:4], torch.ones(6, 2), atol=1e-3)
+    assert found[..., :2].abs().max() < 1e-6 and found[..., 4:].abs().max() < 1e-6
+
+
+def test_the_cosine_transform_is_its_own_inverse():
+    basis = fhde2net.cosines()
+    flat = basis.flatten(1)
+    assert torch.allclose(flat @ flat.T, torch.eye(64), atol=1e-6)
+    network = fhde2net.Spectral(8)
+    for parameter in network.body[-1].parameters():
+        nn.init.zeros_(parameter)
+    images = pictures(1, 3, 16, 24)
+    grey = (images * torch.tensor(fhde2net.LUMINANCE)[:, None, None]).sum(1, keepdim=True)
+    assert torch.allclose(network(images), grey, atol=1e-5)
+
+
+def test_adain_gives_the_statistics_of_the_other():
+    x, like = pictures(2, 4, 9, 9), 3 * pictures(2, 4, 5, 5, seed=1) - 1
+    found = mddm.adain(x, like)
+    assert torch.allclose(found.mean((2, 3)), like.mean((2, 3)), atol=1e-5)
+    deviations = [y.std((2, 3), correction=0) for y in (found, like)]
+    assert torch.allclose(*deviations, rtol=1e-3)
+    flat = torch.ones(1, 4, 3, 3, requires_grad=True)  # no division by its deviation
+    mddm.adain(flat, like[:1]).sum().backward()
+    assert flat.grad.isfinite().all()
+
+
+def test_attention_stays_within_its_region():
+    torch.manual_seed(0)
+    layer = layers.RegionAttention(4)
+    images = pictures(1, 4, 16, 24).requires_grad_()
+    layer(images)[0, :, 10, 17].sum().backward()
+    reached = images.grad.abs().sum((0, 1)) > 0
+    expected = torch.zeros(16, 24, dtype=torch.bool)
+    expected[8:16, 16:24] = True
+    assert torch.equal(reached, expected)

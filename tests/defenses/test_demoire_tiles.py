@@ -1,0 +1,65 @@
+"""Pictures tile by tile: the whole picture's answer, exactly where a network sees no farther than
+the tiles overlap."""
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug.defenses import demoire
+from moireaug.defenses.demoire.tiles import tiled
+
+
+def near_sighted(radius):
+    """A network whose every pixel depends on those up to `radius` away, and on no others."""
+    torch.manual_seed(3)
+    convs = [nn.Conv2d(3, 3, 3, padding=1) for _ in range(radius)]
+    return nn.Sequential(*convs).double().eval()
+
+
+SIZES = [(64, 64), (65, 64), (40, 200), (150, 97), (111, 129), (1, 300), (64, 112)]
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+@torch.no_grad()
+def test_what_is_seen_within_a_quarter_of_the_overlap_is_exact(size):
+    network = near_sighted(4)
+    images = torch.rand(2, 3, *size, dtype=torch.float64)
+    found = tiled(network, images, side=64, overlap=16)
+    assert (found - network(images)).abs().max() < 1e-12
+
+
+@torch.no_grad()
+def test_what_is_seen_farther_off_is_not():
+    network, images = near_sighted(12), torch.rand(1, 3, 150, 97, dtype=torch.float64)
+    found = tiled(network, images, side=64, overlap=16)
+    assert (found - network(images)).abs().max() > 1e-9
+
+
+@torch.no_grad()
+def test_no_tile_is_longer_than_asked_and_none_is_a_sliver():
+    sizes = []
+
+    def watched(images):
+        sizes.append(tuple(images.shape[-2:]))
+        return images
+
+    images = torch.rand(1, 3, 770, 1300)
+    torch.testing.assert_close(tiled(watched, images, side=256, overlap=64), images)
+    assert max(map(max, sizes)) <= 256 and min(map(min, sizes)) > 256 - 16
+
+
+@torch.no_grad()
+def test_a_network_finds_nearly_the_same_in_tiles():
+    network = demoire.build("esdnet", width=0.125).eval()
+    images = torch.rand(1, 3, 224, 96)
+    whole, found = network(images), tiled(network, images, side=160, overlap=64)
+    away = torch.ones(224, dtype=torch.bool)
+    away[64:192] = False  # where tiles meet
+    assert (found - whole).abs().mean() < 0.1 * (whole - whole.mean()).abs().mean()
+    assert (found - whole)[..., away, :].abs().max() < 0.05
+
+
+@pytest.mark.parametrize(("side", "overlap"), [(64, 0), (64, 6), (64, 48)])
+def test_tiles_that_cannot_be_blended_get_a_sentence(side, overlap):
+    with pytest.raises(ValueError, match="multiple of 4 and side at least twice"):
+        tiled(nn.Identity(), torch.rand(1, 3, 8, 8), side, overlap)

@@ -1,0 +1,107 @@
+"""Suite demoireing: networks before the model, what is not there, and an attacker who knows of
+them."""
+
+import numpy as np
+import pytest
+from torch import nn
+from torchvision.transforms.functional import gaussian_blur
+
+from moireaug import Scene
+from moireaug.defenses.demoire import Demoire
+from moireaug.evaluation import SuiteConfig, evaluate, images_frame, rates, tables_of
+from moireaug.evaluation.frame import cell_of, with_paper
+from moireaug.evaluation.records import Records
+from moireaug.evaluation.runner import Runner, jobs_of
+
+SCENE = Scene.preset("screen_photo")
+
+
+class Smooth(nn.Module):
+    """Blurs: noise that was found without it does not come through."""
+
+    def forward(self, images):
+        return gaussian_blur(images, 7)
+
+
+class Grey(nn.Module):
+    """Shows the same grey, whatever it is shown."""
+
+    def forward(self, images):
+        return 0.5 + 0 * images
+
+
+NETWORKS = {"mddm": nn.Identity(), "smooth": Smooth(), "grey": Grey()}
+
+
+@pytest.fixture(scope="module")
+def measured(known):
+    """(table, rates) of three networks before the small model, 8 images."""
+    model, batches = known[0], known[1][:1]
+    networks = {name: Demoire(network) for name, network in NETWORKS.items()}
+    config = SuiteConfig(scene=SCENE, steps=4, networks=networks)
+    (table,) = tables_of("demoireing", config)
+    runner = Runner(model, batches, SCENE, Records(), seed=3)
+    for _ in runner.run(jobs_of([table]), range(len(batches))):
+        pass
+    return table, rates(images_frame([table], runner, range(len(batches))))
+
+
+def test_networks_are_rows_and_what_is_missing_says_why(measured):
+    table, _ = measured
+    assert table.rows == ["undefended", *NETWORKS, "mopnet", "fhde2net", "amnet"]
+    assert set(table.empty) == {"mopnet", "fhde2net", "amnet"}
+    assert all("no weights were given" in why for why in table.empty.values())
+    assert {"clean", "moire", "random", "ma", "ma_8", "adaptive", "worst"} <= set(table.columns)
+
+
+def test_an_identity_is_no_defence(measured):
+    table, lines = measured
+    for column in table.columns:
+        found = cell_of(lines, "mddm", column), cell_of(lines, "undefended", column)
+        if column not in ("adaptive", "worst"):  # whose search draws its own numbers
+            assert found[0]["outcomes"] == found[1]["outcomes"], column
+
+
+def test_the_papers_figures_stand_beside_its_networks(measured):
+    table, lines = measured
+    told = with_paper(lines, [table])
+    assert cell_of(told, "mddm", "ma")["paper"] == 0.997
+    assert cell_of(told, "undefended", "ma_8")["paper"] == 1
+    assert np.isnan(cell_of(told, "smooth", "ma")["paper"])
+    (other,) = tables_of("demoireing", SuiteConfig(scene=SCENE, eps=(2 / 255,)))
+    assert not other.published
+
+
+def test_who_knows_of_the_network_goes_through_it(measured):
+    _, lines = measured
+    knows, grey_box = (cell_of(lines, "smooth", column) for column in ("adaptive", "ma"))
+    assert knows["success"] > grey_box["success"]
+    assert cell_of(lines, "smooth", "worst")["success"] >= knows["success"]
+    grey = lines[lines["row"] == "grey"]
+    assert grey["outcomes"].nunique() == 1  # nobody comes through it, and nothing is left to see
+
+
+def brighter(images):
+    return images + 0.3
+
+
+def test_any_callable_is_a_network_to_evaluate(known):
+    model, batches = known
+    frame = evaluate(
+        model,
+        batches,
+        suite="demoireing",
+        scene=SCENE,
+        steps=1,
+        n=2,
+        networks={"mine": brighter},
+        progress=False,
+    )
+    own = frame[frame["row"] == "mine"]
+    assert set(own["judge"]) == {"mine"} and (own.groupby("column")["image"].count() == 2).all()
+
+
+@pytest.mark.parametrize("name", ["model", "jpeg_60", "undefended"])
+def test_a_network_cannot_take_anothers_name(name):
+    with pytest.raises(ValueError, match=f"'{name}' cannot name a target, defence or network"):
+        SuiteConfig(scene=SCENE, networks={name: Demoire(brighter)})

@@ -1,0 +1,123 @@
+"""The command that cleans a folder: names, formats, profiles and sizes stay, what cannot be read is
+named, and nothing is written over."""
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from moireaug.defenses import demoire
+from tests.training.small import command
+from training import demoire as cleaning
+from training.demoireing.starting import start_as_identity
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """A network that gives back what it is given."""
+    path = tmp_path_factory.mktemp("weights") / "weights.pt"
+    network = demoire.build("esdnet", width=0.25)
+    assert start_as_identity(network)
+    demoire.save(network, path)
+    return path
+
+
+@pytest.fixture
+def photos(tmp_path):
+    """Photos of several formats, sizes and modes, one of them torn, and what is no photo."""
+    folder = tmp_path / "photos"
+    (folder / "deep").mkdir(parents=True)
+    draw = np.random.default_rng(2)
+    shades = draw.integers(0, 256, (9, 7, 3), dtype=np.uint8)
+    smooth = Image.fromarray(shades).resize((70, 45), Image.Resampling.BICUBIC)
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turned by a quarter
+    smooth.save(folder / "a.jpg", quality=95, exif=exif)
+    smooth.save(folder / "deep" / "B.PNG", icc_profile=bytes(16) + b"RGB " + bytes(108))
+    smooth.convert("L").save(folder / "grey.bmp", icc_profile=bytes(16) + b"GRAY")
+    smooth.resize((300, 1)).save(folder / "line.webp", lossless=True)
+    smooth.save(folder / "c.tiff")
+    whole = (folder / "deep" / "B.PNG").read_bytes()
+    (folder / "torn.png").write_bytes(whole[: len(whole) // 2])
+    (folder / "notes.txt").write_text("no photo")
+    return folder
+
+
+def pixels(path):
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+def test_the_command_cleans_what_can_be_read_and_names_the_rest(photos, weights, tmp_path):
+    given = [f"in={photos}", f"out={tmp_path / 'out'}", f"weights={weights}", "tile=256"]
+    done = command("demoire.py", *given, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "torn.png could not be read" in done.stderr
+    assert done.stderr.splitlines()[-1] == "error: 1 photos could not be cleaned, see above."
+    assert done.stdout.startswith(f"5 photos cleaned into {tmp_path / 'out'}")
+    assert "1 other files" in done.stdout
+    out = tmp_path / "out"
+    written = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
+    assert written == {"a.jpg", "deep/B.PNG", "grey.bmp", "line.webp", "c.tiff"}
+    for name in written:
+        apart = np.abs(pixels(out / name) - pixels(photos / name))
+        assert apart.mean() < 2 if name == "a.jpg" else not apart.any(), name
+        assert Image.open(out / name).format == Image.open(photos / name).format
+    assert Image.open(out / "a.jpg").getexif()[0x0112] == 6
+    assert Image.open(out / "deep/B.PNG").info["icc_profile"][16:20] == b"RGB "
+    assert "icc_profile" not in Image.open(out / "grey.bmp").info
+
+
+def test_a_large_photo_is_cleaned_by_its_network(weights, tmp_path):
+    torch.manual_seed(0)
+    network = demoire.build("esdnet", width=0.125).eval()
+    demoire.save(network, tmp_path / "other.pt")
+    (tmp_path / "in").mkdir()
+    shades = np.random.default_rng(0).integers(0, 256, (60, 300, 3), dtype=np.uint8)
+    Image.fromarray(shades).save(tmp_path / "in" / "a.png")
+    given = [f"in={tmp_path / 'in'}", f"weights={tmp_path / 'other.pt'}"]
+    cleaning.main([*given, f"out={tmp_path / 'whole'}"])
+    cleaning.main([*given, f"out={tmp_path / 'tiled'}", "tile=256"])
+    images = torch.from_numpy(shades).permute(2, 0, 1)[None].float() / 255
+    with torch.no_grad():
+        wanted = (255 * network(images)[0]).round().permute(1, 2, 0).numpy()
+    assert np.abs(pixels(tmp_path / "whole/a.png") - wanted).max() <= 1
+    apart = np.abs(pixels(tmp_path / "tiled/a.png") - wanted)
+    assert apart.max() > 0 and apart.mean() < 4, "tiles of a network that looks at means"
+
+
+def test_a_full_disk_leaves_no_half_written_photo(photos, weights, tmp_path, monkeypatch):
+    def full(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(SystemExit, match=r"error: .*No space left"):
+        cleaning.main([f"in={photos}", f"out={tmp_path / 'out'}", f"weights={weights}"])
+    assert not [p for p in (tmp_path / "out").rglob("*") if p.is_file()]
+
+
+SENTENCES = [
+    (["in={photos}", "out={photos}"], "are one folder, or one lies in the other"),
+    (["in={photos}", "out={photos}/deep/out"], "are one folder, or one lies in the other"),
+    (["in={photos}/deep", "out={photos}"], "are one folder, or one lies in the other"),
+    (["in={photos}", "out={photos}.txt"], "there is a file of that name"),
+    (["in={photos}"], "out must be given, as in"),
+    (["in={photos}", "out=o", "weights=nowhere.pt"], "no weights file 'nowhere.pt'"),
+    (["in=nowhere", "out=o"], "nowhere is not a folder"),
+    (["in={photos}", "out=o", "tile=100"], "tile must be at least 256"),
+    (["in={photos}", "out=o", "device=tpu9"], "Use device=cpu"),
+    (["inn={photos}"], "Did you mean 'in'?"),
+]
+
+
+@pytest.mark.parametrize(("given", "sentence"), SENTENCES, ids=[s[1][:30] for s in SENTENCES])
+def test_wrong_settings_get_a_sentence(given, sentence, photos, weights, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    photos.with_suffix(".txt").write_text("a file")
+    before = sorted(photos.rglob("*"))
+    argv = [argument.format(photos=photos) for argument in given]
+    if not any(argument.startswith("weights=") for argument in argv):
+        argv.append(f"weights={weights}")
+    with pytest.raises(SystemExit) as error:
+        cleaning.main(argv)
+    assert sentence in str(error.value)
+    assert sorted(photos.rglob("*")) == before and not (tmp_path / "o").exists()

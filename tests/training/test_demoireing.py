@@ -1,0 +1,275 @@
+"""Demoiréing networks through their real commands, small: files, figures, resuming, and sentences
+for what goes wrong."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from moireaug.defenses import demoire
+from moireaug.synthesis.pictures import Pictures
+from tests.synthesis.folders import put
+from tests.training.small import command, configured, same
+from training import runs
+from training.demoireing import fit as demoireing
+from training.demoireing import pictures
+from training.demoireing.fidelity import fidelity, psnr, ssim
+from training.demoireing.module import Demoireing
+from training.demoireing.pairs import Numbers, SimulatedPairs
+from training.demoireing.starting import start_as_identity
+from training.demoireing.testing import clean
+from training.schema import check_keys
+
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
+FEW = [
+    "recipe=demoire",
+    "scene=[screen_photo]",
+    "test.unseen=[dashcam_at_led_sign]",
+    "data.size=32",
+    "data.val=2",
+    "data.test=2",
+    "test.size=48",
+    "demoire.width=0.25",
+    "train.steps=4",
+    "train.check_every=1",
+    "train.batch_size=2",
+    "trainer.accelerator=cpu",
+]
+FILES = {"report.html", "metrics.json", "scores.csv", "config.yaml"}
+FILES |= {"weights.pt", "best.ckpt", "last.ckpt"}
+
+
+def configure(*overrides):
+    return configured(*FEW, *overrides, name="demoire")
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    """Two pairs of photo and original, with a pairs.csv beside them."""
+    folder = tmp_path_factory.mktemp("real")
+    rows = ["photo,original"]
+    draw = np.random.default_rng(1)
+    for name in ("a", "b"):
+        original = draw.integers(0, 256, (50, 70, 3), dtype=np.uint8)
+        photo = (0.5 * original + 60).astype(np.uint8)
+        Image.fromarray(original).save(folder / f"{name}_shown.png")
+        Image.fromarray(photo).save(folder / f"{name}.png")
+        rows.append(f"{name}.png,{name}_shown.png")
+    (folder / "pairs.csv").write_text("\n".join(rows))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, real):
+    """One run of the real command."""
+    cwd = tmp_path_factory.mktemp("whole")
+    done = command("fit.py", *FEW, f"pairs={real}", cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return cwd / "runs/esdnet/demoire/seed0", done
+
+
+def test_a_run_leaves_what_it_promises(whole):
+    folder, done = whole
+    assert {path.name for path in folder.iterdir()} == FILES
+    m = json.loads((folder / "metrics.json").read_text())
+    assert (m["recipe"], m["data"], m["model"], m["target"]) == (
+        "demoire",
+        "signs",
+        "esdnet",
+        "twin",
+    )
+    assert [h["steps"] for h in m["train"]["history"]] == [1, 2, 3, 4]
+    groups = {(row["group"], row["kind"], row["reference"]) for row in m["test"]}
+    assert groups == {
+        ("screen_photo", "seen", "twin"),
+        ("screen_photo", "seen", "original"),
+        ("dashcam_at_led_sign", "unseen", "twin"),
+        ("dashcam_at_led_sign", "unseen", "original"),
+        ("real photos", "real", "original"),
+    }
+    scores = list(csv.DictReader((folder / "scores.csv").read_text().splitlines()))
+    assert len(scores) == 2 * (2 * 2 + 2 * 2 + 2)
+    for row in m["test"]:
+        mine = {"photo": [], "cleaned": []}
+        for line in scores:
+            if (line["group"], line["reference"]) == (row["group"], row["reference"]):
+                mine[line["state"]].append(float(line[row["measure"]]))
+        assert row["n"] == 2 and row["before"] == pytest.approx(np.mean(mine["photo"]), rel=1e-4)
+        assert row["gain"] == pytest.approx(row["after"] - row["before"], abs=1e-4)
+    assert done.stdout.splitlines()[-1].endswith("Report: runs/esdnet/demoire/seed0/report.html")
+    assert "Warning" not in done.stderr, done.stderr
+
+
+def test_the_page_shows_every_kind_of_pair(whole):
+    page = (whole[0] / "report.html").read_text()
+    titles = re.findall(r'<span class="title">([^<]*)</span>', page)
+    simulated = ["photo", "cleaned", "twin", "original", "removed × 4"]
+    photographed = ["photo", "cleaned", "original", "removed × 4"]
+    assert titles == 2 * simulated + 2 * photographed
+    assert not re.findall(r'(?:src|href)="(?!data:)', page), "it needs nothing but itself"
+    assert not re.findall(r"[>\s](?:nan|None|inf)[<\s]", page.split("<details>")[0])
+
+
+def test_a_real_photo_of_another_tone_is_like_its_original_after_the_map(whole):
+    rows = json.loads((whole[0] / "metrics.json").read_text())["test"]
+    before = {r["measure"]: r["before"] for r in rows if r["kind"] == "real"}
+    assert before["psnr"] < 18 and before["mapped_psnr"] > 45 and before["mapped_ssim"] > 0.999
+
+
+def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
+    whole, tmp_path, real, monkeypatch, capsys
+):
+    torch.set_num_threads(1)  # as the command
+    cfg = configure(f"pairs={real}", f"runs={tmp_path}")
+    folder = runs.folder(cfg)
+    step = Demoireing.training_step
+
+    def lost(module, batch, index):
+        if module.global_step == 2:
+            raise RuntimeError("a worker was killed")
+        return step(module, batch, index)
+
+    with monkeypatch.context() as patch, pytest.raises(RuntimeError, match="was killed"):
+        patch.setattr(Demoireing, "training_step", lost)
+        demoireing.fit(cfg)
+    kept = runs.read_checkpoint(folder / "last.ckpt")["history"]
+    assert len(kept) == 2 and runs.run_of(cfg).stage() == "begun"
+    found = demoireing.fit(cfg)
+    assert "Resuming" in capsys.readouterr().out and same(folder, whole[0])
+    assert found["train"]["history"][:2] == kept
+    known = runs.read_metrics(whole[0])
+    for ours, theirs in zip(found["test"], known["test"], strict=True):
+        assert ours | {"milliseconds": 0} == theirs | {"milliseconds": 0}
+
+
+def test_a_finished_run_is_shown_and_tested_on_other_pairs(whole, tmp_path, real, capsys):
+    folder, _ = whole
+    again = configure(f"pairs={real}", f"runs={folder.parents[2]}")
+    before = (folder / "weights.pt").stat().st_mtime_ns
+    known = demoireing.fit(again)
+    assert "already finished" in capsys.readouterr().out
+    (tmp_path / "pairs.csv").write_text(f"photo,original\n{real}/a.png,{real}/a_shown.png")
+    found = demoireing.fit(configure(f"pairs={tmp_path}", f"runs={folder.parents[2]}"))
+    assert (folder / "weights.pt").stat().st_mtime_ns == before, "trained again"
+    assert found["train"] == known["train"]
+    assert {r["n"] for r in found["test"] if r["kind"] == "real"} == {1}
+    assert runs.read_metrics(folder) == found
+
+
+def test_a_network_learns_to_take_stripes_away(monkeypatch):
+    torch.manual_seed(0)
+    cfg = configure("train.lr=0.003")
+    network = demoire.build("esdnet", width=0.25)
+    start_as_identity(network)
+    module = Demoireing(network, cfg.demoire, cfg.train)
+    monkeypatch.setattr(Demoireing, "log", lambda *args, **kwargs: None)
+    stripes = 60 * torch.sin(torch.arange(32) / 1.5) * torch.tensor([1.0, -1, 0])[:, None, None]
+    twins = torch.randint(60, 196, (4, 3, 1, 1)).expand(4, 3, 32, 32)
+    batch = ((twins + stripes).to(torch.uint8), twins.to(torch.uint8))
+    optimizer = module.configure_optimizers()["optimizer"]
+    for index in range(20):
+        optimizer.zero_grad()
+        module.training_step(batch, index).backward()
+        optimizer.step()
+    photos, targets = (codes.float() / 255 for codes in batch)
+    assert psnr(module.eval()(photos), targets).mean() > psnr(photos, targets).mean() + 3
+
+
+def test_an_esdnet_starts_as_the_identity():
+    photo = torch.randint(0, 256, (3, 50, 70), dtype=torch.uint8)
+    network = demoire.build("esdnet", width=0.25).eval()
+    assert not torch.equal(clean(network, photo), photo)
+    assert start_as_identity(network) and torch.equal(clean(network, photo), photo)
+    assert not start_as_identity(demoire.build("esdnet", width=0.125)), "eight channels are too few"
+
+
+def test_pictures_that_test_are_not_trained_on(tmp_path):
+    put(tmp_path, sizes=[(64, 64)] * 23)
+    cfg = configure("data=folder", f"data.root={tmp_path}")
+    splits = pictures.load(cfg)
+    names = [set(part.names) for part in splits]
+    assert [len(part) for part in names] == [19, 2, 2]
+    assert set.union(*names) == set(Pictures(tmp_path, 1).names)
+    assert pictures.load(cfg).test.names == splits.test.names
+    (tmp_path / "class0").rename(tmp_path / "train")
+    (tmp_path / "class1").rename(tmp_path / "test")
+    train, val, test = pictures.load(cfg)
+    assert (len(train), len(val), len(test)) == (11, 1, 11)
+
+
+def test_ranks_and_epochs_share_the_numbers_out():
+    drawn = []
+    for epoch in range(3):
+        for rank in range(2):
+            numbers = Numbers(6, 2, rank)
+            numbers.set_epoch(epoch)
+            drawn += list(numbers)
+            assert len(numbers) == 3
+    assert sorted(drawn) == list(range(18))
+
+
+def test_scenes_take_turns_and_targets_are_the_twin_or_the_original(tmp_path):
+    put(tmp_path)
+    scenes = list(demoireing.scenes_of(configure("scene=[phone_at_phone,screen_photo]")).values())
+    for target in ("twin", "original"):
+        pairs = SimulatedPairs(Pictures(tmp_path, 32), scenes, 32, target, seed=3)
+        for k in range(3):
+            assert pairs.pair(k).shot.scene == scenes[k % 2]
+            photo, wanted = pairs[k]
+            assert torch.equal(photo, pairs.pair(k).photo)
+            assert torch.equal(wanted, getattr(pairs.pair(k), target))
+
+
+def test_fidelity_is_that_of_the_textbook():
+    wanted = torch.full((3, 40, 40), 0.5)
+    wanted[:, ::2] = 0.25
+    found = fidelity(wanted + 0.1, wanted)
+    assert found["psnr"] == pytest.approx(20, abs=1e-4) and found["mapped_psnr"] > 45
+    assert float(psnr(wanted[None], wanted[None])) == pytest.approx(100)
+    assert float(ssim(wanted[None], wanted[None])) == pytest.approx(1)
+    flat = torch.full((1, 3, 40, 40), 0.5)
+    expected = (2 * 0.5 * 0.6 + 1e-4) / (0.5**2 + 0.6**2 + 1e-4)  # luminance alone
+    assert float(ssim(flat, torch.full_like(flat, 0.6))) == pytest.approx(expected, abs=1e-6)
+
+
+SENTENCES = [
+    (["data=cifar10"], "data must be one of 'signs', 'folder'; got 'cifar10'"),
+    (["data=folder"], "needs data.root=DIR"),
+    (["data=folder", "data.root=nowhere"], "nowhere is not a folder"),
+    (["model=esdnett"], "Did you mean 'esdnet'?"),
+    (["demoire.target=twins"], "Did you mean 'twin'?"),
+    (["demoire.width=0"], "width"),
+    (["data.train=100"], "data.train= has no effect on a demoiréing network"),
+    (["train.check_every=3"], "must be a multiple of train.check_every"),
+    (["train.steps=0"], "train.steps must be at least 1"),
+    (["data.val=null"], "data.val must be at least 1"),
+    (["scene=[]"], "name at least one"),
+    (["scene=paper"], "registered"),
+    (["scene=screen_foto"], "Did you mean 'screen_photo'?"),
+    (["test.unseen=[screen_photo]"], "which is trained in"),
+    (["weights=nowhere.pt"], "no weights file 'nowhere.pt'"),
+    (["pairs=nowhere"], "neither a CSV file nor a folder"),
+    (["resume=true"], "leave it out to begin"),
+]
+
+
+@pytest.mark.parametrize(("given", "sentence"), SENTENCES, ids=[" ".join(s[0]) for s in SENTENCES])
+def test_wrong_settings_get_a_sentence(given, sentence, tmp_path):
+    with pytest.raises((ValueError, TypeError)) as error:
+        demoireing.fit(configure(*given, f"runs={tmp_path}"))
+    assert sentence in str(error.value)
+    assert not list(tmp_path.rglob("*.ckpt"))
+
+
+def test_recipes_of_two_kinds_go_to_two_commands():
+    assert demoireing.asked_for(["seed=1", "recipe=demoire"])
+    assert not demoireing.asked_for(["recipe=moire_at"]) and not demoireing.asked_for([])
+    with pytest.raises(SystemExit, match="Give them to two commands"):
+        demoireing.asked_for(["-m", "recipe=demoire,moire_at"])
+    with pytest.raises(SystemExit, match="Did you mean 'check_every'"):
+        check_keys(["train.chekc_every=2"], demoireing.DemoireConfig)

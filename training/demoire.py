@@ -1,0 +1,159 @@
+"""Clean a folder of photos of screens: each keeps its name, its size and its file format.
+
+    python training/demoire.py in=DIR out=DIR weights=FILE
+
+Weights are weights.pt of a run of fit.py recipe=demoire, or any file of
+moireaug.defenses.demoire.save. Photos are searched deeply; large ones are cleaned tile by tile.
+Those that cannot be read are named, and the command then ends with status 1, after all others. A
+photo's colour profile and EXIF data stay with it. Every file is written whole or not at all.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from omegaconf import MISSING
+from PIL import Image
+from torch import Tensor
+from tqdm import tqdm
+
+from moireaug.defenses import demoire
+from moireaug.defenses.demoire import DemoireNet
+from moireaug.defenses.demoire.tiles import OVERLAP, SIDE, tiled
+from moireaug.files import write_bytes
+from moireaug.images import read
+from moireaug.synthesis.pictures import Pictures
+from training.messages import sentence
+from training.settings import parse
+
+EXAMPLE = "python training/demoire.py in=DIR out=DIR weights=FILE"
+JPEG = {"quality": 95, "subsampling": "4:4:4"}  # much of what is left to see is colour
+LOSSLESS = {"lossless": True}
+OPTIONS: dict[str, dict[str, Any]] = {".jpg": JPEG, ".jpeg": JPEG, ".webp": LOSSLESS}
+
+
+@dataclass
+class Config:
+    """Hold every setting of the command."""
+
+    in_: str = MISSING  # in=: a folder of photos
+    out: str = MISSING
+    weights: str = MISSING
+    device: str = "auto"  # or cpu, cuda, cuda:1
+    tile: int = SIDE  # longest side that is cleaned at once, pixels; fewer need less memory
+
+
+def configure(argv: Sequence[str]) -> Config:
+    """Return the settings of a command line.
+
+    Raises:
+        ValueError: an unknown key, a value of another type, or out of its bounds.
+    """
+    cfg = parse(argv, Config, EXAMPLE)
+    if cfg.tile < 2 * OVERLAP:
+        raise ValueError(f"tile must be at least {2 * OVERLAP} pixels; got {cfg.tile}.")
+    photos, out = Path(cfg.in_).resolve(), Path(cfg.out).resolve()
+    if out.is_relative_to(photos) or photos.is_relative_to(out):
+        raise ValueError(
+            f"in={cfg.in_} and out={cfg.out} are one folder, or one lies in the other, and photos "
+            "would be written over: name a folder outside."
+        )
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"out={cfg.out} cannot be a folder: there is a file of that name.")
+    return cfg
+
+
+def device_of(name: str) -> torch.device:
+    """Return the device of that name; "auto" is a GPU where there is one.
+
+    Raises:
+        ValueError: no such device.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        return torch.empty(0, device=name).device
+    except (RuntimeError, AssertionError) as error:
+        said = str(error).splitlines()[0]
+        raise ValueError(f"device={name} cannot be used ({said}). Use device=cpu.") from error
+
+
+def clean_folder(cfg: Config) -> list[str]:
+    """Clean every photo of a folder; returns why some could not be, a sentence each.
+
+    Raises:
+        ValueError: no photos, weights that cannot be read, or no such device.
+        OSError: the disk is full or not writable; what was written before is whole.
+    """
+    device = device_of(cfg.device)
+    network = demoire.load(cfg.weights).to(device)
+    found = Pictures(cfg.in_, 1)
+    failed: list[str] = []
+    began = time.perf_counter()
+    with tqdm(found.names, unit="photo", disable=None) as bar:
+        for name in bar:
+            try:
+                photo = read(str(found.folder / name))
+            except ValueError as error:
+                failed.append(str(error))
+                bar.write(f"not cleaned: {error}", file=sys.stderr)
+                continue
+            cleaned = clean(network, photo, cfg.tile)
+            write_bytes(Path(cfg.out) / name, encoded(cleaned, photo, Path(name).suffix))
+    seconds = time.perf_counter() - began
+    done = len(found) - len(failed)
+    print(f"{done} photos cleaned into {cfg.out} in {seconds:.1f} s.")
+    if found.others:
+        print(f"{len(found.others)} other files in {cfg.in_} are no pictures by name.")
+    return failed
+
+
+@torch.inference_mode()
+def clean(network: DemoireNet, photo: Image.Image, tile: int) -> Image.Image:
+    """Return a photo, cleaned."""
+    device = next(network.parameters()).device
+    codes = torch.from_numpy(np.array(photo)).permute(2, 0, 1)
+    images: Tensor = codes[None].to(device).float() / 255
+    cleaned = tiled(network, images, tile)[0]
+    pixels = (255 * cleaned).round().to(torch.uint8).permute(1, 2, 0)
+    return Image.fromarray(pixels.cpu().contiguous().numpy())
+
+
+def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
+    """Return the file of a picture, of the format of a suffix, with the profile and EXIF data of
+    the photo that it was made of."""
+    options = dict(OPTIONS.get(suffix.lower(), {}))
+    if exif := photo.info.get("exif"):
+        options["exif"] = exif
+    profile = photo.info.get("icc_profile")
+    if profile and profile[16:20] == b"RGB ":  # others are of the ink or grey that it once had
+        options["icc_profile"] = profile
+    form = Image.registered_extensions()[suffix.lower()]
+    file = io.BytesIO()
+    picture.save(file, form, **options)
+    return file.getvalue()
+
+
+def main(argv: Sequence[str]) -> None:
+    """Follow the command line, and end with a sentence where it cannot be followed."""
+    try:
+        failed = clean_folder(configure(argv))
+    except KeyboardInterrupt:
+        print("\nInterrupted. Every photo that was written is whole.", file=sys.stderr)
+        raise SystemExit(130) from None
+    except (ValueError, TypeError, OSError) as error:
+        raise SystemExit(f"error: {sentence(error)}") from None
+    if failed:
+        raise SystemExit(f"error: {len(failed)} photos could not be cleaned, see above.")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,1 @@
+"""Demoiréing networks, trained on simulated pairs alone: `fit.py recipe=demoire`."""

@@ -1,0 +1,193 @@
+"""Train a demoiréing network on simulated pairs alone, test it, and report what it cleans.
+
+    python training/fit.py recipe=demoire                                   # on drawn signs
+    python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR pairs=PAIRS.csv
+    python training/fit.py recipe=demoire scene=phone_at_monitor demoire.target=original
+
+DIR holds pictures at any depth, of which a tenth validates and a tenth tests, or the folders train
+and test. `pairs` names real photos and what was on the screen, for the report alone; a finished run
+is tested on other pairs by the same command. Settings: training/demoireing/schema.py. Writes
+weights.pt (for training/demoire.py and moireaug.defenses.demoire.load), report.html, scores.csv (a
+line a pair), metrics.json, best.ckpt, last.ckpt and config.yaml into
+runs/<data>-<model>/demoire/seed<k>/. A run that was interrupted, however it was, is resumed by the
+same command.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import hydra
+from omegaconf import DictConfig
+
+from moireaug.defenses import demoire
+from moireaug.files import write_text
+from moireaug.scene.fields import one_of
+from moireaug.scene.scene import as_scene
+from moireaug.synthesis.pairs import SIZES, check_aligned
+from training import commands, runs, scenes
+from training.calibration.pairs import find_pairs
+from training.demoireing import pictures, report
+from training.demoireing.pairs import scenes_of
+from training.demoireing.schema import DemoireConfig as DemoireConfig
+from training.demoireing.schema import asked_for as asked_for
+from training.demoireing.schema import register as register
+from training.demoireing.testing import summary, test
+from training.demoireing.train import train_network
+from training.schema import as_config
+from training.trainers import quiet
+
+Metrics = dict[str, Any]
+TARGETS = ("twin", "original")
+UNUSED = {"train": None, "class_index": None, "augment": "none", "download": False}  # of `data`
+
+
+def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
+    """Train, test and report a run, or what is left of it; returns its metrics.
+
+    Raises:
+        TypeError, ValueError: settings that cannot be followed, before time is spent.
+        ConnectionError, FloatingPointError, OSError: as `train_network`.
+    """
+    cfg = as_config(cfg)
+    cfg = replace(cfg, scene=inlined(cfg.scene))
+    check(cfg)
+    run = runs.run_of(cfg)
+    if runs.is_first():
+        runs.make(run.folder)
+    with runs.held(run.folder):
+        if cfg.resume is not False and run.stage() == "finished":
+            return finished(cfg)
+        if cfg.resume and runs.is_first():
+            runs.require_resumable(run)
+        return one_run(cfg)
+
+
+def inlined(scene: Any) -> Any:
+    """Return a command line's scene, or list of scenes, with the content of YAML files in place of
+    their names."""
+    if isinstance(scene, (list, tuple)):
+        return [scenes.inlined(one) for one in scene]
+    return scenes.inlined(scene)
+
+
+def check(cfg: DemoireConfig) -> None:
+    """Refuse settings before time is spent.
+
+    Raises:
+        TypeError, ValueError: with what was got and what is allowed.
+    """
+    one_of("model", cfg.model, demoire.NETWORKS)
+    one_of("demoire.target", cfg.demoire.target, TARGETS)
+    one_of("data", cfg.data.name, pictures.PICTURES)
+    for key, usual in UNUSED.items():
+        if getattr(cfg.data, key) != usual:
+            raise ValueError(f"data.{key}= has no effect on a demoiréing network: leave it out.")
+    for name, value, least in (
+        ("train.steps", cfg.train.steps, 1),
+        ("train.check_every", cfg.train.check_every, 1),
+        ("train.batch_size", cfg.train.batch_size, 1),
+        ("train.warmup", cfg.train.warmup, 0),
+        ("data.val", cfg.data.val or 0, 1),
+        ("data.test", cfg.data.test or 0, 1),
+        ("data.size", cfg.data.size, SIZES[0]),
+        ("test.size", cfg.test.size, SIZES[0]),
+    ):
+        if value < least:
+            raise ValueError(f"{name} must be at least {least}; got {value}.")
+    if cfg.train.steps % cfg.train.check_every:
+        raise ValueError(
+            f"train.steps must be a multiple of train.check_every, so that the last weights are "
+            f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
+        )
+    if not 0 <= cfg.train.ema < 1:
+        raise ValueError(f"train.ema must be in [0, 1); got {cfg.train.ema}.")
+    demoire.build(cfg.model, width=cfg.demoire.width, weights=cfg.weights)
+    seen = scenes_of(cfg)
+    for name in cfg.test.unseen:
+        check_aligned(as_scene(name))
+        if name in seen:
+            raise ValueError(
+                f"test.unseen names {name}, which is trained in: leave it out of either."
+            )
+    if cfg.pairs:
+        find_pairs(Path(cfg.pairs))
+
+
+def finished(cfg: DemoireConfig) -> Metrics:
+    """Print the figures of a finished run and return its metrics; test it again where other real
+    pairs are given."""
+    folder = runs.folder(cfg)
+    known = runs.read_metrics(folder) or {}
+    if cfg.pairs and cfg.pairs != known["pairs"] and runs.is_first():
+        network = demoire.load(folder / "weights.pt")
+        return tested(cfg, network, known["train"])
+    if runs.is_first():
+        print(report.said(known))
+    print(f"{folder} is already finished; resume=false trains it again.")
+    return known
+
+
+def one_run(cfg: DemoireConfig) -> Metrics:
+    """Train, test and report; returns the metrics, {} in all but one process."""
+    run = runs.run_of(cfg)
+    splits = pictures.load(cfg)
+    if runs.is_first():
+        run.prepare()
+    network, train = train_network(cfg, splits)
+    if not runs.is_first():
+        return {}
+    demoire.save(network, run.folder / "weights.pt")
+    metrics = tested(cfg, network, train, splits)
+    (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it
+    return metrics
+
+
+def tested(
+    cfg: DemoireConfig,
+    network: demoire.DemoireNet,
+    train: Metrics,
+    splits: pictures.Splits | None = None,
+) -> Metrics:
+    """Test a trained network, and write scores.csv, report.html and then metrics.json; returns the
+    metrics."""
+    folder = runs.folder(cfg)
+    began = time.perf_counter()
+    found = test(network, cfg, splits or pictures.load(cfg))
+    settings = runs.settings(cfg)
+    metrics = {
+        "recipe": cfg.recipe,
+        "seed": cfg.seed,
+        "data": cfg.data.name,
+        "model": cfg.model,
+        "width": cfg.demoire.width,
+        "target": cfg.demoire.target,
+        "pairs": cfg.pairs,
+        "train": train,
+        "test": summary(found.scores),
+        "time": {"train": train["wall_seconds"], "test": time.perf_counter() - began},
+        "scenes": {name: scene.to_dict() for name, scene in scenes_of(cfg).items()},
+        "config": settings,
+        "fingerprint": runs.fingerprint(settings),
+        "environment": runs.environment(),
+        "command": runs.command(),
+    }
+    write_text(folder / "scores.csv", found.scores.to_csv(index=False, float_format="%.6g"))
+    write_text(folder / "report.html", report.page(metrics, found.shown))
+    write_text(folder / "metrics.json", json.dumps(metrics, indent=1))
+    print(report.said(metrics))
+    print(f"Weights: {folder / 'weights.pt'}")
+    print(f"Report: {folder / 'report.html'}")
+    return metrics
+
+
+@hydra.main(version_base="1.3", config_path=None, config_name="demoire")
+def main(cfg: DictConfig) -> None:
+    """Run one job of the command line."""
+    quiet()
+    with commands.sentences(kept="What was validated is kept"):
+        fit(cfg)

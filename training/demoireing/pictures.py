@@ -1,0 +1,79 @@
+"""Pictures to photograph: signs that are drawn, or a folder's; some are held out for testing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from PIL import Image
+
+from moireaug.scene.fields import one_of
+from moireaug.synthesis.pictures import Pictures, Source
+from training import signs
+from training.demoireing.schema import PICTURES, DemoireConfig
+
+HELD_OUT = 10  # one in so many pictures validates, and as many test
+FEWEST = 3  # pictures of a folder: one of each split
+
+
+class Splits(NamedTuple):
+    """Where the pairs that train, validate and test take their pictures; none is in two of them."""
+
+    train: Source
+    val: Source
+    test: Source
+
+
+class DrawnSigns:
+    """The project's own signs, drawn anew for every pair.
+
+    Args:
+        side: of a picture, in pixels.
+    """
+
+    def __init__(self, side: int) -> None:
+        self.side = side
+
+    def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
+        """Draw a sign; return its class and its picture."""
+        label = int(rng.integers(len(signs.CLASSES)))
+        return signs.CLASSES[label], Image.fromarray(signs.render(label, rng, self.side))
+
+
+def load(cfg: DemoireConfig) -> Splits:
+    """Find the pictures of a run's data set.
+
+    Raises:
+        ValueError: data that is not fit to be photographed, no folder, or too few pictures in it.
+    """
+    one_of("data", cfg.data.name, PICTURES)
+    side, test_side = cfg.data.size, cfg.test.size
+    if cfg.data.name == "signs":
+        drawn = DrawnSigns(side)
+        return Splits(drawn, drawn, DrawnSigns(test_side))
+    if not cfg.data.root:
+        raise ValueError("data=folder needs data.root=DIR, a folder with pictures inside it.")
+    root = Path(cfg.data.root)
+    if (root / "train").is_dir() and (root / "test").is_dir():
+        train, val = _parts(Pictures(root / "train", side), 2)
+        return Splits(train, val, Pictures(root / "test", test_side))
+    train, val, test = _parts(Pictures(root, side), 3)
+    test.least = test_side
+    return Splits(train, val, test)
+
+
+def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
+    """Split pictures at random, always the same way: most of them, and as many tenths as there are
+    other parts."""
+    total = len(pictures)
+    if total < FEWEST:
+        raise ValueError(
+            f"{pictures.folder} holds {total} pictures: at least {FEWEST} are needed, to train, to "
+            "validate and to test on different ones."
+        )
+    held = max(1, total // HELD_OUT)
+    order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()
+    others = [pictures.part(order[n * held : (n + 1) * held]) for n in range(parts - 1)]
+    return [pictures.part(order[(parts - 1) * held :]), *others]

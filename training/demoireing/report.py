@@ -1,0 +1,198 @@
+"""What a test found, for people: a page, a plot of the training, and lines for the terminal."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from torch import Tensor
+
+from moireaug.evaluation.report.numbers import number
+from moireaug.evaluation.report.page import environment, uri
+from moireaug.evaluation.report.plots import FAINT, INK, OURS, SIZE, THEIRS
+from training.demoireing.fidelity import WINDOW
+from training.demoireing.testing import GroupedPair
+
+TEMPLATE = Path(__file__).with_name("report.html.j2")
+PICTURE = 300  # pixels of a picture that the page shows
+STRONGER = 4  # times, of what was removed
+Row = Mapping[str, Any]
+
+# what a photo is held against: the reference, and what stands before its measures' names
+COLUMNS = {
+    "the twin": ("twin", ""),
+    "the original": ("original", ""),
+    "the original, colours mapped": ("original", "mapped_"),
+}
+
+
+def page(metrics: Mapping[str, Any], shown: Sequence[tuple[GroupedPair, Tensor]]) -> str:
+    """Return the report of a run as a page that needs nothing but itself.
+
+    Args:
+        metrics: what metrics.json holds. shown: pairs and their cleaned photos.
+    """
+    lead = []
+    for kind in ("seen", "unseen", "real"):
+        if line := headline(metrics, kind):
+            lead.append(line)
+    time = {name: value for name, value in metrics["time"].items() if value is not None}
+    template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
+    return template.render(
+        title=f"{metrics['model']}, trained on simulated pairs alone",
+        lead=lead,
+        facts={name: metrics[name] for name in ("data", "model", "width", "target", "seed")},
+        columns=list(COLUMNS),
+        rows=table(metrics["test"]),
+        examples=[block(pair, cleaned) for pair, cleaned in shown],
+        curves=curves(metrics["train"]["history"], metrics["train"]["best_steps"]),
+        phases={"parts": time, "total": sum(time.values())},
+        metrics={**metrics, "scene": None, "plan": None},
+        target=metrics["target"],
+        window=WINDOW,
+    )
+
+
+def headline(metrics: Mapping[str, Any], kind: str) -> str | None:
+    """Return what cleaning does to the photos of a kind, as a sentence; None where none were
+    tested."""
+    reference, measure = main_figure(metrics, kind)
+    rows = []
+    for row in metrics["test"]:
+        if (row["kind"], row["reference"], row["measure"]) == (kind, reference, measure):
+            rows.append(row)
+    if not rows:
+        return None
+    n = sum(row["n"] for row in rows)
+    before, after = (sum(row[k] * row["n"] for row in rows) / n for k in ("before", "after"))
+    gained = sum(row["gained"] for row in rows)
+    what = {
+        "seen": "Simulated photos of scenes that it was trained in",
+        "unseen": "Simulated photos of scenes that it was not trained in",
+        "real": "Real photos",
+    }[kind]
+    against = "the same shot without moiré" if reference == "twin" else "the original"
+    if measure == "mapped_psnr":
+        against += ", colours mapped"
+    return (
+        f"{what}: PSNR against {against} from {before:.2f} to {after:.2f} dB; {gained} of {n} gain."
+    )
+
+
+def main_figure(metrics: Mapping[str, Any], kind: str) -> tuple[str, str]:
+    """Return the reference and the measure that say whether a network does what it was trained
+    to."""
+    if metrics["target"] == "original":
+        return "original", "psnr"
+    return ("original", "mapped_psnr") if kind == "real" else ("twin", "psnr")
+
+
+def table(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return a row a group, with a cell for PSNR and SSIM under each of `COLUMNS`; None where there
+    is no such reference."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        about = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}
+        found.setdefault(row["group"], about | {"cells": [None] * 2 * len(COLUMNS)})
+        for column, (reference, prefix) in enumerate(COLUMNS.values()):
+            for side, name in enumerate(("psnr", "ssim")):
+                if (row["reference"], row["measure"]) == (reference, prefix + name):
+                    found[row["group"]]["cells"][2 * column + side] = cell(row, 2 + side)
+    return list(found.values())
+
+
+def cell(row: Row, digits: int) -> dict[str, str]:
+    """Return a row's figures as they are printed."""
+    gain = f"{row['gain']:+.{digits}f}"
+    if row["gain_interval"]:
+        low, high = row["gain_interval"]
+        gain += f" ({low:+.{digits}f} to {high:+.{digits}f})"
+    return {
+        "before": number(row["before"], digits),
+        "after": number(row["after"], digits),
+        "gain": f"{gain}; {row['gained']} of {row['n']}".replace("-", "−"),
+    }
+
+
+def said(metrics: Mapping[str, Any]) -> str:
+    """Return the figures for a terminal: PSNR in dB and SSIM, before and after."""
+    head = f"{'pairs':28s}{'n':>4s}  {'against':30s}{'PSNR, dB':>16s}{'gain':>8s}   SSIM"
+    lines = [head]
+    for row in table(metrics["test"]):
+        group = f"{row['group']} ({row['kind']})" if row["kind"] != "real" else row["group"]
+        for column, against in enumerate(COLUMNS):
+            psnr, ssim = row["cells"][2 * column : 2 * column + 2]
+            if psnr is None:
+                continue
+            change = f"{psnr['before']} → {psnr['after']}"
+            gain = psnr["gain"].split(" ")[0].rstrip(";")
+            likeness = f"{ssim['before']} → {ssim['after']}"
+            lines.append(
+                f"{group:28s}{row['n']:4d}  {against:30s}{change:>16s}{gain:>8s}   {likeness}"
+            )
+            group = ""
+    train = metrics["train"]
+    lines.append(
+        f"training: {train['steps']} steps in {train['seconds']:.0f} s, "
+        f"{train['pairs_per_second']:.1f} pairs a second; kept: step {train['best_steps']}"
+    )
+    return "\n".join(lines)
+
+
+def block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
+    """Return the pictures of a pair, side by side."""
+    removed = 128 + STRONGER * (pair.photo.int() - cleaned.int())
+    sides = {
+        "photo": pair.photo,
+        "cleaned": cleaned,
+        "twin": pair.twin,
+        "original": pair.original,
+        f"removed × {STRONGER}": removed.clamp(0, 255).byte(),
+    }
+    cells = []
+    for title, picture in sides.items():
+        if picture is not None:
+            cells.append({"title": title, "image": middle(picture)})
+    return {"label": f"{pair.group}: {pair.name}", "cells": cells}
+
+
+def middle(picture: Tensor) -> NDArray[np.uint8]:
+    """Return the middle of a picture (3, H, W) as (h, w, 3)."""
+    top, left = (max(0, (length - PICTURE) // 2) for length in picture.shape[1:])
+    part = picture[:, top : top + PICTURE, left : left + PICTURE]
+    return part.permute(1, 2, 0).contiguous().numpy()
+
+
+def curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, str]]:
+    """Return the plots of a training: its loss, and PSNR on the pairs that validate."""
+    steps = [row["steps"] for row in history]
+    found = []
+    for name, label, caption in (
+        ("loss", "training loss", "Training loss, mean since the last validation."),
+        (
+            "psnr",
+            "validation PSNR, dB",
+            "PSNR of validation photos, cleaned; the level line is of the photos themselves. "
+            f"Step {best} was kept.",
+        ),
+    ):
+        figure = Figure(SIZE, layout="constrained")
+        ax = figure.subplots()
+        ax.plot(steps, [row[name] for row in history], "o-", color=OURS, markersize=3.2)
+        if name == "psnr":
+            ax.axvline(best, color=FAINT)
+            ax.axhline(history[-1]["photo_psnr"], color=THEIRS, linewidth=1)
+        ax.set_xlabel("step", size=10, color=INK)
+        ax.set_ylabel(label, size=10, color=INK)
+        ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
+        ax.grid(axis="y", color=FAINT, linewidth=0.7)
+        ax.spines[["top", "right"]].set_visible(False)
+        file = io.StringIO()
+        figure.savefig(file, format="svg", metadata={"Date": None})
+        found.append({"uri": uri(file.getvalue().encode(), "image/svg+xml"), "caption": caption})
+    return found

@@ -1,0 +1,107 @@
+"""Training of a demoiréing network: begun, resumed, or read back where it is complete."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+from lightning.pytorch.callbacks import EMAWeightAveraging
+from lightning.pytorch.utilities import rank_zero_only
+from omegaconf import OmegaConf
+
+from moireaug.defenses import demoire
+from moireaug.defenses.demoire import DemoireNet
+from moireaug.files import write_text
+from training import ranks, runs
+from training.checkpoints import RunCheckpoint
+from training.demoireing.module import Demoireing
+from training.demoireing.pairs import PairBatches
+from training.demoireing.pictures import Splits
+from training.demoireing.schema import DemoireConfig
+from training.demoireing.starting import start_as_identity
+from training.files import read_checkpoint, read_json
+from training.schema import as_values
+from training.trainers import make_trainer
+
+
+def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[str, Any]]:
+    """Train, and return the averaged weights that did best on validation, with what it cost.
+
+    Args:
+        cfg: the run's settings. splits: its pictures.
+
+    Raises:
+        ValueError: a checkpoint that is missing or damaged, or pictures that cannot be used.
+        ConnectionError: another process of this run was lost.
+        FloatingPointError: the loss became nan or infinite.
+        OSError: a disk that is full or not writable.
+        KeyboardInterrupt: Ctrl-C or SIGTERM; what was validated is kept.
+    """
+    L.seed_everything(cfg.seed, verbose=False)
+    run = runs.run_of(cfg)
+    out, resumed = run.folder, run.can_resume()
+    last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
+    network = demoire.build(cfg.model, width=cfg.demoire.width, weights=cfg.weights)
+    if cfg.weights is None:
+        start_as_identity(network)
+    module = Demoireing(network, cfg.demoire, cfg.train)
+    if resumed and (train := read_json(train_json)):
+        module.load_state_dict(read_checkpoint(best)["state_dict"])
+        print(f"Training is complete: the weights are read from {best}.")
+        return network.eval(), train
+    done = read_checkpoint(last)["history"] if resumed else []
+    if runs.is_first():
+        write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
+    say = rank_zero_only(print)
+    millions = sum(weights.numel() for weights in network.parameters()) / 1e6
+    say(
+        f"Training {cfg.model} of width {cfg.demoire.width:g} ({millions:.2f} million weights) on "
+        f"pairs of {cfg.data.name}, target {cfg.demoire.target}: {cfg.train.steps} steps of "
+        f"{cfg.train.batch_size}."
+    )
+    if done:
+        say(f"Resuming from {last} after {done[-1]['steps']:.0f} steps.")
+    batches = PairBatches(cfg, splits, first=len(done))
+    trainer = trainer_of(cfg, out)
+    began = time.perf_counter()
+    try:
+        with ranks.together(trainer):
+            trainer.fit(module, batches, ckpt_path=str(last) if resumed else None)
+    except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
+        raise KeyboardInterrupt from None
+    wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
+    state = read_checkpoint(best)
+    module.load_state_dict(state["state_dict"])
+    train = cost(module.history, cfg.train.batch_size) | {
+        "wall_seconds": wall,
+        "best_steps": int(state["history"][-1]["steps"]),
+        "weights": round(1e6 * millions),
+    }
+    if runs.is_first():
+        write_text(train_json, json.dumps(train))
+    return network.eval(), train
+
+
+def trainer_of(cfg: DemoireConfig, out: Path) -> L.Trainer:
+    """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder."""
+    callbacks = [
+        EMAWeightAveraging(decay=cfg.train.ema),
+        RunCheckpoint(out, "best", monitor="val_psnr", mode="max"),
+        RunCheckpoint(out, "last"),
+    ]
+    return make_trainer(cfg.trainer, cfg.train.steps // cfg.train.check_every, callbacks)
+
+
+def cost(history: list[dict[str, float]], batch_size: int) -> dict[str, Any]:
+    """Return the history of a training, and its time without validation."""
+    seconds = sum(h["seconds"] for h in history)
+    steps = int(history[-1]["steps"])
+    return {
+        "seconds": seconds,
+        "steps": steps,
+        "pairs_per_second": steps * batch_size / max(seconds, 1e-9),
+        "history": history,
+    }
