@@ -40,6 +40,7 @@ def added(line):
 
 HOSTILE = [
     (added("demoire: stranger:clean"), "Key 'demoire' not in 'Config'"),
+    (added("networks: DIR"), "Key 'networks' not in 'Config'"),
     (added("suite: defences"), "Key 'suite' not in 'Config'"),
     (added("targets: {other: /etc}"), "Key 'targets' not in 'Config'"),
     (added("_target_: os.system"), "Key '_target_' not in 'Config'"),
@@ -228,7 +229,11 @@ REFUSED = [
         ["targets={resnet18: FILE}"],
         "targets= is for suite=transfer or paper or trust; suite=ladder has no use",
     ),
-    (["demoire=torch:relu", "suite=jpeg"], "demoire= is for suite=defences or paper; suite=jpeg"),
+    (
+        ["demoire=torch:relu", "suite=jpeg"],
+        "demoire= is for suite=defences or demoireing or paper; suite=jpeg",
+    ),
+    (["networks=DIR", "suite=jpeg"], "networks= is for suite=demoireing or paper; suite=jpeg"),
     (["trainer.devices=2"], "trainer.devices= has no effect here"),
     (["trainer.precision=bf16-mixed", "suite=jpeg"], "trainer.precision= has no effect here"),
     (["reattack.n=0"], "reattack.n must be at least 1; got 0"),

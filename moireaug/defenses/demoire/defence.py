@@ -47,8 +47,10 @@ class Demoire(Defence):
         return (self.network,) if isinstance(self.network, nn.Module) else ()
 
     def apply(self, images: Tensor) -> Tensor:
-        weights = [p for network in self.networks for p in network.parameters()]
-        out = self.network(images.to(weights[0].dtype) if weights else images)
+        shown = images
+        if isinstance(self.network, nn.Module):
+            shown = images.to(next(self.network.parameters(), images).dtype)
+        out = self.network(shown)
         if out.shape != images.shape:
             raise ValueError(
                 f"a demoiréing network must keep the images' shape {tuple(images.shape)}; "
