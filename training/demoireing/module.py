@@ -34,7 +34,7 @@ class Demoireing(L.LightningModule):
         self.network.to(memory_format=self.layout)
         self.loss = LOSSES[network.name]
         # in a list, so that its weights are not kept in every checkpoint
-        self._features = [VGGFeatures(demoire.vgg)] if demoire.vgg else []
+        self._features = [VGGFeatures(demoire.vgg, network.name)] if demoire.vgg else []
         self.history: list[dict[str, float]] = []
         self._losses: list[Tensor] = []
         self._scores: dict[str, list[Tensor]] = {}
