@@ -15,18 +15,20 @@ RIDGE = 1e-6  # of the mean power of a column: a map of a flat picture exists, t
 
 
 class ColourMap(NamedTuple):
-    """Per channel a polynomial of 1, r, g, b, r^2, g^2, b^2; codes in, codes out."""
+    """Per channel a polynomial of 1, r, g, b, and r^2, g^2, b^2; codes in, codes out."""
 
-    coefficients: NDArray[Any]  # (7, 3)
+    coefficients: NDArray[Any]  # (7, 3), or (4, 3) without squares
 
     @staticmethod
-    def fit(picture: Plane, wanted: Plane) -> ColourMap:
+    def fit(picture: Plane, wanted: Plane, *, squares: bool = True) -> ColourMap:
         """Find the map that brings a picture nearest to another, by least squares.
 
         Args:
             picture, wanted: (3, H, W), in codes of 255.
+            squares: False leaves r^2, g^2 and b^2 out: a straight line, 3 x 3 and an offset.
         """
         powers = _powers(picture.reshape(3, -1)[:, ::STEP]).astype(np.float64)
+        powers = powers[: 7 if squares else 4]
         gram = powers @ powers.T
         gram += RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
         right = powers @ wanted.reshape(3, -1)[:, ::STEP].T
@@ -34,7 +36,8 @@ class ColourMap(NamedTuple):
 
     def __call__(self, picture: Plane) -> Plane:
         """Return the picture (3, H, W) with its colours mapped, clipped to codes."""
-        mapped = self.coefficients.T.astype(np.float32) @ _powers(picture.reshape(3, -1))
+        powers = _powers(picture.reshape(3, -1))[: len(self.coefficients)]
+        mapped = self.coefficients.T.astype(np.float32) @ powers
         return mapped.reshape(picture.shape).clip(0, 255)
 
 

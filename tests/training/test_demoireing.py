@@ -19,7 +19,7 @@ from training.demoireing import fit as demoireing
 from training.demoireing import pictures
 from training.demoireing.fidelity import fidelity, psnr, ssim
 from training.demoireing.module import Demoireing
-from training.demoireing.pairs import Numbers, SimulatedPairs
+from training.demoireing.pairs import Numbers, SimulatedPairs, toned
 from training.demoireing.starting import start_as_identity
 from training.demoireing.testing import clean
 from training.schema import check_keys
@@ -223,6 +223,17 @@ def test_scenes_take_turns_and_targets_are_the_twin_or_the_original(tmp_path):
             photo, wanted = pairs[k]
             assert torch.equal(photo, pairs.pair(k).photo)
             assert torch.equal(wanted, getattr(pairs.pair(k), target))
+
+
+def test_a_toned_target_is_the_original_in_the_photos_colours():
+    original = torch.randint(0, 256, (3, 160, 160), dtype=torch.uint8)
+    red, green, blue = original.float()
+    shot = torch.stack([0.4 * red + 0.1 * blue + 20, 0.5 * green + 30, 0.3 * blue + 60])
+    stripes = 10 * torch.tensor([1.0, -1.0]).repeat(80)
+    photo = (shot + stripes).clamp(0, 255).round().to(torch.uint8)
+    assert (toned(original, photo).float() - shot).abs().max() < 3
+    # negative control: the photo's own stripes are far off
+    assert (photo.float() - shot).abs().mean() > 8
 
 
 def test_fidelity_is_that_of_the_textbook():

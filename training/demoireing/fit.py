@@ -42,7 +42,7 @@ from training.schema import as_config
 from training.trainers import quiet
 
 Metrics = dict[str, Any]
-TARGETS = ("twin", "original")
+TARGETS = ("twin", "original", "toned")
 UNUSED = {"train": None, "class_index": None, "augment": "none", "download": False}  # of `data`
 
 

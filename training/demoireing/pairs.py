@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import lightning as L
+import numpy as np
 import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler, TensorDataset
@@ -12,6 +13,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler, TensorDataset
 from moireaug.scene.scene import Scene, as_scene
 from moireaug.synthesis.pairs import Pair, check_aligned, make_pair
 from moireaug.synthesis.pictures import Source
+from moireaug.synthesis.tone import ColourMap
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 
@@ -42,7 +44,8 @@ class SimulatedPairs(Dataset):
 
     Args:
         pictures: where their pictures come from. scenes: where they are photographed.
-        size: side in pixels. target: "twin" or "original". seed: as of `moireaug.synthesis.Pairs`.
+        size: side in pixels. target: "twin", "original" or "toned".
+        seed: as of `moireaug.synthesis.Pairs`.
     """
 
     def __init__(
@@ -57,11 +60,21 @@ class SimulatedPairs(Dataset):
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
         pair = self._made(k, twin=self.target == "twin")
+        if self.target == "toned":
+            return pair.photo, toned(pair.original, pair.photo)
         return pair.photo, pair.pictures()[self.target]
 
     def _made(self, k: int, *, twin: bool) -> Pair:
         scene = self.scenes[k % len(self.scenes)]
         return make_pair(k, self.pictures, scene, self.size, twin=twin, seed=self.seed)
+
+
+def toned(original: Tensor, photo: Tensor) -> Tensor:
+    """Return the original under the linear colour map that brings it nearest to its photo: neither
+    moiré, noise, blur nor shading, at the photo's exposure and tint; (3, H, W) uint8 all."""
+    codes, wanted = original.numpy().astype(np.float32), photo.numpy().astype(np.float32)
+    mapped = ColourMap.fit(codes, wanted, squares=False)(codes)
+    return torch.from_numpy(mapped.round().astype(np.uint8))
 
 
 class Numbers(Sampler[int]):

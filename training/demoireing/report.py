@@ -89,7 +89,9 @@ def main_figure(metrics: Mapping[str, Any], kind: str) -> tuple[str, str]:
     to."""
     if metrics["target"] == "original":
         return "original", "psnr"
-    return ("original", "mapped_psnr") if kind == "real" else ("twin", "psnr")
+    if metrics["target"] == "twin" and kind != "real":
+        return "twin", "psnr"
+    return "original", "mapped_psnr"
 
 
 def table(rows: Sequence[Row]) -> list[dict[str, Any]]:

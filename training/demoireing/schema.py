@@ -25,7 +25,9 @@ UNSEEN = ("phone_at_television", "webcam_at_phone", "phone_at_led_wall")
 class Demoire:
     """Say what the network is, and what it learns."""
 
-    target: str = "twin"  # the same shot without moiré; or "original", tone and all
+    # "twin": the same shot without moiré. "original": what the screen showed. "toned": the same
+    # under the linear colour map that brings it nearest to the photo, whose exposure thus stays
+    target: str = "twin"
     width: float = 0.25  # factor of the published numbers of channels
     # a state_dict of torchvision's vgg16, for the perceptual part of a published loss; null: none
     vgg: str | None = None
