@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 from PIL import Image
 
 from moireaug.defenses import demoire
@@ -185,6 +186,10 @@ def test_an_esdnet_starts_as_the_identity():
     network = demoire.build("esdnet", width=0.25).eval()
     assert not torch.equal(clean(network, photo), photo)
     assert start_as_identity(network) and torch.equal(clean(network, photo), photo)
+    images = torch.rand(2, 3, 64, 96)
+    for level, found in enumerate(network.outputs(images)):
+        wanted = F.avg_pool2d(images, 2**level)
+        assert (found - wanted).abs().max() < 1e-6, level
     assert not start_as_identity(demoire.build("esdnet", width=0.125)), "eight channels are too few"
 
 
@@ -245,7 +250,7 @@ def test_fidelity_is_that_of_the_textbook():
     assert float(ssim(wanted[None], wanted[None])) == pytest.approx(1)
     flat = torch.full((1, 3, 40, 40), 0.5)
     expected = (2 * 0.5 * 0.6 + 1e-4) / (0.5**2 + 0.6**2 + 1e-4)  # luminance alone
-    assert float(ssim(flat, torch.full_like(flat, 0.6))) == pytest.approx(expected, abs=1e-6)
+    assert float(ssim(flat, torch.full_like(flat, 0.6))) == pytest.approx(expected, abs=1e-4)
 
 
 SENTENCES = [

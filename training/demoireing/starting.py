@@ -13,11 +13,11 @@ PLANES = 12  # of half size, which make up an image
 
 @torch.no_grad()
 def start_as_identity(network: DemoireNet) -> bool:
-    """Change the fresh weights of an ESDNet so that its finest prediction is the image itself.
+    """Change the fresh weights of an ESDNet so that it predicts the image itself, at every scale.
 
-    The image's twelve planes of half size pass the finest level alone, where no block adds anything
-    yet; all other weights stay as they were drawn. The other networks add what they predict to the
-    image, and need no such start.
+    At each level twelve channels pass the planes of half size that make up the image at its scale,
+    and no block adds anything yet; all other weights stay as they were drawn. The other networks
+    add what they predict to the image, and need no such start.
 
     Returns:
         Whether anything was changed: not in another network, nor below width 0.25, where there are
@@ -25,21 +25,40 @@ def start_as_identity(network: DemoireNet) -> bool:
     """
     if not isinstance(network, ESDNet):
         return False
-    passing = (network.head, network.merges[0], network.tails[0])
-    convolutions = [_convolution(module) for module in passing]
-    if any(min(conv.weight.shape[:2]) < PLANES for conv in convolutions):
+    passing = [_convolution(network.head)]
+    for module in (*network.merges, *network.tails):
+        passing.append(_convolution(module))
+    if any(min(conv.weight.shape[:2]) < PLANES for conv in passing):
         return False
-    for level in (network.encoders[0], network.decoders[0]):
+    for level in (*network.encoders, *network.decoders):
         for block in level.modules():
             if isinstance(block, DenseBlock):
                 for weights in block.fuse.parameters():
                     nn.init.zeros_(weights)
-    for conv in convolutions:
-        centre = conv.kernel_size[0] // 2
-        conv.weight[:PLANES] = 0
-        conv.weight[range(PLANES), range(PLANES), centre, centre] = 1
-        conv.bias[:PLANES] = 0  # type: ignore[index]
+    for conv in passing:
+        _pass(conv)
+    for module in network.downs:
+        _halve(_convolution(module))
     return True
+
+
+def _pass(conv: nn.Conv2d) -> None:
+    """Make a convolution pass its first twelve channels."""
+    centre = conv.kernel_size[0] // 2
+    conv.weight[:PLANES] = 0
+    conv.weight[range(PLANES), range(PLANES), centre, centre] = 1
+    conv.bias[:PLANES] = 0  # type: ignore[index]
+
+
+def _halve(conv: nn.Conv2d) -> None:
+    """Make a 3 x 3 convolution of stride 2 turn the planes of an image into those of the image at
+    half size: the mean of a colour's four planes is a pixel there."""
+    conv.weight[:PLANES] = 0
+    conv.bias[:PLANES] = 0  # type: ignore[index]
+    for plane in range(PLANES):
+        colour, place = divmod(plane, 4)
+        down, right = divmod(place, 2)
+        conv.weight[plane, 4 * colour : 4 * colour + 4, 1 + down, 1 + right] = 0.25
 
 
 def _convolution(module: nn.Module) -> nn.Conv2d:
