@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, loop
+from moireaug.engine.compiling import fill, inner, loop
 
 SMALLEST = 1e-3  # standard deviation, as in the reference
 ZERO, ONE, THIRD = np.float32(0), np.float32(1), np.float32(1 / 3)
@@ -27,13 +27,13 @@ def gaussian(sigma, size):
     return out
 
 
-@loop
+@inner
 def _add(out, row, weight):
     for i in range(len(out)):
         out[i] += weight * row[i]
 
 
-@loop
+@inner
 def _along(out, row, padded, weights):
     """Fill out (w,) with a row (w,) blurred, its ends going on past it; padded: to work in."""
     w, half = len(row), len(weights) // 2
@@ -46,7 +46,7 @@ def _along(out, row, padded, weights):
         _add(out, padded[k : k + w], weights[k])
 
 
-@loop
+@inner
 def _along_back(out, row, padded, weights):
     """Do the transpose of `_along`."""
     w, half = len(row), len(weights) // 2
@@ -82,7 +82,7 @@ def _blur(out, plane, weights, work, back):
                 _add(out[y], work[other], weights[k])
 
 
-@loop
+@inner
 def _split(red, blue, grey, photo, y):
     """Take a row of a photo apart: red and blue less the brightness, and the brightness."""
     r, g, b = photo[0, y], photo[1, y], photo[2, y]
@@ -93,7 +93,7 @@ def _split(red, blue, grey, photo, y):
         grey[i] = mean
 
 
-@loop
+@inner
 def _join(photo, y, red, blue, grey, soft, amount):
     """Put a row together again, its brightness sharpened by its difference to `soft`."""
     r, g, b = photo[0, y], photo[1, y], photo[2, y]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, loop
+from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.record import LANES
 from moireaug.engine.tables import encode, encode_slope
 from moireaug.engine.vectors import add_taps, peek, poke
@@ -15,7 +15,7 @@ TWO, SIX = np.float32(2), np.float32(6)
 SITES = 4
 
 
-@loop
+@inner
 def _prepare(out, raw, saturates, levels):
     """Copy a plane's row (w,) to out (w + 2,), its ends twice: saturated, and rounded where levels
     > 0."""
@@ -31,7 +31,7 @@ def _prepare(out, raw, saturates, levels):
     out[0], out[w + 1] = out[1], out[w]
 
 
-@loop
+@inner
 def _mix(red, green, blue, matrix):
     """Multiply the colours of a row by a matrix (3, 3), in place."""
     rr, rg, rb = matrix[0, 0], matrix[0, 1], matrix[0, 2]
@@ -44,7 +44,7 @@ def _mix(red, green, blue, matrix):
         blue[i] = br * r + bg * g + bb * b
 
 
-@loop
+@inner
 def _code(out, gain, d, contrast, brighten):
     """Turn a row of light into codes, in place."""
     if d.coded:
@@ -61,7 +61,7 @@ def _code(out, gain, d, contrast, brighten):
         out[i] = min(max(out[i] + brighten, ZERO), ONE)
 
 
-@loop
+@inner
 def _code_slope(out, light, gain, d, contrast, brighten):
     """Multiply a gradient by the slope of `_code` at `light`: 1 on a clip's bounds, 0 beyond."""
     for i in range(len(out)):
@@ -77,14 +77,14 @@ def _code_slope(out, light, gain, d, contrast, brighten):
         out[i] *= slope if ZERO <= code <= ONE else ZERO
 
 
-@loop
+@inner
 def _gather(out, row, index, weight):
     """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
     for t in range(len(index)):
         _add_gathered(out, row, index[t], weight[t], t == 0)
 
 
-@loop
+@inner
 def _add_gathered(out, row, index, weight, first):
     if first:
         for i in range(len(out)):
@@ -94,13 +94,13 @@ def _add_gathered(out, row, index, weight, first):
             poke(out, i, out[i] + peek(weight, i) * peek(row, peek(index, i)))
 
 
-@loop
+@inner
 def _mean(out, even, odd):
     for i in range(len(out)):
         poke(out, i, HALF * (peek(even, i) + peek(odd, i)))
 
 
-@loop
+@inner
 def _halves(even, odd, row):
     for i in range(len(row)):
         half = HALF * row[i]
@@ -108,19 +108,19 @@ def _halves(even, odd, row):
         odd[i] = half
 
 
-@loop
+@inner
 def _add(out, row, weight):
     for i in range(len(out)):
         out[i] += weight * row[i]
 
 
-@loop
+@inner
 def _counts(rows, row):
     """Return whether any photo pixel is made from this sensor row."""
     return rows.first[row] <= rows.last[row]
 
 
-@loop
+@inner
 def _colours(colours, ring, y, h, lanes, stencil, rows):
     """Fill colours (4 sites * 3 * lanes,) with the colours of cell row y, from the prepared rows in
     `ring`."""
@@ -149,7 +149,7 @@ def _colours(colours, ring, y, h, lanes, stencil, rows):
                     )
 
 
-@loop
+@inner
 def _fill(ring, held, raw, y, saturates, levels, wide):
     """Prepare cell row y of the packed planes in the ring, unless it is there."""
     if held[y % 3] == y:
@@ -161,7 +161,7 @@ def _fill(ring, held, raw, y, saturates, levels, wide):
     held[y % 3] = y
 
 
-@loop
+@inner
 def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows):
     """Fill colours with those of row y of raw: of four sites, or of one where the sensor has no
     colour filters."""
@@ -178,7 +178,7 @@ def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows
             colours[channel * lanes + i] = ring[0, i + 1]
 
 
-@loop
+@inner
 def _mix_row(colours, r, step, lanes, w, matrix):
     """Multiply the colours of one row of a cell, its even and its odd columns, by a matrix."""
     for c in range(step):
@@ -232,7 +232,7 @@ def develop(photo, raw, d, matrix, contrast, brighten):
                     _add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
 
 
-@loop
+@inner
 def _fold_back(raw_grad, total, raw, y, wide, saturates):
     """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is left at
     0."""

@@ -3,10 +3,12 @@ time."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from moireaug.engine import harmonics, lookup, optics
-from moireaug.engine.compiling import fill, loop
+from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
 from moireaug.engine.random_numbers import keys
@@ -17,7 +19,7 @@ ZERO, ONE = np.float32(0), np.float32(1)
 BANDS = 224  # of rows, if a photo has so many, whose weights are the same
 
 
-@loop
+@inner
 def _columns(u, column, share, cols, first, step, node_step, count, to_next):
     """Fill where each pixel of a row lies on the photo, and between which columns of nodes."""
     for i in range(len(u)):
@@ -26,16 +28,32 @@ def _columns(u, column, share, cols, first, step, node_step, count, to_next):
         column[i], share[i] = node * to_next, t
 
 
-@loop
-def _amplitudes(out, lines, v, first, step_v, weight):
-    """Fill out (columns, T * w) with the terms' amplitudes on a row v."""
-    node, t = bracket(v, first, step_v, lines.shape[1], 3)
-    harmonics.lagrange(weight, t)
-    for column in range(len(lines)):
-        harmonics.between(out[column], lines[column], node, weight)
+@inner
+def _sites(first, asked, sites, filters):
+    """Fill for each plane the first plane (planes,) of the same site, and for that the colours of
+    light (planes, 3) that any of the site's filters passes."""
+    for plane in range(len(first)):
+        first[plane] = plane
+        if plane > 0:
+            before = first[plane - 1]
+            if sites.row[plane] == sites.row[before] and sites.col[plane] == sites.col[before]:
+                first[plane] = before
+        for colour in range(3):
+            asked[plane, colour] = False
+            if filters[sites.channel[plane], colour] != 0:
+                asked[first[plane], colour] = True
 
 
-@loop
+@inner
+def _shifts(cos, sin, cell):
+    """Fill cos and sin (n, K + 1) with those of 2 pi k x at each subpixel's centre x."""
+    for i in range(len(cos)):
+        for k in range(cos.shape[1]):
+            angle = 2 * math.pi * k * cell.centre[i, 0] / cell.period[0]
+            cos[i, k], sin[i, k] = math.cos(angle), math.sin(angle)
+
+
+@inner
 def _weights(out, tables, v, first, step_v):
     """Fill out (kinds, n) with the weights of cells on a row v."""
     kinds, rows = tables.shape[:2]
@@ -84,30 +102,37 @@ def expose(  # noqa: C901  # one pass, row by row
         )
         for i in range(w):
             column[1, plane, i] = column[0, plane, i] + of_y
-    # the terms' amplitudes at a band's first row and behind its last
-    terms = nodes.terms
+    first, asked = np.empty(planes, np.int64), np.empty((planes, 3), np.bool_)
+    _sites(first, asked, sites, filters)
     noise_keys = keys(seed)
-    before = np.empty((step, len(terms) * w), np.float32)
-    after = np.empty((step, len(terms) * w), np.float32)
-    weight = np.empty(4, np.float64)
+    terms, lines = nodes.terms, nodes.lines
+    weight = np.empty(4, np.float32)
     # a row's buffers
     at = np.empty((2, w), np.float64)
-    whole = np.empty((7, w), np.int32)
-    line = np.empty((9, w), np.float32)
+    whole = np.empty((6, w), np.int32)
+    line = np.empty((10, w), np.float32)
     x, y = at[0], at[1]
     nx, ny, base = whole[0], whole[1], whole[2]
-    start_x, start_y, place_x, place_y = whole[3], whole[4], whole[5], whole[6]
-    dx, dy, past_x, past_y = line[0], line[1], line[2], line[3]
-    content, through, light, inner, numbers = line[4], line[5], line[6], line[7], line[8]
+    start_x, start_y, place = whole[3], whole[4], whole[5]
+    dx, dy, past, content = line[0], line[1], line[2], line[3]
+    through, light, numbers = line[4], line[5], line[6]
+    glow, of_rows = line[7:], np.empty(w * width, np.float32)
     n_k, n_l = 1, 1
     for i in range(len(terms)):
         n_k, n_l = max(n_k, terms[i, harmonics.K] + 1), max(n_l, terms[i, harmonics.L] + 1)
+    even, odd = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
+    here, beside = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
     cx, sx = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
     cy, sy = np.empty((n_l, w), np.float32), np.empty((n_l, w), np.float32)
     fill(cx[0], ONE)
     fill(sx[0], ZERO)
     fill(cy[0], ONE)
     fill(sy[0], ZERO)
+    cos, sin = (
+        np.empty((len(cell.channel), n_k), np.float32),
+        np.empty((len(cell.channel), n_k), np.float32),
+    )
+    _shifts(cos, sin, cell)
     # the panel's pixels
     px, py, stride = cell.period[0], cell.period[1], panel.shape[2]
     pixels, of_cell = panel.reshape(3, panel.shape[1] * stride), stride // px
@@ -118,50 +143,53 @@ def expose(  # noqa: C901  # one pass, row by row
     for r in range(h * step):
         v, row = rows[r], r // step
         if r % band == 0:
-            end = min(r + band, len(rows) - 1)
-            if r == 0:
-                _amplitudes(after, nodes.lines, v, rows[0], nodes.step_v, weight)
-            before, after = after, before
-            _amplitudes(after, nodes.lines, rows[end], rows[0], nodes.step_v, weight)
-            _weights(weights, tables, (v + rows[max(end - 1, r)]) / 2, rows[0], nodes.step_vw)
-        t = np.float32((r % band) / max(end - r + r % band, 1))
+            end = min(r + band, len(rows)) - 1
+            _weights(weights, tables, (v + rows[end]) / 2, rows[0], nodes.step_vw)
+        node, t = bracket(v, rows[0], nodes.step_v, lines.shape[1], 3)
+        harmonics.lagrange(weight, t)
         gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
-            channel = sites.channel[plane]
-            early = before[sites.col[plane]].reshape(len(terms), w)
-            late = after[sites.col[plane]].reshape(len(terms), w)
-            look(x, y, u[plane], v, camera)
+            if first[plane] == plane:
+                look(x, y, u[plane], v, camera)
+                lookup.cells(dx, nx, x, 0.0, float(px), low, high_x)
+                harmonics.waves(cx, sx, dx)
+                fill(glow.reshape(-1), ZERO)
+                held = -1
+                for i in range(len(cell.channel)):
+                    colour = cell.channel[i]
+                    if not asked[plane, colour]:
+                        continue
+                    table, cells_x, cells_y = (
+                        weights[cell.kind[i]],
+                        column[0, plane],
+                        column[1, plane],
+                    )
+                    if cell.row[i] != held:
+                        held = cell.row[i]
+                        lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
+                        lookup.windows(start_y, place, past, dy, ny, cells_y, phases, width)
+                        lookup.down(of_rows, table, to_next, place, past, share[plane], width)
+                        harmonics.waves(cy, sy, dy)
+                        four = lines[sites.col[plane], node : node + 4]
+                        harmonics.across(even, odd, terms, cell.kind[i], four, weight, cy, sy)
+                        harmonics.turn(here, beside, even, odd, cx, sx)
+                    lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
+                    lookup.windows(start_x, place, past, dx, nx, cells_x, phases, width)
+                    origin = (lead * py + cell.pixel[i, 1]) * stride + cell.pixel[i, 0] * of_cell
+                    lookup.base_of(base, start_x, start_y, down, np.int32(origin + lead))
+                    lookup.content(
+                        content, pixels[colour], base, down, table, to_next, place, past,
+                        share[plane], of_rows, width,
+                    )  # fmt: skip
+                    harmonics.shine(glow[colour], content, here, beside, cos[i], sin[i], through)
             fill(light, ZERO)
-            for i in range(len(cell.channel)):
-                passed = np.float32(filters[channel, cell.channel[i]])
-                if passed == 0:
-                    continue
-                kind = cell.kind[i]
-                lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
-                lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
-                lookup.windows(start_x, place_x, past_x, dx, nx, column[0, plane], phases, width)
-                lookup.windows(start_y, place_y, past_y, dy, ny, column[1, plane], phases, width)
-                origin = (lead * py + cell.pixel[i, 1]) * stride + cell.pixel[i, 0] * of_cell + lead
-                lookup.base_of(base, start_x, start_y, down, np.int32(origin))
-                lookup.content(
-                    content, pixels[cell.channel[i]], base, down, weights[kind], to_next,
-                    place_x, past_x, place_y, past_y, share[plane], width,
-                )  # fmt: skip
-                harmonics.waves(cx, sx, dx, n_l > 1)
-                harmonics.waves(cy, sy, dy, True)
-                harmonics.transmit(through, terms, kind, early, late, t, cx, sx, cy, sy, inner)
-                harmonics.add_product(light, content, through, passed)
+            for colour in range(3):
+                harmonics.add(
+                    light, glow[colour], np.float32(filters[sites.channel[plane], colour])
+                )
             reflect(light, u[plane], v, white[plane], camera)
             attenuate(light, gain, u[plane], v, camera)
-            read(
-                raw[plane, row],
-                light,
-                camera,
-                (plane * h + row) * w,
-                noise,
-                noise_keys,
-                numbers,
-                clips,
-            )
+            start = (plane * h + row) * w
+            read(raw[plane, row], light, camera, start, noise, noise_keys, numbers, clips)
