@@ -8,7 +8,7 @@ import numpy as np
 from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.record import LANES
 from moireaug.engine.tables import encode, encode_slope
-from moireaug.engine.vectors import add_taps, peek, poke
+from moireaug.engine.vectors import add, add_taps, peek, poke
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO, SIX = np.float32(2), np.float32(6)
@@ -78,7 +78,7 @@ def _code_slope(out, light, gain, d, contrast, brighten):
 
 
 @inner
-def _gather(out, row, index, weight):
+def gather(out, row, index, weight):
     """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
     for t in range(len(index)):
         _add_gathered(out, row, index[t], weight[t], t == 0)
@@ -109,12 +109,6 @@ def _halves(even, odd, row):
 
 
 @inner
-def _add(out, row, weight):
-    for i in range(len(out)):
-        out[i] += weight * row[i]
-
-
-@inner
 def _counts(rows, row):
     """Return whether any photo pixel is made from this sensor row."""
     return rows.first[row] <= rows.last[row]
@@ -136,17 +130,17 @@ def _colours(colours, ring, y, h, lanes, stencil, rows):
                 if not count:
                     continue
                 start = (site * 3 + channel) * lanes
-                for a in range(0, lanes, LANES):
-                    add_taps(
-                        colours,
-                        start + a,
-                        stencil.weight,
-                        first,
-                        count,
-                        ring[row],
-                        stencil.offset,
-                        a,
-                    )
+                add_taps(
+                    colours,
+                    start,
+                    lanes,
+                    stencil.weight,
+                    first,
+                    count,
+                    ring[row],
+                    stencil.offset,
+                    0,
+                )
 
 
 @inner
@@ -227,9 +221,9 @@ def develop(photo, raw, d, matrix, contrast, brighten):
                 if cols.cells:
                     _mean(line, seen, seen[3 * lanes :])
                 else:
-                    _gather(line, seen, cols.index, cols.weight)
+                    gather(line, seen, cols.index, cols.weight)
                 for i in range(rows.first[row], rows.last[row] + 1):
-                    _add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
+                    add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
 
 
 @inner
@@ -279,14 +273,14 @@ def develop_back(  # noqa: C901  # one pass, row by row
                 gain = ONE if d.mixes else matrix[channel, channel]
                 fill(line, ZERO)
                 for i in range(rows.first[row], rows.last[row] + 1):
-                    _add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
+                    add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
                 start = (r * 2 * 3 + channel) * lanes
                 if cols.cells:
                     _halves(grads[start:], grads[start + 3 * lanes :], line)
                 for c in range(step):
                     a = start + c * 3 * lanes
                     if not cols.cells:
-                        _gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
+                        gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
                     _code_slope(grads[a : a + w], colours[a : a + w], gain, d, contrast, brighten)
             if d.mixes:
                 _mix_row(grads, r, step, lanes, w, transposed)
@@ -306,7 +300,7 @@ def develop_back(  # noqa: C901  # one pass, row by row
                     first = stencil.first[site, channel, dy + 1]
                     for tap in range(first, first + stencil.count[site, channel, dy + 1]):
                         offset = stencil.offset[tap]
-                        _add(
+                        add(
                             target[offset : offset + w],
                             grads[start : start + w],
                             stencil.weight[tap],

@@ -13,6 +13,7 @@ from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
 from moireaug.engine.random_numbers import keys
 from moireaug.engine.sensor import attenuate, read, reflect
+from moireaug.engine.vectors import add
 from moireaug.engine.view import look
 
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -186,9 +187,7 @@ def expose(  # noqa: C901  # one pass, row by row
                     harmonics.shine(glow[colour], content, here, beside, cos[i], sin[i], through)
             fill(light, ZERO)
             for colour in range(3):
-                harmonics.add(
-                    light, glow[colour], np.float32(filters[sites.channel[plane], colour])
-                )
+                add(light, glow[colour], np.float32(filters[sites.channel[plane], colour]))
             reflect(light, u[plane], v, white[plane], camera)
             attenuate(light, gain, u[plane], v, camera)
             start = (plane * h + row) * w

@@ -196,10 +196,3 @@ def shine(light, content, here, beside, cos, sin, through):
         _add_shifted(through, here[k], beside[k], cos[k], sin[k])
     for i in range(len(light)):
         poke(light, i, light[i] + peek(content, i) * peek(through, i))
-
-
-@inner
-def add(out, row, factor):
-    """Add factor * row to out, (n,) each."""
-    for i in range(len(out)):
-        poke(out, i, out[i] + factor * peek(row, i))

@@ -8,6 +8,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from moireaug.engine.compiling import inner
 from moireaug.engine.record import LANES
 
 
@@ -207,38 +208,61 @@ four_weights, eight_weights = _down_weights(4), _down_weights(8)
 four_by_four, eight_by_eight = _weighted_cells(4), _weighted_cells(8)
 
 
-@intrinsic
-def add_taps(typing, out, start, coefficients, first, count, rows, offsets, base):
+def _taps(lanes: int):
+    """Make an intrinsic that sums rows for so many pixels at once."""
+
+    @intrinsic
+    def taps(typing, out, start, coefficients, first, count, rows, offsets, base):
+        """Do as `add_taps`, for the `lanes` pixels from `start` on."""
+        if not _floats(out, coefficients, rows):
+            return None
+
+        def generate(context, builder, signature, args):
+            start_, first_, count_, base_ = (
+                context.cast(builder, args[i], signature.args[i], types.intp) for i in (1, 3, 4, 7)
+            )
+
+            def address(i, index):
+                return _address(context, builder, signature.args[i], args[i], types.intp, index)
+
+            target = address(0, start_)
+            total = cgutils.alloca_once_value(builder, _load(builder, target, lanes))
+            with cgutils.for_range(builder, count_, intp=count_.type) as tap:
+                index = builder.add(first_, tap.index)
+                offset = builder.load(
+                    _address(context, builder, offsets, args[6], types.intp, index), typ=base_.type
+                )
+                row = _load(builder, address(5, builder.add(base_, offset)), lanes)
+                weight = builder.load(address(2, index), typ=ir.FloatType())
+                weight = _spread(builder, weight, lanes)
+                builder.store(_fma(builder, weight, row, builder.load(total)), total)
+            store = builder.store(
+                builder.load(total), builder.bitcast(target, _vector(lanes).as_pointer())
+            )
+            store.align = 4
+            return context.get_dummy_value()
+
+        return types.none(out, start, coefficients, first, count, rows, offsets, base), generate
+
+    return taps
+
+
+_few, _many = _taps(LANES), _taps(4 * LANES)
+
+
+@inner
+def add_taps(out, start, lanes, coefficients, first, count, rows, offsets, base):
     """Add the sum over l < count of coefficients[first + l] * rows[base + offsets[first + l] + i]
-    to out[start + i], for the LANES pixels i. Offsets are int64, all else float32."""
-    if not _floats(out, coefficients, rows):
-        return None
+    to out[start + i], for i < lanes, a multiple of LANES. Offsets are int64, all else float32."""
+    wide = lanes - lanes % (4 * LANES)
+    for i in range(0, wide, 4 * LANES):
+        _many(out, start + i, coefficients, first, count, rows, offsets, base + i)
+    for i in range(wide, lanes, LANES):
+        _few(out, start + i, coefficients, first, count, rows, offsets, base + i)
 
-    def generate(context, builder, signature, args):
-        numbers = []
-        for a, kind in zip(args, signature.args, strict=True):
-            numbers.append(
-                a if isinstance(kind, types.Array) else context.cast(builder, a, kind, types.intp)
-            )
-        _, start_, _, first_, count_, _, offsets_, base_ = numbers
 
-        def address(i, index):
-            return _address(context, builder, signature.args[i], args[i], types.intp, index)
-
-        target = address(0, start_)
-        total = cgutils.alloca_once_value(builder, _load(builder, target, LANES))
-        with cgutils.for_range(builder, count_, intp=count_.type) as tap:
-            index = builder.add(first_, tap.index)
-            offset = builder.load(
-                _address(context, builder, offsets, offsets_, types.intp, index), typ=base_.type
-            )
-            row = _load(builder, address(5, builder.add(base_, offset)), LANES)
-            weight = _spread(builder, builder.load(address(2, index), typ=ir.FloatType()), LANES)
-            builder.store(_fma(builder, weight, row, builder.load(total)), total)
-        store = builder.store(
-            builder.load(total), builder.bitcast(target, _vector(LANES).as_pointer())
-        )
-        store.align = 4
-        return context.get_dummy_value()
-
-    return types.none(out, start, coefficients, first, count, rows, offsets, base), generate
+@inner
+def add(out, row, factor):
+    """Add factor * row to out, (n,) each."""
+    for i in range(len(out)):
+        poke(out, i, out[i] + factor * peek(row, i))
