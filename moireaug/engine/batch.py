@@ -154,6 +154,13 @@ def register_back(photo_grad, grad, registration, first, last):
         copy(photo_grad[i].reshape(-1), planes)
 
 
+@loop
+def _gaussians(d, i):
+    """Return the Gaussians of image i's colour and unsharp mask; of that, 1 where there is none."""
+    sharp_size = d.sharp_size if d.amount[i] != 0 else 1
+    return detail.gaussian(d.chroma[i], d.chroma_size), detail.gaussian(d.sharp[i], sharp_size)
+
+
 @kernel
 def finish(finished, photos, d, first, last):
     """Fill finished (B, 3, H, W) float32 from `first` to `last`, from the codes photos (B, 3, h, w)
@@ -163,8 +170,7 @@ def finish(finished, photos, d, first, last):
         d: see `record.Detail`.
     """
     for i in range(first, last):
-        chroma = detail.gaussian(d.chroma[i], d.chroma_size)
-        sharp = detail.gaussian(d.sharp[i], d.sharp_size)
+        chroma, sharp = _gaussians(d, i)
         detail.finish(finished[i], photos[i], chroma, d.amount[i], sharp, d.rows, d.cols)
 
 
@@ -172,8 +178,7 @@ def finish(finished, photos, d, first, last):
 def finish_back(photo_grad, grad, photos, d, first, last):
     """Fill photo_grad (B, 3, h, w) with the gradient in the codes; arguments as in `finish`."""
     for i in range(first, last):
-        chroma = detail.gaussian(d.chroma[i], d.chroma_size)
-        sharp = detail.gaussian(d.sharp[i], d.sharp_size)
+        chroma, sharp = _gaussians(d, i)
         detail.finish_back(
             photo_grad[i], grad[i], photos[i], chroma, d.amount[i], sharp, d.rows, d.cols
         )

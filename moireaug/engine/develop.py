@@ -5,17 +5,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, loop
+from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.record import LANES
 from moireaug.engine.tables import encode, encode_slope
-from moireaug.engine.vectors import add_taps, peek, poke
+from moireaug.engine.vectors import add, add_taps, peek, poke
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO, SIX = np.float32(2), np.float32(6)
 SITES = 4
 
 
-@loop
+@inner
 def _prepare(out, raw, saturates, levels):
     """Copy a plane's row (w,) to out (w + 2,), its ends twice: saturated, and rounded where levels
     > 0."""
@@ -31,7 +31,7 @@ def _prepare(out, raw, saturates, levels):
     out[0], out[w + 1] = out[1], out[w]
 
 
-@loop
+@inner
 def _mix(red, green, blue, matrix):
     """Multiply the colours of a row by a matrix (3, 3), in place."""
     rr, rg, rb = matrix[0, 0], matrix[0, 1], matrix[0, 2]
@@ -44,7 +44,7 @@ def _mix(red, green, blue, matrix):
         blue[i] = br * r + bg * g + bb * b
 
 
-@loop
+@inner
 def _code(out, gain, d, image):
     """Turn a row of an image's light into codes, in place."""
     shoulder, contrast, brighten = d.shoulder[image], d.contrast[image], d.brighten[image]
@@ -63,7 +63,7 @@ def _code(out, gain, d, image):
         out[i] = min(max(out[i] + brighten, ZERO), ONE)
 
 
-@loop
+@inner
 def _code_slope(out, light, gain, d, image):
     """Multiply a gradient by the slope of `_code` at `light`: 1 on a clip's bounds, 0 beyond."""
     shoulder, contrast, brighten = d.shoulder[image], d.contrast[image], d.brighten[image]
@@ -83,14 +83,14 @@ def _code_slope(out, light, gain, d, image):
         out[i] *= slope if ZERO <= code <= ONE else ZERO
 
 
-@loop
-def _gather(out, row, index, weight):
+@inner
+def gather(out, row, index, weight):
     """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
     for t in range(len(index)):
         _add_gathered(out, row, index[t], weight[t], t == 0)
 
 
-@loop
+@inner
 def _add_gathered(out, row, index, weight, first):
     if first:
         for i in range(len(out)):
@@ -100,13 +100,13 @@ def _add_gathered(out, row, index, weight, first):
             poke(out, i, out[i] + peek(weight, i) * peek(row, peek(index, i)))
 
 
-@loop
+@inner
 def _mean(out, even, odd):
     for i in range(len(out)):
         poke(out, i, HALF * (peek(even, i) + peek(odd, i)))
 
 
-@loop
+@inner
 def _halves(even, odd, row):
     for i in range(len(row)):
         half = HALF * row[i]
@@ -114,19 +114,13 @@ def _halves(even, odd, row):
         odd[i] = half
 
 
-@loop
-def _add(out, row, weight):
-    for i in range(len(out)):
-        out[i] += weight * row[i]
-
-
-@loop
+@inner
 def _counts(rows, row):
     """Return whether any photo pixel is made from this sensor row."""
     return rows.first[row] <= rows.last[row]
 
 
-@loop
+@inner
 def _colours(colours, ring, y, h, lanes, stencil, rows):
     """Fill colours (4 sites * 3 * lanes,) with the colours of cell row y, from the prepared rows in
     `ring`."""
@@ -142,20 +136,20 @@ def _colours(colours, ring, y, h, lanes, stencil, rows):
                 if not count:
                     continue
                 start = (site * 3 + channel) * lanes
-                for a in range(0, lanes, LANES):
-                    add_taps(
-                        colours,
-                        start + a,
-                        stencil.weight,
-                        first,
-                        count,
-                        ring[row],
-                        stencil.offset,
-                        a,
-                    )
+                add_taps(
+                    colours,
+                    start,
+                    lanes,
+                    stencil.weight,
+                    first,
+                    count,
+                    ring[row],
+                    stencil.offset,
+                    0,
+                )
 
 
-@loop
+@inner
 def _fill(ring, held, raw, y, saturates, levels, wide):
     """Prepare cell row y of the packed planes in the ring, unless it is there."""
     if held[y % 3] == y:
@@ -167,7 +161,7 @@ def _fill(ring, held, raw, y, saturates, levels, wide):
     held[y % 3] = y
 
 
-@loop
+@inner
 def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows):
     """Fill colours with those of row y of raw: of four sites, or of one where the sensor has no
     colour filters."""
@@ -184,7 +178,7 @@ def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows
             colours[channel * lanes + i] = ring[0, i + 1]
 
 
-@loop
+@inner
 def _mix_row(colours, r, step, lanes, w, matrix):
     """Multiply the colours of one row of a cell, its even and its odd columns, by a matrix."""
     for c in range(step):
@@ -233,12 +227,12 @@ def develop(photo, raw, d, image):
                 if cols.cells:
                     _mean(line, seen, seen[3 * lanes :])
                 else:
-                    _gather(line, seen, cols.index, cols.weight)
+                    gather(line, seen, cols.index, cols.weight)
                 for i in range(rows.first[row], rows.last[row] + 1):
-                    _add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
+                    add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
 
 
-@loop
+@inner
 def _fold_back(raw_grad, total, raw, y, wide, saturates):
     """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is left at
     0."""
@@ -284,14 +278,14 @@ def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass
                 gain = ONE if d.mixes else matrix[channel, channel]
                 fill(line, ZERO)
                 for i in range(rows.first[row], rows.last[row] + 1):
-                    _add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
+                    add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
                 start = (r * 2 * 3 + channel) * lanes
                 if cols.cells:
                     _halves(grads[start:], grads[start + 3 * lanes :], line)
                 for c in range(step):
                     a = start + c * 3 * lanes
                     if not cols.cells:
-                        _gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
+                        gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
                     _code_slope(grads[a : a + w], colours[a : a + w], gain, d, image)
             if d.mixes:
                 _mix_row(grads, r, step, lanes, w, transposed)
@@ -311,7 +305,7 @@ def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass
                     first = stencil.first[site, channel, dy + 1]
                     for tap in range(first, first + stencil.count[site, channel, dy + 1]):
                         offset = stencil.offset[tap]
-                        _add(
+                        add(
                             target[offset : offset + w],
                             grads[start : start + w],
                             stencil.weight[tap],

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, loop
+from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.vectors import peek, poke
 
 FAINT = 2e-5  # of full scale: what a term must exceed somewhere on the photo
@@ -27,7 +27,7 @@ S0, S1, S2, S3, S4 = S
 C0, C1, C2, C3, C4 = C
 
 
-@loop
+@inner
 def lagrange(out, t):
     """Fill out (4,) with the weights of values at 0, 1, 2 and 3 in the cubic through them at t."""
     out[0] = -(t - 1) * (t - 2) * (t - 3) / 6
@@ -67,15 +67,15 @@ def terms_of(amplitude):
                 for r in range(rows):
                     for c in range(cols):
                         most = max(most, abs(amplitude[r, c, kind, k, l]))
-                if most > FAINT:
-                    sine = l > half
+                sine = l > half
+                if most > FAINT and not (sine and k == 0):  # sin(0 x) is none
                     out[count, KIND], out[count, K] = kind, k
                     out[count, L], out[count, SINE] = l - half if sine else l, 1 if sine else 0
                     count += 1
     return out[:count]
 
 
-@loop
+@inner
 def along_row(out, amplitude, terms, start, weight):
     """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
@@ -96,21 +96,7 @@ def along_row(out, amplitude, terms, start, weight):
                 out[r, t * n + i] = total
 
 
-@loop
-def between(out, nodes, base, weights):
-    """Fill out with four rows of nodes from `base` on, weighted."""
-    a, b, c, d = nodes[base], nodes[base + 1], nodes[base + 2], nodes[base + 3]
-    wa, wb, wc, wd = (
-        np.float32(weights[0]),
-        np.float32(weights[1]),
-        np.float32(weights[2]),
-        np.float32(weights[3]),
-    )
-    for i in range(len(out)):
-        out[i] = wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i]
-
-
-@loop
+@inner
 def _first_wave(cos, sin, d):
     for i in range(len(d)):
         t = peek(d, i)
@@ -123,63 +109,90 @@ def _first_wave(cos, sin, d):
         poke(cos, i, ONE - TWO * s * s)
 
 
-@loop
+@inner
 def _next_wave(out, first, last, before):
     for i in range(len(out)):
         poke(out, i, TWO * peek(first, i) * peek(last, i) - peek(before, i))
 
 
-@loop
-def waves(cos, sin, d, sines):
-    """Fill cos and, if `sines`, sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2];
-    k = 0 is there already."""
+@inner
+def waves(cos, sin, d):
+    """Fill cos and sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2]; k = 0 is
+    there already."""
     if len(cos) > 1:
         _first_wave(cos[1], sin[1], d)
     for k in range(2, len(cos)):
         _next_wave(cos[k], cos[1], cos[k - 1], cos[k - 2])
-        if sines:
-            _next_wave(sin[k], cos[1], sin[k - 1], sin[k - 2])
+        _next_wave(sin[k], cos[1], sin[k - 1], sin[k - 2])
 
 
-@loop
-def _add(out, before, after, t, wave):
+@inner
+def _add(out, first, second, third, fourth, weight, wave):
+    """Add a wave to out, (n,) each, times its amplitude: four rows of nodes, weighted."""
+    wa, wb, wc, wd = weight
     for i in range(len(out)):
-        low = peek(before, i)
-        poke(out, i, out[i] + (low + t * (peek(after, i) - low)) * peek(wave, i))
+        amplitude = wa * peek(first, i) + wb * peek(second, i)
+        amplitude += wc * peek(third, i) + wd * peek(fourth, i)
+        poke(out, i, out[i] + amplitude * peek(wave, i))
 
 
-@loop
-def add_product(out, a, b, factor):
-    """Add factor * a * b to out, (n,) each."""
-    for i in range(len(out)):
-        poke(out, i, out[i] + factor * peek(a, i) * peek(b, i))
-
-
-@loop
-def transmit(out, terms, kind, before, after, t, cx, sx, cy, sy, line):
-    """Fill out (n,) with the light that one kind of subpixel lets through.
+@inner
+def across(even, odd, terms, kind, lines, weight, cy, sy):
+    """Fill even and odd (K + 1, n) with the amplitudes of cos(k x) and sin(k x) on a row, of one
+    kind of subpixel.
 
     Args:
-        before, after: (T, n), the terms' amplitudes on a row before and one behind; t: float32, how
-            far it is to that.
-        cx, sx: (K + 1, n), cy, sy: (L + 1, n), from `waves`. line: (n,) to work in.
+        lines: (4, T * n), each term's amplitude on four rows of nodes. weight: (4,) float32, of
+            their cubic.
+        cy, sy: (L + 1, n), from `waves`.
     """
-    fill(out, ZERO)
+    n = even.shape[1]
+    fill(even.reshape(-1), ZERO)
+    fill(odd.reshape(-1), ZERO)
+    four = weight[0], weight[1], weight[2], weight[3]
     for i in range(len(terms)):
-        if terms[i, KIND] == kind and terms[i, L] == 0:
-            _add(out, before[i], after[i], t, cx[terms[i, K]])
-    if len(cy) == 1:
-        return
-    for k in range(len(cx)):
-        for sine in range(2):
-            fill(line, ZERO)
-            for i in range(len(terms)):
-                if (
-                    terms[i, KIND] == kind
-                    and terms[i, L] > 0
-                    and terms[i, K] == k
-                    and terms[i, SINE] == sine
-                ):
-                    wave = sy[terms[i, L]] if sine else cy[terms[i, L]]
-                    _add(line, before[i], after[i], t, wave)
-            add_product(out, line, sx[k] if sine else cx[k], ONE)
+        if terms[i, KIND] != kind:
+            continue
+        k, l, a, b = terms[i, K], terms[i, L], i * n, (i + 1) * n
+        first, second, third, fourth = lines[0, a:b], lines[1, a:b], lines[2, a:b], lines[3, a:b]
+        if terms[i, SINE]:
+            _add(odd[k], first, second, third, fourth, four, sy[l])
+        else:
+            _add(even[k], first, second, third, fourth, four, cy[l])
+
+
+@inner
+def _turn(here, beside, even, odd, cos, sin):
+    for i in range(len(here)):
+        e, o, c, s = peek(even, i), peek(odd, i), peek(cos, i), peek(sin, i)
+        poke(here, i, e * c + o * s)
+        poke(beside, i, e * s - o * c)
+
+
+@inner
+def turn(here, beside, even, odd, cx, sx):
+    """Fill here and beside (K + 1, n) with the harmonics of amplitudes from `across`, and with what
+    they are a quarter of a period on; cx, sx: (K + 1, n), from `waves`."""
+    for k in range(len(here)):
+        _turn(here[k], beside[k], even[k], odd[k], cx[k], sx[k])
+
+
+@inner
+def _add_shifted(out, here, beside, cos, sin):
+    for i in range(len(out)):
+        poke(out, i, out[i] + cos * peek(here, i) + sin * peek(beside, i))
+
+
+@inner
+def shine(light, content, here, beside, cos, sin, through):
+    """Add the content (n,) of one subpixel, as its harmonics let it through, to light (n,).
+
+    Args:
+        here, beside: from `turn`. cos, sin: (K + 1,) float32, of its place in the cell, times k.
+        through: (n,) to work in.
+    """
+    fill(through, ZERO)
+    for k in range(len(here)):
+        _add_shifted(through, here[k], beside[k], cos[k], sin[k])
+    for i in range(len(light)):
+        poke(light, i, light[i] + peek(content, i) * peek(through, i))

@@ -7,15 +7,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import loop
-from moireaug.engine.vectors import eight_by_eight, four_by_four, peek, poke
+from moireaug.engine.compiling import inner
+from moireaug.engine.vectors import (
+    eight_by_eight,
+    eight_weights,
+    four_by_four,
+    four_weights,
+    peek,
+    poke,
+)
 
 ROUND = 1.5 * 2.0**52  # adding it rounds to whole numbers
 HALF, ZERO = np.float32(0.5), np.float32(0)
 NARROW, WIDE = 4, 8  # cells along each axis that a pixel's content is taken from
 
 
-@loop
+@inner
 def cells(d, n, x, centre, period, low, high):
     """Split panel coordinates x (n,) into whole cells n, int32 between `low` and `high`, and the
     rest d, float32."""
@@ -27,7 +34,7 @@ def cells(d, n, x, centre, period, low, high):
         poke(n, i, np.int32(min(max(whole, low), high)))
 
 
-@loop
+@inner
 def windows(start, place, between, d, n, column, phases, width):
     """Find the first of the `width` cells around each pixel, and their weights in the table of
     `optics.weights`.
@@ -48,7 +55,7 @@ def windows(start, place, between, d, n, column, phases, width):
         poke(start, i, np.int32(np.int32(peek(n, i) + right) - half))
 
 
-@loop
+@inner
 def base_of(base, x, y, stride, origin):
     """Fill base (n,) int32 with the places of cells (x, y) on the flattened panel."""
     for i in range(len(base)):
@@ -56,43 +63,44 @@ def base_of(base, x, y, stride, origin):
         poke(base, i, np.int32(np.int32(row + peek(x, i)) + origin))
 
 
-@loop
-def content(out, panel, base, stride, table, to_next, x, between_x, y, between_y, share, width):
+@inner
+def down(out, table, to_next, place, between, share, width):
+    """Fill out (n * width,) with the weights of each pixel's `width` rows of cells.
+
+    Args:
+        table: flat, from `optics.weights`. to_next: int32, from a node's weights to the next
+            node's.
+        place, between: (n,), from `windows`. share: (n,) float32, how far it is to the next node.
+    """
+    if width == NARROW:
+        for i in range(len(share)):
+            start = np.int32(i * width)
+            four_weights(out, start, table, to_next, place[i], between[i], share[i])
+    else:
+        for i in range(len(share)):
+            start = np.int32(i * width)
+            eight_weights(out, start, table, to_next, place[i], between[i], share[i])
+
+
+@inner
+def content(out, panel, base, stride, table, to_next, place, between, share, rows, width):
     """Fill out (n,) with the content of `width` x `width` cells, weighted.
 
     Args:
         panel: flat. base: (n,) int32, the first cell. stride: int32, from a row of cells to the
             next.
-        table: flat, from `optics.weights`. to_next: int32, from a node's weights to the next
-            node's.
-        x, between_x, y, between_y: (n,), from `windows`. share: (n,) float32, how far it is to the
-            next node.
+        table, to_next, place, between, share: of the columns of cells, as in `down`.
+        rows: the weights of the rows of cells, from `down`.
     """
     if width == NARROW:
         for i in range(len(out)):
             out[i] = four_by_four(
-                panel,
-                base[i],
-                stride,
-                table,
-                to_next,
-                x[i],
-                between_x[i],
-                y[i],
-                between_y[i],
-                share[i],
-            )
+                panel, base[i], stride, table, to_next, place[i], between[i], share[i],
+                rows, np.int32(i * width),
+            )  # fmt: skip
     else:
         for i in range(len(out)):
             out[i] = eight_by_eight(
-                panel,
-                base[i],
-                stride,
-                table,
-                to_next,
-                x[i],
-                between_x[i],
-                y[i],
-                between_y[i],
-                share[i],
-            )
+                panel, base[i], stride, table, to_next, place[i], between[i], share[i],
+                rows, np.int32(i * width),
+            )  # fmt: skip

@@ -52,7 +52,8 @@ def lower_cell(
     centre = np.array([s[1] for s in subpixels], np.float64).reshape(-1, 2)
     kind = np.array([s[2] for s in subpixels], np.int64)
     pixel = np.floor(centre).astype(np.int64)
-    return Cell(np.array(period, np.int64), channel, kind, centre, pixel, taps)
+    row = np.unique(np.stack([kind, centre[:, 1]], 1), axis=0, return_inverse=True)[1]
+    return Cell(np.array(period, np.int64), channel, kind, row.reshape(-1), centre, pixel, taps)
 
 
 def lower_shapes(

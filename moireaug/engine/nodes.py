@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from moireaug.engine import harmonics, optics
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import inner, loop
 from moireaug.engine.record import Nodes
 from moireaug.engine.view import jacobian
 
@@ -100,7 +100,7 @@ def _line(positions, count):
     return out, step
 
 
-@loop
+@inner
 def bracket(at, first, step, count, most):
     """Return the first of `most` + 1 neighbouring nodes around a position, and where from it the
     position is.

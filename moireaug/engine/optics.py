@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, loop
+from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.lookup import NARROW, WIDE
 from moireaug.engine.tables import TAIL_END, add_integral, integral
 from moireaug.engine.vectors import peek, poke
@@ -26,7 +26,7 @@ FAINT = 1e-5  # of a pixel's light: what cells must give to be looked at
 STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 
 
-@loop
+@inner
 def spreads(out, u, v, camera, period, width, skew, taps):
     """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in
     cells, at a photo point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted`
@@ -53,7 +53,7 @@ def spreads(out, u, v, camera, period, width, skew, taps):
     return narrowed
 
 
-@loop
+@inner
 def _phases(spread):
     """Return how many phases tables of weights need, over spreads (n, axis, 2)."""
     needed = 1.0
@@ -66,7 +66,7 @@ def _phases(spread):
     return phases
 
 
-@loop
+@inner
 def _width(spread, widths, taps):
     """Return how many cells along an axis are looked at, over spreads (kinds * n, axis, 2): NARROW
     where none beyond matters."""
@@ -79,7 +79,7 @@ def _width(spread, widths, taps):
     return NARROW
 
 
-@loop
+@inner
 def _light(x, box, sigma, width):
     """Return the light from a subpixel at distance x, of all light that a box of 1 would see."""
     far, near = (box + width) / 2, (box - width) / 2
@@ -87,14 +87,14 @@ def _light(x, box, sigma, width):
     return max(seen - integral(x - near, sigma) + integral(x - far, sigma), 0.0)
 
 
-@loop
+@inner
 def _add_two(total, light, middle):
     """Add the light of the cells `middle` before and behind."""
     for q in range(len(total)):
         total[q] += light[middle - q] + light[middle + q]
 
 
-@loop
+@inner
 def _shares(out, box, sigma, width, taps, phases, light, total):
     """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to
     1/2 from the nearest cell's centre. In the middle, where the first of the cells is another, are
@@ -168,7 +168,7 @@ def weights(us, vs, camera, period, taps, widths, skew):
     return out
 
 
-@loop
+@inner
 def blend(out, low, high, f):
     """Fill out (n,) with what lies f of the way between two rows of nodes."""
     for i in range(len(out)):
@@ -193,7 +193,7 @@ def _transfer_table(camera, most, steps):
     return out
 
 
-@loop
+@inner
 def _transfer(table, f):
     i = int(f)
     a, b, g = table[i], table[i + 1], f - i

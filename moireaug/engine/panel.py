@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import inner, loop
 from moireaug.engine.vectors import peek, poke
 
 AROUND = 5  # cells on each side of the farthest that a pixel is nearest to, and one
 
 
-@loop
+@inner
 def shape(size, alpha, period, taps):
     """Return the height and width of the panel's picture with its margins, whole cells."""
     around, px, py = 2 * (taps + AROUND), period[0], period[1]
@@ -22,13 +22,13 @@ def shape(size, alpha, period, taps):
     ) * px
 
 
-@loop
+@inner
 def margin(taps):
     """Return the cells ahead of the panel's first."""
     return taps + AROUND
 
 
-@loop
+@inner
 def _axis(n, size, alpha, period, lead, together, first, share, seen):
     """Where each of n panel pixels lies between two picture pixels, and whether it is on the
     picture.
@@ -46,7 +46,7 @@ def _axis(n, size, alpha, period, lead, together, first, share, seen):
         share[i] = at - first[i]
 
 
-@loop
+@inner
 def _between(out, first, second, f):
     """Fill out (w + 1,) with a row between two, (w,), its last pixel twice."""
     w = len(first)
@@ -55,7 +55,7 @@ def _between(out, first, second, f):
     out[w] = out[w - 1]
 
 
-@loop
+@inner
 def _across(out, row, first, share):
     for i in range(len(out)):
         x = peek(first, i)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import inner, loop
 from moireaug.engine.tables import DECODE_BYTES, decode
 
 HALF, ONE = np.float32(0.5), np.float32(1)
 
 
-@loop
+@inner
 def _decoded(out, row, byte, coded, black):
     """Fill out (w + 2,) with the light of a row (w,) of the picture, its ends twice."""
     w = len(row)
@@ -32,7 +32,7 @@ def _decoded(out, row, byte, coded, black):
     out[0], out[w + 1] = out[1], out[w]
 
 
-@loop
+@inner
 def _spread(out, before, row, after, share):
     """Fill out with a row, `share` of it in equal parts from its neighbours."""
     keep, half = ONE - share, HALF * share

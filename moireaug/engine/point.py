@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import copy, fill, loop
+from moireaug.engine.compiling import copy, fill, inner, loop
 from moireaug.engine.random_numbers import keys
 from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import peek, poke
@@ -16,7 +16,7 @@ ZERO = np.float32(0)
 ONE32 = np.int32(1)
 
 
-@loop
+@inner
 def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
     """Along one axis, find the light at panel coordinates `at` that comes from a rectangle, `low`
     to `high` in panel pixels, by way of the two nearest of n raster subpixels a panel pixel; and
@@ -47,7 +47,7 @@ def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
         poke(share, i, x - pixel)
 
 
-@loop
+@inner
 def _add_content(out, picture, left, fx, across, top, fy, down, width, lit):
     for i in range(len(out)):
         k = np.int32(np.int32(peek(top, i) * width) + peek(left, i))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, WEYL, quantiles
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import inner
 
 # constants of the compiled code, which then knows that no row it writes overlaps them, and works on
 # 16 at once
@@ -18,7 +18,7 @@ KEY = np.uint32(WEYL)
 LOW_BITS = 2**32 - 1
 
 
-@loop
+@inner
 def mix(x):
     """Scramble a uint32. The casts keep numba from widening to 64 bits."""
     x = np.uint32(x ^ (x >> np.uint32(16)))
@@ -28,14 +28,14 @@ def mix(x):
     return np.uint32(x ^ (x >> np.uint32(16)))
 
 
-@loop
+@inner
 def keys(seed):
     """Return the two keys, uint32, of an image's seed, int64."""
     first = mix(np.uint32(seed & LOW_BITS))
     return first, mix(np.uint32(np.uint32(np.uint32((seed >> 32) & LOW_BITS) ^ first) ^ KEY))
 
 
-@loop
+@inner
 def normal_row(out, start, first, second):
     """Fill out (n,) float32 with the numbers `start`, `start` + 1, ... of an image whose keys are
     two uint32."""

@@ -51,7 +51,7 @@ class Cell(NamedTuple):
 
     Args:
         period: (2,) int64, panel pixels along x and y.
-        channel, kind: (n,) int64.
+        channel, kind: (n,) int64. row: (n,) int64, the same for those of one kind at one height.
         centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it
             shows.
         taps: r; content is taken from 2 r + 1 cells along each axis.
@@ -60,6 +60,7 @@ class Cell(NamedTuple):
     period: np.ndarray
     channel: np.ndarray
     kind: np.ndarray
+    row: np.ndarray
     centre: np.ndarray
     pixel: np.ndarray
     taps: int

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import inner, loop
 from moireaug.engine.vectors import peek, poke
 
 NEAR_HORIZON = 1e-3
@@ -33,7 +33,7 @@ def undistortion(k1, k2):
     return out, STEPS / edge
 
 
-@loop
+@inner
 def _place(at, fx, fy, weight, v, view, factor, per_square, h, w):
     """Fill the index of the upper left pixel, the way to the lower right one, and 1 inside of the
     photo, 0 outside."""
@@ -65,7 +65,7 @@ def _place(at, fx, fy, weight, v, view, factor, per_square, h, w):
         poke(weight, i, 1.0 if inside else 0.0)
 
 
-@loop
+@inner
 def _look(out, photo, at, fx, fy, weight, right, down):
     for i in range(len(out)):
         k, f = peek(at, i), peek(fx, i)
@@ -76,7 +76,7 @@ def _look(out, photo, at, fx, fy, weight, right, down):
         poke(out, i, peek(weight, i) * (above + peek(fy, i) * (below - above)))
 
 
-@loop
+@inner
 def _scatter(photo, grad, at, fx, fy, weight, right, down):
     for i in range(len(grad)):
         k, f, g = at[i], fx[i], grad[i] * weight[i]
@@ -88,7 +88,7 @@ def _scatter(photo, grad, at, fx, fy, weight, right, down):
         photo[k + down + right] += below * f
 
 
-@loop
+@inner
 def room(h, w):
     """Return how long the planes of a photo are, with what a bilinear look-up of the last pixel
     reads beyond it, where its share is 0."""

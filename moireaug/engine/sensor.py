@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import inner
 from moireaug.engine.random_numbers import normal_row
 
 # as in the reference: dark current, below which photon noise falls no further
@@ -14,7 +14,7 @@ DARK = np.float32(1e-4)
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
-@loop
+@inner
 def reflect(line, cols, v, white, camera):
     """Add what the glass reflects to a row; cols and v are photo coordinates about the centre,
     white is what the row reads of a white screen on average."""
@@ -25,7 +25,7 @@ def reflect(line, cols, v, white, camera):
         line[i] += np.float32(white * (first + camera.glare_u * cols[i]))
 
 
-@loop
+@inner
 def attenuate(line, gain, cols, v, camera):
     """Multiply a row by gain and vignetting; cols and v are photo coordinates about the centre."""
     if camera.falloff == 0:
@@ -37,7 +37,7 @@ def attenuate(line, gain, cols, v, camera):
         line[i] *= np.float32(gain / (dimmed * dimmed))
 
 
-@loop
+@inner
 def _add_noise(line, numbers, read, shot):
     if shot == 0:
         for i in range(len(numbers)):
@@ -48,7 +48,7 @@ def _add_noise(line, numbers, read, shot):
         line[i] += numbers[i] * np.float32(math.sqrt(variance))
 
 
-@loop
+@inner
 def read(out, light, camera, start, noise, keys, numbers, clips):
     """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the
     image's raw.

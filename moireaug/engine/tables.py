@@ -8,7 +8,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
 
 ONE, HALF, ZERO = np.float32(1), np.float32(0.5), np.float32(0)
@@ -50,7 +50,7 @@ TAIL = np.array(
 )
 
 
-@loop
+@inner
 def decode(code):
     """Return the light of an sRGB code in [0, 1], float32."""
     at = code * np.float32(DECODE_STEPS)
@@ -59,7 +59,7 @@ def decode(code):
     return low + (at - np.float32(i)) * (DECODE[np.uint32(np.int32(i + 1))] - low)
 
 
-@loop
+@inner
 def _power(table, light):
     bits = np.float32(min(max(light, KNEE), LAST)).view(np.int32)
     i = np.int32(np.int32(bits >> MANTISSA_BITS) - FIRST)
@@ -68,21 +68,21 @@ def _power(table, light):
     return low + f * (table[np.uint32(np.int32(i + 1))] - low)
 
 
-@loop
+@inner
 def encode(light):
     """Return the sRGB code of light up to 255, float32; the straight part goes on below zero."""
     power = _power(ENCODE, light)
     return power if light > KNEE else light * LINEAR
 
 
-@loop
+@inner
 def encode_slope(light):
     """Return the derivative of `encode`."""
     power = _power(ENCODE_SLOPE, light)
     return power if light > KNEE else LINEAR
 
 
-@loop
+@inner
 def tail(z):
     """Return the integral of the normal distribution function from -infinity to -z, z >= 0,
     float64."""
@@ -92,13 +92,13 @@ def tail(z):
     return low + (at - i) * (TAIL[np.uint32(np.int32(i + 1))] - low)
 
 
-@loop
+@inner
 def integral(x, sigma):
     """Return sigma (z Phi(z) + phi(z)) at z = x / sigma, float64."""
     return max(x, 0.0) + sigma * tail(abs(x) / sigma)
 
 
-@loop
+@inner
 def add_integral(out, sign, start, step, sigma):
     """Add sign * `integral` at start, start + step, ... to out (n,) float64."""
     per_sigma = TAIL_STEPS / sigma

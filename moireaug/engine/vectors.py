@@ -8,6 +8,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from moireaug.engine.compiling import inner
 from moireaug.engine.record import LANES
 
 
@@ -119,97 +120,149 @@ def _floats(*arrays) -> bool:
     return all(_row(a) and a.dtype == types.float32 for a in arrays)
 
 
+def _weights(builder, load, index, to_next, between, share, cells):
+    """Return `cells` numbers of a table: `between` of the way from those at an index to those
+    behind them, and `share` of the way to those `to_next` ahead."""
+    # a phase's weights and the next one's lie side by side
+    here, there = load(index, 2 * cells), load(builder.add(index, to_next), 2 * cells)
+    both = _between(builder, here, there, _spread(builder, share, 2 * cells))
+    phase, next_phase = _lanes(builder, both, 0, cells), _lanes(builder, both, cells, cells)
+    return _between(builder, phase, next_phase, _spread(builder, between, cells))
+
+
+def _loader(context, builder, kind, array):
+    """Return a function that loads so many numbers of an array from an index on."""
+
+    def load(index, lanes):
+        address = _address(context, builder, kind, array, types.intp, index)
+        return _load(builder, address, lanes)
+
+    return load
+
+
+def _down_weights(cells: int):
+    """Make an intrinsic that stores the weights of `cells` cells."""
+
+    @intrinsic
+    def down_weights(typing, out, start, table, to_next, place, between, share):
+        """Fill out[start:] with `cells` numbers of a table, see `_weights`. Numbers float32,
+        indices int32."""
+        if not _floats(out, table):
+            return None
+
+        def generate(context, builder, signature, args):
+            start_, to_next_, place_ = (
+                context.cast(builder, args[i], types.int32, types.intp) for i in (1, 3, 4)
+            )
+            load = _loader(context, builder, table, args[2])
+            found = _weights(builder, load, place_, to_next_, args[5], args[6], cells)
+            target = _address(context, builder, out, args[0], types.intp, start_)
+            store = builder.store(found, builder.bitcast(target, _vector(cells).as_pointer()))
+            store.align = 4
+            return context.get_dummy_value()
+
+        whole, real = types.int32, types.float32
+        return types.none(out, whole, table, whole, whole, real, real), generate
+
+    return down_weights
+
+
 def _weighted_cells(cells: int):
     """Make an intrinsic that weighs `cells` x `cells` cells of a panel."""
 
     @intrinsic
     def weighted_cells(
-        typing, panel, at, stride, table, to_next, x, between_x, y, between_y, share
+        typing, panel, at, stride, table, to_next, place, between, share, down, start
     ):
-        """Return the sum of panel[at + j * stride + i] * wx[i] * wy[j] over i, j < cells, float32.
+        """Return the sum of panel[at + j * stride + i] * across[i] * down[start + j] over
+        i, j < cells, float32.
 
-        wx is `cells` numbers of the table: bilinear, `between_x` of the way from those at x to
-        those behind them, and `share` of the way to those `to_next` ahead; wy likewise. Numbers
-        float32, indices int32.
+        across is `cells` numbers of the table, see `_weights`. Numbers float32, indices int32.
         """
-        if not _floats(panel, table):
+        if not _floats(panel, table, down):
             return None
 
         def generate(context, builder, signature, args):
-            at_, stride_, to_next_, x_, y_ = (
-                context.cast(builder, args[i], types.int32, types.intp) for i in (1, 2, 4, 5, 7)
+            at_, stride_, to_next_, place_, start_ = (
+                context.cast(builder, args[i], types.int32, types.intp) for i in (1, 2, 4, 5, 9)
             )
-
-            def load(i, index, lanes):
-                return _load(
-                    builder,
-                    _address(context, builder, signature.args[i], args[i], types.intp, index),
-                    lanes,
-                )
-
-            def weights(index, between):
-                # a phase's weights and the next one's lie side by side
-                here, there = (
-                    load(3, index, 2 * cells),
-                    load(3, builder.add(index, to_next_), 2 * cells),
-                )
-                both = _between(builder, here, there, _spread(builder, args[9], 2 * cells))
-                phase, next_phase = (
-                    _lanes(builder, both, 0, cells),
-                    _lanes(builder, both, cells, cells),
-                )
-                return _between(builder, phase, next_phase, _spread(builder, between, cells))
-
-            wx, wy = weights(x_, args[6]), weights(y_, args[8])
-            total = builder.fmul(_spread_lane(builder, wy, 0, cells), load(0, at_, cells))
+            row = _loader(context, builder, panel, args[0])
+            load = _loader(context, builder, table, args[3])
+            across = _weights(builder, load, place_, to_next_, args[6], args[7], cells)
+            weight = _loader(context, builder, down, args[8])(start_, cells)
+            total = builder.fmul(_spread_lane(builder, weight, 0, cells), row(at_, cells))
             for j in range(1, cells):
                 at_ = builder.add(at_, stride_)
-                total = _fma(
-                    builder, _spread_lane(builder, wy, j, cells), load(0, at_, cells), total
-                )
-            return _total(builder, builder.fmul(total, wx))
+                lane = _spread_lane(builder, weight, j, cells)
+                total = _fma(builder, lane, row(at_, cells), total)
+            return _total(builder, builder.fmul(total, across))
 
         whole, real = types.int32, types.float32
-        return real(panel, whole, whole, table, whole, whole, real, whole, real, real), generate
+        indices = panel, whole, whole, table, whole, whole
+        return real(*indices, real, real, down, whole), generate
 
     return weighted_cells
 
 
+four_weights, eight_weights = _down_weights(4), _down_weights(8)
 four_by_four, eight_by_eight = _weighted_cells(4), _weighted_cells(8)
 
 
-@intrinsic
-def add_taps(typing, out, start, coefficients, first, count, rows, offsets, base):
+def _taps(lanes: int):
+    """Make an intrinsic that sums rows for so many pixels at once."""
+
+    @intrinsic
+    def taps(typing, out, start, coefficients, first, count, rows, offsets, base):
+        """Do as `add_taps`, for the `lanes` pixels from `start` on."""
+        if not _floats(out, coefficients, rows):
+            return None
+
+        def generate(context, builder, signature, args):
+            start_, first_, count_, base_ = (
+                context.cast(builder, args[i], signature.args[i], types.intp) for i in (1, 3, 4, 7)
+            )
+
+            def address(i, index):
+                return _address(context, builder, signature.args[i], args[i], types.intp, index)
+
+            target = address(0, start_)
+            total = cgutils.alloca_once_value(builder, _load(builder, target, lanes))
+            with cgutils.for_range(builder, count_, intp=count_.type) as tap:
+                index = builder.add(first_, tap.index)
+                offset = builder.load(
+                    _address(context, builder, offsets, args[6], types.intp, index), typ=base_.type
+                )
+                row = _load(builder, address(5, builder.add(base_, offset)), lanes)
+                weight = builder.load(address(2, index), typ=ir.FloatType())
+                weight = _spread(builder, weight, lanes)
+                builder.store(_fma(builder, weight, row, builder.load(total)), total)
+            store = builder.store(
+                builder.load(total), builder.bitcast(target, _vector(lanes).as_pointer())
+            )
+            store.align = 4
+            return context.get_dummy_value()
+
+        return types.none(out, start, coefficients, first, count, rows, offsets, base), generate
+
+    return taps
+
+
+_few, _many = _taps(LANES), _taps(4 * LANES)
+
+
+@inner
+def add_taps(out, start, lanes, coefficients, first, count, rows, offsets, base):
     """Add the sum over l < count of coefficients[first + l] * rows[base + offsets[first + l] + i]
-    to out[start + i], for the LANES pixels i. Offsets are int64, all else float32."""
-    if not _floats(out, coefficients, rows):
-        return None
+    to out[start + i], for i < lanes, a multiple of LANES. Offsets are int64, all else float32."""
+    wide = lanes - lanes % (4 * LANES)
+    for i in range(0, wide, 4 * LANES):
+        _many(out, start + i, coefficients, first, count, rows, offsets, base + i)
+    for i in range(wide, lanes, LANES):
+        _few(out, start + i, coefficients, first, count, rows, offsets, base + i)
 
-    def generate(context, builder, signature, args):
-        numbers = []
-        for a, kind in zip(args, signature.args, strict=True):
-            numbers.append(
-                a if isinstance(kind, types.Array) else context.cast(builder, a, kind, types.intp)
-            )
-        _, start_, _, first_, count_, _, offsets_, base_ = numbers
 
-        def address(i, index):
-            return _address(context, builder, signature.args[i], args[i], types.intp, index)
-
-        target = address(0, start_)
-        total = cgutils.alloca_once_value(builder, _load(builder, target, LANES))
-        with cgutils.for_range(builder, count_, intp=count_.type) as tap:
-            index = builder.add(first_, tap.index)
-            offset = builder.load(
-                _address(context, builder, offsets, offsets_, types.intp, index), typ=base_.type
-            )
-            row = _load(builder, address(5, builder.add(base_, offset)), LANES)
-            weight = _spread(builder, builder.load(address(2, index), typ=ir.FloatType()), LANES)
-            builder.store(_fma(builder, weight, row, builder.load(total)), total)
-        store = builder.store(
-            builder.load(total), builder.bitcast(target, _vector(LANES).as_pointer())
-        )
-        store.align = 4
-        return context.get_dummy_value()
-
-    return types.none(out, start, coefficients, first, count, rows, offsets, base), generate
+@inner
+def add(out, row, factor):
+    """Add factor * row to out, (n,) each."""
+    for i in range(len(out)):
+        poke(out, i, out[i] + factor * peek(row, i))

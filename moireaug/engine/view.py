@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from moireaug.engine.compiling import loop
+from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
 
 # as in the reference: rays that see the screen a thousand times as far as its centre look past it
@@ -10,7 +10,7 @@ NEAR_HORIZON = 1e-3
 LEAST_DEPTH = 1e-6
 
 
-@loop
+@inner
 def look(x, y, cols, v, camera):
     """Fill x, y (n,) with the panel coordinates that a row v of photo columns sees, v and cols
     about the centre."""
@@ -29,7 +29,7 @@ def look(x, y, cols, v, camera):
         poke(y, i, ((ay * u + by) * bent + dy) * far)
 
 
-@loop
+@inner
 def jacobian(u, v, camera):
     """Return d(panel x, y) / d(sensor pixel u, v), as xu, xv, yu, yv, at a photo point about the
     centre."""
