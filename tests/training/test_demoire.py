@@ -43,8 +43,14 @@ def photos(tmp_path):
     return folder
 
 
+def opened(path):
+    with Image.open(path) as image:
+        image.load()
+        return image
+
+
 def pixels(path):
-    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+    return np.asarray(opened(path).convert("RGB")).astype(int)
 
 
 def test_the_command_cleans_what_can_be_read_and_names_the_rest(photos, weights, tmp_path):
@@ -61,10 +67,10 @@ def test_the_command_cleans_what_can_be_read_and_names_the_rest(photos, weights,
     for name in written:
         apart = np.abs(pixels(out / name) - pixels(photos / name))
         assert apart.mean() < 2 if name == "a.jpg" else not apart.any(), name
-        assert Image.open(out / name).format == Image.open(photos / name).format
-    assert Image.open(out / "a.jpg").getexif()[0x0112] == 6
-    assert Image.open(out / "deep/B.PNG").info["icc_profile"][16:20] == b"RGB "
-    assert "icc_profile" not in Image.open(out / "grey.bmp").info
+        assert opened(out / name).format == opened(photos / name).format
+    assert opened(out / "a.jpg").getexif()[0x0112] == 6
+    assert opened(out / "deep/B.PNG").info["icc_profile"][16:20] == b"RGB "
+    assert "icc_profile" not in opened(out / "grey.bmp").info
 
 
 def test_a_large_photo_is_cleaned_by_its_network(weights, tmp_path):
