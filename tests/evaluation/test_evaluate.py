@@ -164,7 +164,10 @@ def test_a_suite_of_several_tables(known, loader):
         ),
         ({"defences": {"mine": lambda x: x}, "folder": "out"}, "nothing tells mine, a function"),
         ({"targets": {"other": lambda x: x}, "folder": "out"}, "nothing tells other, a function"),
-        ({"targets": {"model": torch.nn.Identity()}}, "'model' cannot name a target or defence"),
+        (
+            {"targets": {"model": torch.nn.Identity()}},
+            "'model' cannot name a target, defence or network",
+        ),
         ({"eps": ()}, "eps must be one or more different bounds"),
         ({"eps": (4 / 255, 4 / 255)}, "eps must be one or more different bounds"),
         ({"n": 0}, "n must be at least 1 image"),
