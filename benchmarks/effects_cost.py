@@ -58,7 +58,6 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "balance": {"develop.red": 1.0, "develop.blue": 1.0},
     "tone_curve": {"develop.contrast": 0.0, "develop.shoulder": 0.0},
     "chroma_blur, sharpen": {"develop.chroma_blur": 0.0, "develop.sharpen": 0.0},
-    "jpeg": {"develop.jpeg": 0.0},
     "register": {"develop.registered": False},
 }
 # and with those that it has not
@@ -74,6 +73,7 @@ WITH: dict[str, dict[str, Any]] = {
     "brighten": {"develop.brighten": 0.05},
     "resize antialias": {"develop.resize": "antialias"},
     "denoise bilateral": {"develop.denoise": "bilateral"},
+    "jpeg": {"develop.jpeg": 80.0},
 }
 ALWAYS = ("exposure alone", "demosaic, resize")  # with all of `WITHOUT` left out
 EXECUTIONS = ("engine", "reference")

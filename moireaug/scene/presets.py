@@ -34,10 +34,11 @@ Cameras:
 - Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle, barrel distorted.
 
 What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): blur and
-motion, crosstalk, exposure, white balance, tone, smoothing of colour, sharpening and JPEG of the
-phone. Its exposure leaves a white screen at a quarter to half of full scale; its tone curve lifts
-the middle and rolls off the highlights, as the curves of photographs do. Others vary it by what is
-known of them: a webcam smooths and compresses more, a dashcam does not expose for the sign.
+motion, crosstalk, exposure, white balance, tone, smoothing of colour and sharpening of the phone,
+whose JPEG is of a larger picture and leaves no blocks in this one. Its exposure leaves a white
+screen at a quarter to half of full scale; its tone curve lifts the middle and rolls off the
+highlights, as the curves of photographs do. Others vary it by what is known of them: a webcam
+smooths and compresses more, a dashcam does not expose for the sign.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
 PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.65), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
 # In front of LCDs it is held against photographs, which are softer.
 SOFT_LENS = replace(PHONE_LENS, blur=(0.5, 0.85))
-PHONE_SENSOR = Sensor(scale=2.0, crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.001, 0.006))
+PHONE_SENSOR = Sensor(scale=2.0, crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.001, 0.005))
 PHONE_PHOTO = Develop(
     linear_light=True,
     demosaic="malvar",
@@ -74,7 +75,6 @@ PHONE_PHOTO = Develop(
     chroma_blur=(2.0, 5.0),
     sharpen=(-0.9, 0.5),
     sharpen_radius=(2.0, 5.0),
-    jpeg=(92.0, 100.0),
 )
 BY_HAND = View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-8.0, 8.0), fov=(20.0, 50.0))
 
