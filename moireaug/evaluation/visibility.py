@@ -9,9 +9,11 @@ from typing import Literal
 import numpy as np
 import torch
 import torchvision
-from kornia.metrics import ssim
+from kornia.metrics import ssim as ssim_map
 from skimage.color import deltaE_ciede2000, rgb2lab
 from torch import Tensor, nn
+
+from moireaug.weights import read_weights
 
 # torchvision's name of each network that LPIPS has linear heads for: torchmetrics' name of it, and
 # the least side of an image that passes all of its layers
@@ -21,6 +23,7 @@ NETWORKS: dict[str, tuple[Literal["squeeze", "alex", "vgg"], int]] = {
     "vgg16": ("vgg", 16),
 }
 PART = 8  # pairs of images that pass the network at once
+WINDOW = 11  # pixels that structural similarity is computed over
 
 
 class LPIPS(nn.Module):
@@ -93,14 +96,13 @@ def visibility(
         greatest change of a code, in [0, 1]; and `lpips` where it is given.
     """
     a, b = (x.detach().double().cpu() for x in (changed, original))
-    error = (a - b).square().mean((1, 2, 3))
     colour = []
     for one, other in zip(a.numpy(), b.numpy(), strict=True):
         lab, lab_before = (rgb2lab(np.moveaxis(x, 0, -1)) for x in (one, other))
         colour.append(float(deltaE_ciede2000(lab, lab_before).mean()))
     found = {
-        "psnr": (-10 * torch.log10(error.clamp(min=1e-10))).tolist(),
-        "ssim": ssim(a, b, 11).mean((1, 2, 3)).tolist(),
+        "psnr": psnr(a, b).tolist(),
+        "ssim": ssim(a, b).tolist(),
         "ciede2000": colour,
         "largest": (a - b).abs().amax((1, 2, 3)).tolist(),
     }
@@ -110,6 +112,19 @@ def visibility(
     return found
 
 
+def psnr(changed: Tensor, original: Tensor) -> Tensor:
+    """Return the peak signal-to-noise ratio of each of (B, 3, H, W) in [0, 1], (B,) float64 in dB;
+    100 at most, as of equal images."""
+    error = (changed.double() - original.double()).square().mean((1, 2, 3))
+    return -10 * torch.log10(error.clamp(min=1e-10))
+
+
+def ssim(changed: Tensor, original: Tensor) -> Tensor:
+    """Return the structural similarity of each of (B, 3, H, W) in [0, 1], (B,): the mean over
+    pixels and channels, in windows of `WINDOW` pixels."""
+    return ssim_map(changed, original, WINDOW).mean((1, 2, 3))
+
+
 def _features_in(path: str | Path) -> dict[str, Tensor]:
     """Return the tensors of a file's convolutions, by torchvision's names without "features."; no
     code in it is run.
@@ -117,15 +132,7 @@ def _features_in(path: str | Path) -> dict[str, Tensor]:
     Raises:
         ValueError: a file that is missing, damaged or no state_dict.
     """
-    if not Path(path).is_file():
-        raise ValueError(f"lpips: there is no file {str(path)!r}. {_wanted()}")
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, KeyError, ...
-        raise ValueError(
-            f"lpips: the file {str(path)!r} could not be read ({type(error).__name__}): it is "
-            f"damaged, or holds more than tensors. {_wanted()}"
-        ) from error
+    state = read_weights(path, "lpips", _wanted())
     found = {}
     if isinstance(state, Mapping):
         for name, value in state.items():

@@ -86,7 +86,11 @@ def test_it_stands_beside_the_other_figures_where_it_is_given(measure, images):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (None, r"there is no file .* Pass a state_dict of one of .*squeezenet1_1, alexnet, vgg16"),
+        (
+            None,
+            r"there is no weights file .* Pass a state_dict of one of .*squeezenet1_1, alexnet, "
+            "vgg16",
+        ),
         (b"no weights", r"could not be read \(\w+\): it is damaged"),
         ({}, "does not hold the weights of any of these networks"),
         ([1, 2], "does not hold the weights of any of these networks"),

@@ -12,13 +12,14 @@ import torch.nn.functional as F
 from PIL import Image
 
 from moireaug.defenses import demoire
+from moireaug.evaluation.visibility import psnr, ssim
 from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
 from tests.training.small import command, configured, same
 from training import runs
 from training.demoireing import fit as demoireing
 from training.demoireing import pictures
-from training.demoireing.fidelity import fidelity, psnr, ssim
+from training.demoireing.fidelity import fidelity
 from training.demoireing.module import Demoireing
 from training.demoireing.pairs import Numbers, SimulatedPairs, toned
 from training.demoireing.starting import start_as_identity

@@ -3,25 +3,10 @@
 from __future__ import annotations
 
 import torch
-from kornia.metrics import ssim as ssim_map
 from torch import Tensor
 
+from moireaug.evaluation.visibility import psnr, ssim
 from moireaug.synthesis.tone import ColourMap
-
-WINDOW = 11  # pixels, as published
-
-
-def psnr(pictures: Tensor, wanted: Tensor) -> Tensor:
-    """Return the peak signal-to-noise ratio in dB of each of (B, 3, H, W) in [0, 1]; 100 at most,
-    as of equal pictures."""
-    error = (pictures.double() - wanted.double()).square().mean((1, 2, 3))
-    return -10 * torch.log10(error.clamp(min=1e-10))
-
-
-def ssim(pictures: Tensor, wanted: Tensor) -> Tensor:
-    """Return the structural similarity of each of (B, 3, H, W) in [0, 1]: the mean over pixels and
-    channels, windows of 11 pixels."""
-    return ssim_map(pictures.float(), wanted.float(), WINDOW).mean((1, 2, 3))
 
 
 def mapped(picture: Tensor, wanted: Tensor) -> Tensor:

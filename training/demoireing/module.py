@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.defenses.demoire.losses import LOSSES, VGGFeatures
-from training.demoireing.fidelity import psnr, ssim
+from moireaug.evaluation.visibility import psnr, ssim
 from training.demoireing.schema import Demoire, Train
 
 CLIP = 1.0  # norm of a step's gradient: the networks have no normalisation
@@ -71,7 +71,7 @@ class Demoireing(L.LightningModule):
 
     def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
         photos, targets = (codes.float() / 255 for codes in batch)
-        cleaned = self(photos)
+        cleaned = self(photos).float()
         self._scores["psnr"].append(psnr(cleaned, targets))
         self._scores["ssim"].append(ssim(cleaned, targets))
         self._scores["photo_psnr"].append(psnr(photos, targets))

@@ -15,7 +15,7 @@ from torch import Tensor
 from moireaug.evaluation.report.numbers import number
 from moireaug.evaluation.report.page import environment, uri
 from moireaug.evaluation.report.plots import FAINT, INK, OURS, SIZE, THEIRS
-from training.demoireing.fidelity import WINDOW
+from moireaug.evaluation.visibility import WINDOW
 from training.demoireing.testing import GroupedPair
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")

@@ -17,6 +17,7 @@ from moireaug.defenses.demoire.fhde2net import FHDe2Net
 from moireaug.defenses.demoire.mddm import MDDM
 from moireaug.defenses.demoire.mopnet import MopNet
 from moireaug.files import write_bytes
+from moireaug.weights import read_weights
 
 NETWORKS: dict[str, type[DemoireNet]] = {
     "mopnet": MopNet,
@@ -96,15 +97,7 @@ def save(network: DemoireNet, path: str | Path) -> None:
 
 def _read(path: str | Path) -> dict[str, Any]:
     """Return a file's name, width and state; no code in it is run."""
-    if not Path(path).is_file():
-        raise ValueError(f"demoire: there is no weights file {str(path)!r}. {_wanted()}")
-    try:
-        kept = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # whichever byte was hit: UnpicklingError, EOFError, KeyError, ...
-        raise ValueError(
-            f"demoire: the weights file {str(path)!r} could not be read ({type(error).__name__}): "
-            f"it is damaged, or holds more than tensors. {_wanted()}"
-        ) from error
+    kept = read_weights(path, "demoire", _wanted())
     if not isinstance(kept, Mapping) or set(kept) != set(KEYS):
         raise ValueError(
             f"demoire: the file {str(path)!r} holds no network, width and state. {_wanted()}"

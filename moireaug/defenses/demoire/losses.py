@@ -16,12 +16,14 @@ from torch import Tensor, nn
 
 from moireaug.defenses.demoire.layers import resized
 from moireaug.defenses.demoire.mopnet import sobel
+from moireaug.weights import read_weights
 
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the images that VGG-16 was trained on
 DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
 USUAL_DEPTH = 16  # up to the ReLU after conv3_3
 CHARBONNIER = 1e-3  # added to the difference, in quadrature
 FEATURES = 0.1  # weight of MopNet's features
+WANTED = "Pass a state_dict of torchvision's vgg16."
 
 Loss = Callable[[Sequence[Tensor], Tensor, nn.Module | None], Tensor]
 
@@ -46,15 +48,13 @@ class VGGFeatures(nn.Module):
         with torch.device("meta"):  # the file's weights take the place of what would be drawn
             whole = torchvision.models.vgg16().features
         self.layers = whole[: DEPTHS.get(network, USUAL_DEPTH)]
-        wanted = "Pass a state_dict of torchvision's vgg16."
+        state = read_weights(path, "vgg", WANTED)
         try:
-            state = torch.load(path, map_location="cpu", weights_only=True)
             own = {key: state[f"features.{key}"] for key in self.layers.state_dict()}
             self.layers.load_state_dict(own, assign=True)
-        except Exception as error:  # whichever byte was hit, or tensor is missing
+        except (KeyError, TypeError, RuntimeError, AttributeError) as error:
             raise ValueError(
-                f"vgg: the file {str(path)!r} could not be read as VGG-16 "
-                f"({type(error).__name__}). {wanted}"
+                f"vgg: the weights in {str(path)!r} are not of VGG-16. {WANTED}"
             ) from error
         self.register_buffer("mean", torch.tensor(MEAN).view(-1, 1, 1), persistent=False)
         self.register_buffer("std", torch.tensor(STD).view(-1, 1, 1), persistent=False)
