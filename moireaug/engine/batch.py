@@ -162,25 +162,27 @@ def _gaussians(d, i):
 
 
 @kernel
-def finish(finished, photos, d, first, last):
+def finish(finished, inside, photos, d, first, last):
     """Fill finished (B, 3, H, W) float32 from `first` to `last`, from the codes photos (B, 3, h, w)
     of every sensor pixel.
 
     Args:
+        inside: (B, 3, h, w) uint8, see `detail.finish`; (0, 3, h, w) where nobody asks.
         d: see `record.Detail`.
     """
     for i in range(first, last):
         chroma, sharp = _gaussians(d, i)
-        detail.finish(finished[i], photos[i], chroma, d.amount[i], sharp, d.rows, d.cols)
+        one = inside[i : i + 1]
+        detail.finish(finished[i], one, photos[i], chroma, d.amount[i], sharp, d.rows, d.cols)
 
 
 @kernel
-def finish_back(photo_grad, grad, photos, d, first, last):
+def finish_back(photo_grad, grad, inside, d, first, last):
     """Fill photo_grad (B, 3, h, w) with the gradient in the codes; arguments as in `finish`."""
     for i in range(first, last):
         chroma, sharp = _gaussians(d, i)
         detail.finish_back(
-            photo_grad[i], grad[i], photos[i], chroma, d.amount[i], sharp, d.rows, d.cols
+            photo_grad[i], grad[i], inside[i], chroma, d.amount[i], sharp, d.rows, d.cols
         )
 
 

@@ -24,10 +24,11 @@ class _Filter(NamedTuple):
     Args:
         chroma, sharp: the Gaussians of colour and of the unsharp mask, from `gaussian`.
         amount: float32, of the mask. back: it is the filter's transpose.
-        ring: (3, rows, lanes) float32, red, blue and brightness blurred along the rows: row y is
-            at y % rows.
-        colours, soft: (3, lanes) float32, of one row: before it is blurred, and after.
-        padded, full: a row with what lies beyond its ends, and blurred with it.
+        padded: (3, lanes + ends) float32, a row's red, blue and brightness between what lies beyond
+            its ends. full: a row blurred with its ends.
+        ring: (3, rows, lanes) float32, rows that are blurred along themselves. place: (h,), where
+            each row begins in a plane of the ring.
+        soft: (3, lanes) float32, one row blurred both ways.
         steps: 0, 1, 2, ... int64. weight, offset: (rows,), the ring's rows that a row is made from.
     """
 
@@ -35,11 +36,11 @@ class _Filter(NamedTuple):
     sharp: np.ndarray
     amount: np.float32
     back: bool
-    ring: np.ndarray
-    colours: np.ndarray
-    soft: np.ndarray
     padded: np.ndarray
     full: np.ndarray
+    ring: np.ndarray
+    place: np.ndarray
+    soft: np.ndarray
     steps: np.ndarray
     weight: np.ndarray
     offset: np.ndarray
@@ -62,22 +63,24 @@ def gaussian(sigma, size):
 
 
 @loop
-def _filter(w, chroma, amount, sharp, back):
-    """Return the _Filter of photos of width w."""
+def _filter(h, w, chroma, amount, sharp, back):
+    """Return the _Filter of photos (3, h, w)."""
     rows, lanes = max(len(chroma), len(sharp)), (w + LANES - 1) // LANES * LANES
-    steps = np.empty(rows, np.int64)
+    steps, place = np.empty(rows, np.int64), np.empty(h, np.int64)
     for k in range(rows):
         steps[k] = k
+    for y in range(h):
+        place[y] = y % rows * lanes
     return _Filter(
         chroma,
         sharp,
         amount,
         back,
-        np.zeros((3, rows, lanes), np.float32),
-        np.zeros((3, lanes), np.float32),
-        np.zeros((3, lanes), np.float32),
-        np.zeros(lanes + 2 * rows + LANES, np.float32),
+        np.zeros((3, lanes + 2 * rows + LANES), np.float32),
         np.zeros(lanes + rows + LANES, np.float32),
+        np.zeros((3, rows, lanes), np.float32),
+        place,
+        np.zeros((3, lanes), np.float32),
         steps,
         np.empty(rows, np.float32),
         np.empty(rows, np.int64),
@@ -85,57 +88,9 @@ def _filter(w, chroma, amount, sharp, back):
 
 
 @inner
-def _along(out, row, kernel, f, w):
-    """Fill out (lanes,) with a row (w,) blurred, its ends going on past it."""
-    half, lanes = len(kernel) // 2, len(out)
-    copy(f.padded[half : half + w], row)
-    for i in range(half):
-        f.padded[i], f.padded[half + w + i] = row[0], row[w - 1]
-    fill(out, ZERO)
-    add_taps(out, 0, lanes, kernel, 0, len(kernel), f.padded, f.steps, 0)
-
-
-@inner
-def _along_back(out, row, kernel, f, w):
-    """Do the transpose of `_along`: what a row gave to what lies past its ends comes back."""
-    size, half = len(kernel), len(kernel) // 2
-    lanes = (w + size - 1 + LANES - 1) // LANES * LANES
-    fill(f.padded, ZERO)
-    copy(f.padded[2 * half : 2 * half + w], row)
-    fill(f.full, ZERO)
-    add_taps(f.full, 0, lanes, kernel, 0, size, f.padded, f.steps, 0)
-    copy(out[:w], f.full[half : half + w])
-    for i in range(half):
-        out[0] += f.full[i]
-        out[w - 1] += f.full[half + w + i]
-
-
-@inner
-def _rows_of(f, kernel, y, h):
-    """Fill weight and offset with the ring's rows that row y of h is made from."""
-    size, half = len(kernel), len(kernel) // 2
-    rows, lanes = f.ring.shape[1], f.ring.shape[2]
-    for k in range(size):
-        other = y + k - half
-        inside = 0 <= other < h
-        other = min(max(other, 0), h - 1)
-        f.offset[k], f.weight[k] = other % rows * lanes, kernel[k]
-        if not f.back:
-            continue
-        if not inside:
-            f.weight[k] = ZERO
-            continue
-        # the outermost row gave to all that lies past it
-        for beyond in range(size):
-            if (y == 0 and beyond > k) or (y == h - 1 and beyond < k):
-                f.weight[k] += kernel[beyond]
-
-
-@inner
-def _split(colours, photo, y):
-    """Take a row of a photo apart: red and blue less the brightness, and the brightness."""
+def _split(red, blue, grey, photo, y):
+    """Take row y of a photo apart: red and blue less the brightness, and the brightness."""
     r, g, b = photo[0, y], photo[1, y], photo[2, y]
-    red, blue, grey = colours[0], colours[1], colours[2]
     for i in range(len(r)):
         mean = (r[i] + g[i] + b[i]) * THIRD
         red[i] = r[i] - mean
@@ -144,42 +99,124 @@ def _split(colours, photo, y):
 
 
 @inner
-def _join(out, grey, soft, amount):
-    """Put a row (3, w) together again, its brightness sharpened by its difference to what is
-    soft."""
-    r, g, b = out[0], out[1], out[2]
-    red, blue, mean = soft[0], soft[1], soft[2]
+def _along(out, padded, kernel, f, w):
+    """Fill out (lanes,) with a row of w pixels blurred, its ends going on past it; it begins half a
+    kernel into `padded`."""
+    half = len(kernel) // 2
+    first, last = padded[half], padded[half + w - 1]
+    for i in range(half):
+        padded[i], padded[half + w + i] = first, last
+    fill(out, ZERO)
+    add_taps(out, 0, len(out), kernel, 0, len(kernel), padded, f.steps, 0)
+
+
+@inner
+def _along_back(out, padded, kernel, f, w):
+    """Do the transpose of `_along`: what a row gave to what lies past its ends comes back. The row
+    begins a whole kernel into `padded`, which is 0 elsewhere."""
+    size, half = len(kernel), len(kernel) // 2
+    lanes = (w + size - 1 + LANES - 1) // LANES * LANES
+    fill(f.full, ZERO)
+    add_taps(f.full, 0, lanes, kernel, 0, size, padded, f.steps, 0)
+    copy(out[:w], f.full[half : half + w])
+    for i in range(half):
+        out[0] += f.full[i]
+        out[w - 1] += f.full[half + w + i]
+
+
+@inner
+def _enter(f, photo, y):
+    """Blur row y of a photo along itself, into the ring."""
+    w = photo.shape[2]
+    # the transpose reads a row half a kernel further on
+    halves = 2 if f.back else 1
+    colour, grey = len(f.chroma) // 2 * halves, len(f.sharp) // 2 * halves
+    padded = f.padded
+    _split(
+        padded[0, colour : colour + w],
+        padded[1, colour : colour + w],
+        padded[2, grey : grey + w],
+        photo,
+        y,
+    )
+    row = y % f.ring.shape[1]
+    for c in range(3):
+        kernel = f.sharp if c == 2 else f.chroma
+        if f.back:
+            _along_back(f.ring[c, row], padded[c], kernel, f, w)
+        else:
+            _along(f.ring[c, row], padded[c], kernel, f, w)
+
+
+@inner
+def _rows_of(f, kernel, y):
+    """Fill weight and offset with the ring's rows that row y is made from."""
+    size, half, h = len(kernel), len(kernel) // 2, len(f.place)
+    for k in range(size):
+        f.offset[k] = f.place[min(max(y + k - half, 0), h - 1)]
+        f.weight[k] = kernel[k]
+    if f.back:
+        _rows_back(f.weight, kernel, y, h)
+
+
+@inner
+def _rows_back(weight, kernel, y, h):
+    """Turn the weights of row y of h into the transpose's: none of a row past the ends, and for
+    the outermost row what all past it were given."""
+    size, half = len(kernel), len(kernel) // 2
+    before = after = ZERO
+    for k in range(size):
+        last = size - 1 - k
+        if y == h - 1:
+            weight[k] += before
+        if y == 0:
+            weight[last] += after
+        before += kernel[k]
+        after += kernel[last]
+    for k in range(size):
+        if not 0 <= y + k - half < h:
+            weight[k] = ZERO
+
+
+@inner
+def _join(out, photo, y, soft, amount):
+    """Fill out (3, w) with row y of a photo, its colours soft, and its brightness sharpened by its
+    difference to what is soft."""
+    r, g, b = photo[0, y], photo[1, y], photo[2, y]
+    red, green, blue = out[0], out[1], out[2]
+    soft_red, soft_blue, soft_grey = soft[0], soft[1], soft[2]
     for i in range(len(r)):
-        sharp = grey[i] + amount * (grey[i] - mean[i])
-        r[i] = sharp + red[i]
-        b[i] = sharp + blue[i]
-        g[i] = sharp - red[i] - blue[i]
+        grey = (r[i] + g[i] + b[i]) * THIRD
+        sharp = grey + amount * (grey - soft_grey[i])
+        red[i] = sharp + soft_red[i]
+        blue[i] = sharp + soft_blue[i]
+        green[i] = sharp - soft_red[i] - soft_blue[i]
 
 
 @inner
 def _filter_row(out, photo, y, entered, f):
     """Fill out (3, w) with row y of a photo (3, h, w), filtered; return how many of its rows have
     entered the ring, which are `entered` before."""
-    _, h, w = photo.shape
-    rows = f.ring.shape[1]
-    while entered < min(y + rows // 2 + 1, h):
-        _split(f.colours, photo, entered)
-        for c in range(3):
-            kernel = f.sharp if c == 2 else f.chroma
-            if f.back:
-                _along_back(f.ring[c, entered % rows], f.colours[c], kernel, f, w)
-            else:
-                _along(f.ring[c, entered % rows], f.colours[c], kernel, f, w)
+    while entered < min(y + f.ring.shape[1] // 2 + 1, photo.shape[1]):
+        _enter(f, photo, entered)
         entered += 1
     for c in range(3):
-        kernel = f.sharp if c == 2 else f.chroma
-        _rows_of(f, kernel, y, h)
+        if c != 1:  # red and blue are made from the same rows
+            kernel = f.sharp if c == 2 else f.chroma
+            _rows_of(f, kernel, y)
         fill(f.soft[c], ZERO)
         ring = f.ring[c].reshape(-1)
         add_taps(f.soft[c], 0, f.soft.shape[1], f.weight, 0, len(kernel), ring, f.offset, 0)
-    _split(f.colours, photo, y)
-    _join(out, f.colours[2], f.soft, f.amount)
+    _join(out, photo, y, f.soft, f.amount)
     return entered
+
+
+@inner
+def _note(inside, row, y):
+    """Note which pixels of a row (3, w) no clip changes, in inside (3, h, w)."""
+    for c in range(3):
+        for i in range(row.shape[1]):
+            inside[c, y, i] = np.uint8(ZERO <= row[c, i] <= ONE)
 
 
 @inner
@@ -194,51 +231,49 @@ def _resize_row(out, row, y, line, rows, cols):
 
 
 @inner
-def _resize_row_back(row_grad, row, grad, y, line, rows, cols):
-    """Fill row_grad (3, w) with the gradient in a photo's row y, of which `row` is what is to be
-    clipped; arguments as in `_resize_row`."""
+def _resize_row_back(photo_grad, inside, grad, y, line, rows, cols):
+    """Fill row y of photo_grad (3, h, w) from grad (3, H, W); arguments as in `_resize_row`, and
+    `inside` as in `_note`."""
     for c in range(3):
         fill(line, ZERO)
         for i in range(rows.first[y], rows.last[y] + 1):
             add(line, grad[c, i], rows.taps[i, y - rows.start[i]])
-        gather(row_grad[c], line, cols.back_index[0], cols.back_weight[0])
-        for i in range(row.shape[1]):
-            row_grad[c, i] *= ONE if ZERO <= row[c, i] <= ONE else ZERO
+        gather(photo_grad[c, y], line, cols.back_index[0], cols.back_weight[0])
+        for i in range(photo_grad.shape[2]):
+            photo_grad[c, y, i] *= np.float32(inside[c, y, i])
 
 
 @loop
-def finish(out, photo, chroma, amount, sharp, rows, cols):
+def finish(out, inside, photo, chroma, amount, sharp, rows, cols):
     """Fill out (3, H, W) float32 from the codes (3, h, w) of every sensor pixel.
 
     Args:
+        inside: (1, 3, h, w) uint8, filled with which codes the clip lets through, for
+            `finish_back`; (0, 3, h, w) where nobody asks.
         chroma, amount, sharp: see `_Filter`. rows, cols: see `record.Resize`.
     """
     _, h, w = photo.shape
-    f = _filter(w, chroma, amount, sharp, False)
+    f = _filter(h, w, chroma, amount, sharp, False)
     row, line = np.empty((3, w), np.float32), np.empty(out.shape[2], np.float32)
     fill(out.reshape(-1), ZERO)
     entered = 0
     for y in range(h):
         entered = _filter_row(row, photo, y, entered, f)
+        if len(inside):
+            _note(inside[0], row, y)
         _resize_row(out, row, y, line, rows, cols)
 
 
 @loop
-def finish_back(photo_grad, grad, photo, chroma, amount, sharp, rows, cols):
-    """Fill photo_grad (3, h, w) with the gradient in the codes, from grad (3, H, W); arguments as
-    in `finish`."""
-    _, h, w = photo.shape
-    f = _filter(w, chroma, amount, sharp, False)
-    row, row_grad = np.empty((3, w), np.float32), np.empty((3, w), np.float32)
-    line = np.empty(grad.shape[2], np.float32)
-    entered = 0
+def finish_back(photo_grad, grad, inside, chroma, amount, sharp, rows, cols):
+    """Fill photo_grad (3, h, w) with the gradient in the codes, from grad (3, H, W) and what
+    `finish` filled `inside` with, (3, h, w)."""
+    _, h, w = photo_grad.shape
+    row, line = np.empty((3, w), np.float32), np.empty(grad.shape[2], np.float32)
     for y in range(h):
-        entered = _filter_row(row, photo, y, entered, f)
-        _resize_row_back(row_grad, row, grad, y, line, rows, cols)
-        for c in range(3):
-            copy(photo_grad[c, y], row_grad[c])
+        _resize_row_back(photo_grad, inside, grad, y, line, rows, cols)
     # in place: a row is written after the last row that is made from it has entered the ring
-    f = _filter(w, chroma, amount, sharp, True)
+    f = _filter(h, w, chroma, amount, sharp, True)
     entered = 0
     for y in range(h):
         entered = _filter_row(row, photo_grad, y, entered, f)

@@ -146,11 +146,13 @@ class _Finish(torch.autograd.Function):
     def forward(ctx, photo: Tensor, d: Detail) -> Tensor:
         from moireaug.engine import batch
 
-        ctx.save_for_backward(photo)
+        noted = photo.shape if ctx.needs_input_grad[0] else (0, *photo.shape[1:])
+        inside = torch.empty(noted, dtype=torch.uint8)
+        ctx.save_for_backward(inside)
         ctx.detail = d
         out = torch.empty(len(photo), 3, *d.size)
-        photos, results = photo.detach().contiguous().numpy(), out.numpy()
-        each(lambda first, last: batch.finish(results, photos, d, first, last), len(photo))
+        photos, results, notes = photo.detach().contiguous().numpy(), out.numpy(), inside.numpy()
+        each(lambda first, last: batch.finish(results, notes, photos, d, first, last), len(photo))
         return out
 
     @staticmethod
@@ -158,16 +160,12 @@ class _Finish(torch.autograd.Function):
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
         from moireaug.engine import batch
 
-        (photo,), d = ctx.saved_tensors, ctx.detail
-        out = torch.empty(photo.shape)
-        photos, grads, results = (
-            photo.detach().contiguous().numpy(),
-            grad.contiguous().numpy(),
-            out.numpy(),
-        )
+        (inside,), d = ctx.saved_tensors, ctx.detail
+        out = torch.empty(inside.shape)
+        notes, grads, results = inside.numpy(), grad.contiguous().numpy(), out.numpy()
         each(
-            lambda first, last: batch.finish_back(results, grads, photos, d, first, last),
-            len(photo),
+            lambda first, last: batch.finish_back(results, grads, notes, d, first, last),
+            len(inside),
         )
         return out, None
 
