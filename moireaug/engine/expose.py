@@ -4,7 +4,6 @@ time."""
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,37 +18,6 @@ from moireaug.engine.view import look
 
 ZERO, ONE = np.float32(0), np.float32(1)
 BANDS = 224  # of rows, if a photo has so many, whose weights are the same
-
-
-class _Buffers(NamedTuple):
-    """What an image's exposure works on.
-
-    Args:
-        weights: (kinds, n) float32, of cells on a row, with `to_next` from one node to the next.
-        u: (planes, w) float64, photo coordinates of a plane's columns. column: (2, planes, w)
-            int32, where their weights along x and y begin. share: (planes, w) float32, how far
-            they are to the next node.
-        first, asked: see `_sites`. shifts: (2, n, K + 1) float32, see `_shifts`.
-        at: (2, w) float64, whole: (6, w) int32, line: (10, w) float32, of_rows: (w * width,)
-            float32, along: (6, K + 1, w) float32, down: (2, L + 1, w) float32, a row's.
-        weight: (4,) float32, of the cubic through four rows of nodes.
-    """
-
-    weights: np.ndarray
-    to_next: np.int32
-    u: np.ndarray
-    column: np.ndarray
-    share: np.ndarray
-    first: np.ndarray
-    asked: np.ndarray
-    shifts: np.ndarray
-    at: np.ndarray
-    whole: np.ndarray
-    line: np.ndarray
-    of_rows: np.ndarray
-    along: np.ndarray
-    down: np.ndarray
-    weight: np.ndarray
 
 
 @inner
@@ -97,7 +65,7 @@ def _weights(out, tables, v, first, step_v):
 
 
 @loop
-def expose(
+def expose(  # noqa: C901  # one pass, row by row
     raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips
 ):
     """Fill raw (planes, h, w) float32 with the reading of one image.
@@ -112,54 +80,21 @@ def expose(
         noise: whether there is any. seed: int64, of it.
         clips: whether the reading ends at 0 and 1.
     """
-    planes, _, w = raw.shape
-    kinds, _, count, _, phases, width = nodes.tables.shape
-    to_next = np.int32(2 * phases * width)
-    n_k, n_l = 1, 1
-    for i in range(len(nodes.terms)):
-        n_k = max(n_k, nodes.terms[i, harmonics.K] + 1)
-        n_l = max(n_l, nodes.terms[i, harmonics.L] + 1)
-    buffers = _Buffers(
-        np.empty((kinds, count * to_next), np.float32),
-        to_next,
-        np.empty((planes, w), np.float64),
-        np.empty((2, planes, w), np.int32),
-        np.empty((planes, w), np.float32),
-        np.empty(planes, np.int64),
-        np.empty((planes, 3), np.bool_),
-        np.empty((2, len(cell.channel), n_k), np.float32),
-        np.empty((2, w), np.float64),
-        np.empty((6, w), np.int32),
-        np.empty((10, w), np.float32),
-        np.empty(w * width, np.float32),
-        np.empty((6, n_k, w), np.float32),
-        np.empty((2, n_l, w), np.float32),
-        np.empty(4, np.float32),
-    )
-    _expose(
-        raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips,
-        buffers,
-    )  # fmt: skip
-
-
-@inner
-def _expose(  # noqa: C901  # one pass, row by row
-    raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips, b
-):
-    """Do as `expose`, in _Buffers b."""
     planes, h, w = raw.shape
-    rows, step = sites.rows, sites.step
+    rows, cols, step = sites.rows, sites.cols, sites.step
     # the cells' weights, and where in them a row's pixels lie
-    tables, weights, u, share, to_next = nodes.tables, b.weights, b.u, b.share, b.to_next
-    _, _, count, _, phases, width = tables.shape
-    of_y, phases = np.int32(phases * width), phases - 2
+    tables = nodes.tables
+    kinds, _, count, _, phases, width = tables.shape
+    to_next, of_y, phases = np.int32(2 * phases * width), np.int32(phases * width), phases - 2
+    weights = np.empty((kinds, count * to_next), np.float32)
+    u, share = np.empty((planes, w), np.float64), np.empty((planes, w), np.float32)
+    column = np.empty((2, planes, w), np.int32)
     for plane in range(planes):
-        cells_x, cells_y = b.column[0, plane], b.column[1, plane]
         _columns(
             u[plane],
-            cells_x,
+            column[0, plane],
             share[plane],
-            sites.cols,
+            cols,
             sites.col[plane],
             step,
             nodes.step_uw,
@@ -167,23 +102,37 @@ def _expose(  # noqa: C901  # one pass, row by row
             to_next,
         )
         for i in range(w):
-            cells_y[i] = cells_x[i] + of_y
-    first, asked = b.first, b.asked
+            column[1, plane, i] = column[0, plane, i] + of_y
+    first, asked = np.empty(planes, np.int64), np.empty((planes, 3), np.bool_)
     _sites(first, asked, sites, filters)
     noise_keys = keys(seed)
-    terms, lines, weight = nodes.terms, nodes.lines, b.weight
-    x, y = b.at[0], b.at[1]
-    nx, ny, base = b.whole[0], b.whole[1], b.whole[2]
-    start_x, start_y, place = b.whole[3], b.whole[4], b.whole[5]
-    dx, dy, past, content = b.line[0], b.line[1], b.line[2], b.line[3]
-    through, light, numbers, glow = b.line[4], b.line[5], b.line[6], b.line[7:]
-    even, odd, here, beside = b.along[0], b.along[1], b.along[2], b.along[3]
-    cx, sx, cy, sy = b.along[4], b.along[5], b.down[0], b.down[1]
+    terms, lines = nodes.terms, nodes.lines
+    weight = np.empty(4, np.float32)
+    # a row's buffers
+    at = np.empty((2, w), np.float64)
+    whole = np.empty((6, w), np.int32)
+    line = np.empty((10, w), np.float32)
+    x, y = at[0], at[1]
+    nx, ny, base = whole[0], whole[1], whole[2]
+    start_x, start_y, place = whole[3], whole[4], whole[5]
+    dx, dy, past, content = line[0], line[1], line[2], line[3]
+    through, light, numbers = line[4], line[5], line[6]
+    glow, of_rows = line[7:], np.empty(w * width, np.float32)
+    n_k, n_l = 1, 1
+    for i in range(len(terms)):
+        n_k, n_l = max(n_k, terms[i, harmonics.K] + 1), max(n_l, terms[i, harmonics.L] + 1)
+    even, odd = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
+    here, beside = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
+    cx, sx = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
+    cy, sy = np.empty((n_l, w), np.float32), np.empty((n_l, w), np.float32)
     fill(cx[0], ONE)
     fill(sx[0], ZERO)
     fill(cy[0], ONE)
     fill(sy[0], ZERO)
-    cos, sin = b.shifts[0], b.shifts[1]
+    cos, sin = (
+        np.empty((len(cell.channel), n_k), np.float32),
+        np.empty((len(cell.channel), n_k), np.float32),
+    )
     _shifts(cos, sin, cell)
     # the panel's pixels
     px, py, stride = cell.period[0], cell.period[1], panel.shape[2]
@@ -204,7 +153,6 @@ def _expose(  # noqa: C901  # one pass, row by row
             if sites.row[plane] != r % step:
                 continue
             if first[plane] == plane:
-                cells_x, cells_y = b.column[0, plane], b.column[1, plane]
                 look(x, y, u[plane], v, camera)
                 lookup.cells(dx, nx, x, 0.0, float(px), low, high_x)
                 harmonics.waves(cx, sx, dx)
@@ -214,12 +162,16 @@ def _expose(  # noqa: C901  # one pass, row by row
                     colour = cell.channel[i]
                     if not asked[plane, colour]:
                         continue
-                    table = weights[cell.kind[i]]
+                    table, cells_x, cells_y = (
+                        weights[cell.kind[i]],
+                        column[0, plane],
+                        column[1, plane],
+                    )
                     if cell.row[i] != held:
                         held = cell.row[i]
                         lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
                         lookup.windows(start_y, place, past, dy, ny, cells_y, phases, width)
-                        lookup.down(b.of_rows, table, to_next, place, past, share[plane], width)
+                        lookup.down(of_rows, table, to_next, place, past, share[plane], width)
                         harmonics.waves(cy, sy, dy)
                         four = lines[sites.col[plane], node : node + 4]
                         harmonics.across(even, odd, terms, cell.kind[i], four, weight, cy, sy)
@@ -230,7 +182,7 @@ def _expose(  # noqa: C901  # one pass, row by row
                     lookup.base_of(base, start_x, start_y, down, np.int32(origin + lead))
                     lookup.content(
                         content, pixels[colour], base, down, table, to_next, place, past,
-                        share[plane], b.of_rows, width,
+                        share[plane], of_rows, width,
                     )  # fmt: skip
                     harmonics.shine(glow[colour], content, here, beside, cos[i], sin[i], through)
             fill(light, ZERO)
