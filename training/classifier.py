@@ -14,8 +14,8 @@ from moireaug.attacks import NoAnswerError, predicted
 from moireaug.evaluation.statistics import mix
 from moireaug.scene.scene import Scene
 from training.adversaries import STRONG, Adversaries, Moment, Shown, strengthened, validated
+from training.augmentation import augment
 from training.batches import Batch
-from training.data import augment
 from training.models import as_model as as_model
 from training.schema import Adversary, Train
 from training.tuning import tuning
@@ -35,7 +35,7 @@ class Classifier(L.LightningModule):
         adversary: what the training images are turned into.
         scene: where they are photographed.
         seed: of every draw.
-        augment: of the clean images, one of `data.AUGMENT`.
+        augment: of the clean images, one of `augmentation.AUGMENT`.
         fine: whether the model has given weights, which are fine-tuned.
 
     Raises:

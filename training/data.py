@@ -17,10 +17,11 @@ from torchvision.transforms import v2
 from moireaug.images import read
 from moireaug.scene.fields import one_of
 from training import signs
+from training.augmentation import AUGMENT
 from training.schema import DATA, Data
 
 IMAGENET = 1000  # classes of torchvision's published weights, which a class_index refers to
-AUGMENT = ("none", "shift", "shift_flip")
+HELD_BYTES = 1 << 30  # of decoded images that are kept
 
 
 class Splits(NamedTuple):
@@ -32,6 +33,28 @@ class Splits(NamedTuple):
     test: Dataset
     classes: dict[int, str]
     num_classes: int
+
+
+class Held(Dataset):
+    """Keeps the images of a data set, once read, for all epochs after the first."""
+
+    def __init__(self, data: Dataset) -> None:
+        self.data = data
+        self.items: dict[int, tuple[Tensor, int]] = {}
+
+    def __len__(self) -> int:
+        return len(self.data)  # type: ignore[arg-type]
+
+    def __getitem__(self, index: int) -> tuple[Tensor, int]:
+        if index not in self.items:
+            self.items[index] = self.data[index]
+        return self.items[index]
+
+
+def _held(data: Dataset, cfg: Data) -> Dataset:
+    """Hold a data set in memory where it is small, unless workers read it, who share no memory."""
+    size = len(data) * 3 * cfg.size**2  # type: ignore[arg-type]
+    return data if cfg.workers or size > HELD_BYTES else Held(data)
 
 
 def _resize(size: int) -> v2.Compose:
@@ -86,8 +109,9 @@ def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Calla
                 "it."
             ) from error
         names = getattr(sets[1], "classes", None) or [str(i) for i in range(43)]
+        known, seen = _held(sets[0], cfg), _held(sets[1], cfg)
         return Splits(
-            *_split(sets[0], cfg), _take(sets[1], cfg.test), dict(enumerate(names)), len(names)
+            *_split(known, cfg), _take(seen, cfg.test), dict(enumerate(names)), len(names)
         )
 
     return load
@@ -124,10 +148,11 @@ def _folder(cfg: Data) -> Splits:
         )
     for half, index in zip(sets, numbers, strict=True):
         half.target_transform = [index[name] for name in half.classes].__getitem__
-    train, val = _split(sets[0], cfg) if halves[0] != halves[1] else (sets[0], sets[0])
+    known, seen = _held(sets[0], cfg), _held(sets[1], cfg)
+    train, val = _split(known, cfg) if halves[0] != halves[1] else (known, known)
     classes = {number: name for index in numbers for name, number in index.items()}
     return Splits(
-        train, val, _take(sets[1], cfg.test), classes, IMAGENET if cfg.class_index else len(classes)
+        train, val, _take(seen, cfg.test), classes, IMAGENET if cfg.class_index else len(classes)
     )
 
 
@@ -177,22 +202,3 @@ def load(cfg: Data) -> Splits:
     """
     one_of("data.augment", cfg.augment, AUGMENT)
     return LOADERS[one_of("data", cfg.name, LOADERS)](cfg)
-
-
-def augment(images: Tensor, kind: str) -> Tensor:
-    """Shift each image of a float batch (B, 3, H, W) by up to an eighth, zero padded, and flip half
-    of them."""
-    if kind == "none":
-        return images
-    b, _, h, w = images.shape
-    reach = max(1, h // 8)
-    device = images.device
-    dy, dx = (torch.randint(-reach, reach + 1, (b, 1, 1), device=device) for _ in range(2))
-    rows = torch.arange(h, device=device)[None, :, None] + dy
-    cols = torch.arange(w, device=device)[None, None, :] + dx
-    if kind == "shift_flip":
-        flip = torch.rand(b, 1, 1, device=device) < 0.5
-        cols = torch.where(flip, w - 1 - cols, cols)
-    inside = (rows >= 0) & (rows < h) & (cols >= 0) & (cols < w)
-    index = (rows.clamp(0, h - 1) * w + cols.clamp(0, w - 1)).flatten(1)[:, None].expand(-1, 3, -1)
-    return images.flatten(2).gather(2, index).reshape(images.shape) * inside[:, None]

@@ -35,7 +35,8 @@ from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
 from training import bounds, commands, overrides, runs, saved, scenes
 from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
-from training.data import AUGMENT, Splits, load
+from training.augmentation import AUGMENT
+from training.data import Splits, load
 from training.models import as_model
 from training.results import compare, describe, publish, publish_suite
 from training.saved import Saved

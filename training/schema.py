@@ -32,7 +32,7 @@ class Data:
     test: int | None = None
     # folder: CSV of folder (or wnid) and class_index among the 1000 of published weights
     class_index: str | None = None
-    augment: str = "none"  # "none", "shift" (zero padded, by up to an eighth) or "shift_flip"
+    augment: str = "none"  # "none", "shift", "shift_flip" or "affine": see augmentation.py
     workers: int = 0
     download: bool = False  # torchvision's own sets
 
@@ -41,7 +41,7 @@ DATA = {
     "signs": Data(name="signs", size=48, train=6000, val=640, test=1600),
     "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
     "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
-    "gtsrb": Data(name="gtsrb", root="data", augment="shift"),
+    "gtsrb": Data(name="gtsrb", root="data", augment="affine"),
     "folder": Data(name="folder", augment="shift"),
 }
 

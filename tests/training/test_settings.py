@@ -3,12 +3,14 @@
 import pytest
 import torch
 from omegaconf import OmegaConf
+from PIL import Image
 
 from tests.training.small import TINY, configured
 from training import fit, reattack, runs, saved
+from training.augmentation import augment
 from training.classifier import Classifier
-from training.data import augment
-from training.schema import Config, ReattackConfig, as_values, check_keys
+from training.data import load
+from training.schema import Config, Data, ReattackConfig, as_values, check_keys
 from training.train import classifier_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -118,6 +120,32 @@ def test_augmentation_moves_whole_images(kind):
         found += (windows == patch).flatten(1).all(1).any().item()
     assert found == 64 and not torch.equal(moved, images)
     assert torch.equal(augment(images, "none"), images)
+
+
+def test_affine_augmentation_draws_for_each_image_and_repeats():
+    images = torch.rand(1, 3, 16, 12).expand(8, -1, -1, -1)
+    torch.manual_seed(1)
+    first = augment(images, "affine")
+    torch.manual_seed(1)
+    assert torch.equal(augment(images, "affine"), first)
+    assert first.shape == images.shape and first.min() >= 0 and first.max() <= 1
+    assert len({tuple(image.flatten().tolist()) for image in first}) == 8
+
+
+def test_small_folders_are_read_once(tmp_path):
+    for split in ("train", "test"):
+        for name in ("a", "b"):
+            folder = tmp_path / split / name
+            folder.mkdir(parents=True)
+            for i in range(6):
+                Image.new("RGB", (8, 8), (i, 0, 0)).save(folder / f"{i}.png")
+    given = Data(name="folder", root=str(tmp_path), size=8, val=2)
+    splits = load(given)
+    first = [image for image, _ in splits.train]
+    for path in tmp_path.rglob("*.png"):
+        path.unlink()
+    again = [image for image, _ in splits.train]
+    assert all(torch.equal(one, other) for one, other in zip(first, again, strict=True))
 
 
 def test_config_files_are_read_back(tmp_path):
