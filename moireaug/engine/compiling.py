@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import llvmlite
 import numba
+from filelock import FileLock
 from numba import njit
 
 # divisions by zero give infinity and need no branch
@@ -49,7 +51,7 @@ def cold() -> bool:
 
 def kernel(function):
     """Compile a function that a thread calls for a whole image, without the GIL and once per
-    machine.
+    machine: of processes that start together, such as workers, one compiles and the others wait.
 
     Numba's own cache looks at the function's file alone, and would miss a change in what the
     function calls.
@@ -59,9 +61,24 @@ def kernel(function):
         return njit(error_model="numpy", nogil=True)(function)
     numba.config.CACHE_DIR = folder
     try:
-        return njit(error_model="numpy", nogil=True, cache=True)(function)
+        compiled = njit(error_model="numpy", nogil=True, cache=True)(function)
     finally:
         numba.config.CACHE_DIR = before
+    compiled.compile = _locked(compiled.compile, Path(folder) / f"{function.__name__}.lock")
+    return compiled
+
+
+def _locked(compile_, path):
+    """Return a dispatcher's `compile` that one process at a time enters: the next one finds in
+    numba's cache what the first has kept there."""
+
+    def locked(signature):
+        with contextlib.ExitStack() as held:
+            with contextlib.suppress(OSError):  # a disk without locks
+                held.enter_context(FileLock(path, fallback_to_soft=False))
+            return compile_(signature)
+
+    return locked
 
 
 @inner

@@ -1,6 +1,9 @@
 """The engine in workers, threads and on a machine's first call."""
 
 import dataclasses
+import os
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -92,3 +95,35 @@ def test_a_reading_of_nan_has_no_jpeg():
     raw[1, 2, 3, 4] = float("nan")
     with pytest.raises(ValueError, match="NaN, which has no 8-bit code"):
         develop(raw, shot)
+
+
+HALF = """
+from moireaug.engine.compiling import kernel
+
+@kernel
+def half(x):
+    return x / 2
+
+print("ready", flush=True)
+input()
+assert half(3.0) == 1.5
+print(len(half.stats.cache_hits), len(half.stats.cache_misses))
+"""
+
+
+def test_processes_that_start_together_compile_a_kernel_once(tmp_path):
+    script = tmp_path / "half.py"
+    script.write_text(HALF)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    command = [sys.executable, str(script)]
+    started = []
+    for _ in range(2):
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        started.append(subprocess.Popen(command, env=environment, **pipes))
+    for process in started:
+        assert process.stdout.readline() == b"ready\n"
+    for process in started:
+        process.stdin.write(b"\n")
+        process.stdin.flush()
+    said = [process.communicate(timeout=120)[0].split() for process in started]
+    assert sorted(said) == [[b"0", b"1"], [b"1", b"0"]]
