@@ -125,12 +125,8 @@ def test_what_is_added_is_not_in_the_default_photo(name):
         assert name in more.plan() and name not in whole.plan()
 
 
-def test_speed(tmp_path):
-    """By the command."""
-    command = [sys.executable, str(ROOT / "benchmarks/speed.py"), *QUICKLY]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stderr
-    out, written = done.stdout, results(tmp_path, "speed")
+def test_speed(ran):
+    out, written, _ = ran("speed")
     barred = [row for row in written["rows"] if row["bar"] is not None and "GPU" not in row["what"]]
     assert len(barred) == 13 and all(row["met"] in (True, False) for row in barred)
     assert not any("older checkout" in row["against"] for row in written["rows"])
@@ -175,8 +171,12 @@ def test_attack_budget(ran):
     assert f"Within a point of the least for the least time: {best['attacker']}" in out
 
 
-def test_synthesis(ran):
-    out, written, _ = ran("synthesis")
+def test_synthesis(tmp_path):
+    """By the command."""
+    command = [sys.executable, str(ROOT / "benchmarks/synthesis.py"), *QUICKLY]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    out, written = done.stdout, results(tmp_path, "synthesis")
     rows = written["rows"]
     encodings = {(row["encoding"], row["quality"]) for row in rows}
     assert encodings == {("png", None), ("webp", None), ("webp", 90), ("jpeg", 95)}

@@ -32,7 +32,7 @@ def error(problem, fewer, more):
     Brute force is off by itself, with each number of points another way: the product of the
     distances from two of them holds none of that.
     """
-    side = problem.side(24)
+    side = problem.side(16)
     image = problems.images(problem.picture, 1, side).double()
     shot = problem.scene.sample(1, (side, side), torch.Generator().manual_seed(0))
     ours, distances = expose(image, shot), []
