@@ -8,8 +8,9 @@ import math
 import numpy as np
 
 from moireaug.engine import detail, nodes, panel, picture
-from moireaug.engine import develop as development
 from moireaug.engine.compiling import copy, fill, kernel, loop
+from moireaug.engine.develop import develop as develop_image
+from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
 from moireaug.engine.point import expose_point
 from moireaug.engine.record import Camera
@@ -196,13 +197,13 @@ def develop(photos, raw, d, first, last):
     """
     if not d.registers:
         for i in range(first, last):
-            development.develop(photos[i], raw[i], d, i)
+            develop_image(photos[i], raw[i], d, i)
         return
     h, w = d.size
     planes = np.zeros(room(h, w), np.float32)
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
-        development.develop(taken, raw[i], d, i)
+        develop_image(taken, raw[i], d, i)
         _register(photos[i], planes, d.registration, i, False)
 
 
@@ -211,7 +212,7 @@ def develop_back(raw_grad, photo_grad, raw, d, first, last):
     """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
     if not d.registers:
         for i in range(first, last):
-            development.develop_back(raw_grad[i], photo_grad[i], raw[i], d, i)
+            develop_image_back(raw_grad[i], photo_grad[i], raw[i], d, i)
         return
     h, w = d.size
     planes = np.empty(room(h, w), np.float32)
@@ -219,4 +220,4 @@ def develop_back(raw_grad, photo_grad, raw, d, first, last):
     for i in range(first, last):
         fill(planes, ZERO)
         _register(photo_grad[i], planes, d.registration, i, True)
-        development.develop_back(raw_grad[i], taken, raw[i], d, i)
+        develop_image_back(raw_grad[i], taken, raw[i], d, i)

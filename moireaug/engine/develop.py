@@ -1,5 +1,5 @@
 """Raw to photo, one image a call, a cell row at a time: saturation, demosaicing, encoding and
-resizing; and the gradient's way back, which computes the same colours again."""
+resizing."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 
 from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.record import LANES
-from moireaug.engine.tables import encode, encode_slope
+from moireaug.engine.tables import encode
 from moireaug.engine.vectors import add, add_taps, peek, poke
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
-TWO, SIX = np.float32(2), np.float32(6)
+TWO = np.float32(2)
 SITES = 4
 
 
@@ -64,26 +64,6 @@ def _code(out, gain, d, image):
 
 
 @inner
-def _code_slope(out, light, gain, d, image):
-    """Multiply a gradient by the slope of `_code` at `light`: 1 on a clip's bounds, 0 beyond."""
-    shoulder, contrast, brighten = d.shoulder[image], d.contrast[image], d.brighten[image]
-    for i in range(len(out)):
-        x = light[i] * gain
-        code = encode(x) if d.coded else x
-        slope = gain * encode_slope(x) if d.coded else gain
-        if d.toned:
-            slope = slope if ZERO <= code <= ONE else ZERO
-            code = min(max(code, ZERO), ONE)
-            below = ONE + shoulder * code
-            slope *= (ONE + shoulder) / (below * below)
-            code *= (ONE + shoulder) / below
-            slope *= ONE + contrast * (SIX * code * (ONE - code) - ONE)
-            code += contrast * (TWO * code - ONE) * code * (ONE - code)
-        code += brighten
-        out[i] *= slope if ZERO <= code <= ONE else ZERO
-
-
-@inner
 def gather(out, row, index, weight):
     """Fill out (n,) with sums over taps of weight[t] * row[index[t]]."""
     for t in range(len(index)):
@@ -107,15 +87,7 @@ def _mean(out, even, odd):
 
 
 @inner
-def _halves(even, odd, row):
-    for i in range(len(row)):
-        half = HALF * row[i]
-        even[i] = half
-        odd[i] = half
-
-
-@inner
-def _counts(rows, row):
+def counts(rows, row):
     """Return whether any photo pixel is made from this sensor row."""
     return rows.first[row] <= rows.last[row]
 
@@ -126,7 +98,7 @@ def _colours(colours, ring, y, h, lanes, stencil, rows):
     `ring`."""
     fill(colours, ZERO)
     for site in range(SITES):
-        if not _counts(rows, 2 * y + site // 2):
+        if not counts(rows, 2 * y + site // 2):
             continue
         for channel in range(3):
             for dy in range(-1, 2):
@@ -162,7 +134,7 @@ def _fill(ring, held, raw, y, saturates, levels, wide):
 
 
 @inner
-def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows):
+def light_of_row(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows):
     """Fill colours with those of row y of raw: of four sites, or of one where the sensor has no
     colour filters."""
     _, h, w = raw.shape
@@ -179,7 +151,7 @@ def _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows
 
 
 @inner
-def _mix_row(colours, r, step, lanes, w, matrix):
+def mix_row(colours, r, step, lanes, w, matrix):
     """Multiply the colours of one row of a cell, its even and its odd columns, by a matrix."""
     for c in range(step):
         start = (r * 2 + c) * 3 * lanes
@@ -211,13 +183,13 @@ def develop(photo, raw, d, image):
     line = np.empty(photo.shape[2], np.float32)
     fill(photo.reshape(-1), ZERO)
     for y in range(h):
-        _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
+        light_of_row(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
         for r in range(step):
             row = y * step + r
-            if not _counts(rows, row):
+            if not counts(rows, row):
                 continue
             if d.mixes:
-                _mix_row(colours, r, step, lanes, w, matrix)
+                mix_row(colours, r, step, lanes, w, matrix)
             for channel in range(3):
                 # the row's even and odd columns lie 3 rows of lanes apart
                 seen = colours[(r * 2 * 3 + channel) * lanes :]
@@ -230,88 +202,3 @@ def develop(photo, raw, d, image):
                     gather(line, seen, cols.index, cols.weight)
                 for i in range(rows.first[row], rows.last[row] + 1):
                     add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
-
-
-@inner
-def _fold_back(raw_grad, total, raw, y, wide, saturates):
-    """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is left at
-    0."""
-    w = raw.shape[2]
-    for plane in range(SITES):
-        line = total[plane * wide : plane * wide + w + 2]
-        out, reading = raw_grad[plane, y], raw[plane, y]
-        line[1] += line[0]
-        line[w] += line[w + 1]
-        for i in range(w):
-            out[i] = line[i + 1] if not saturates or reading[i] <= ONE else ZERO
-        fill(line, ZERO)
-
-
-@loop
-def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass, row by row
-    """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
-    as in `develop`."""
-    _, h, w = raw.shape
-    mosaic, saturates, levels = d.mosaic, d.saturates, d.levels
-    stencil, rows, cols = d.stencil, d.rows, d.cols
-    step = 2 if mosaic else 1
-    lanes = (w + LANES - 1) // LANES * LANES
-    wide = lanes + LANES
-    colours = np.zeros(SITES * 3 * lanes, np.float32)
-    grads = np.zeros(SITES * 3 * lanes, np.float32)
-    ring, held = np.zeros((3, SITES * wide), np.float32), np.empty(3, np.int64)
-    fill(held, -1)
-    line = np.empty(photo_grad.shape[2], np.float32)
-    total = np.zeros((3, SITES * wide), np.float32)
-    matrix = d.matrix[image]
-    transposed = matrix.T.copy()
-    for y in range(h):
-        _light(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
-        fill(grads, ZERO)
-        for r in range(step):
-            row = y * step + r
-            if not _counts(rows, row):
-                continue
-            if d.mixes:
-                _mix_row(colours, r, step, lanes, w, matrix)
-            for channel in range(3):
-                gain = ONE if d.mixes else matrix[channel, channel]
-                fill(line, ZERO)
-                for i in range(rows.first[row], rows.last[row] + 1):
-                    add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
-                start = (r * 2 * 3 + channel) * lanes
-                if cols.cells:
-                    _halves(grads[start:], grads[start + 3 * lanes :], line)
-                for c in range(step):
-                    a = start + c * 3 * lanes
-                    if not cols.cells:
-                        gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
-                    _code_slope(grads[a : a + w], colours[a : a + w], gain, d, image)
-            if d.mixes:
-                _mix_row(grads, r, step, lanes, w, transposed)
-        if not mosaic:
-            for channel in range(3):
-                for i in range(w):
-                    passes = not saturates or raw[channel, y, i] <= ONE
-                    raw_grad[channel, y, i] = grads[channel * lanes + i] if passes else ZERO
-            continue
-        for site in range(SITES):
-            if not _counts(rows, 2 * y + site // 2):
-                continue
-            for channel in range(3):
-                start = (site * 3 + channel) * lanes
-                for dy in range(-1, 2):
-                    target = total[min(max(y + dy, 0), h - 1) % 3]
-                    first = stencil.first[site, channel, dy + 1]
-                    for tap in range(first, first + stencil.count[site, channel, dy + 1]):
-                        offset = stencil.offset[tap]
-                        add(
-                            target[offset : offset + w],
-                            grads[start : start + w],
-                            stencil.weight[tap],
-                        )
-        # nothing below adds to the row above any more
-        if y > 0:
-            _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, wide, saturates)
-    if mosaic:
-        _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, wide, saturates)
