@@ -12,6 +12,7 @@ MODULES = {
         "matplotlib",
         "pandas",
         "pywt",
+        "rich",
         "scipy",
         "skimage",
         "torchmetrics",
