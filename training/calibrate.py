@@ -205,6 +205,10 @@ def page(
         title = f"{name} beside real photos of screens"
         apart = f"{distance(found):.3f} (0.7 is a factor of two)"
         lead = f"{n}. Mean distance of the statistics: {apart}."
+    run: dict[str, Any] = dict.fromkeys(("environment", "config", "scene"))
+    run["command"] = shlex.join(["python", *sys.argv])
+    run["plan"] = str(scene.plan()) if paired else None
+    run["scene_name"] = name
     template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
     return template.render(
         title=title,
@@ -217,8 +221,8 @@ def page(
         paired=paired,
         fit=None if fitted is None else fitted.view(),
         examples=examples,
-        command=shlex.join(["python", *sys.argv]),
-        plan=str(scene.plan()) if paired else None,
+        alt=f"Plot of {len(found)} statistics: medians and spans, as in the table below",
+        metrics=run,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from torch import Tensor
 
 from moireaug.evaluation.report.numbers import number
 from moireaug.evaluation.report.page import environment, uri
-from moireaug.evaluation.report.plots import FAINT, INK, OURS, SIZE, THEIRS
+from moireaug.evaluation.report.plots import FAINT, OURS, SIZE, THEIRS, finish, svg
 from moireaug.evaluation.visibility import WINDOW
 from training.demoireing.testing import GroupedPair
 
@@ -173,28 +172,30 @@ def middle(picture: Tensor) -> NDArray[np.uint8]:
 def curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, str]]:
     """Return the plots of a training: its loss, and PSNR on the pairs that validate."""
     steps = [row["steps"] for row in history]
-    found = []
-    for name, label, caption in (
-        ("loss", "training loss", "Training loss, mean since the last validation."),
-        (
-            "psnr",
-            "validation PSNR, dB",
-            "PSNR of validation photos, cleaned; the level line is of the photos themselves. "
-            f"Step {best} was kept.",
+    loss = Figure(SIZE, layout="constrained")
+    ax = loss.subplots()
+    ax.plot(steps, [row["loss"] for row in history], "o-", color=OURS, markersize=3.2)
+    finish(ax, "step", "training loss")
+    psnr = Figure(SIZE, layout="constrained")
+    ax = psnr.subplots()
+    ax.plot(steps, [row["psnr"] for row in history], "o-", color=OURS, markersize=3.2)
+    ax.axvline(best, color=FAINT)
+    ax.axhline(history[-1]["photo_psnr"], color=THEIRS, linewidth=1)
+    finish(ax, "step", "validation PSNR, dB")
+    return [
+        _curve(
+            loss,
+            "Training loss against the step",
+            "Training loss, mean since the last validation.",
         ),
-    ):
-        figure = Figure(SIZE, layout="constrained")
-        ax = figure.subplots()
-        ax.plot(steps, [row[name] for row in history], "o-", color=OURS, markersize=3.2)
-        if name == "psnr":
-            ax.axvline(best, color=FAINT)
-            ax.axhline(history[-1]["photo_psnr"], color=THEIRS, linewidth=1)
-        ax.set_xlabel("step", size=10, color=INK)
-        ax.set_ylabel(label, size=10, color=INK)
-        ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
-        ax.grid(axis="y", color=FAINT, linewidth=0.7)
-        ax.spines[["top", "right"]].set_visible(False)
-        file = io.StringIO()
-        figure.savefig(file, format="svg", metadata={"Date": None})
-        found.append({"uri": uri(file.getvalue().encode(), "image/svg+xml"), "caption": caption})
-    return found
+        _curve(
+            psnr,
+            "PSNR of cleaned validation photos against the step",
+            "PSNR of cleaned validation photos. The horizontal line is that of the photos "
+            f"themselves. Step {best} was kept.",
+        ),
+    ]
+
+
+def _curve(figure: Figure, alt: str, caption: str) -> dict[str, str]:
+    return {"uri": uri(svg(figure).encode(), "image/svg+xml"), "alt": alt, "caption": caption}

@@ -89,20 +89,24 @@ class _Loose(dict[str, Any]):
 
 
 def _curves(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return the plots of a training, with captions, and what they show for who cannot see them."""
     trains = {name_of(metrics): metrics.get("train")}
     baseline = metrics.get("baseline") or {}
     if baseline:
         trains[name_of(baseline)] = baseline.get("train")
-    captions = (
-        "Training loss, epoch by epoch.",
-        "Accuracy on validation images: solid clean, dashed under the adversary that the recipe "
-        "trains against.",
+    texts = (
+        ("Training loss", "Training loss, epoch by epoch."),
+        (
+            "Validation accuracy",
+            "Accuracy on validation images, epoch by epoch: solid on clean images, dashed under "
+            "the adversary that the recipe trains against.",
+        ),
     )
-    drawn = plots.curves(trains)
     found = []
-    for svg, caption in zip(drawn, captions, strict=False):
+    for svg, (what, caption) in zip(plots.curves(trains), texts, strict=False):
+        alt = f"{what} against the epoch, a line for {' and '.join(trains)}"
         found.append(
-            {"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": caption, "caption": caption}
+            {"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": alt, "caption": caption}
         )
     return found
 
