@@ -59,8 +59,8 @@ def test_headline_without_a_baseline(metrics):
     title, lead, _ = headline(metrics)
     assert title == "Accuracy under the Moiré Attack of moire_at: 76 %"
     assert lead.startswith(
-        "The Moiré Attack at 4/255 fools moire_at on 18 % of the images that it classifies correctly "
-        "when clean."
+        "The Moiré Attack at 4/255 fools moire_at on 18 % of the images that it classifies "
+        "correctly when clean."
     )
 
 

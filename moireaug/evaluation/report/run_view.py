@@ -254,9 +254,7 @@ def _cost(metrics: Metrics, baseline: Metrics | None) -> dict[str, Any] | None:
             if value is None and otherwise:
                 value = finite(train.get(otherwise))
             values.append(value)
-        lines.append(
-            {"title": title, "figures": values, "digits": digits, "ratio": _ratio(values)}
-        )
+        lines.append({"title": title, "figures": values, "digits": digits, "ratio": _ratio(values)})
     return {"sides": list(sides), "lines": lines}
 
 
