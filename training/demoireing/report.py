@@ -71,8 +71,8 @@ def headline(metrics: Mapping[str, Any], kind: str) -> str | None:
     before, after = (sum(row[k] * row["n"] for row in rows) / n for k in ("before", "after"))
     gained = sum(row["gained"] for row in rows)
     what = {
-        "seen": "Simulated photos of scenes that it was trained in",
-        "unseen": "Simulated photos of scenes that it was not trained in",
+        "seen": "Simulated photos of scenes that it was trained on",
+        "unseen": "Simulated photos of scenes that it was not trained on",
         "real": "Real photos",
     }[kind]
     against = "the same shot without moiré" if reference == "twin" else "the original"

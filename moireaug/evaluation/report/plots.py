@@ -53,7 +53,6 @@ def curves(trains: Mapping[str, Train | None]) -> list[str]:
     rates.set_ylim(0, 100)
     for ax, label in ((losses, "training loss, nats"), (rates, "validation accuracy, %")):
         ax.set_xlim(1 - 0.04 * last, 1.04 * last)
-        ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
         finish(ax, "epoch", label)
         legend = ax.legend(frameon=False, fontsize=9, labelcolor=INK)
         for text in legend.get_texts():
@@ -89,7 +88,8 @@ def _ring(
 
 
 def finish(ax: Axes, x: str, y: str) -> None:
-    """Label the axes and draw them faintly."""
+    """Label the axes, of which x counts something, and draw them faintly."""
+    ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
     ax.set_xlabel(x, size=10, color=INK)
     ax.set_ylabel(y, size=10, color=INK)
     ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
