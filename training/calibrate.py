@@ -30,6 +30,7 @@ import yaml
 
 from moireaug import Scene
 from moireaug.evaluation.report.page import environment, uri
+from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.statistics import SMALLEST
 from training import runs, scenes, settings
@@ -100,7 +101,7 @@ def calibrate(cfg: Config) -> list[Line]:
     write_text(out / "crops.csv", by_crop(crops, real, theirs).to_csv(index=False))
     examples = blocks(crops, simulated, name)
     write_text(out / "report.html", page(found, crops, scene, name, plot, examples, fitted))
-    print(said(found, name))
+    show(said(found, name))
     print(f"Written: {out / 'report.html'}")
     return found
 

@@ -8,7 +8,7 @@ from statistics import fmean
 
 from torch import Tensor
 
-from moireaug.evaluation.report.terminal import grid
+from moireaug.evaluation.report.terminal import Grid, Part
 from moireaug.synthesis.statistics import STATISTICS, Statistic, compare, measure, span
 
 Rows = Sequence[Mapping[str, float]]
@@ -87,21 +87,27 @@ def distance(found: Sequence[Line]) -> float:
     return fmean(line.distance for line in found if line.distance is not None)
 
 
-def said(found: Sequence[Line], name: str) -> str:
-    """Return the table for the terminal."""
+def said(found: Sequence[Line], name: str) -> list[Part]:
+    """Return the table for the terminal.
+
+    Args:
+        name: of the scene.
+    """
     with_scene = found[0].simulated is not None
     heads = ["median (10 to 90 %)", "unit", "real"]
-    rows = [[*heads, name, "apart"] if with_scene else heads]
+    if with_scene:
+        heads += [name, "apart"]
+    rows = [heads]
     for line in found:
         row = [line.statistic.title, line.statistic.unit, shown(line.real)]
         if with_scene:
             row.append(shown(line.simulated))
             row.append("" if line.distance is None else f"{line.distance:.2f}")
         rows.append(row)
-    text = "\n".join(grid(rows))
-    if not with_scene:
-        return text
-    return f"{text}\nMean distance: {distance(found):.3f} (0.7 is a factor of two)"
+    parts: list[Part] = [Grid(rows)]
+    if with_scene:
+        parts.append(f"Mean distance: {distance(found):.3f} (0.7 is a factor of two)")
+    return parts
 
 
 def shown(values: Span | None) -> str:

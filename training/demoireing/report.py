@@ -14,6 +14,7 @@ from torch import Tensor
 from moireaug.evaluation.report.numbers import number
 from moireaug.evaluation.report.page import environment, uri
 from moireaug.evaluation.report.plots import FAINT, OURS, SIZE, THEIRS, finish, svg
+from moireaug.evaluation.report.terminal import Grid, Part
 from moireaug.evaluation.visibility import WINDOW
 from training.demoireing.testing import GroupedPair
 
@@ -120,10 +121,9 @@ def cell(row: Row, digits: int) -> dict[str, str]:
     }
 
 
-def said(metrics: Mapping[str, Any]) -> str:
+def said(metrics: Mapping[str, Any]) -> list[Part]:
     """Return the figures for a terminal: PSNR in dB and SSIM, before and after."""
-    head = f"{'pairs':28s}{'n':>4s}  {'against':30s}{'PSNR, dB':>16s}{'gain':>8s}   SSIM"
-    lines = [head]
+    rows = [["pairs", "n", "against", "PSNR, dB", "gain", "SSIM"]]
     for row in table(metrics["test"]):
         group = f"{row['group']} ({row['kind']})" if row["kind"] != "real" else row["group"]
         for column, against in enumerate(COLUMNS):
@@ -133,16 +133,14 @@ def said(metrics: Mapping[str, Any]) -> str:
             change = f"{psnr['before']} → {psnr['after']}"
             gain = psnr["gain"].split(" ")[0].rstrip(";")
             likeness = f"{ssim['before']} → {ssim['after']}"
-            lines.append(
-                f"{group:28s}{row['n']:4d}  {against:30s}{change:>16s}{gain:>8s}   {likeness}"
-            )
+            rows.append([group, str(row["n"]), against, change, gain, likeness])
             group = ""
     train = metrics["train"]
-    lines.append(
+    cost = (
         f"training: {train['steps']} steps in {train['seconds']:.0f} s, "
         f"{train['pairs_per_second']:.1f} pairs a second; kept: step {train['best_steps']}"
     )
-    return "\n".join(lines)
+    return [Grid(rows), cost]
 
 
 def block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
