@@ -41,16 +41,16 @@ def test_where_there_is_no_terminal_the_text_is_plain(capsys):
 
 def test_a_terminal_gets_a_table_with_a_line_below_its_rule(monkeypatch):
     lines = [line.rstrip() for line in printed(PARTS, 80, monkeypatch).splitlines()]
-    line = " " + "─" * 24
+    line = " " + "─" * 21
     assert lines == [
         "A sentence with [brackets].",
         "A title",
         line,
-        "  shown            a [b]",
+        " shown           a [b]",
         line,
-        "  [bold]x[/bold]     1.0",
+        " [bold]x[/bold]    1.0",
         line,
-        "  y                −20.5",
+        " y               −20.5",
         line,
         "",
         "The end.",

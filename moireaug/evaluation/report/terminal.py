@@ -85,7 +85,14 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 def _table(grid: Grid) -> Table:
     """Return a table as rich draws it; names are text, whatever brackets they hold."""
     title = Text(grid.title, style="bold") if grid.title else None
-    table = Table(title=title, title_justify="left", box=box.HORIZONTALS, header_style="bold")
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=box.HORIZONTALS,
+        header_style="bold",
+        collapse_padding=True,
+        pad_edge=False,
+    )
     head, *rows = grid.rows
     for i, name in enumerate(head):
         table.add_column(Text(name), justify="right" if i else "left", no_wrap=True)
