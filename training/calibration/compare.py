@@ -70,9 +70,12 @@ def lines(real: Rows, simulated: Rows | None) -> list[Line]:
             continue
         theirs = span([row[name] for row in simulated])
         apart = None
-        if STATISTICS[name].compared:
-            ends = zip(ours, theirs, strict=True)
-            apart = fmean(abs(compare(a, b, STATISTICS[name])) for a, b in ends)
+        statistic = STATISTICS[name]
+        if statistic.compared:
+            distances = []
+            for own, other in zip(ours, theirs, strict=True):
+                distances.append(abs(compare(own, other, statistic)))
+            apart = fmean(distances)
         found.append(Line(name, ours, theirs, apart))
     return found
 
@@ -120,6 +123,14 @@ def shown(values: Span | None) -> str:
 
 def number(value: float) -> str:
     """Return a number with as many digits as tell something."""
-    digits = 0 if abs(value) >= 99.5 else 1 if abs(value) >= 9.95 else 2
+    size = abs(value)
+    if size >= 99.5:
+        digits = 0
+    elif size >= 9.95:
+        digits = 1
+    else:
+        digits = 2
     rounded = f"{value:.{digits}f}"
-    return rounded.lstrip("-") if float(rounded) == 0 else rounded.replace("-", "−")
+    if float(rounded) == 0:
+        return rounded.lstrip("-")
+    return rounded.replace("-", "−")
