@@ -13,12 +13,11 @@ MODULES = {
         "pandas",
         "pywt",
         "rich",
-        "scipy",
         "skimage",
         "torchmetrics",
         "tqdm",
     ),
-    "train": ("cma", "hydra", "omegaconf", "yaml"),
+    "train": ("cma", "hydra", "lightning", "omegaconf", "yaml"),
 }
 INCLUDED = {"eval": (), "train": ("eval",)}  # extras that an extra brings with it
 
