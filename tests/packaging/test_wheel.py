@@ -24,7 +24,7 @@ BUILD = "import sys; from setuptools import build_meta; build_meta.build_wheel(s
 # distribution to the module that it installs, where the two differ
 MODULES = {"opencv-python-headless": "cv2", "pillow": "PIL"}
 COMPILER = "llvmlite"  # numba's
-OF_EVAL = ("evaluation", "defenses")  # packages that say which extra they need
+ASKS = re.compile(r"\brequire\(\s*\"\w+\"")  # for an extra, before anything of it is imported
 
 CAPTURE = """
 import torch, moireaug
@@ -113,7 +113,12 @@ def test_no_module_of_the_core_imports_what_only_an_extra_installs():
     allowed = {"moireaug", COMPILER, *sys.stdlib_module_names}
     for name in names(PROJECT["dependencies"]):
         allowed.add(MODULES.get(name, name))
-    for path in sorted((ROOT / "moireaug").rglob("*.py")):
-        package = path.relative_to(ROOT / "moireaug").parts[0]
-        if package not in OF_EVAL:
+    asking = []
+    for part in sorted((ROOT / "moireaug").iterdir()):
+        modules = [part] if part.suffix == ".py" else list(part.rglob("*.py"))
+        if any(ASKS.search(path.read_text("utf-8")) for path in modules):
+            asking.append(part.name)
+            continue
+        for path in modules:
             assert not imported(path) - allowed, path
+    assert {"evaluation", "defenses"} <= set(asking)
