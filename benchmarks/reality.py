@@ -37,6 +37,7 @@ from torch import Tensor
 
 from benchmarks import cleaned, measure, told_apart
 from moireaug import Scene
+from moireaug.evaluation.report.terminal import plain
 from moireaug.synthesis.tone import ColourMap
 from training import scenes
 from training.calibration.compare import distance, lines, measured, said
@@ -79,7 +80,8 @@ def statistics(crops: Crops, photos: dict[str, Tensor]) -> dict[str, Any]:
     found = {}
     for name, shots in photos.items():
         table = lines(real, measured(shots[0], crops.originals))
-        print(f"Statistics of {name}, {len(real)} crops\n{said(table, name)}\n", flush=True)
+        told = plain(said(table, name))
+        print(f"Statistics of {name}, {len(real)} crops\n{told}\n", flush=True)
         rows = [line.to_dict() for line in table]
         found[name] = {"distance": distance(table), "rows": rows}
     return found

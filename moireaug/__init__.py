@@ -9,6 +9,8 @@ from moireaug.scene.layout import Layout
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
 from moireaug.scene.scene import Scene, Shot
 
+__version__ = "0.2.0.dev0"
+
 __all__ = [
     "Develop",
     "Layout",
@@ -19,6 +21,7 @@ __all__ = [
     "Sensor",
     "Shot",
     "View",
+    "__version__",
     "capture",
     "develop",
     "expose",

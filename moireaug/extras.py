@@ -12,12 +12,12 @@ MODULES = {
         "matplotlib",
         "pandas",
         "pywt",
-        "scipy",
+        "rich",
         "skimage",
         "torchmetrics",
         "tqdm",
     ),
-    "train": ("cma", "hydra", "omegaconf", "yaml"),
+    "train": ("cma", "hydra", "lightning", "omegaconf", "yaml"),
 }
 INCLUDED = {"eval": (), "train": ("eval",)}  # extras that an extra brings with it
 

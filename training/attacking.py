@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -134,7 +135,8 @@ class Plan:
                 mine = indices[rank::world]
                 done = self.runner.run(jobs, mine)
                 total = len(jobs) * len(mine)
-                for _ in with_bar(done, total, f"{title}, {phase}", shown=rank == 0):
+                shown = rank == 0 and sys.stderr.isatty()
+                for _ in with_bar(done, total, f"{title}, {phase}", shown=shown):
                     pass
                 self.seconds[phase] = time.perf_counter() - began
 

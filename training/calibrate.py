@@ -30,6 +30,7 @@ import yaml
 
 from moireaug import Scene
 from moireaug.evaluation.report.page import environment, uri
+from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.statistics import SMALLEST
 from training import runs, scenes, settings
@@ -100,7 +101,7 @@ def calibrate(cfg: Config) -> list[Line]:
     write_text(out / "crops.csv", by_crop(crops, real, theirs).to_csv(index=False))
     examples = blocks(crops, simulated, name)
     write_text(out / "report.html", page(found, crops, scene, name, plot, examples, fitted))
-    print(said(found, name))
+    show(said(found, name))
     print(f"Written: {out / 'report.html'}")
     return found
 
@@ -205,6 +206,10 @@ def page(
         title = f"{name} beside real photos of screens"
         apart = f"{distance(found):.3f} (0.7 is a factor of two)"
         lead = f"{n}. Mean distance of the statistics: {apart}."
+    run: dict[str, Any] = dict.fromkeys(("environment", "config", "scene"))
+    run["command"] = shlex.join(["python", *sys.argv])
+    run["plan"] = str(scene.plan()) if paired else None
+    run["scene_name"] = name
     template = environment().overlay(autoescape=True).from_string(TEMPLATE.read_text("utf-8"))
     return template.render(
         title=title,
@@ -217,8 +222,8 @@ def page(
         paired=paired,
         fit=None if fitted is None else fitted.view(),
         examples=examples,
-        command=shlex.join(["python", *sys.argv]),
-        plan=str(scene.plan()) if paired else None,
+        alt=f"Plot of {len(found)} statistics: medians and spans, as in the table below",
+        metrics=run,
     )
 
 

@@ -65,15 +65,15 @@ def same(every: Mapping[Path, Metrics], what: str) -> Metrics:
             if repr(value) != usual:
                 raise ValueError(
                     f"{what} with different {key} do not compare: {folder} has {value!r}, most "
-                    f"others have {usual}. "
-                    "Make it again with the same, or move it to another folder."
+                    f"others have {usual}. Make it again with the same, or move it to another "
+                    "folder."
                 )
             shared[key] = value
     return shared
 
 
 def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
-    """Return what a reader must know before he believes the figures."""
+    """Return what a reader must know before trusting the figures."""
     found = []
     machines = sorted({_machine(trained[folder]["environment"]) for folder in attacked})
     if len(machines) > 1:
@@ -82,7 +82,10 @@ def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) 
             f"The runs were trained on different machines ({named}): their times do not compare."
         )
     for folder, again in attacked.items():
-        failed = [check["name"] for check in again.get("trust") or [] if check["verdict"] == "fail"]
+        failed = []
+        for check in again.get("trust") or []:
+            if check["verdict"] == "fail":
+                failed.append(check["name"])
         if failed:
             found.append(f"Checks of the attack failed on {folder}: {'; '.join(failed)}.")
     return found

@@ -78,7 +78,7 @@ def finished(cfg: Config) -> Metrics:
     out = runs.folder(cfg)
     known = runs.read_metrics(out) or {}
     if "trust" in known or not runs.is_first():
-        print(report.run_summary(known))
+        report.show(report.run_parts(known))
     else:
         splits = load(cfg.data)
         attacked = again(cfg, protocol_of(cfg, splits), check=True)

@@ -24,7 +24,7 @@ import pandas as pd
 
 from moireaug.evaluation.report.numbers import percent, points
 from moireaug.evaluation.report.page import environment
-from moireaug.evaluation.report.terminal import grid
+from moireaug.evaluation.report.terminal import Grid, Part, show
 from moireaug.files import write_bytes, write_text
 from training.frontier_plot import draw
 from training.points import Found, read
@@ -77,24 +77,28 @@ def markdown(recipes: Sequence[Recipe], found: Found) -> str:
     )
 
 
-def text(recipes: Sequence[Recipe], found: Found) -> str:
+def said(recipes: Sequence[Recipe], found: Found) -> list[Part]:
     """Return the same for the terminal, in at most 100 columns."""
     rows = [["", "seeds", *HEADS]]
-    for r in recipes:
-        worst = r.rates["worst_4"]
-        rates = [percent(r.rates[name].value) for name in ("clean", "natural", "unseen_mean")]
-        rates.append(f"{percent(worst.value)} [{percent(worst.low)}, {percent(worst.high)}]")
-        rates.append(points(r.gains["worst_4"].value) if r.gains else "")
-        rates += [percent(r.rates[name].value) for name in ("worst_8", "pgd_4")]
-        rows.append([name_of(r)[:26], str(len(r.seeds)), *rates, f"{r.relative.value:.2f}"])
-    lines = [*grid(rows), ""]
+    for recipe in recipes:
+        worst = recipe.rates["worst_4"]
+        row = [name_of(recipe)[:26], str(len(recipe.seeds))]
+        for name in ("clean", "natural", "unseen_mean"):
+            row.append(percent(recipe.rates[name].value))
+        row.append(f"{percent(worst.value)} [{percent(worst.low)}, {percent(worst.high)}]")
+        row.append(points(recipe.gains["worst_4"].value) if recipe.gains else "")
+        for name in ("worst_8", "pgd_4"):
+            row.append(percent(recipe.rates[name].value))
+        row.append(f"{recipe.relative.value:.2f}")
+        rows.append(row)
+    parts: list[Part] = [Grid(rows), ""]
     for words in (caption(recipes, found.shared), *found.warnings):
-        lines.append(textwrap.fill(words, 100))
-    lines.append("Gain: at 4/255, over plain training of as many epochs, in points.")
+        parts.append(textwrap.fill(words, 100))
+    parts.append("Gain: at 4/255, over plain training of as many epochs, in points.")
     if found.commands:
-        lines += ["", "Left out, because they were not attacked yet:"]
-        lines += [f"  {command}" for command in found.commands]
-    return "\n".join(lines)
+        parts += ["", "Left out, because they were not attacked yet:"]
+        parts += [f"  {command}" for command in found.commands]
+    return parts
 
 
 def name_of(recipe: Recipe) -> str:
@@ -124,7 +128,7 @@ def frontier(root: Path, out: Path) -> list[Recipe]:
     write_text(out / "frontier.csv", pd.DataFrame(lines).to_csv(index=False))
     write_text(out / "frontier.md", markdown(recipes, found))
     write_text(out / "frontier.json", json.dumps(whole, indent=1))
-    print(text(recipes, found))
+    show(said(recipes, found))
     print(f"Written: {out / 'frontier.md'}")
     return recipes
 

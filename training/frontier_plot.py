@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,6 +22,26 @@ SIZE, DPI = (10.0, 4.9), 100  # inches: 1000 x 490 pixels
 PANELS = {"worst_4": "noise up to 4/255", "worst_8": "noise up to 8/255"}
 TICKS = (0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000)
 RIVALS = "#777777"
+MOST_TICKS = 8
+FAR = 20  # pixels from a point to its name, beyond which a line joins them
+
+
+class Look(NamedTuple):
+    """How recipes on the front, or behind it, are drawn."""
+
+    name: str
+    marker: str
+    size: int
+    colour: str
+    fill: str
+
+    def colours(self) -> dict[str, str]:
+        """Return the settings of a marker."""
+        return {"color": self.colour, "markerfacecolor": self.fill}
+
+
+ON_FRONT = Look("on it", "o", 7, OURS, OURS)
+BEHIND = Look("behind it", "D", 6, THEIRS, "white")
 
 
 def draw(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> bytes:
@@ -32,7 +52,7 @@ def draw(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> bytes:
 
 
 def figure(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> Figure:
-    """Worst-case accuracy against training time relative to recipe `clean`, one panel a bound.
+    """Draw worst-case accuracy against training time relative to recipe `clean`, one panel a bound.
 
     Args:
         recipes: as `summarise` gives them. shared: data, model, scene, n and steps, for the title.
@@ -71,69 +91,49 @@ def _places(recipes: Sequence[Recipe], key: str) -> list[tuple[float, float]]:
 
 
 def _points(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
+    """Draw the Pareto front, and every recipe with its intervals along both axes."""
     ax.set_xscale("log")
     places = _places(recipes, key)
-    ax.plot(
-        *zip(*_front(places), strict=True),
-        color=OURS,
-        linewidth=1.2,
-        alpha=0.5,
-        label="Pareto front",
-    )
-    looks = {True: ("o", OURS, OURS, "on it"), False: ("D", THEIRS, "white", "behind it")}
-    for r, (x, y), front in zip(recipes, places, pareto(places), strict=True):
-        marker, colour, fill, _ = looks[front]
-        for along, e, scale in (("y", r.rates[key], 100), ("x", r.relative, 1)):
-            ends = [scale * e.low, scale * e.high]
-            pair = ([x, x], ends) if along == "y" else (ends, [y, y])
-            ax.plot(
-                *pair,
-                color=colour,
-                linewidth=1.6 if along == "y" else 1.0,
-                alpha=0.55,
-                solid_capstyle="butt",
-            )
-        ax.plot(
-            [x],
-            [y],
-            marker,
-            color=colour,
-            markerfacecolor=fill,
-            markersize=7 if front else 6,
-            zorder=3,
-        )
-    for marker, colour, fill, name in looks.values():
-        ax.plot([], [], marker, color=colour, markerfacecolor=fill, label=name)
+    corners = zip(*_front(places), strict=True)
+    ax.plot(*corners, color=OURS, linewidth=1.2, alpha=0.5, label="Pareto front")
+    for recipe, (x, y), front in zip(recipes, places, pareto(places), strict=True):
+        look = ON_FRONT if front else BEHIND
+        interval: dict[str, Any] = {
+            "color": look.colour,
+            "alpha": 0.55,
+            "solid_capstyle": "butt",
+        }
+        rate, cost = recipe.rates[key], recipe.relative
+        ax.plot([x, x], [100 * rate.low, 100 * rate.high], linewidth=1.6, **interval)
+        ax.plot([cost.low, cost.high], [y, y], linewidth=1.0, **interval)
+        ax.plot([x], [y], look.marker, markersize=look.size, zorder=3, **look.colours())
+    for look in (ON_FRONT, BEHIND):
+        ax.plot([], [], look.marker, label=look.name, **look.colours())
     ax.plot([], [], "|", color=RIVALS, markersize=13, markeredgewidth=1.6, label="95 % interval")
-    if any(r.collapsed for r in recipes):
+    if any(recipe.collapsed for recipe in recipes):
         ax.plot([], [], " ", label="† collapsed in training")
 
 
 def _front(places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return the Pareto front as steps: between two recipes the cheaper one is what there is."""
-    line = sorted({place for place, front in zip(places, pareto(places), strict=True) if front})
-    steps = [corner for (_, y), (x, top) in pairwise(line) for corner in ((x, y), (x, top))]
-    return [line[0], *steps]
+    on_front = set()
+    for place, front in zip(places, pareto(places), strict=True):
+        if front:
+            on_front.add(place)
+    line = sorted(on_front)
+    steps = [line[0]]
+    for (_, y), (x, top) in pairwise(line):
+        steps += [(x, y), (x, top)]
+    return steps
 
 
 def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
-    left, right = min(r.relative.low for r in recipes), max(r.relative.high for r in recipes)
-    left = max(
-        left, 0.2 * min(r.relative.value for r in recipes)
-    )  # two seeds may leave an interval down to 0
-    low, high = (
-        min(100 * r.rates[key].low for r in recipes),
-        max(100 * r.rates[key].high for r in recipes),
-    )
-    margin, wide = max(2.0, 0.08 * (high - low)), max(math.log(right / left), math.log(1.5))
-    left, right = (
-        left * math.exp(-0.1 * wide),
-        right * math.exp(0.28 * wide),
-    )  # a name may stand at the right
-    ax.set(xlim=(left, right), ylim=(max(-margin / 2, low - margin), min(102.0, high + margin)))
-    inside = [t for t in TICKS if left <= t <= right]
-    ticks = inside[:: -(-len(inside) // 8)]
-    ax.set_xticks(ticks, [f"{t:g}×" for t in ticks])
+    ax.set(xlim=_costs(recipes), ylim=_accuracies(recipes, key))
+    left, right = ax.get_xlim()
+    inside = [tick for tick in TICKS if left <= tick <= right]
+    every = math.ceil(len(inside) / MOST_TICKS)
+    ticks = inside[::every]
+    ax.set_xticks(ticks, [f"{tick:g}×" for tick in ticks])
     ax.xaxis.set_minor_locator(NullLocator())
     ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
     ax.grid(color=FAINT, linewidth=0.7)
@@ -142,65 +142,92 @@ def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     ax.spines[:].set_color("#999999")
 
 
+def _costs(recipes: Sequence[Recipe]) -> tuple[float, float]:
+    """Return the ends of the axis of costs: a name may stand to the right of the last point."""
+    lowest = min(recipe.relative.low for recipe in recipes)
+    cheapest = min(recipe.relative.value for recipe in recipes)
+    left = max(lowest, 0.2 * cheapest)  # two seeds may leave an interval down to 0
+    right = max(recipe.relative.high for recipe in recipes)
+    wide = max(math.log(right / left), math.log(1.5))
+    return left * math.exp(-0.1 * wide), right * math.exp(0.28 * wide)
+
+
+def _accuracies(recipes: Sequence[Recipe], key: str) -> tuple[float, float]:
+    """Return the ends of the axis of accuracies, in percent."""
+    low = min(100 * recipe.rates[key].low for recipe in recipes)
+    high = max(100 * recipe.rates[key].high for recipe in recipes)
+    margin = max(2.0, 0.08 * (high - low))
+    return max(-margin / 2, low - margin), min(102.0, high + margin)
+
+
 def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     """Put a name beside each point, at the nearest place that is free of points, intervals and
     other names."""
-    frame, places = np.array(ax.get_window_extent().extents), _places(recipes, key)
+    frame = np.array(ax.get_window_extent().extents)
     renderer = ax.figure.canvas.get_renderer()  # type: ignore[attr-defined]
     pixels, data = ax.transData.transform, ax.transData.inverted().transform
-    taken = [np.array([x - 6, y - 6, x + 6, y + 6]) for x, y in pixels(places)]
-    taken += _thick(pixels(_front(places)))
-    for r, (x, y) in zip(recipes, places, strict=True):
-        taken += _thick(pixels([(x, 100 * r.rates[key].low), (x, 100 * r.rates[key].high)]))
-        taken += _thick(pixels([(max(r.relative.low, 1e-9), y), (r.relative.high, y)]))
-    for r, point in sorted(zip(recipes, pixels(places), strict=True), key=lambda pair: -pair[1][1]):
-        text = ax.text(
-            0,
-            0,
-            r.name + (" †" if r.collapsed else ""),
-            size=9.5,
-            color=INK,
-            parse_math=False,
-            zorder=4,
-        )
+    places = _places(recipes, key)
+    points = pixels(places)
+    taken = _drawn(ax, recipes, key)
+    by_height = sorted(zip(recipes, points, strict=True), key=lambda pair: -pair[1][1])
+    for recipe, point in by_height:
+        name = recipe.name + (" †" if recipe.collapsed else "")
+        text = ax.text(0, 0, name, size=9.5, color=INK, parse_math=False, zorder=4)
         extent = text.get_window_extent(renderer)
-        boxes = [
-            np.concatenate([point, point]) + box for box in _around(extent.width, extent.height)
-        ]
-        best = min(boxes, key=lambda box: _cost(box, point, np.array(taken), frame))
+        at_point = np.concatenate([point, point])
+        boxes = [at_point + box for box in _around(extent.width, extent.height)]
+        costs = [_cost(box, point, np.array(taken), frame) for box in boxes]
+        best = boxes[int(np.argmin(costs))]
         taken.append(best)
         left, bottom = data(best[:2])
         text.set_position((left, bottom))
         end = np.clip(point, best[:2], best[2:])
-        if np.hypot(*(end - point)) > 20:
+        if np.hypot(*(end - point)) > FAR:
             ax.plot(*data([point, end]).T, color=RIVALS, linewidth=0.7)
-            taken += _thick(
-                point + np.linspace(0, 1, 12)[:, None] * (end - point)
-            )  # other lines keep clear of it
+            # other lines keep clear of this one
+            taken += _thick(point + np.linspace(0, 1, 12)[:, None] * (end - point))
+
+
+def _drawn(ax: Axes, recipes: Sequence[Recipe], key: str) -> list[np.ndarray]:
+    """Return what names must not cover, as boxes in pixels: points, the front, intervals."""
+    pixels = ax.transData.transform
+    places = _places(recipes, key)
+    taken = [np.array([x - 6, y - 6, x + 6, y + 6]) for x, y in pixels(places)]
+    taken += _thick(pixels(_front(places)))
+    for recipe, (x, y) in zip(recipes, places, strict=True):
+        rate, cost = recipe.rates[key], recipe.relative
+        taken += _thick(pixels([(x, 100 * rate.low), (x, 100 * rate.high)]))
+        taken += _thick(pixels([(max(cost.low, 1e-9), y), (cost.high, y)]))
+    return taken
 
 
 def _thick(line: np.ndarray) -> list[np.ndarray]:
     """Return the upright and lying pieces of a line, as boxes (left, bottom, right, top) of some
     pixels."""
-    return [
-        np.concatenate([np.minimum(a, b) - 1.5, np.maximum(a, b) + 1.5]) for a, b in pairwise(line)
-    ]
+    boxes = []
+    for start, end in pairwise(line):
+        low, high = np.minimum(start, end) - 1.5, np.maximum(start, end) + 1.5
+        boxes.append(np.concatenate([low, high]))
+    return boxes
 
 
 def _around(width: float, height: float) -> list[np.ndarray]:
-    """Boxes for a name around a point at the origin, in pixels."""
-    corners = []
+    """Return boxes for a name around a point at the origin, in pixels."""
+    corners: list[tuple[float, float]] = []
     for gap in range(9, 130, 6):
         near = 0.7 * gap
-        corners += [(x, y) for x in (near, -near - width) for y in (near, -near - height)]
-        corners += [(x, -height / 2) for x in (gap, -gap - width)]
-        corners += [(x, y) for x in (-width, -width / 2, 0) for y in (gap, -gap - height)]
+        for x in (near, -near - width):
+            corners += [(x, near), (x, -near - height)]
+        for x in (gap, -gap - width):
+            corners.append((x, -height / 2))
+        for x in (-width, -width / 2, 0):
+            corners += [(x, gap), (x, -gap - height)]
     return [np.array([x, y, x + width, y + height]) for x, y in corners]
 
 
 def _cost(box: np.ndarray, point: np.ndarray, taken: np.ndarray, frame: np.ndarray) -> float:
-    """How bad a place for a name is: what it covers, what sticks out of the panel, how far its
-    point is, and what lies between the two."""
+    """Return how bad a place for a name is: what it covers, what sticks out of the panel, how far
+    its point is, and what lies between the two."""
     end = np.clip(point, box[:2], box[2:])
     between = point + np.linspace(0, 1, 16)[:, None] * (end - point)
     between = between[np.hypot(*(between - point).T) > 9, None]
@@ -210,6 +237,6 @@ def _cost(box: np.ndarray, point: np.ndarray, taken: np.ndarray, frame: np.ndarr
 
 
 def _shared(box: np.ndarray, others: np.ndarray) -> float:
-    """Area that a box has in common with others."""
+    """Return the area that a box has in common with others."""
     sides = np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2])
     return float(np.clip(sides, 0, None).prod(1).sum())

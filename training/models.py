@@ -53,8 +53,7 @@ class SmallResNet(nn.Module):
         if num_classes < 1 or width < 1:
             raise ValueError(
                 f"SmallResNet got num_classes={num_classes} and width={width}; both must be at "
-                f"least 1. "
-                "Please pass positive integers."
+                "least 1. Please pass positive integers."
             )
         # Stride 2 at once: full resolution costs most of the time, and a 48 px sign is still
         # legible at 24 px.
@@ -73,10 +72,9 @@ class SmallResNet(nn.Module):
         return self.head(torch.relu(self.norm(x)).mean((2, 3)))
 
 
-# The auxiliary heads exist for training from scratch in the original recipes and turn the output
-# into a tuple.
-# transform_input undoes the ImageNet normalisation that every other torchvision model expects, in
-# favour of their own.
+# The auxiliary heads serve training from scratch in the original recipes, and turn the output into
+# a tuple. transform_input undoes the ImageNet normalisation that every other torchvision model
+# expects, in favour of their own.
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
@@ -97,7 +95,7 @@ def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = 
 
 
 def names() -> list[str]:
-    """Every name that `build` knows, "small_resnet" first."""
+    """Return every name that `build` knows, "small_resnet" first."""
     return ["small_resnet", *torchvision.models.list_models(module=torchvision.models)]
 
 
@@ -134,16 +132,10 @@ def build(
             f"num_classes={num_classes} must be at least 1. Please pass the number of classes."
         )
     model = _fresh(name, num_classes)
-    if weights is not None:
-        state = (
-            _published(name, weights) if weights in _published_names(name) else _read(name, weights)
-        )
-        _load(
-            model,
-            state,
-            f"The weights {weights!r} do not fit {name!r} with {num_classes} classes",
-            whole,
-        )
+    if weights is None:
+        return model
+    complaint = f"The weights {weights!r} do not fit {name!r} with {num_classes} classes"
+    _load(model, _state(name, weights), complaint, whole)
     return model
 
 
@@ -153,17 +145,22 @@ def _fresh(name: str, num_classes: int) -> nn.Module:
     return torchvision.models.get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
 
 
+def _state(name: str, weights: str) -> Mapping[str, Tensor]:
+    """Return a state_dict by the name of published weights, or out of a file."""
+    if weights in _published_names(name):
+        return _published(name, weights)
+    return _read(name, weights)
+
+
 def _published_names(name: str) -> list[str]:
-    return (
-        []
-        if name == "small_resnet"
-        else list(torchvision.models.get_model_weights(name).__members__)
-    )
+    if name == "small_resnet":
+        return []
+    return list(torchvision.models.get_model_weights(name).__members__)
 
 
-def _published(name: str, weights: str) -> dict[str, Tensor]:
-    """State of torchvision's own model with these weights, downloaded once into the torch hub
-    folder."""
+def _published(name: str, weights: str) -> Mapping[str, Tensor]:
+    """Return the state of torchvision's own model with these weights, downloaded once into the
+    torch hub folder."""
     try:
         return torchvision.models.get_model(name, weights=weights).state_dict()
     except (OSError, RuntimeError) as error:
@@ -191,10 +188,9 @@ def _read(name: str, path: str) -> Mapping[str, Tensor]:
     # byte was hit.
     except Exception as error:
         raise ValueError(
-            f"The weights file {path!r} could not be read ({type(error).__name__}): it is "
-            f"damaged, or holds more than "
-            "tensors. Please fetch it again, or save it anew with torch.save(model.state_dict(), "
-            "path)."
+            f"The weights file {path!r} could not be read ({type(error).__name__}): it is damaged, "
+            "or holds more than tensors. Please fetch it again, or save it anew with "
+            "torch.save(model.state_dict(), path)."
         ) from error
     return _without_prefix(_state_in(state, path))
 
@@ -205,16 +201,20 @@ def _state_in(content: Any, path: str) -> Mapping[str, Tensor]:
     if isinstance(content, Mapping):
         held += [content[name] for name in _HOLDERS if name in content]
     for state in held:
-        if isinstance(state, Mapping) and all(
-            isinstance(value, Tensor) for value in state.values()
-        ):
+        if _is_state(state):
             return state
     raise ValueError(
-        f"The weights file {path!r} holds something other than a state_dict (a mapping of names "
-        f"to tensors), alone or "
-        f"as its {', '.join(map(repr, _HOLDERS))}. Please save it anew with "
-        f"torch.save(model.state_dict(), path)."
+        f"The weights file {path!r} holds something other than a state_dict (a mapping of names to "
+        f"tensors), alone or as its {', '.join(map(repr, _HOLDERS))}. Please save it anew with "
+        "torch.save(model.state_dict(), path)."
     )
+
+
+def _is_state(content: Any) -> bool:
+    """Return whether this is a mapping to tensors."""
+    if not isinstance(content, Mapping):
+        return False
+    return all(isinstance(value, Tensor) for value in content.values())
 
 
 def _without_prefix(state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
@@ -222,9 +222,8 @@ def _without_prefix(state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
     before every name."""
     for prefix in _WRAPPERS:
         if state and all(name.startswith(prefix) for name in state):
-            return _without_prefix(
-                {name.removeprefix(prefix): value for name, value in state.items()}
-            )
+            bare = {name.removeprefix(prefix): value for name, value in state.items()}
+            return _without_prefix(bare)
     return state
 
 
@@ -237,42 +236,48 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: 
     missing = [key for key in own if key not in given and not key.endswith("num_batches_tracked")]
     surplus = [key for key in given if key not in own]
     changed = [key for key in given if key in own and given[key].shape != own[key].shape]
-    head = changed if not whole and _is_head(changed, own, given) else []
-    wrong = [key for key in changed if key not in head]
-    shapes = [
-        f"{key} {tuple(given[key].shape)} instead of {tuple(own[key].shape)}" for key in wrong
-    ]
-    problems = [
-        f"{len(found)} {what} ({', '.join(found[:3])}{', ...' if len(found) > 3 else ''})"
-        for found, what in (
-            (missing, "missing"),
-            (surplus, "unknown"),
-            (shapes, "of another shape"),
-        )
-        if found
-    ]
+    head = []
+    if not whole and _is_head(changed, own, given):
+        head = changed
+    shapes = []
+    for key in changed:
+        if key not in head:
+            shapes.append(f"{key} {tuple(given[key].shape)} instead of {tuple(own[key].shape)}")
+    problems = []
+    for found, what in ((missing, "missing"), (surplus, "unknown"), (shapes, "of another shape")):
+        if found:
+            problems.append(f"{len(found)} {what} ({_first(found)})")
     if problems:
+        advice = "; only the number of classes may differ."
+        if whole:
+            advice = " and its classes: data.class_index maps a folder's to them."
         raise ValueError(
             f"{complaint}: of their tensors, {' and '.join(problems)}. "
-            "Please name the model that they were saved from"
-            + (
-                " and its classes: data.class_index maps a folder's to them."
-                if whole
-                else "; only the number of classes may differ."
-            )
+            f"Please name the model that they were saved from{advice}"
         )
-    model.load_state_dict(own | {key: value for key, value in given.items() if key not in head})
+    fitting = {key: value for key, value in given.items() if key not in head}
+    model.load_state_dict(own | fitting)
+
+
+def _first(names: list[str]) -> str:
+    """Return at most three of the names."""
+    more = ", ..." if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more
 
 
 def _is_head(changed: list[str], own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> bool:
-    """Whether the tensors that changed shape are all those of one layer, in their number of outputs
-    alone.
+    """Return whether the tensors that changed shape are all those of one layer, in their number of
+    outputs alone.
 
     Any layer but the last would change the inputs of the next one too.
     """
     layers = {key.rpartition(".")[0] for key in changed}
+    if len(layers) != 1:
+        return False
     whole = [key for key in own if key.rpartition(".")[0] in layers]
-    same_inputs = all(
-        given[key].dim() > 0 and given[key].shape[1:] == own[key].shape[1:] for key in changed
-    )
-    return len(layers) == 1 and len(whole) == len(changed) and same_inputs
+    if len(whole) != len(changed):
+        return False
+    for key in changed:
+        if given[key].dim() == 0 or given[key].shape[1:] != own[key].shape[1:]:
+            return False
+    return True

@@ -9,6 +9,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import lightning as L
 from lightning.pytorch.plugins.environments import LightningEnvironment
@@ -21,13 +22,33 @@ LOST = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "
     "error above. Every complete epoch is kept, and the same command resumes from there."
 )
-PERIOD, GRACE = (
-    0.5,
-    5.0,
-)  # seconds between looks, and for a process to notice by itself and clean up
+PERIOD = 0.5  # seconds between looks
+GRACE = 5.0  # seconds for a process to notice by itself, and clean up
 _SAID = r"gloo|DataLoader worker \(pid"  # by plain RuntimeErrors
 _children: list[subprocess.Popen] = []
 _ending = threading.Event()
+
+
+def fit(
+    trainer: L.Trainer,
+    module: L.LightningModule,
+    batches: L.LightningDataModule,
+    checkpoint: Path | None,
+) -> None:
+    """Train, with the processes of the run tied together.
+
+    Args:
+        checkpoint: from which training is resumed; None begins it.
+
+    Raises:
+        ConnectionError: another process was lost.
+        KeyboardInterrupt: Ctrl-C or SIGTERM.
+    """
+    try:
+        with together(trainer):
+            trainer.fit(module, batches, ckpt_path=checkpoint)
+    except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
+        raise KeyboardInterrupt from None
 
 
 @contextlib.contextmanager

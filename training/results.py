@@ -143,7 +143,7 @@ def publish(
     shown = run_examples(runners, main_attack(own.tables[0]), classes)
     report.write_run(out / "report.html", metrics, shown)
     write_text(out / "metrics.json", json.dumps(metrics, indent=1))
-    print(report.run_summary(metrics))
+    report.show(report.run_parts(metrics))
     print(f"Report: {out / 'report.html'}")
     return metrics
 
@@ -184,8 +184,8 @@ def publish_suite(
     shown = {}
     for table in attacked.tables:
         shown[table.name] = table_examples(table, attacked.runner, classes, name)
-    text = report.write_suite(out, metrics, attacked.tables, attacked.lines, shown)
+    short = report.write_suite(out, metrics, attacked.tables, attacked.lines, shown)
     write_text(out / "metrics.json", json.dumps(metrics, indent=1))
-    print(text)
+    report.show(short)
     print(f"Report: {out / 'report.html'}")
     return metrics

@@ -75,7 +75,9 @@ def gain(points: Sequence[Point], plain: Sequence[Point], name: str) -> Estimate
 def ratio(values: Sequence[float]) -> Estimate:
     """Return a mean cost, with Student's interval over seeds; one seed's says nothing of its
     scatter."""
-    low, high = t_interval(values) if len(values) > 1 else (values[0], values[0])
+    if len(values) == 1:
+        return Estimate(values[0], values[0], values[0])
+    low, high = t_interval(values)
     return Estimate(fmean(values), max(0.0, low), high)
 
 
@@ -103,7 +105,8 @@ def summarise(points: Sequence[Point]) -> list[Recipe]:
     for name, own in by_name.items():
         rates[name] = {key: rate(own, key) for key in RATES}
         costs[name] = ratio([point.total_seconds / unit for point in own])
-    fronts = pareto([(costs[name].value, rates[name]["worst_4"].value) for name in by_name])
+    places = [(costs[name].value, rates[name]["worst_4"].value) for name in by_name]
+    fronts = pareto(places)
     found = []
     for (name, own), front in zip(by_name.items(), fronts, strict=True):
         means = {key: fmean(getattr(point, key) for point in own) for key in COSTS}
@@ -125,7 +128,8 @@ def gains(own: Sequence[Point], by_name: dict[str, list[Point]]) -> dict[str, Es
     """Return the gains over the plainly trained runs of equal length; empty where there are none of
     the same seeds."""
     plain = by_name.get(own[0].baseline or "", [])
-    if not {point.seed for point in own} & {point.seed for point in plain}:
+    plain_seeds = {point.seed for point in plain}
+    if not any(point.seed in plain_seeds for point in own):
         return {}
     return {key: gain(own, plain, key) for key in RATES}
 

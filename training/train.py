@@ -70,11 +70,7 @@ def train_model(
     )
     trainer = trainer_of(cfg.trainer, classifier.tuning, cfg.train.epochs, out, splits.classes)
     began = time.perf_counter()
-    try:
-        with ranks.together(trainer):
-            trainer.fit(classifier, batches, ckpt_path=str(last) if resumed else None)
-    except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
-        raise KeyboardInterrupt from None
+    ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
     state = read_checkpoint(best)
     classifier.load_state_dict(state["state_dict"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -12,13 +13,26 @@ import lightning as L
 import torch
 from lightning.pytorch.callbacks import TQDMProgressBar
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
+from lightning.pytorch.utilities import rank_zero_only
 
 from training.checkpoints import AtomicCheckpointIO
 from training.schema import Trainer
 
 
+class EpochLines(L.Callback):
+    """Prints a line per epoch, with the figures that a progress bar shows."""
+
+    @rank_zero_only
+    def on_train_epoch_end(self, trainer: L.Trainer, module: L.LightningModule) -> None:
+        figures = []
+        for name, value in trainer.progress_bar_metrics.items():
+            figures.append(f"{name} {value:.4g}")
+        print(f"Epoch {trainer.current_epoch + 1} of {trainer.max_epochs}: {', '.join(figures)}")
+
+
 def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]) -> L.Trainer:
-    """Return a trainer that writes checkpoints whole or not at all, and shows a bar.
+    """Return a trainer that writes checkpoints whole or not at all, and shows a progress bar, or
+    prints a line per epoch where the output is no terminal.
 
     Args:
         settings: passed on as they are. callbacks: what keeps and averages the weights.
@@ -29,10 +43,13 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
     plugins: list[Any] = [AtomicCheckpointIO()]
     if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself
+    terminal = sys.stdout.isatty()
+    progress = TQDMProgressBar(leave=False) if terminal else EpochLines()
     return L.Trainer(
         **given,
         max_epochs=epochs,
-        callbacks=[*callbacks, TQDMProgressBar(leave=False)],
+        callbacks=[*callbacks, progress],
+        enable_progress_bar=terminal,
         plugins=plugins,
         logger=False,
         num_sanity_val_steps=0,
@@ -42,19 +59,20 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
     )
 
 
+# Lightning's warnings at every start that a user of these recipes cannot act on
+KNOWN = (
+    ".*does not have many workers.*",
+    ".*in eval mode at the start of training.*",  # what fine-tuning keeps
+    ".*Checkpoint directory .* exists and is not empty.*",
+    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
+    ".*smaller than the logging interval.*",
+    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
+)
+
+
 def quiet() -> None:
-    """Silence what Lightning says at every start and a user of these recipes cannot act on."""
+    """Silence what Lightning says at every start."""
     for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
         logging.getLogger(name).setLevel(logging.WARNING)
-    warnings.filterwarnings("ignore", ".*does not have many workers.*")
-    warnings.filterwarnings(
-        "ignore", ".*in eval mode at the start of training.*"
-    )  # what fine-tuning keeps
-    warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
-    warnings.filterwarnings(
-        "ignore", ".*sync_dist=True.*"
-    )  # what is logged is the mean of all devices already
-    warnings.filterwarnings("ignore", ".*smaller than the logging interval.*")
-    warnings.filterwarnings(
-        "ignore", ".*isinstance.treespec, LeafSpec.*"
-    )  # Lightning's own, on newer torch
+    for message in KNOWN:
+        warnings.filterwarnings("ignore", message)

@@ -52,7 +52,9 @@ def _condition_frame(
     condition: Condition, judge: Judge, runner: Runner, indices: Sequence[int]
 ) -> pd.DataFrame:
     """Return one condition before one judge, a line an image."""
-    base = UNDEFENDED if judge.base == UNDEFENDED.name else Judge(judge.base, model=judge.model)
+    base = UNDEFENDED
+    if judge.base != UNDEFENDED.name:
+        base = Judge(judge.base, model=judge.model)
     parts = []
     start = 0
     for index in indices:
@@ -113,9 +115,11 @@ def rates(frame: pd.DataFrame) -> pd.DataFrame:
     lines = []
     for (table, row, column), cell in frame.groupby(CELL, sort=False):
         line = {"table": table, "row": row, "column": column}
-        line |= {name: cell[name].iloc[0] for name in ABOUT}
-        if cell["condition"].nunique() > 1:
-            line["condition"] = f"{cell['condition'].nunique()} pooled"
+        for name in ABOUT:
+            line[name] = cell[name].iloc[0]
+        conditions = cell["condition"].nunique()
+        if conditions > 1:
+            line["condition"] = f"{conditions} pooled"
         lines.append(line | _rates(cell))
     columns = [*CELL, *ABOUT, "accuracy", "accuracy_low", "accuracy_high", "success", "low", "high"]
     columns += ["n", "counted", "undecided", "seconds", *MEASURES, "outcomes", "paper"]

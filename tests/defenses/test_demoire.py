@@ -191,7 +191,7 @@ def test_files_that_hold_no_network_are_refused(tmp_path):
         (
             lambda: losses.VGGFeatures("none.pt", "esdnet"),
             ValueError,
-            "vgg: there is no weights",
+            "vgg: there is no weights file",
         ),
         (lambda: small("amnet")(torch.zeros(2, 3, 8)), ValueError, r"shape \(B, 3, H, W\)"),
         (lambda: small("amnet")(torch.zeros(1, 8, 8, 3)), ValueError, "channels seem to be last"),

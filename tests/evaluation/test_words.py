@@ -19,17 +19,16 @@ def test_headline_says_what_was_gained_and_paid(metrics):
     title, lead, shares = headline(metrics)
     assert title == "moire_at raises accuracy under the Moiré Attack from 8 % to 76 %"
     assert lead == (
-        "Beside plain training of equal length, accuracy under the Moiré Attack rose from 8 % to "
-        "76 % "
+        "Compared with plain training of equal length, accuracy under the Moiré Attack rose from "
+        "8 % to 76 % "
         "(+68 points, 95 % interval +62 to +74, n = 200); clean accuracy went from 95.0 % to "
         "90.0 %. "
-        "The weights that both start from have 4 % under attack and 93.0 % clean. "
+        "The weights that both start from reach 4 % under attack and 93.0 % clean. "
         "Training took 4 min 30 s with its start, 2.1 times the 2 min 10 s of the baseline."
     )
     assert shares == (
-        "Where these mistakes come from: the camera without moiré fools baseline on 20 %, to "
-        "that the moiré adds 26 "
-        "and the attacker’s noise 46 points; moire_at on 2 %, 1 and 15 points."
+        "What fools each model: for baseline, the camera without moiré 20 % of the images, the "
+        "moiré +26 points, the attacker’s noise +46 points; for moire_at, 2 %, +1 and +15 points."
     )
 
 
@@ -60,7 +59,8 @@ def test_headline_without_a_baseline(metrics):
     title, lead, _ = headline(metrics)
     assert title == "Accuracy under the Moiré Attack of moire_at: 76 %"
     assert lead.startswith(
-        "The Moiré Attack at 4/255 fools moire_at on 18 % of the images that it had right."
+        "The Moiré Attack at 4/255 fools moire_at on 18 % of the images that it classifies "
+        "correctly when clean."
     )
 
 

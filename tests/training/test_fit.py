@@ -2,6 +2,7 @@
 goes wrong."""
 
 import json
+import re
 import shutil
 
 import pytest
@@ -82,6 +83,27 @@ def test_a_run_leaves_what_it_promises(whole):
     assert any(line.startswith("Moiré Attack 4/255") for line in printed)
     assert sum(line.startswith("training: moire_at ") for line in printed) == 1
     assert "Warning" not in done.stderr, done.stderr
+
+
+def test_a_run_prints_no_line_but_its_own(whole):
+    _, done = whole
+    once = "moireaug compiles its CPU kernels, once on this machine"
+    assert [line for line in done.stderr.splitlines() if not line.startswith(once)] == []
+    own = (
+        r"The (start|baseline) comes first: recipe \w+, with the same settings\.",
+        r"Training small_resnet on signs, recipe \w+: 2 epochs( after the 2 of its start)?, lr \S+",
+        r"Epoch [12] of 2: loss \S+, val_clean \S+(, val_perturbed \S+)?, val_score \S+",
+        r"signs, small_resnet, screen_photo, n = 24, accuracy in %, eps in 1/255",
+        r" +eps( +codes +dB)?( +[a-z_]+)+ +(gain \[95 %\]|95 %)",
+        r"(clean image|dimmed|photo|moiré|Moiré Attack|targeted|PGD|worst of)\b.*",
+        r"codes, dB: largest change of a code of 255, and PSNR, .*",
+        r"training: \w+ .*",
+        r"Report: runs/\w+/seed0/report\.html",
+    )
+    for line in done.stdout.splitlines():
+        assert any(re.fullmatch(pattern, line) for pattern in own), line
+    epochs = [line for line in done.stdout.splitlines() if line.startswith("Epoch")]
+    assert len(epochs) == 3 * 2
 
 
 def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole):

@@ -8,7 +8,7 @@ from statistics import fmean
 
 from torch import Tensor
 
-from moireaug.evaluation.report.terminal import grid
+from moireaug.evaluation.report.terminal import Grid, Part
 from moireaug.synthesis.statistics import STATISTICS, Statistic, compare, measure, span
 
 Rows = Sequence[Mapping[str, float]]
@@ -70,9 +70,12 @@ def lines(real: Rows, simulated: Rows | None) -> list[Line]:
             continue
         theirs = span([row[name] for row in simulated])
         apart = None
-        if STATISTICS[name].compared:
-            ends = zip(ours, theirs, strict=True)
-            apart = fmean(abs(compare(a, b, STATISTICS[name])) for a, b in ends)
+        statistic = STATISTICS[name]
+        if statistic.compared:
+            distances = []
+            for own, other in zip(ours, theirs, strict=True):
+                distances.append(abs(compare(own, other, statistic)))
+            apart = fmean(distances)
         found.append(Line(name, ours, theirs, apart))
     return found
 
@@ -87,21 +90,27 @@ def distance(found: Sequence[Line]) -> float:
     return fmean(line.distance for line in found if line.distance is not None)
 
 
-def said(found: Sequence[Line], name: str) -> str:
-    """Return the table for the terminal."""
+def said(found: Sequence[Line], name: str) -> list[Part]:
+    """Return the table for the terminal.
+
+    Args:
+        name: of the scene.
+    """
     with_scene = found[0].simulated is not None
     heads = ["median (10 to 90 %)", "unit", "real"]
-    rows = [[*heads, name, "apart"] if with_scene else heads]
+    if with_scene:
+        heads += [name, "apart"]
+    rows = [heads]
     for line in found:
         row = [line.statistic.title, line.statistic.unit, shown(line.real)]
         if with_scene:
             row.append(shown(line.simulated))
             row.append("" if line.distance is None else f"{line.distance:.2f}")
         rows.append(row)
-    text = "\n".join(grid(rows))
-    if not with_scene:
-        return text
-    return f"{text}\nMean distance: {distance(found):.3f} (0.7 is a factor of two)"
+    parts: list[Part] = [Grid(rows)]
+    if with_scene:
+        parts.append(f"Mean distance: {distance(found):.3f} (0.7 is a factor of two)")
+    return parts
 
 
 def shown(values: Span | None) -> str:
@@ -114,6 +123,14 @@ def shown(values: Span | None) -> str:
 
 def number(value: float) -> str:
     """Return a number with as many digits as tell something."""
-    digits = 0 if abs(value) >= 99.5 else 1 if abs(value) >= 9.95 else 2
+    size = abs(value)
+    if size >= 99.5:
+        digits = 0
+    elif size >= 9.95:
+        digits = 1
+    else:
+        digits = 2
     rounded = f"{value:.{digits}f}"
-    return rounded.lstrip("-") if float(rounded) == 0 else rounded.replace("-", "−")
+    if float(rounded) == 0:
+        return rounded.lstrip("-")
+    return rounded.replace("-", "−")

@@ -25,6 +25,7 @@ import hydra
 from omegaconf import DictConfig
 
 from moireaug.defenses import demoire
+from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
@@ -127,7 +128,7 @@ def finished(cfg: DemoireConfig) -> Metrics:
         network = demoire.load(folder / "weights.pt")
         return tested(cfg, network, known["train"])
     if runs.is_first():
-        print(report.said(known))
+        show(report.said(known))
     print(f"{folder} is already finished; resume=false trains it again.")
     return known
 
@@ -179,7 +180,7 @@ def tested(
     write_text(folder / "scores.csv", found.scores.to_csv(index=False, float_format="%.6g"))
     write_text(folder / "report.html", report.page(metrics, found.shown))
     write_text(folder / "metrics.json", json.dumps(metrics, indent=1))
-    print(report.said(metrics))
+    show(report.said(metrics))
     print(f"Weights: {folder / 'weights.pt'}")
     print(f"Report: {folder / 'report.html'}")
     return metrics

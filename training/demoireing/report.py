@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,8 @@ from torch import Tensor
 
 from moireaug.evaluation.report.numbers import number
 from moireaug.evaluation.report.page import environment, uri
-from moireaug.evaluation.report.plots import FAINT, INK, OURS, SIZE, THEIRS
+from moireaug.evaluation.report.plots import FAINT, OURS, SIZE, THEIRS, finish, svg
+from moireaug.evaluation.report.terminal import Grid, Part
 from moireaug.evaluation.visibility import WINDOW
 from training.demoireing.testing import GroupedPair
 
@@ -72,8 +72,8 @@ def headline(metrics: Mapping[str, Any], kind: str) -> str | None:
     before, after = (sum(row[k] * row["n"] for row in rows) / n for k in ("before", "after"))
     gained = sum(row["gained"] for row in rows)
     what = {
-        "seen": "Simulated photos of scenes that it was trained in",
-        "unseen": "Simulated photos of scenes that it was not trained in",
+        "seen": "Simulated photos of scenes that it was trained on",
+        "unseen": "Simulated photos of scenes that it was not trained on",
         "real": "Real photos",
     }[kind]
     against = "the same shot without moiré" if reference == "twin" else "the original"
@@ -121,10 +121,9 @@ def cell(row: Row, digits: int) -> dict[str, str]:
     }
 
 
-def said(metrics: Mapping[str, Any]) -> str:
+def said(metrics: Mapping[str, Any]) -> list[Part]:
     """Return the figures for a terminal: PSNR in dB and SSIM, before and after."""
-    head = f"{'pairs':28s}{'n':>4s}  {'against':30s}{'PSNR, dB':>16s}{'gain':>8s}   SSIM"
-    lines = [head]
+    rows = [["pairs", "n", "against", "PSNR, dB", "gain", "SSIM"]]
     for row in table(metrics["test"]):
         group = f"{row['group']} ({row['kind']})" if row["kind"] != "real" else row["group"]
         for column, against in enumerate(COLUMNS):
@@ -134,16 +133,14 @@ def said(metrics: Mapping[str, Any]) -> str:
             change = f"{psnr['before']} → {psnr['after']}"
             gain = psnr["gain"].split(" ")[0].rstrip(";")
             likeness = f"{ssim['before']} → {ssim['after']}"
-            lines.append(
-                f"{group:28s}{row['n']:4d}  {against:30s}{change:>16s}{gain:>8s}   {likeness}"
-            )
+            rows.append([group, str(row["n"]), against, change, gain, likeness])
             group = ""
     train = metrics["train"]
-    lines.append(
+    cost = (
         f"training: {train['steps']} steps in {train['seconds']:.0f} s, "
         f"{train['pairs_per_second']:.1f} pairs a second; kept: step {train['best_steps']}"
     )
-    return "\n".join(lines)
+    return [Grid(rows), cost]
 
 
 def block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
@@ -173,28 +170,30 @@ def middle(picture: Tensor) -> NDArray[np.uint8]:
 def curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, str]]:
     """Return the plots of a training: its loss, and PSNR on the pairs that validate."""
     steps = [row["steps"] for row in history]
-    found = []
-    for name, label, caption in (
-        ("loss", "training loss", "Training loss, mean since the last validation."),
-        (
-            "psnr",
-            "validation PSNR, dB",
-            "PSNR of validation photos, cleaned; the level line is of the photos themselves. "
-            f"Step {best} was kept.",
+    loss = Figure(SIZE, layout="constrained")
+    ax = loss.subplots()
+    ax.plot(steps, [row["loss"] for row in history], "o-", color=OURS, markersize=3.2)
+    finish(ax, "step", "training loss")
+    psnr = Figure(SIZE, layout="constrained")
+    ax = psnr.subplots()
+    ax.plot(steps, [row["psnr"] for row in history], "o-", color=OURS, markersize=3.2)
+    ax.axvline(best, color=FAINT)
+    ax.axhline(history[-1]["photo_psnr"], color=THEIRS, linewidth=1)
+    finish(ax, "step", "validation PSNR, dB")
+    return [
+        _curve(
+            loss,
+            "Training loss against the step",
+            "Training loss, mean since the last validation.",
         ),
-    ):
-        figure = Figure(SIZE, layout="constrained")
-        ax = figure.subplots()
-        ax.plot(steps, [row[name] for row in history], "o-", color=OURS, markersize=3.2)
-        if name == "psnr":
-            ax.axvline(best, color=FAINT)
-            ax.axhline(history[-1]["photo_psnr"], color=THEIRS, linewidth=1)
-        ax.set_xlabel("step", size=10, color=INK)
-        ax.set_ylabel(label, size=10, color=INK)
-        ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
-        ax.grid(axis="y", color=FAINT, linewidth=0.7)
-        ax.spines[["top", "right"]].set_visible(False)
-        file = io.StringIO()
-        figure.savefig(file, format="svg", metadata={"Date": None})
-        found.append({"uri": uri(file.getvalue().encode(), "image/svg+xml"), "caption": caption})
-    return found
+        _curve(
+            psnr,
+            "PSNR of cleaned validation photos against the step",
+            "PSNR of cleaned validation photos. The horizontal line is that of the photos "
+            f"themselves. Step {best} was kept.",
+        ),
+    ]
+
+
+def _curve(figure: Figure, alt: str, caption: str) -> dict[str, str]:
+    return {"uri": uri(svg(figure).encode(), "image/svg+xml"), "alt": alt, "caption": caption}

@@ -67,11 +67,7 @@ def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[
     batches = PairBatches(cfg, splits, first=len(done))
     trainer = trainer_of(cfg, out)
     began = time.perf_counter()
-    try:
-        with ranks.together(trainer):
-            trainer.fit(module, batches, ckpt_path=str(last) if resumed else None)
-    except SystemExit:  # what Lightning makes of Ctrl-C and of SIGTERM
-        raise KeyboardInterrupt from None
+    ranks.fit(trainer, module, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
     state = read_checkpoint(best)
     module.load_state_dict(state["state_dict"])

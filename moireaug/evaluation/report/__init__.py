@@ -13,11 +13,11 @@ from moireaug.evaluation.report import page, plots
 from moireaug.evaluation.report.numbers import finite
 from moireaug.evaluation.report.run_view import name_of, run_view
 from moireaug.evaluation.report.suite_view import suite_view
-from moireaug.evaluation.report.terminal import run_summary, suite_summary
+from moireaug.evaluation.report.terminal import Part, run_parts, run_summary, show, suite_parts
 from moireaug.evaluation.tables import Table
 from moireaug.files import write_text
 
-__all__ = ["run_summary", "suite_summary", "write_run", "write_suite"]
+__all__ = ["run_parts", "run_summary", "show", "suite_parts", "write_run", "write_suite"]
 
 Examples = list[dict[str, Any]]
 
@@ -55,9 +55,9 @@ def write_suite(
     tables: Sequence[Table],
     lines: pd.DataFrame,
     examples: Mapping[str, Examples],
-) -> str:
+) -> list[Part]:
     """Write report.html, tables.md and results.csv into a folder; returns the short form for the
-    terminal.
+    terminal, which `show` prints.
 
     Args:
         metrics: of the evaluation: model, suite, data, scene, steps, n, trust, time, plan,
@@ -78,7 +78,7 @@ def write_suite(
     write_text(folder / "tables.md", page.render("suite.md.j2", suite=suite, metrics=loose))
     html = page.render("suite.html.j2", suite=suite, metrics=loose, facts=facts, phases=phases)
     write_text(folder / "report.html", html)
-    return suite_summary(metrics, suite)
+    return suite_parts(metrics, suite)
 
 
 class _Loose(dict[str, Any]):
@@ -89,20 +89,24 @@ class _Loose(dict[str, Any]):
 
 
 def _curves(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return the plots of a training, with captions, and what they show for who cannot see them."""
     trains = {name_of(metrics): metrics.get("train")}
     baseline = metrics.get("baseline") or {}
     if baseline:
         trains[name_of(baseline)] = baseline.get("train")
-    captions = (
-        "Training loss, epoch by epoch.",
-        "Accuracy on validation images: solid clean, dashed under the adversary that the recipe "
-        "trains against.",
+    texts = (
+        ("Training loss", "Training loss, epoch by epoch."),
+        (
+            "Validation accuracy",
+            "Accuracy on validation images, epoch by epoch: solid on clean images, dashed under "
+            "the adversary that the recipe trains against.",
+        ),
     )
-    drawn = plots.curves(trains)
     found = []
-    for svg, caption in zip(drawn, captions, strict=False):
+    for svg, (what, caption) in zip(plots.curves(trains), texts, strict=False):
+        alt = f"{what} against the epoch, a line for {' and '.join(trains)}"
         found.append(
-            {"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": caption, "caption": caption}
+            {"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": alt, "caption": caption}
         )
     return found
 

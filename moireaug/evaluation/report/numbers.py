@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 DASH = "–"
-UNITS = ("%", "points", "=", "s", "min", "h")
+UNITS = ("%", "points", "s", "min", "h")
 
 
 def finite(value: Any) -> float | None:
@@ -74,8 +74,8 @@ def tied(text: str) -> str:
     was."""
     text = str.__str__(text)
     for unit in UNITS:
-        text = re.sub(rf"(?<=[\dn]) {unit}(?!\w)", f"\N{NO-BREAK SPACE}{unit}", text)
-    return text.replace("= ", "=\N{NO-BREAK SPACE}")
+        text = re.sub(rf"(?<=\d) {unit}(?!\w)", f"\N{NO-BREAK SPACE}{unit}", text)
+    return text.replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
 
 
 def short(text: str, width: int) -> str:

@@ -1,7 +1,8 @@
 """The plots of a report, as SVG text. Rates are drawn by the page itself, in its tables.
 
 The colours are Okabe and Ito's (2008), told apart by every common kind of colour vision; in print
-the markers' shapes say the same.
+the markers' shapes say the same. The background is transparent: in dark mode the page inverts the
+lightness of a plot and keeps its hues.
 """
 
 from __future__ import annotations
@@ -50,9 +51,13 @@ def curves(trains: Mapping[str, Train | None]) -> list[str]:
         return []
     losses.set_ylim(0, None)
     rates.set_ylim(0, 100)
-    _finish(losses, "training loss, nats", last)
-    _finish(rates, "validation accuracy, %", last)
-    return [_svg(loss), _svg(rate)]
+    for ax, label in ((losses, "training loss, nats"), (rates, "validation accuracy, %")):
+        ax.set_xlim(1 - 0.04 * last, 1.04 * last)
+        finish(ax, "epoch", label)
+        legend = ax.legend(frameon=False, fontsize=9, labelcolor=INK)
+        for text in legend.get_texts():
+            text.set_parse_math(False)  # a recipe may have a dollar sign in its name
+    return [svg(loss), svg(rate)]
 
 
 def _series(train: Train | None, key: str) -> tuple[list[int], list[float]]:
@@ -82,24 +87,21 @@ def _ring(
         ax.plot([kept + 1], [height], "o", **ring)
 
 
-def _finish(ax: Axes, label: str, last: int) -> None:
-    ax.set_xlim(1 - 0.04 * last, 1.04 * last)
+def finish(ax: Axes, x: str, y: str) -> None:
+    """Label the axes, of which x counts something, and draw them faintly."""
     ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    ax.set_xlabel("epoch", size=10, color=INK)
-    ax.set_ylabel(label, size=10, color=INK)
+    ax.set_xlabel(x, size=10, color=INK)
+    ax.set_ylabel(y, size=10, color=INK)
     ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
     ax.grid(axis="y", color=FAINT, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[:].set_color("#999999")
-    legend = ax.legend(frameon=False, fontsize=9, labelcolor=INK)
-    for text in legend.get_texts():
-        text.set_parse_math(False)  # a recipe may have a dollar sign in its name
 
 
-def _svg(figure: Figure) -> str:
+def svg(figure: Figure) -> str:
     """Return the figure as SVG, its letters as outlines, so that it looks the same where a font is
     missing."""
     file = io.StringIO()
-    figure.savefig(file, format="svg", metadata={"Date": None})
+    figure.savefig(file, format="svg", metadata={"Date": None}, transparent=True)
     return file.getvalue()

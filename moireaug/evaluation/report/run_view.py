@@ -254,10 +254,13 @@ def _cost(metrics: Metrics, baseline: Metrics | None) -> dict[str, Any] | None:
             if value is None and otherwise:
                 value = finite(train.get(otherwise))
             values.append(value)
-        if len(values) == 2 and values[0] and values[1] is not None:
-            values.append(values[1] / values[0])
-        elif len(values) == 2:
-            values.append(None)
-        lines.append({"title": title, "figures": values, "digits": digits})
-    names = [*sides, "ratio"] if len(sides) == 2 else list(sides)
-    return {"sides": names, "lines": lines}
+        lines.append({"title": title, "figures": values, "digits": digits, "ratio": _ratio(values)})
+    return {"sides": list(sides), "lines": lines}
+
+
+def _ratio(values: Sequence[float | None]) -> float | None:
+    """Return what the last of two costs is over the first; None where either is not known."""
+    first, last = values[0], values[-1]
+    if not first or last is None:
+        return None
+    return last / first

@@ -1,9 +1,17 @@
-"""Reports for the terminal, in at most 100 columns where the names allow it."""
+"""Reports for the terminal: tables by rich where the output is one, plain text elsewhere, in at
+most 100 columns where the names allow it."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from moireaug.evaluation.report.numbers import codes, duration, number, percent, points, short
 from moireaug.evaluation.report.page import render, title_of
@@ -12,8 +20,58 @@ from moireaug.evaluation.report.run_view import Metrics, Rate, run_view
 TITLE, NAME = 27, 10
 
 
-def grid(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows of texts as aligned lines, the first column to the left."""
+@dataclass(frozen=True)
+class Grid:
+    """A table of texts.
+
+    Args:
+        rows: the first one is the head. The first column is aligned to the left, others to the
+            right.
+        title: above the table.
+        rule: number of rows below the head after which a line is drawn; 0 for none.
+    """
+
+    rows: Sequence[Sequence[str]]
+    title: str = ""
+    rule: int = 0
+
+
+Part = str | Grid
+
+
+def show(parts: Sequence[Part]) -> None:
+    """Print to standard output: tables are drawn by rich where it is a terminal wide enough for
+    them."""
+    if not sys.stdout.isatty():
+        print(plain(parts))
+        return
+    console = Console(highlight=False)
+    unlimited = console.options.update(width=10**6)
+    for part in parts:
+        if isinstance(part, str):
+            console.print(Text(part))
+            continue
+        table = _table(part)
+        if console.measure(table, options=unlimited).maximum <= console.width:
+            console.print(table)
+        else:
+            print(plain([part]))
+
+
+def plain(parts: Sequence[Part]) -> str:
+    """Return the same as plain text."""
+    lines = []
+    for part in parts:
+        if isinstance(part, str):
+            lines.append(part)
+            continue
+        if part.title:
+            lines.append(part.title)
+        lines += _aligned(part.rows)
+    return "\n".join(lines)
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = []
     for row in rows:
@@ -24,27 +82,53 @@ def grid(rows: Sequence[Sequence[str]]) -> list[str]:
     return lines
 
 
+def _table(grid: Grid) -> Table:
+    """Return a table as rich draws it; names are text, whatever brackets they hold."""
+    title = Text(grid.title, style="bold") if grid.title else None
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=box.HORIZONTALS,
+        header_style="bold",
+        collapse_padding=True,
+        pad_edge=False,
+    )
+    head, *rows = grid.rows
+    for i, name in enumerate(head):
+        table.add_column(Text(name), justify="right" if i else "left", no_wrap=True)
+    for i, row in enumerate(rows, start=1):
+        cells = [Text(text) for text in row]
+        table.add_row(*cells, end_section=i == grid.rule)
+    return table
+
+
 def run_summary(metrics: Metrics) -> str:
+    """Return what `run_parts` does, as plain text."""
+    return plain(run_parts(metrics))
+
+
+def run_parts(metrics: Metrics) -> list[Part]:
     """Return the ladder as a table: accuracy of the start, the baseline and this model, and the
     gain over the baseline; of an attack how far its noise moves the photo."""
     run = run_view(metrics)
-    facts = [
-        short(str(metrics[name]), 18)
-        for name in ("data", "model", "scene_name")
-        if metrics.get(name)
-    ]
+    facts = []
+    for name in ("data", "model", "scene_name"):
+        if metrics.get(name):
+            facts.append(short(str(metrics[name]), 18))
     facts.append(f"n = {run['n']}" if run["rows"] else "not attacked")
-    lines = [", ".join([*facts, "accuracy in %, eps in 1/255"])]
+    parts: list[Part] = [", ".join([*facts, "accuracy in %, eps in 1/255"])]
     if run["rows"]:
-        lines += grid([_head(run), *[_line(run, row) for row in run["rows"]]])
+        controls = [row for row in run["rows"] if not row["attack"]]
+        lines = [_line(run, row) for row in run["rows"]]
+        parts.append(Grid([_head(run), *lines], rule=len(controls)))
     if run["noise"]:
-        lines.append(
+        parts.append(
             "codes, dB: largest change of a code of 255, and PSNR, by the noise against this model"
         )
-    lines += _training(run)
+    parts += _training(run)
     if run["unanswered"]:
-        lines.append(render("unanswered.j2", found=run["unanswered"]))
-    return "\n".join(lines)
+        parts.append(render("unanswered.j2", found=run["unanswered"]))
+    return parts
 
 
 def _head(run: dict[str, Any]) -> list[str]:
@@ -102,9 +186,9 @@ def _training(run: dict[str, Any]) -> list[str]:
     return [text]
 
 
-def suite_summary(metrics: Metrics, suite: dict[str, Any]) -> str:
+def suite_parts(metrics: Metrics, suite: dict[str, Any]) -> list[Part]:
     """Return a suite's tables: success in %, one line a row."""
-    lines = []
+    parts: list[Part] = []
     for table in suite["tables"]:
         head = [""]
         for column in table["columns"]:
@@ -115,11 +199,13 @@ def suite_summary(metrics: Metrics, suite: dict[str, Any]) -> str:
             for cell in row["cells"]:
                 line.append(percent(None if cell is None else cell["success"]))
             rows.append(line)
-        lines += ["", f"{title_of(table['name'], 'tables')}: fooled, %", *grid(rows)]
+        if parts:
+            parts.append("")
+        parts.append(Grid(rows, title=f"{title_of(table['name'], 'tables')}: fooled, %"))
     if suite["unanswered"]:
-        lines += ["", render("unanswered.j2", found=suite["unanswered"])]
+        parts += ["", render("unanswered.j2", found=suite["unanswered"])]
     if metrics.get("trust"):
-        lines += ["", "Can it be trusted?"]
+        parts += ["", "Can it be trusted?"]
         for check in metrics["trust"]:
-            lines.append(f"  {check['verdict']:8}{check['name']}: {check['says']}")
-    return "\n".join(lines).strip("\n")
+            parts.append(f"  {check['verdict']:8}{check['name']}: {check['says']}")
+    return parts

@@ -1,0 +1,71 @@
+"""What commands print: tables by rich in a terminal, plain text elsewhere."""
+
+import io
+import re
+import sys
+
+import pytest
+
+from moireaug.evaluation import report
+from moireaug.evaluation.report.terminal import Grid, plain, show
+
+GRID = Grid([["shown", "a [b]"], ["[bold]x[/bold]", "1.0"], ["y", "−20.5"]], "A title", rule=1)
+PARTS = ["A sentence with [brackets].", GRID, "", "The end."]
+PLAIN = """A sentence with [brackets].
+A title
+shown           a [b]
+[bold]x[/bold]    1.0
+y               −20.5
+
+The end."""
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def printed(parts, width, monkeypatch):
+    """What a terminal of that width gets."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stdout", terminal := Terminal())
+    show(parts)
+    return re.sub(r"\x1b\[[\d;]*m", "", terminal.getvalue())  # without bold type
+
+
+def test_where_there_is_no_terminal_the_text_is_plain(capsys):
+    show(PARTS)
+    assert capsys.readouterr().out == PLAIN + "\n"
+
+
+def test_a_terminal_gets_a_table_with_a_line_below_its_rule(monkeypatch):
+    lines = [line.rstrip() for line in printed(PARTS, 80, monkeypatch).splitlines()]
+    line = " " + "─" * 21
+    assert lines == [
+        "A sentence with [brackets].",
+        "A title",
+        line,
+        " shown           a [b]",
+        line,
+        " [bold]x[/bold]    1.0",
+        line,
+        " y               −20.5",
+        line,
+        "",
+        "The end.",
+    ]
+
+
+def test_a_table_that_is_too_wide_for_its_terminal_stays_whole(monkeypatch):
+    assert printed([GRID], 20, monkeypatch) == plain([GRID]) + "\n"
+
+
+@pytest.mark.parametrize("without", [(), ("baseline", "start"), ("reattack",)])
+def test_a_terminal_shows_every_figure_of_the_plain_text(metrics, without, monkeypatch):
+    for name in without:
+        metrics[name] = None
+    parts = report.run_parts(metrics)
+    shown = printed(parts, 120, monkeypatch).split()
+    for word in report.run_summary(metrics).split():
+        assert word in shown
