@@ -1,5 +1,5 @@
-"""Draw docs/gallery.png, every preset on signs and on a grey screen, and docs/effects.png, every
-effect by itself.
+"""Draw docs/gallery.png, every preset on signs and on a grey screen, docs/banner.png, some of them,
+docs/effects.png, every effect by itself, and docs/effects/*.png, those that physics.md explains.
 
 Run it as `python docs/gallery.py`.
 """
@@ -16,6 +16,7 @@ sys.path.insert(0, str(HERE.parent))
 import torch
 from matplotlib.figure import Figure
 from torch import Tensor
+from torchvision.transforms.v2.functional import to_pil_image
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View
 from moireaug.scene.layout import LAYOUTS
@@ -121,6 +122,36 @@ EFFECTS: dict[str, Scene] = {
     "JPEG, quality 10": replace(PLAIN, develop=Develop(jpeg=10)),
 }
 
+# presets of the banner, and the file in docs/effects of an effect's picture to its caption above
+BANNER = ("paper", "screen_photo", "phone_at_laptop", "phone_at_led_wall", "dashcam_at_led_sign")
+PICTURES = {
+    "layout": "layout: moiré of the stripes",
+    "black_matrix": "black matrix, 80 % of width and\n60 % of height lit: a lattice",
+    "black_level": "black level 0.1",
+    "glare": "glare 0.4, more of it\nat the right",
+    "flicker": "flicker: 240 Hz, 40 % on,\nrolling shutter",
+    "pose": "yaw 45, not registered",
+    "registration": "the same, registered",
+    "distortion": "lens k1 0.25, not registered",
+    "prefilter": "prefilter: seen from afar,\nzoom 0.2 and registered",
+    "vignetting": "vignetting 0.6",
+    "blur": "lens blur 0.6 px:\nthe moiré fades",
+    "motion": "motion along a diagonal, 2 px",
+    "olpf": "low-pass filter, 1 px apart",
+    "point": "exposure point, as the paper:\nmuch more than a lens passes",
+    "mean": "exposure mean:\nthe same camera, no moiré",
+    "crosstalk": "crosstalk 0.25, undone by\nthe colour matrix",
+    "gain": "gain 6: overexposed",
+    "noise": "shot noise 0.15:\ngrows with the light",
+    "bits": "2 bits",
+    "demosaic": "Bayer, bilinear, 1 sensor\npixel a photo pixel",
+    "balance": "white balance: red 1.3, blue 0.7",
+    "tone": "shoulder 3: highlights\nrolled off",
+    "denoise": "noise, then non-local means",
+    "chroma_blur": "chroma blur 4 px:\nbrightness stays",
+    "jpeg": "JPEG, quality 10",
+}
+
 
 def grid(rows: int, columns: int, width: float, height: float) -> tuple[Figure, list]:
     figure = Figure(figsize=(columns * width, rows * height), dpi=90, layout="constrained")
@@ -149,19 +180,38 @@ def draw_presets(images: Tensor) -> None:
     figure.savefig(HERE / "gallery.png", pil_kwargs={"optimize": True})
 
 
+def draw_banner(images: Tensor) -> None:
+    columns = [images]
+    for name in BANNER:
+        columns.append(Scene.preset(name).capture(images, torch.Generator().manual_seed(3)))
+    rows = [torch.cat(list(row), -1) for row in zip(*columns, strict=True)]
+    save(torch.cat(rows, -2), HERE / "banner.png")
+
+
 def draw_effects(image: Tensor) -> None:
+    photos = {}
+    for caption, scene in EFFECTS.items():
+        photos[caption] = scene.capture(image[None], torch.Generator().manual_seed(3))[0]
     columns = 6
-    figure, axes = grid(-(-len(EFFECTS) // columns), columns, 2.05, 2.3)
-    for axis, (caption, scene) in zip(axes.flat, EFFECTS.items(), strict=False):
-        show(axis, scene.capture(image[None], torch.Generator().manual_seed(3))[0])
+    figure, axes = grid(-(-len(photos) // columns), columns, 2.05, 2.3)
+    for axis, (caption, photo) in zip(axes.flat, photos.items(), strict=False):
+        show(axis, photo)
         axis.set_title(caption, fontsize=8)
     figure.savefig(HERE / "effects.png", pil_kwargs={"optimize": True})
+    for name, caption in PICTURES.items():
+        save(photos[caption], HERE / "effects" / f"{name}.png")
+
+
+def save(photo: Tensor, path: Path) -> None:
+    path.parent.mkdir(exist_ok=True)
+    to_pil_image(photo).save(path, optimize=True)
 
 
 def main() -> None:
     drawn, _ = signs.make("test", 32, size=SIZE, seed=4)
     grey = torch.full((1, 3, SIZE, SIZE), 0.75)
     draw_presets(torch.cat([drawn[[3, 9, 17, 24]].float() / 255, grey]))
+    draw_banner(torch.cat([drawn[[24]].float() / 255, grey]))
     draw_effects(drawn[9].float() / 255)
 
 

@@ -1,0 +1,103 @@
+"""The pages' commands have settings that exist, their links lead somewhere, and the site builds."""
+
+import dataclasses
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from training import calibrate, demoire, synthesise
+from training.demoireing import schema as demoireing
+from training.schema import Config, ReattackConfig, check_keys
+
+ROOT = Path(__file__).parents[1]
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+}
+COMMAND = re.compile(r"(?:python|torchrun[^`\n]*) training/(\w+)\.py([^`\n]*)")
+OTHERS = {"synthesise": synthesise, "calibrate": calibrate, "demoire": demoire}
+
+
+def commands(text):
+    """The script and the settings of each command on a page, in a block or in a line of text."""
+    # recipes that a page shows how to write
+    own = {f"recipe={name}" for name in re.findall(r"`recipes/(\w+)\.yaml`", text)}
+    found = []
+    for script, rest in COMMAND.findall(text.replace("\\\n", " ")):
+        words = [word.strip("'\";") for word in rest.partition(" #")[0].split()]
+        found.append((script, [word for word in words if "=" in word and word not in own]))
+    return found
+
+
+COMMANDS = [(page, *command) for page, text in PAGES.items() for command in commands(text)]
+
+
+def check(script, settings):
+    """Refuse a setting that the script does not have.
+
+    Raises:
+        SystemExit, AssertionError: with its name.
+    """
+    if script == "fit":
+        kind = demoireing.DemoireConfig if demoireing.asked_for(settings) else Config
+        check_keys(settings, kind)
+    elif script == "reattack":
+        check_keys(settings, ReattackConfig)
+    elif script in OTHERS:
+        fields = {f.name.rstrip("_") for f in dataclasses.fields(OTHERS[script].Config)}
+        assert {word.partition("=")[0] for word in settings} <= fields
+    else:
+        assert script == "frontier" and not settings
+
+
+@pytest.mark.parametrize(("page", "script", "settings"), COMMANDS)
+def test_commands_have_settings_that_exist(page, script, settings):
+    check(script, settings)
+
+
+@pytest.mark.parametrize(
+    ("script", "setting"),
+    [
+        ("fit", "train.epoch=3"),
+        ("fit", "recipe=moire_att"),
+        ("reattack", "suites=paper"),
+        ("synthesise", "sizes=512"),
+        ("frontier", "runs=runs"),
+    ],
+)
+def test_a_setting_that_does_not_exist_is_noticed(script, setting):
+    with pytest.raises((SystemExit, AssertionError)):
+        check(script, [setting])
+
+
+def test_commands_of_every_script_are_found():
+    scripts = {script for _, script, _ in COMMANDS}
+    assert scripts == {"fit", "reattack", "frontier", "synthesise", "calibrate", "demoire"}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_to_files(page):
+    targets = re.findall(r"\]\((?!https?:)([^)#\s]+)", PAGES[page])
+    absent = [t for t in targets if not (ROOT / page).parent.joinpath(t).exists()]
+    assert not absent
+
+
+def test_every_page_is_in_the_navigation():
+    listed = set(re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
+    assert {f"docs/{name}" for name in listed} == set(PAGES) - {"README.md"}
+
+
+@pytest.mark.skipif(
+    not all(map(importlib.util.find_spec, ("mkdocs", "material", "mkdocstrings"))),
+    reason="the extra [docs] is not installed; `make docs` builds the site",
+)
+def test_the_site_builds_without_warnings(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "api" / "capture" / "index.html").read_text(encoding="utf-8")
+    assert "packed Bayer planes" in page  # the docstrings are there
