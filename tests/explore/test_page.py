@@ -1,0 +1,82 @@
+"""The explorer's page: what its events answer, and the page itself in a browser."""
+
+import shutil
+import warnings
+from urllib.parse import urlsplit
+
+import pytest
+from PIL import Image
+
+from moireaug import Scene
+from moireaug.explore.controls import shown
+
+# Gradio and what it imports warn of their own matters
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    gradio = pytest.importorskip("gradio", reason="the extra [explore] is not installed")
+    from moireaug.explore import page
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+VALUES = shown(Scene.preset("screen_photo"))
+
+
+def test_an_event_returns_all_that_the_page_shows():
+    told, photo, crop, spectrum, plan, cost, python, yaml = page.photographed(
+        "screen_photo", "traffic sign", None, 0, *VALUES
+    )
+    assert told.startswith("256 x 256 pixels, photographed in ")
+    assert photo.shape == (256, 256, 3) and crop.shape == spectrum.shape == (384, 384, 3)
+    assert plan == str(Scene.preset("screen_photo").plan())
+    assert ["pose", "in the exposure"] in cost
+    assert 'Scene.preset("screen_photo")' in python and yaml == "preset: screen_photo\n"
+
+
+def test_what_is_refused_is_a_sentence_and_leaves_the_rest_as_it_was(tmp_path):
+    large = tmp_path / "large.png"
+    Image.new("RGB", (3000, 2000)).save(large)
+    folded = list(VALUES)
+    at = folded.index(-0.03)  # lens.k1 of the preset
+    folded[at : at + 2] = [-0.9, -0.9]
+    for file, values, said in (
+        (str(large), VALUES, "large.png has 3000 x 2000 pixels"),
+        (None, folded, "fold the photo onto itself"),
+    ):
+        told, *rest = page.photographed("screen_photo", "cat", file, 0, *values)
+        assert told.startswith("**Not possible:**") and said in told
+        assert all(one == gradio.skip() for one in rest)
+
+
+def test_a_run_that_is_not_there_is_a_sentence():
+    told, gallery = page.attacked("nowhere", "screen_photo", 0, 4, 1)
+    assert "**Not possible:** nowhere is not a run's folder" in told and gallery == []
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
+def test_in_a_browser_a_slider_changes_the_photo_and_nothing_is_asked_of_other_hosts():
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    _, url, _ = page.serve(prevent_thread_lock=True, quiet=True)
+    hosts = set()
+    try:
+        with api.sync_playwright() as playwright:
+            browser = playwright.chromium.launch(
+                executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+            )
+            tab = browser.new_page()
+            tab.on("request", lambda request: hosts.add(urlsplit(request.url).hostname))
+            tab.goto(url)
+            photo = tab.locator("#photo img")
+            photo.wait_for()
+            before = photo.get_attribute("src")
+            tab.locator("#panel-scale-to input[type=range]").press("End")
+            api.expect(photo).not_to_have_attribute("src", before)
+            assert (
+                tab.request.get(before).body() != tab.request.get(photo.get_attribute("src")).body()
+            )
+            assert "preset" in tab.locator("#preset").inner_text().lower()
+            browser.close()
+    finally:
+        gradio.close_all()
+    assert urlsplit(url).hostname == "127.0.0.1"
+    assert hosts == {"127.0.0.1"}
