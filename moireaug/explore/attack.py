@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -10,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.evaluation.conditions import EvalBatch
-from moireaug.evaluation.report.page import title_of
+from moireaug.evaluation.report.page import shown, title_of
 from moireaug.evaluation.suites.ladder import rungs
 from moireaug.evaluation.tables import SuiteConfig
 from moireaug.explore.photo import Picture, as_picture
@@ -40,10 +42,9 @@ class Rung(NamedTuple):
     right: bool
 
     @property
-    def caption(self) -> str:
-        """Return what stands below the picture."""
-        verdict = "right" if self.right else "wrong"
-        return f"{self.title}: {self.answer}, {self.probability:.0%} ({verdict})"
+    def verdict(self) -> str:
+        """Return "right" or "wrong"."""
+        return "right" if self.right else "wrong"
 
 
 def open_run(folder: str) -> Run:
@@ -90,17 +91,32 @@ def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int
     )
     found = []
     for condition in rungs(SuiteConfig(scene=scene, eps=(eps,), steps=steps)):
-        shown = condition.show(batch).detach()
+        photo = condition.show(batch).detach()
         with torch.no_grad():
-            chances = run.model(shown)[0].softmax(0)
+            chances = run.model(photo)[0].softmax(0)
         answer = int(chances.argmax())
         named = run.classes.get(answer, str(answer))
         rung = Rung(
             title_of(condition.name, "ladder"),
-            as_picture(shown),
+            as_picture(photo),
             named,
             float(chances[answer]),
             answer == int(label),
         )
         found.append(rung)
     return found
+
+
+def as_html(rungs: Sequence[Rung]) -> str:
+    """Return a ladder as figures: each rung's picture, and below it what the model said."""
+    figures = []
+    for rung in rungs:
+        picture = shown(rung.picture, rung.title)
+        title, answer = html.escape(rung.title), html.escape(rung.answer)
+        said = f"{answer}, {rung.probability:.0%}: {rung.verdict}"
+        figures.append(
+            f'<figure><img src="{picture["uri"]}" alt="{title}">'
+            f'<figcaption>{title}<br><span class="{rung.verdict}">{said}</span>'
+            "</figcaption></figure>"
+        )
+    return f'<div class="rungs">{"".join(figures)}</div>'

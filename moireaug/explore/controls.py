@@ -72,7 +72,7 @@ class Control(NamedTuple):
         part, field: its name.
         kind: "range", two numbers; "number", one; "switch", a bool; "choice", one of `choices`.
         about: what the field's documentation says, as one sentence.
-        low, high, step: of a slider. unit: of the numbers.
+        low, high, step: of a slider.
         choices: what is allowed; None is "none".
     """
 
@@ -83,7 +83,6 @@ class Control(NamedTuple):
     low: float = 0.0
     high: float = 1.0
     step: float = 0.01
-    unit: str = ""
     choices: tuple[Any, ...] = ()
 
     @property
@@ -127,8 +126,7 @@ def _control(part: str, field: dataclasses.Field[Any], about: str) -> Control:
     low, high = LIMITS[name] if name in LIMITS else (allowed["low"], allowed["high"])
     step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # some hundred positions
     kind = "range" if "low" in allowed else "number"
-    unit = allowed.get("unit", "")
-    return Control(part, field.name, kind, about, low, high, step, unit)
+    return Control(part, field.name, kind, about, low, high, step)
 
 
 def documented(cls: type) -> dict[str, str]:

@@ -30,10 +30,25 @@ TITLES = {
     "sensor": "Sensor",
     "develop": "Develop: from raw to photo",
 }
+# the photo stays in sight while sliders are turned: beside them, or above them on a phone
 CSS = """
-.gradio-container {max-width: 1400px !important; margin: auto}
+.gradio-container {max-width: 1400px !important; margin: auto; overflow: visible !important}
+.gradio-container main > * {width: 100%}
+#ladder .rungs {display: grid; gap: 16px}
+#ladder .rungs {grid-template-columns: repeat(auto-fill, minmax(150px, 1fr))}
+#ladder figure {margin: 0}
+#ladder img {width: 100%; image-rendering: pixelated}
+#ladder .wrong {font-weight: bold}
 #photo img, #crop img, #spectrum img {image-rendering: pixelated}
 #plan textarea {font-family: ui-monospace, Consolas, monospace; font-size: 0.85em}
+@media (min-width: 769px) {
+  #results {position: sticky; top: 0; align-self: flex-start}
+}
+@media (max-width: 768px) {
+  #results {display: contents}
+  #told, #photo {order: -1; width: 100%}
+  #photo {position: sticky; top: 0; z-index: 1000 !important}
+}
 """
 
 
@@ -78,12 +93,12 @@ def photograph_tab(blocks: gr.Blocks) -> None:
         with gr.Column(scale=2, min_width=320):
             preset = gr.Dropdown(list(PRESETS), value=DEFAULT, label="Preset", elem_id="preset")
             sample = gr.Radio(list(photo.SAMPLES), value=FIRST, label="Picture on the screen")
-            file = gr.File(label="or your own", file_types=["image"], height=110)
+            file = gr.File(label="or your own", file_types=["image"], height=130)
             with gr.Row():
                 seed = gr.Number(0, label="Shot number", precision=0, minimum=0, min_width=100)
                 another = gr.Button("Another shot", min_width=100)
             widgets = controls(Scene.preset(DEFAULT))
-        with gr.Column(scale=3, min_width=320):
+        with gr.Column(scale=3, min_width=320, elem_id="results"):
             told = gr.Markdown(elem_id="told")
             view = {"interactive": False, "format": "png", "buttons": ["fullscreen"]}
             taken = gr.Image(
@@ -114,22 +129,28 @@ def photograph_tab(blocks: gr.Blocks) -> None:
                     "Effect by effect in the reference, on at most "
                     f"{photo.TIMED} x {photo.TIMED} pixels. The engine does them all in one pass."
                 )
-                cost = gr.Dataframe(headers=["effect", "milliseconds"], interactive=False)
+                cost = gr.Dataframe(
+                    headers=["effect", "milliseconds"], interactive=False, max_height=1000
+                )
             with gr.Tab("Python"):
                 python = gr.Code(language="python", interactive=False, show_label=False)
             with gr.Tab("YAML"):
                 yaml = gr.Code(language="yaml", interactive=False, show_label=False)
 
     inputs = [preset, sample, file, seed, *widgets]
-    outputs = [told, taken, crop, spectrum, plan, cost, python, yaml]
-    again = {"fn": photographed, "inputs": inputs, "outputs": outputs, "show_progress": "hidden"}
     turned = [widget.input for widget in widgets]
     chosen = [sample.input, file.upload, file.clear, seed.input]
-    gr.on([*turned, *chosen], **again, trigger_mode="always_last")
-    preset.input(lambda name: shown(Scene.preset(name)), preset, widgets).then(**again)
-    another.click(lambda number: number + 1, seed, seed).then(**again)
+    named = preset.input(lambda name: shown(Scene.preset(name)), preset, widgets)
+    counted = another.click(lambda number: number + 1, seed, seed)
+    last = {"show_progress": "hidden", "trigger_mode": "always_last"}
+    results = [told, taken, crop, spectrum, plan, python, yaml]
+    for event in (
+        gr.on([*turned, *chosen, blocks.load], photographed, inputs, results, **last),
+        named.then(photographed, inputs, results, **last),
+        counted.then(photographed, inputs, results, **last),
+    ):
+        event.then(timed, inputs, cost, **last)
     taken.select(cropped, taken, crop, show_progress="hidden")
-    blocks.load(**again)
 
 
 def controls(scene: Scene) -> list[Any]:
@@ -153,8 +174,6 @@ def widgets_of(control: Control, values: list[Any]) -> list[Any]:
         named = [("none" if choice is None else str(choice), choice) for choice in control.choices]
         return [gr.Dropdown(named, value=values[0], label=label, info=about, elem_id=control.name)]
     limits = {"minimum": control.low, "maximum": control.high, "step": control.step}
-    if control.unit:
-        label = f"{label}, {control.unit}"
     if control.kind == "number":
         return [gr.Slider(**limits, value=values[0], label=label, info=about)]
     gr.Markdown(f"**{control.field}** {about}", elem_classes="about")
@@ -165,7 +184,7 @@ def widgets_of(control: Control, values: list[Any]) -> list[Any]:
                 **limits,
                 value=value,
                 label=f"{label}, {end}",
-                min_width=140,
+                min_width=180,
                 buttons=[],
                 elem_id=f"{control.name}-{end}".replace(".", "-"),
             )
@@ -180,27 +199,41 @@ def photographed(
     why, and the rest as it was."""
     try:
         scene = scene_of(values)
-        picture = photo.read(file) if file else photo.SAMPLES[sample]()
-        batch = photo.as_batch(picture)
-        taken = photo.photograph(batch, scene, int(seed))
+        picture = picture_of(sample, file)
+        taken = photo.photograph(photo.as_batch(picture), scene, int(seed))
     except EXPECTED as error:
-        return f"**Not possible:** {error}", *(gr.skip() for _ in range(7))
+        return f"**Not possible:** {error}", *(gr.skip() for _ in range(6))
     height, width = picture.shape[:2]
     told = f"{width} x {height} pixels, photographed in {1e3 * taken.seconds:.0f} ms."
     image = photo.as_picture(taken.photo)
-    cost = []
-    for name, spent in photo.milliseconds(batch, scene, int(seed)):
-        cost.append([name, "in the exposure" if spent is None else f"{spent:.2f}"])
     return (
         told,
         image,
         photo.magnify(image),
         photo.spectrum(image),
         str(scene.plan()),
-        cost,
         as_python(scene, preset),
         as_yaml(scene, preset),
     )
+
+
+def timed(preset: str, sample: str, file: str | None, seed: float, *values: Any) -> Any:
+    """Return the table of milliseconds; as it was where the settings are refused."""
+    try:
+        batch = photo.as_batch(picture_of(sample, file))
+        found = photo.milliseconds(batch, scene_of(values), int(seed))
+    except EXPECTED:
+        return gr.skip()
+    return [[name, "in the exposure" if ms is None else f"{ms:.2f}"] for name, ms in found]
+
+
+def picture_of(sample: str, file: str | None) -> photo.Picture:
+    """Return the picture in a file, or the sample of that name.
+
+    Raises:
+        ValueError: a file that is refused, see `photo.read`.
+    """
+    return photo.read(file) if file else photo.SAMPLES[sample]()
 
 
 def cropped(image: photo.Picture, at: gr.SelectData) -> photo.Picture:
@@ -230,21 +263,21 @@ def attack_tab(run: str) -> None:
                 "thing to the rung before.",
                 elem_id="attacked",
             )
-            gallery = gr.Gallery(label="Ladder", columns=3, format="png", object_fit="contain")
-    button.click(attacked, [folder, preset, index, eps, steps], [told, gallery])
+            shown_rungs = gr.HTML(elem_id="ladder")
+    button.click(attacked, [folder, preset, index, eps, steps], [told, shown_rungs])
 
 
-def attacked(folder: str, preset: str, index: float, eps: float, steps: float) -> tuple[Any, ...]:
+def attacked(folder: str, preset: str, index: float, eps: float, steps: float) -> tuple[str, str]:
     """Return the ladder of one image, or the sentence that says why there is none."""
     try:
         run = attack.open_run(folder)
         found = attack.ladder(run, int(index), Scene.preset(preset), eps / 255, int(steps))
     except EXPECTED as error:
-        return f"**Not possible:** {error}", []
+        return f"**Not possible:** {error}", ""
     label = int(run.labels[int(index)])
     right = sum(rung.right for rung in found)
     told = (
         f"The image is of the class **{run.classes.get(label, label)}**. The model is right on "
         f"{right} of {len(found)} rungs."
     )
-    return told, [(rung.picture, rung.caption) for rung in found]
+    return told, attack.as_html(found)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.util
+import re
 import sys
 import types
 
@@ -171,7 +172,9 @@ def test_a_ladder_climbs_from_the_clean_image_to_attacks_that_fool_the_model():
         "clean image", "dimmed to the photo's mean", "photo, no moiré", "photo with moiré, no noise"
     ]  # fmt: skip
     assert rungs[0].right and rungs[0].answer == "middle" and rungs[0].picture.shape == (16, 16, 3)
-    assert rungs[0].caption.startswith("clean image: middle, ")
+    page = attack.as_html([rungs[0]._replace(answer="<b>")])
+    assert page.count('<img src="data:image/png') == page.count('alt="clean image"') == 1
+    assert re.search(r'<span class="right">&lt;b&gt;, \d+%: right</span>', page)
     by_title = {rung.title: rung for rung in rungs}
     assert not by_title["Moiré Attack 16/255"].right
     assert all(0 <= rung.probability <= 1 for rung in rungs)

@@ -23,13 +23,12 @@ VALUES = shown(Scene.preset("screen_photo"))
 
 
 def test_an_event_returns_all_that_the_page_shows():
-    told, photo, crop, spectrum, plan, cost, python, yaml = page.photographed(
-        "screen_photo", "traffic sign", None, 0, *VALUES
-    )
+    settings = ("screen_photo", "traffic sign", None, 0, *VALUES)
+    told, photo, crop, spectrum, plan, python, yaml = page.photographed(*settings)
     assert told.startswith("256 x 256 pixels, photographed in ")
     assert photo.shape == (256, 256, 3) and crop.shape == spectrum.shape == (384, 384, 3)
     assert plan == str(Scene.preset("screen_photo").plan())
-    assert ["pose", "in the exposure"] in cost
+    assert ["pose", "in the exposure"] in page.timed(*settings)
     assert 'Scene.preset("screen_photo")' in python and yaml == "preset: screen_photo\n"
 
 
@@ -45,12 +44,13 @@ def test_what_is_refused_is_a_sentence_and_leaves_the_rest_as_it_was(tmp_path):
     ):
         told, *rest = page.photographed("screen_photo", "cat", file, 0, *values)
         assert told.startswith("**Not possible:**") and said in told
-        assert all(one == gradio.skip() for one in rest)
+        assert len(rest) == 6 and all(one == gradio.skip() for one in rest)
+        assert page.timed("screen_photo", "cat", file, 0, *values) == gradio.skip()
 
 
 def test_a_run_that_is_not_there_is_a_sentence():
-    told, gallery = page.attacked("nowhere", "screen_photo", 0, 4, 1)
-    assert "**Not possible:** nowhere is not a run's folder" in told and gallery == []
+    told, ladder = page.attacked("nowhere", "screen_photo", 0, 4, 1)
+    assert "**Not possible:** nowhere is not a run's folder" in told and ladder == ""
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
