@@ -33,9 +33,9 @@ TITLES = {
 # the photo stays in sight while sliders are turned: beside them, or above them on a phone
 CSS = """
 .gradio-container {max-width: 1400px !important; margin: auto; overflow: visible !important}
-.gradio-container main > * {width: 100%}
+.gradio-container .main, .gradio-container main > * {width: 100%}
 #ladder .rungs {display: grid; gap: 16px}
-#ladder .rungs {grid-template-columns: repeat(auto-fill, minmax(150px, 1fr))}
+#ladder .rungs {grid-template-columns: repeat(auto-fill, minmax(130px, 1fr))}
 #ladder figure {margin: 0}
 #ladder img {width: 100%; image-rendering: pixelated}
 #ladder .wrong {font-weight: bold}

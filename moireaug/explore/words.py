@@ -29,7 +29,11 @@ def differences(scene: Scene, preset: str) -> dict[str, Any]:
 
 def as_yaml(scene: Scene, preset: str) -> str:
     """Return a scene as the YAML file that `scene=FILE.yaml` of every command reads."""
-    return yaml.safe_dump(differences(scene, preset), sort_keys=False, default_flow_style=None)
+    lines = []
+    for key, value in differences(scene, preset).items():
+        flow = None if isinstance(value, dict) else False
+        lines.append(yaml.safe_dump({key: value}, sort_keys=False, default_flow_style=flow))
+    return "".join(lines)
 
 
 def as_python(scene: Scene, preset: str) -> str:

@@ -1,5 +1,6 @@
 """Every example runs, at a tiny size, and prints and writes what its docstring says."""
 
+import json
 import re
 import runpy
 import sys
@@ -77,3 +78,37 @@ def test_every_example_is_run_and_short_enough_to_read():
     for name, text in scripts.items():
         assert 30 <= text.count("\n") <= 80, name
         assert f"    python examples/{name}.py" in text, f"{name} does not say how it is run"
+
+
+# notebook: what its first cell, which holds the settings, is replaced with; what it prints
+NOTEBOOKS = {
+    "photograph_a_picture": (
+        'SIDE, SCENE, SEED = 48, "screen_photo", 0',
+        r"21 effects are computed.* of 255 codes RMS",
+    ),
+    "attack_your_classifier": (
+        "IMAGES, EPOCHS, ATTACKED, STEPS = 64, 1, 8, 1",
+        r"clean images +\d+%.*Moiré Attack 8/255 +\d+%",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_notebooks_run_and_hold_their_output(name, capsys):
+    settings, printed = NOTEBOOKS[name]
+    file = EXAMPLES / f"{name}.ipynb"
+    assert file.stat().st_size < 300_000
+    cells = [c for c in json.loads(file.read_text("utf-8"))["cells"] if c["cell_type"] == "code"]
+    first, *others = ("".join(cell["source"]) for cell in cells)
+    assert first.partition(" = ")[0] == settings.partition(" = ")[0]
+    names = {}
+    for code in (settings, *others):
+        exec(compile(code, file.name, "exec"), names)
+    assert re.search(printed, capsys.readouterr().out, re.DOTALL)
+    kept = json.dumps([cell["outputs"] for cell in cells], ensure_ascii=False)
+    assert re.search(printed, kept, re.DOTALL) and "image/png" in kept
+    assert '"output_type": "error"' not in kept
+
+
+def test_every_notebook_is_run():
+    assert {path.stem for path in EXAMPLES.glob("*.ipynb")} == NOTEBOOKS.keys()
