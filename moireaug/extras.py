@@ -18,15 +18,17 @@ MODULES = {
         "tqdm",
     ),
     "train": ("cma", "hydra", "lightning", "omegaconf", "yaml"),
+    "explore": ("gradio",),
 }
-INCLUDED = {"eval": (), "train": ("eval",)}  # extras that an extra brings with it
+# extras that an extra brings with it
+INCLUDED = {"eval": (), "train": ("eval",), "explore": ("eval", "train")}
 
 
 def require(extra: str, what: str) -> None:
     """Refuse to go on where a module of an extra is not installed; imports none of them.
 
     Args:
-        extra: "eval" or "train".
+        extra: "eval", "train" or "explore".
         what: what needs it, as the sentence's subject: "moireaug.evaluation".
 
     Raises:

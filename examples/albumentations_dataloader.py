@@ -1,0 +1,80 @@
+"""Use RandomMoire with albumentations in a DataLoader of several workers.
+
+The scene leaves photos in the camera's frame, so that boxes move with the picture: the box around
+a whole picture becomes the box of the screen in the photo, as a detector of screens needs it. The
+data set keeps its `A.Compose` as an attribute, where `seed_worker` finds it: without it, workers
+repeat each other's draws, and every epoch repeats the first.
+
+    python examples/albumentations_dataloader.py
+    python examples/albumentations_dataloader.py --workers 4
+
+Prints the share of photographed images and the mean width of the screens in each epoch, then images
+a second.
+"""
+
+import argparse
+import time
+from dataclasses import replace
+
+import albumentations as A
+import torch
+from albumentations.pytorch import ToTensorV2
+from torch.utils.data import DataLoader, Dataset
+
+from moireaug import Scene, View
+from moireaug.transforms.albumentations import RandomMoire, seed_worker
+from training import signs
+
+preset = Scene.preset("phone_at_monitor")
+SCENE = replace(
+    preset,
+    view=View(yaw=(-30, 30), roll=(-10, 10), zoom=(0.5, 0.9)),
+    develop=replace(preset.develop, registered=False),  # photos stay in the camera's frame
+)
+
+
+class Screens(Dataset):
+    """Drawn signs, half of them photographed off a screen, and the box of the picture in each."""
+
+    def __init__(self, n: int, size: int) -> None:
+        images, _ = signs.make("train", n, size)
+        self.images = images.permute(0, 2, 3, 1).numpy()  # (H, W, 3) uint8
+        moire = RandomMoire(scene=SCENE, p=0.5)
+        boxes = A.BboxParams(format="pascal_voc", label_fields=["labels"])
+        steps = [A.RandomBrightnessContrast(p=0.5), moire, A.Normalize(), ToTensorV2()]
+        self.transform = A.Compose(steps, bbox_params=boxes, seed=0)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def __getitem__(self, index: int) -> tuple[torch.Tensor, torch.Tensor]:
+        image = self.images[index]
+        whole = [[0, 0, image.shape[1], image.shape[0]]]
+        found = self.transform(image=image, bboxes=whole, labels=[0])
+        return found["image"], torch.as_tensor(found["bboxes"][0], dtype=torch.float32)
+
+
+def main() -> None:
+    """Read two epochs."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--images", type=int, default=256)
+    parser.add_argument("--size", type=int, default=64, help="pixels of a side")
+    parser.add_argument("--workers", type=int, default=2)
+    args = parser.parse_args()
+
+    torch.manual_seed(0)
+    screens = Screens(args.images, args.size)
+    loader = DataLoader(screens, 32, num_workers=args.workers, worker_init_fn=seed_worker)
+    for epoch in range(2):
+        began = time.perf_counter()
+        boxes = torch.cat([boxes for _, boxes in loader])
+        seconds = time.perf_counter() - began
+        widths = boxes[:, 2] - boxes[:, 0]
+        widths = widths[widths < args.size]  # of the photographed ones
+        share, rate = len(widths) / len(boxes), len(boxes) / seconds
+        print(f"epoch {epoch}: {share:.0%} photographed, their screens {widths.mean():.2f} px wide")
+        print(f"         {rate:.0f} images a second")
+
+
+if __name__ == "__main__":
+    main()

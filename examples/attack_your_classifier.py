@@ -1,0 +1,79 @@
+"""Attack a classifier of your own.
+
+Trains a small network, so that there is something to attack; put yours in its place. Any callable
+of [0, 1] images that returns logits will do: `attacks.Normalized` puts the normalisation inside.
+The Moiré Attack then adds noise to the camera's raw reading. Its controls are the clean images and
+the same shots without noise: only what it takes from the latter is the attacker's work.
+
+    python examples/attack_your_classifier.py
+
+Prints the accuracy on clean images, photos, and attacked photos by eps. Writes three images, their
+photos and the attacked photos as attacked.png.
+"""
+
+import argparse
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+from torchvision.utils import save_image
+
+from moireaug import attacks, capture
+from training import signs
+
+MEAN, STD = (0.5, 0.5, 0.5), (0.25, 0.25, 0.25)
+
+
+def trained(images: Tensor, labels: Tensor, epochs: int) -> nn.Module:
+    """Train a small network on images (N, 3, 32, 32) in [0, 1]."""
+    layers: list[nn.Module] = []
+    for inputs, outputs in ((3, 32), (32, 64), (64, 128)):
+        layers += [nn.Conv2d(inputs, outputs, 3, 2, 1), nn.BatchNorm2d(outputs), nn.ReLU()]
+    network = nn.Sequential(*layers, nn.Flatten(), nn.Linear(128 * 4 * 4, len(signs.CLASSES)))
+    model = attacks.Normalized(network, MEAN, STD)
+    optimizer = torch.optim.AdamW(model.parameters(), lr=3e-3, weight_decay=0.05)
+    for _ in range(epochs):
+        for rows in torch.randperm(len(images)).split(64):
+            optimizer.zero_grad()
+            F.cross_entropy(model(images[rows]), labels[rows]).backward()
+            optimizer.step()
+    return model.eval()
+
+
+@torch.no_grad()
+def accuracy(model: nn.Module, images: Tensor, labels: Tensor) -> float:
+    """Return the share of images (B, 3, H, W) that a model classifies correctly."""
+    return (model(images).argmax(1) == labels).float().mean().item()
+
+
+def main() -> None:
+    """Train, attack, and say what the attack adds to the camera."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--images", type=int, default=2000, help="of the training set")
+    parser.add_argument("--epochs", type=int, default=10)
+    parser.add_argument("--attacked", type=int, default=200, help="test images that are attacked")
+    parser.add_argument("--steps", type=int, default=20)
+    parser.add_argument("--out", default="attacked.png")
+    args = parser.parse_args()
+
+    torch.manual_seed(0)
+    codes, labels = signs.make("train", args.images, size=32)
+    model = trained(codes.float() / 255, labels, args.epochs)
+
+    codes, labels = signs.make("test", args.attacked, size=32)
+    images = codes.float() / 255
+    eps = [2 / 255, 4 / 255, 8 / 255]
+    attack = attacks.MoireAttack(model, scene="screen_photo", eps=eps, steps=args.steps)
+    results = attack(images, labels)  # one for each eps, of the same shots
+
+    photos = capture(images, results[0].shot)
+    print(f"clean images          {accuracy(model, images, labels):.0%}")
+    print(f"photos, no noise      {accuracy(model, photos, labels):.0%}")
+    for result in results:
+        rate = accuracy(model, result.images, labels)
+        print(f"Moiré Attack {255 * result.eps:.0f}/255    {rate:.0%}")
+    save_image(torch.cat([images[:3], photos[:3], results[1].images[:3]]), args.out, nrow=3)
+
+
+if __name__ == "__main__":
+    main()

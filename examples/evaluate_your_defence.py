@@ -1,0 +1,78 @@
+"""Evaluate a defence of your own.
+
+A defence is any function from images to images. `defenses.Defended` puts it before a model, and an
+attack on the two goes through both. The same defence is judged twice: by attacks that know of it,
+which is the honest figure, and by noise that was made for the bare model, which is how weak
+defences look strong.
+
+    python examples/evaluate_your_defence.py
+
+Prints the ladder of the bare and the defended model, and what the defended model makes of noise
+that does not know of it.
+"""
+
+import argparse
+
+import pandas as pd
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+from torch.utils.data import DataLoader, TensorDataset
+
+from moireaug import attacks, defenses, evaluation
+from training import signs
+from training.models import SmallResNet
+
+EPS = 4 / 255
+
+
+def halved(images: Tensor) -> Tensor:
+    """Shrink images to half their size and enlarge them again: your defence goes here."""
+    small = F.interpolate(images, scale_factor=0.5, mode="area")
+    return F.interpolate(small, size=images.shape[-2:], mode="bilinear").clamp(0, 1)
+
+
+def trained(images: Tensor, labels: Tensor, epochs: int) -> nn.Module:
+    """Train a small network on images (N, 3, H, W) in [0, 1]."""
+    model = SmallResNet(len(signs.CLASSES))
+    optimizer = torch.optim.AdamW(model.parameters(), lr=3e-3, weight_decay=0.05)
+    for _ in range(epochs):
+        for rows in torch.randperm(len(images)).split(64):
+            optimizer.zero_grad()
+            F.cross_entropy(model(images[rows]), labels[rows]).backward()
+            optimizer.step()
+    return model.eval()
+
+
+def main() -> None:
+    """Train, then evaluate with and without the defence."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--images", type=int, default=2000, help="of the training set")
+    parser.add_argument("--epochs", type=int, default=10)
+    parser.add_argument("--attacked", type=int, default=100, help="test images that are attacked")
+    parser.add_argument("--steps", type=int, default=10)
+    args = parser.parse_args()
+
+    torch.manual_seed(0)
+    codes, labels = signs.make("train", args.images, size=32)
+    model = trained(codes.float() / 255, labels, args.epochs)
+    defended = defenses.Defended(model, halved)
+
+    test = TensorDataset(*signs.make("test", args.attacked, size=32))
+    loader = DataLoader(test, batch_size=50)
+    columns = {}
+    for name, judged in (("bare", model), ("defended", defended)):
+        frame = evaluation.evaluate(judged, loader, suite="ladder", eps=EPS, steps=args.steps)
+        columns[name] = evaluation.rates(frame).set_index("row")["accuracy"]
+    print(pd.DataFrame(columns).map("{:.0%}".format))
+
+    images, labels = next(iter(loader))
+    blind = attacks.MoireAttack(model, scene="screen_photo", eps=EPS, steps=args.steps)
+    result = blind(images.float() / 255, labels)
+    answers = defended(result.images).argmax(1)
+    rate = (answers == labels).float().mean()
+    print(f"defended, against noise that does not know of the defence: {rate:.0%}")
+
+
+if __name__ == "__main__":
+    main()

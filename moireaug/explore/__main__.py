@@ -1,0 +1,44 @@
+"""Open the explorer in a browser.
+
+    python -m moireaug.explore
+    python -m moireaug.explore --run runs/moire_at/seed0
+
+It listens on 127.0.0.1 alone, and sends nothing anywhere else.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from moireaug.extras import require
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Read the command line and serve the page until Ctrl-C.
+
+    Raises:
+        SystemExit: the extra is not installed, with the command that installs it, or the port is
+            taken.
+    """
+    parser = argparse.ArgumentParser(prog="python -m moireaug.explore", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--port", type=int, help="7860 or the next free one if left out")
+    parser.add_argument("--run", default="", help="the folder of a run, for the second tab")
+    parser.add_argument("--quiet", action="store_true", help="open no browser")
+    args = parser.parse_args(argv)
+    try:
+        require("explore", "moireaug.explore")
+    except ModuleNotFoundError as error:
+        raise SystemExit(f"error: {error}") from None
+
+    from moireaug.explore import page
+
+    try:
+        page.serve(args.run, args.port, in_browser=not args.quiet)
+    except OSError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+if __name__ == "__main__":
+    main()

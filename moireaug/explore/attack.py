@@ -1,0 +1,122 @@
+"""The ladder of one picture: what a run's model says of it, clean, photographed and attacked."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from moireaug.evaluation.conditions import EvalBatch
+from moireaug.evaluation.report.page import shown, title_of
+from moireaug.evaluation.suites.ladder import rungs
+from moireaug.evaluation.tables import SuiteConfig
+from moireaug.explore.photo import Picture, as_picture
+from moireaug.scene.scene import Scene
+from training import data, saved
+
+IMAGES = 24  # of a run's test set, to choose from
+
+
+class Run(NamedTuple):
+    """A trained model, and test images (N, 3, H, W) in [0, 1] with their labels (N,)."""
+
+    name: str
+    model: nn.Module
+    images: Tensor
+    labels: Tensor
+    classes: dict[int, str]
+
+
+class Rung(NamedTuple):
+    """One rung of the ladder: what was shown, and the model's answer with its probability."""
+
+    title: str
+    picture: Picture
+    answer: str
+    probability: float
+    right: bool
+
+    @property
+    def verdict(self) -> str:
+        """Return "right" or "wrong"."""
+        return "right" if self.right else "wrong"
+
+
+def open_run(folder: str) -> Run:
+    """Read a run's model, and the first of its test images.
+
+    Raises:
+        ValueError: no run there, or its data set is not where it was.
+    """
+    if not folder.strip():
+        raise ValueError("name the folder of a run, as in runs/moire_at/seed0.")
+    found = saved.read(Path(folder.strip()))
+    wanted = replace(found.cfg.data, train=1, val=1, test=IMAGES)
+    splits = data.load(wanted)
+    found.check_classes(splits, wanted)
+    pictures, labels = [], []
+    for index in range(len(splits.test)):  # type: ignore[arg-type]
+        picture, label = splits.test[index]
+        pictures.append(picture)
+        labels.append(int(label))
+    images = torch.stack(pictures).float() / 255
+    return Run(folder.strip(), found.model(), images, torch.tensor(labels), splits.classes)
+
+
+def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int = 0) -> list[Rung]:
+    """Show a run's model one of its test images, rung by rung: each adds one thing.
+
+    Args:
+        index: of the image. eps: bound of the noise, in [0, 1] units. steps: of the attacks.
+        seed: of the shot, and of what is random in the rungs.
+
+    Raises:
+        ValueError: an index that is none, or an eps or steps that no attack takes.
+    """
+    if not 0 <= index < len(run.images):
+        raise ValueError(f"image must be 0 to {len(run.images) - 1}; got {index}.")
+    image, label = run.images[index : index + 1], run.labels[index : index + 1]
+    size = (image.shape[-2], image.shape[-1])
+    generator = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        order = run.model(image)[0].argsort(descending=True)
+    likeliest = order[order != label[0]][:1]  # the wrong answer that is nearest
+    batch = EvalBatch(
+        run.model, image, label, likeliest, scene.sample(1, size, generator), generator
+    )
+    found = []
+    for condition in rungs(SuiteConfig(scene=scene, eps=(eps,), steps=steps)):
+        photo = condition.show(batch).detach()
+        with torch.no_grad():
+            chances = run.model(photo)[0].softmax(0)
+        answer = int(chances.argmax())
+        named = run.classes.get(answer, str(answer))
+        rung = Rung(
+            title_of(condition.name, "ladder"),
+            as_picture(photo),
+            named,
+            float(chances[answer]),
+            answer == int(label),
+        )
+        found.append(rung)
+    return found
+
+
+def as_html(rungs: Sequence[Rung]) -> str:
+    """Return a ladder as figures: each rung's picture, and below it what the model said."""
+    figures = []
+    for rung in rungs:
+        picture = shown(rung.picture, rung.title)
+        title, answer = html.escape(rung.title), html.escape(rung.answer)
+        said = f"{answer}, {rung.probability:.0%}: {rung.verdict}"
+        figures.append(
+            f'<figure><img src="{picture["uri"]}" alt="{title}">'
+            f'<figcaption>{title}<br><span class="{rung.verdict}">{said}</span>'
+            "</figcaption></figure>"
+        )
+    return f'<div class="rungs">{"".join(figures)}</div>'

@@ -1,0 +1,166 @@
+"""The controls of a scene: one for each field of its parts, made from their dataclasses."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+from moireaug.scene import parts
+from moireaug.scene.fields import bounds
+from moireaug.scene.layout import LAYOUTS
+from moireaug.scene.parts import PARTS
+from moireaug.scene.scene import Scene
+
+# where a slider over all that a field allows would be of no use
+LIMITS: dict[str, tuple[float, float]] = {
+    "panel.scale": (0.2, 4.0),
+    "panel.lit": (0.05, 1.0),
+    "panel.lit_x": (0.05, 1.0),
+    "panel.lit_y": (0.05, 1.0),
+    "panel.pwm": (0.0, 1000.0),
+    "panel.duty": (0.05, 1.0),
+    "panel.black": (0.0, 0.1),
+    "panel.glare": (0.0, 0.5),
+    "view.yaw": (-60.0, 60.0),
+    "view.pitch": (-60.0, 60.0),
+    "view.roll": (-45.0, 45.0),
+    "view.zoom": (0.2, 4.0),
+    "view.shift_x": (-0.5, 0.5),
+    "view.shift_y": (-0.5, 0.5),
+    "view.fov": (5.0, 85.0),
+    "lens.k1": (-0.3, 0.3),
+    "lens.k2": (-0.2, 0.2),
+    "lens.blur": (0.0, 4.0),
+    "lens.motion_x": (-4.0, 4.0),
+    "lens.motion_y": (-4.0, 4.0),
+    "lens.olpf": (0.0, 2.0),
+    "sensor.scale": (0.5, 12.0),
+    "sensor.fill": (0.05, 1.0),
+    "sensor.gain": (0.1, 10.0),
+    "sensor.shutter": (0.0, 0.05),
+    "sensor.readout": (0.0, 0.05),
+    "sensor.read_noise": (0.0, 0.1),
+    "sensor.shot_noise": (0.0, 0.2),
+    "develop.red": (0.5, 2.0),
+    "develop.blue": (0.5, 2.0),
+    "develop.shoulder": (0.0, 5.0),
+    "develop.brighten": (-0.5, 0.5),
+    "develop.chroma_blur": (0.0, 8.0),
+    "develop.sharpen": (-1.0, 4.0),
+    "develop.sharpen_radius": (0.3, 8.0),
+}
+CHOICES: dict[str, tuple[Any, ...]] = {
+    "panel.layout": tuple(LAYOUTS),
+    "view.pose": parts.POSES,
+    "sensor.cfa": parts.CFAS,
+    "sensor.exposure": parts.EXPOSURES,
+    "sensor.bits": (None, *range(1, 17)),
+    "develop.demosaic": parts.DEMOSAICS,
+    "develop.denoise": (None, *parts.DENOISERS),
+    "develop.resize": parts.RESIZES,
+}
+
+
+class Control(NamedTuple):
+    """One field of a scene.
+
+    Args:
+        part, field: its name.
+        kind: "range", two numbers; "number", one; "switch", a bool; "choice", one of `choices`.
+        about: what the field's documentation says, as one sentence.
+        low, high, step: of a slider.
+        choices: what is allowed; None is "none".
+    """
+
+    part: str
+    field: str
+    kind: str
+    about: str
+    low: float = 0.0
+    high: float = 1.0
+    step: float = 0.01
+    choices: tuple[Any, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Return "part.field"."""
+        return f"{self.part}.{self.field}"
+
+    @property
+    def width(self) -> int:
+        """Return how many values it takes."""
+        return 2 if self.kind == "range" else 1
+
+    def read(self, scene: Scene) -> list[Any]:
+        """Return the values that this control shows of a scene."""
+        value = getattr(getattr(scene, self.part), self.field)
+        return list(bounds(value)) if self.kind == "range" else [value]
+
+    def value(self, shown: Sequence[Any]) -> Any:
+        """Return the field's value for what this control shows; the ends of a range come in any
+        order."""
+        if self.kind == "range":
+            low, high = sorted(float(end) for end in shown)
+            return low if low == high else (low, high)
+        return float(shown[0]) if self.kind == "number" else shown[0]
+
+
+def _controls() -> Iterator[Control]:
+    for part, cls in PARTS.items():
+        about = documented(cls)
+        for field in dataclasses.fields(cls):
+            yield _control(part, field, about.get(field.name, ""))
+
+
+def _control(part: str, field: dataclasses.Field[Any], about: str) -> Control:
+    name = f"{part}.{field.name}"
+    if name in CHOICES:
+        return Control(part, field.name, "choice", about, choices=CHOICES[name])
+    if isinstance(field.default, bool):
+        return Control(part, field.name, "switch", about)
+    allowed = field.metadata
+    low, high = LIMITS[name] if name in LIMITS else (allowed["low"], allowed["high"])
+    step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # some hundred positions
+    kind = "range" if "low" in allowed else "number"
+    return Control(part, field.name, kind, about, low, high, step)
+
+
+def documented(cls: type) -> dict[str, str]:
+    """Return the first sentence that a class's docstring says of each of its arguments."""
+    args = inspect.cleandoc(cls.__doc__ or "").partition("Args:\n")[2]
+    found = {}
+    for entry in re.split(r"\n(?=    \w)", "\n" + args):
+        names, colon, text = " ".join(entry.split()).partition(": ")
+        if colon:
+            for name in names.split(", "):
+                found[name] = re.split(r"\.(?: |$)", text)[0] + "."
+    return found
+
+
+CONTROLS: tuple[Control, ...] = tuple(_controls())
+
+
+def shown(scene: Scene) -> list[Any]:
+    """Return the values of all controls for a scene, one after another."""
+    values: list[Any] = []
+    for control in CONTROLS:
+        values += control.read(scene)
+    return values
+
+
+def scene_of(values: Sequence[Any]) -> Scene:
+    """Return the scene that the values of all controls describe; the inverse of `shown`.
+
+    Raises:
+        ValueError, TypeError: values that no scene can have, with what is allowed.
+    """
+    given: dict[str, dict[str, Any]] = {part: {} for part in PARTS}
+    rest = list(values)
+    for control in CONTROLS:
+        own, rest = rest[: control.width], rest[control.width :]
+        given[control.part][control.field] = control.value(own)
+    return Scene.from_dict(given)

@@ -1,0 +1,164 @@
+"""What the explorer shows of one picture: its photo, a crop, a spectrum, and what it cost."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+from torch import Tensor
+
+from moireaug import images
+from moireaug.capture import capture
+from moireaug.effects.base import WithinExposure
+from moireaug.scene.scene import Scene, Shot
+from training import signs
+
+Picture = NDArray[np.uint8]  # (H, W, 3)
+
+MOST = 2_000_000  # pixels of a picture: about a second on one core
+TIMED = 128  # pixels of the crop whose effects are timed
+REPEATS = 3
+CROP, MAGNIFIED = 64, 6  # pixels of a side, and how often each is repeated
+
+
+class Taken(NamedTuple):
+    """A photo (1, 3, H, W) in [0, 1], its shot, and the seconds that it took."""
+
+    photo: Tensor
+    shot: Shot
+    seconds: float
+
+
+def sign() -> Picture:
+    """Draw a traffic sign."""
+    drawn, _ = signs.make("test", 10, size=256, seed=4)
+    return drawn[9].permute(1, 2, 0).numpy()
+
+
+def grey() -> Picture:
+    """Return a grey screen, on which nothing but the camera's own work is seen."""
+    return np.full((256, 256, 3), 190, np.uint8)
+
+
+def bundled(name: str) -> Picture:
+    """Return a picture of scikit-image's own, in RGB."""
+    from skimage import data
+
+    return np.asarray(Image.fromarray(getattr(data, name)()).convert("RGB"))
+
+
+SAMPLES = {
+    "cat": lambda: bundled("chelsea"),
+    "page of text": lambda: bundled("page"),
+    "traffic sign": sign,
+    "grey screen": grey,
+}
+
+
+def read(path: str) -> Picture:
+    """Return the picture in a file.
+
+    Raises:
+        ValueError: a file that cannot be read as a picture, or one of more than `MOST` pixels.
+    """
+    try:
+        with Image.open(path) as opened:
+            width, height = opened.size
+    except OSError:
+        width = height = 0  # the sentence about that is `images.read`'s
+    if width * height > MOST:
+        raise ValueError(
+            f"{Path(path).name} has {width} x {height} pixels, and the explorer takes pictures of "
+            f"up to {MOST / 1e6:g} megapixels. Make it smaller; moireaug.capture takes any size."
+        )
+    return np.asarray(images.read(path))
+
+
+def as_batch(picture: Picture) -> Tensor:
+    """Return a picture as (1, 3, H, W) in [0, 1]."""
+    return torch.from_numpy(picture.copy()).permute(2, 0, 1)[None].float() / 255
+
+
+def as_picture(photo: Tensor) -> Picture:
+    """Return a photo (1, 3, H, W) in [0, 1] as codes."""
+    return (255 * photo[0]).round().to(torch.uint8).permute(1, 2, 0).numpy()
+
+
+@torch.no_grad()
+def photograph(shown: Tensor, scene: Scene, seed: int) -> Taken:
+    """Photograph a picture (1, 3, H, W) off a screen."""
+    size = (shown.shape[-2], shown.shape[-1])
+    shot = scene.sample(1, size, torch.Generator().manual_seed(seed))
+    began = time.perf_counter()
+    photo = capture(shown, shot)
+    return Taken(photo, shot, time.perf_counter() - began)
+
+
+def magnify(photo: Picture, x: float = 0.5, y: float = 0.5) -> Picture:
+    """Return the crop around a point of a photo, every pixel several times as large.
+
+    Args:
+        x, y: the point, as shares of the photo's width and height.
+    """
+    height, width = photo.shape[:2]
+    top = min(max(0, round(y * height) - CROP // 2), max(0, height - CROP))
+    left = min(max(0, round(x * width) - CROP // 2), max(0, width - CROP))
+    crop = photo[top : top + CROP, left : left + CROP]
+    return crop.repeat(MAGNIFIED, 0).repeat(MAGNIFIED, 1)
+
+
+def spectrum(photo: Picture, side: int = CROP * MAGNIFIED) -> Picture:
+    """Return the logarithm of a photo's power over frequency, zero in the middle and half a cycle a
+    pixel at the edges, in colours.
+
+    The mean over red, green and blue, under a Hann window. Moiré shows as pairs of points.
+    """
+    height, width = photo.shape[:2]
+    window = np.hanning(height)[:, None, None] * np.hanning(width)[None, :, None]
+    codes = photo.astype(np.float32)
+    waves = np.fft.fft2((codes - codes.mean((0, 1))) * window, axes=(0, 1))
+    power = np.fft.fftshift(np.log10(np.square(np.abs(waves)).mean(2) + 1.0))
+    low, high = np.percentile(power, 30), power.max()
+    grey = ((power - low) / max(high - low, 1e-6)).clip(0, 1)
+    colours = matplotlib.colormaps["magma"](grey, bytes=True)[..., :3]
+    square = Image.fromarray(colours).resize((side, side), Image.Resampling.BICUBIC)
+    return np.asarray(square)
+
+
+@torch.no_grad()
+def milliseconds(shown: Tensor, scene: Scene, seed: int) -> list[tuple[str, float | None]]:
+    """Time each effect of a scene's plan in the reference, on the middle of a picture.
+
+    Args:
+        shown: (1, 3, H, W); of its middle at most 128 x 128 pixels are timed.
+
+    Returns:
+        The effects in the order of the light, with the median of three runs in milliseconds; None
+        for those that the exposure integrates.
+    """
+    height, width = (min(TIMED, side) for side in shown.shape[-2:])
+    top, left = (shown.shape[-2] - height) // 2, (shown.shape[-1] - width) // 2
+    crop = shown[..., top : top + height, left : left + width]
+    shot = scene.sample(1, (height, width), torch.Generator().manual_seed(seed))
+    taken: dict[str, list[float]] = {}
+    plan = scene.plan()
+    for _ in range(REPEATS):
+        light = crop
+        for effect in (*plan.exposing, *plan.developing):
+            began = time.perf_counter()
+            light = effect(light, shot)
+            taken.setdefault(effect.name, []).append(time.perf_counter() - began)
+    found: list[tuple[str, float | None]] = []
+    for effect in (*plan.exposing, *plan.developing):
+        if isinstance(effect, WithinExposure):
+            found.append((effect.name, None))
+        elif effect.shown:
+            found.append((effect.name, 1e3 * statistics.median(taken[effect.name])))
+    return found

@@ -1,0 +1,52 @@
+"""A scene as code and as YAML, from the preset that it is closest to in the reader's mind."""
+
+from __future__ import annotations
+
+import pprint
+import textwrap
+from typing import Any
+
+import yaml
+
+from moireaug.scene.parts import PARTS
+from moireaug.scene.scene import Scene
+
+
+def differences(scene: Scene, preset: str) -> dict[str, Any]:
+    """Return what `Scene.from_dict` takes to build a scene from a preset: the preset's name, and
+    the fields that differ from it."""
+    ours, theirs = scene.to_dict(), Scene.preset(preset).to_dict()
+    found: dict[str, Any] = {"preset": preset}
+    for part in PARTS:
+        changed = {}
+        for field, value in ours[part].items():
+            if value != theirs[part][field]:
+                changed[field] = value
+        if changed:
+            found[part] = changed
+    return found
+
+
+def as_yaml(scene: Scene, preset: str) -> str:
+    """Return a scene as the YAML file that `scene=FILE.yaml` of every command reads."""
+    lines = []
+    for key, value in differences(scene, preset).items():
+        flow = None if isinstance(value, dict) else False
+        lines.append(yaml.safe_dump({key: value}, sort_keys=False, default_flow_style=flow))
+    return "".join(lines)
+
+
+def as_python(scene: Scene, preset: str) -> str:
+    """Return the Python code that builds a scene."""
+    found = differences(scene, preset)
+    made = f'Scene.preset("{preset}")'
+    if len(found) > 1:
+        values = pprint.pformat(found, sort_dicts=False, width=80)
+        made = f"Scene.from_dict(\n{textwrap.indent(values, '    ')}\n)"
+    lines = [
+        "from moireaug import Scene, transforms",
+        "",
+        f"scene = {made}",
+        "transform = transforms.RandomMoire(scene=scene, p=0.5)",
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,114 @@
+"""Every example runs, at a tiny size, and prints and writes what its docstring says."""
+
+import json
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+# script: its arguments, what it prints, the files that it writes
+RUNS = {
+    "photograph_a_picture": (
+        ["--side=48", "--out=here.png"],
+        r"21 effects are computed.* yaw -?\d.*The moiré is \d+\.\d of 255 codes RMS",
+        ["here.png"],
+    ),
+    "torchvision_training": (
+        ["--images=64", "--epochs=1"],
+        r"RandomMoire\(p=0\.0\): \d+% clean, .*RandomMoire\(p=0\.5\): \d+% clean, \d+% photo",
+        [],
+    ),
+    "kornia_on_the_gpu": (
+        ["--batch=4", "--size=32", "--batches=1"],
+        r"RandomMoire_1.* images a second of 32 px.*same pixels: True.*two values alone: True",
+        [],
+    ),
+    "albumentations_dataloader": (
+        ["--images=64", "--size=24", "--workers=1"],
+        r"epoch 0: \d\d% photographed, their screens (\d+)\.\d\d px wide.*epoch 1: ",
+        [],
+    ),
+    "attack_your_classifier": (
+        ["--images=64", "--epochs=1", "--attacked=8", "--steps=1"],
+        r"clean images +\d+%\nphotos, no noise +\d+%\nMoiré Attack 2/255 .*Attack 8/255 +\d+%",
+        ["attacked.png"],
+    ),
+    "evaluate_your_defence": (
+        ["--images=64", "--epochs=1", "--attacked=8", "--steps=1"],
+        r" bare defended\n.*clean +\d+% +\d+%\n.*worst_4 .*not know of the defence: \d+%",
+        [],
+    ),
+    "calibrate_to_your_camera": (
+        ["--size=32", "--evaluations=1"],
+        r"distance 0\.\d+ at the start.*lens\.blur: \(0\.5, 0\.85\) before, .*RandomMoire\(",
+        ["calibrated/scene.yaml", "calibrated/report.html"],
+    ),
+    "train_a_demoireing_network": (
+        ["--crop=32", "--steps=1", "--width=0.1"],
+        r"without moiré: \d\d\.\d\d dB as taken\n +-?\d+\.\d\d dB cleaned",
+        ["demoire.pt", "demoired.png"],
+    ),
+    "watermark_through_the_camera": (
+        ["--steps=1", "--images=80"],
+        r"no camera: \d+% read in images, .*the camera: \d+% .*, \d+% in photos, \d+ dB",
+        [],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_examples_print_and_write_what_they_say(name, tmp_path, monkeypatch, capsys):
+    arguments, printed, written = RUNS[name]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [name, *arguments])
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    said = capsys.readouterr().out
+    assert re.search(printed, said, re.DOTALL), said
+    found = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert {str(path.relative_to(tmp_path)) for path in found} >= set(written)
+
+
+def test_every_example_is_run_and_short_enough_to_read():
+    scripts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
+    assert scripts.keys() == RUNS.keys()
+    for name, text in scripts.items():
+        assert 30 <= text.count("\n") <= 80, name
+        assert f"    python examples/{name}.py" in text, f"{name} does not say how it is run"
+
+
+# notebook: what its first cell, which holds the settings, is replaced with; what it prints
+NOTEBOOKS = {
+    "photograph_a_picture": (
+        'SIDE, SCENE, SEED = 48, "screen_photo", 0',
+        r"21 effects are computed.* of 255 codes RMS",
+    ),
+    "attack_your_classifier": (
+        "IMAGES, EPOCHS, ATTACKED, STEPS = 64, 1, 8, 1",
+        r"clean images +\d+%.*Moiré Attack 8/255 +\d+%",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_notebooks_run_and_hold_their_output(name, capsys):
+    settings, printed = NOTEBOOKS[name]
+    file = EXAMPLES / f"{name}.ipynb"
+    assert file.stat().st_size < 300_000
+    cells = [c for c in json.loads(file.read_text("utf-8"))["cells"] if c["cell_type"] == "code"]
+    first, *others = ("".join(cell["source"]) for cell in cells)
+    assert first.partition(" = ")[0] == settings.partition(" = ")[0]
+    names = {}
+    for code in (settings, *others):
+        exec(compile(code, file.name, "exec"), names)
+    assert re.search(printed, capsys.readouterr().out, re.DOTALL)
+    kept = json.dumps([cell["outputs"] for cell in cells], ensure_ascii=False)
+    assert re.search(printed, kept, re.DOTALL) and "image/png" in kept
+    assert '"output_type": "error"' not in kept
+
+
+def test_every_notebook_is_run():
+    assert {path.stem for path in EXAMPLES.glob("*.ipynb")} == NOTEBOOKS.keys()

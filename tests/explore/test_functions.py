@@ -1,0 +1,215 @@
+"""The explorer's functions, without its page: controls, words, pictures, ladders and refusals."""
+
+import dataclasses
+import importlib.util
+import re
+import sys
+import types
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from torch import nn
+
+from moireaug import Layout, Panel, Scene, capture
+from moireaug.effects.base import WithinExposure
+from moireaug.explore import __main__ as command
+from moireaug.explore import attack, photo, words
+from moireaug.explore.controls import CONTROLS, documented, scene_of, shown
+from moireaug.scene.fields import bounds
+from moireaug.scene.parts import PARTS, Lens
+from moireaug.scene.presets import PRESETS
+from training import scenes
+
+
+def test_every_field_of_a_scene_has_one_control_that_says_what_it_is():
+    fields = [f"{part}.{f.name}" for part, cls in PARTS.items() for f in dataclasses.fields(cls)]
+    assert [control.name for control in CONTROLS] == fields
+    for control in CONTROLS:
+        assert len(control.about) > 10 and control.about.endswith("."), control.name
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_controls_show_every_preset_and_give_it_back(preset):
+    scene = Scene.preset(preset)
+    values = shown(scene)
+    assert scene_of(values) == scene
+    for control in CONTROLS:
+        own, values = values[: control.width], values[control.width :]
+        if control.kind in ("range", "number"):
+            for value in own:
+                assert control.low <= value <= control.high, control.name
+                steps = (value - control.low) / control.step
+                assert steps == pytest.approx(round(steps), abs=1e-6), f"{control.name} is between"
+        if control.kind == "choice":
+            assert own[0] in control.choices
+
+
+def test_limits_of_sliders_lie_within_what_is_allowed():
+    allowed = {
+        f"{p}.{f.name}": f.metadata for p, cls in PARTS.items() for f in dataclasses.fields(cls)
+    }
+    ranges = [control for control in CONTROLS if control.kind == "range"]
+    assert len(ranges) > 30
+    for control in ranges:
+        assert allowed[control.name]["low"] <= control.low < control.high
+        assert control.high <= allowed[control.name]["high"], control.name
+
+
+def test_the_ends_of_a_range_come_in_any_order():
+    values = shown(Scene())
+    at = shown(Scene()).index(40.0)  # view.fov
+    values[at : at + 2] = [60.0, 20.0]
+    assert bounds(scene_of(values).view.fov) == (20.0, 60.0)
+
+
+def test_a_field_is_described_by_the_first_sentence_of_its_documentation():
+    assert documented(Lens)["blur"].startswith("standard deviation of the Gaussian point spread")
+    assert documented(Lens)["k1"] == documented(Lens)["k2"] == "radial distortion."
+
+
+SCENES = {
+    "the preset itself": Scene.preset("phone_at_phone"),
+    "other lens and sensor": dataclasses.replace(
+        Scene.preset("phone_at_phone"),
+        lens=Lens(blur=(0.2, 0.4)),
+        panel=Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 1)))),
+    ),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_code_and_yaml_build_the_scene(scene, tmp_path):
+    names = {}
+    exec(words.as_python(scene, "phone_at_phone"), names)
+    assert names["scene"] == names["transform"].scene == scene
+    file = tmp_path / "scene.yaml"
+    file.write_text(words.as_yaml(scene, "phone_at_phone"))
+    assert scenes.load(str(file)) == scene
+
+
+def test_only_differences_are_written():
+    scene = dataclasses.replace(Scene.preset("paper"), lens=Lens(k1=(-0.05, 0.05), blur=0.5))
+    assert words.differences(scene, "paper") == {"preset": "paper", "lens": {"blur": 0.5}}
+
+
+def test_the_photo_is_the_captures_own():
+    scene, picture = Scene.preset("screen_photo"), photo.sign()[:48, :40]
+    taken = photo.photograph(photo.as_batch(picture), scene, seed=3)
+    assert torch.equal(taken.photo, capture(photo.as_batch(picture), taken.shot))
+    assert photo.as_picture(taken.photo).shape == (48, 40, 3)
+    assert taken.seconds > 0
+
+
+@pytest.mark.parametrize("name", photo.SAMPLES)
+def test_samples_are_pictures_that_are_not_too_large(name):
+    picture = photo.SAMPLES[name]()
+    assert picture.dtype == np.uint8 and picture.ndim == 3 and picture.shape[2] == 3
+    assert picture.shape[0] * picture.shape[1] <= photo.MOST
+
+
+def test_a_crop_is_magnified_where_it_was_asked_for_and_stays_inside():
+    ramp = np.broadcast_to(np.arange(200, dtype=np.uint8)[None, :, None], (150, 200, 3))
+    for x, left in ((0.0, 0), (0.5, 68), (1.0, 136)):
+        crop = photo.magnify(ramp, x, 0.5)
+        assert crop.shape == (384, 384, 3)
+        assert crop[0, ::6, 0].tolist() == list(range(left, left + 64))
+    assert photo.magnify(ramp[:20, :10]).shape == (120, 60, 3)
+
+
+def test_the_spectrum_of_stripes_is_two_points_at_their_frequency():
+    stripes = 128 + 100 * np.sin(2 * np.pi * np.arange(96) / 8)  # 1/8 cycle a pixel
+    picture = np.broadcast_to(stripes[None, :, None], (96, 96, 3)).astype(np.uint8)
+    light = photo.spectrum(picture, side=96).sum(2)
+    row, columns = 48, {48 - 12, 48 + 12}
+    assert set(np.argsort(light[row])[-2:].tolist()) == columns
+    assert light[row].max() > 3 * light[10].max()
+
+
+def test_every_planned_effect_is_timed_or_within_the_exposure():
+    scene = Scene.preset("screen_photo")
+    found = dict(photo.milliseconds(torch.rand(1, 3, 20, 300), scene, 0))
+    assert list(found) == [step.name for step in scene.plan()]
+    within = {e.name for e in scene.plan().exposing if isinstance(e, WithinExposure)}
+    assert {name for name, spent in found.items() if spent is None} == within
+    assert all(spent > 0 for spent in found.values() if spent is not None)
+
+
+def test_pictures_that_are_too_large_or_none_are_refused_in_a_sentence(tmp_path):
+    large, damaged = tmp_path / "large.png", tmp_path / "damaged.png"
+    Image.new("L", (2001, 1000)).save(large)
+    damaged.write_bytes(b"no picture")
+    with pytest.raises(ValueError, match=r"large\.png has 2001 x 1000 pixels, .* 2 megapixels"):
+        photo.read(str(large))
+    with pytest.raises(ValueError, match=r"damaged\.png could not be read"):
+        photo.read(str(damaged))
+    Image.new("L", (2000, 1000)).save(large)
+    assert photo.read(str(large)).shape == (1000, 2000, 3)
+
+
+def bright(n_classes=3):
+    """Return a model that answers by the image's mean, brighter is a higher class."""
+    weigh = nn.Linear(1, n_classes)
+    with torch.no_grad():
+        weigh.weight[:] = torch.arange(n_classes)[:, None] * 40.0
+        weigh.bias[:] = -10.0 * torch.arange(n_classes) ** 2
+    return nn.Sequential(nn.AdaptiveAvgPool2d(1), Mean(), weigh)
+
+
+class Mean(nn.Module):
+    def forward(self, x):
+        return x.mean((1, 2, 3), keepdim=False)[:, None]
+
+
+def test_a_ladder_climbs_from_the_clean_image_to_attacks_that_fool_the_model():
+    images = torch.full((2, 3, 16, 16), 0.45)
+    model = bright()
+    label = int(model(images[:1]).argmax())
+    run = attack.Run("here", model, images, torch.full((2,), label), {0: "dark", 1: "middle"})
+    rungs = attack.ladder(run, 1, Scene.preset("screen_photo"), 16 / 255, 3)
+    assert [rung.title for rung in rungs][:4] == [
+        "clean image", "dimmed to the photo's mean", "photo, no moiré", "photo with moiré, no noise"
+    ]  # fmt: skip
+    assert rungs[0].right and rungs[0].answer == "middle" and rungs[0].picture.shape == (16, 16, 3)
+    page = attack.as_html([rungs[0]._replace(answer="<b>")])
+    assert page.count('<img src="data:image/png') == page.count('alt="clean image"') == 1
+    assert re.search(r'<span class="right">&lt;b&gt;, \d+%: right</span>', page)
+    by_title = {rung.title: rung for rung in rungs}
+    assert not by_title["Moiré Attack 16/255"].right
+    assert all(0 <= rung.probability <= 1 for rung in rungs)
+
+
+@pytest.mark.parametrize(
+    ("folder", "said"),
+    [("", "name the folder of a run"), ("nowhere", "nowhere is not a run's folder")],
+)
+def test_a_folder_that_holds_no_run_is_refused(folder, said):
+    with pytest.raises(ValueError, match=said):
+        attack.open_run(folder)
+
+
+def test_an_image_that_is_not_there_is_refused():
+    run = attack.Run("here", bright(), torch.rand(2, 3, 8, 8), torch.zeros(2).long(), {})
+    with pytest.raises(ValueError, match="image must be 0 to 1; got 2"):
+        attack.ladder(run, 2, Scene.preset("paper"), 4 / 255, 1)
+
+
+def test_without_gradio_the_command_names_the_extra(monkeypatch):
+    def find_spec(name):
+        return None if name == "gradio" else object()
+
+    monkeypatch.setattr(importlib.util, "find_spec", find_spec)
+    with pytest.raises(SystemExit, match=r"error: .*gradio.*pip install 'moireaug\[explore\]'"):
+        command.main([])
+
+
+def test_the_command_serves_the_run_that_it_is_given(monkeypatch):
+    served = []
+    page = types.ModuleType("page")
+    page.serve = lambda run, port, in_browser: served.append((run, port, in_browser))
+    monkeypatch.setattr(command, "require", lambda *_: None)
+    monkeypatch.setitem(sys.modules, "moireaug.explore.page", page)
+    monkeypatch.setattr("moireaug.explore.page", page, raising=False)
+    command.main(["--run", "runs/x", "--port", "7999", "--quiet"])
+    assert served == [("runs/x", 7999, False)]

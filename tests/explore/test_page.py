@@ -1,0 +1,96 @@
+"""The explorer's page: what its events answer, and the page itself in a browser."""
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from PIL import Image
+
+from moireaug import Scene
+from moireaug.explore.controls import shown
+
+# Gradio and what it imports warn of their own matters
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    gradio = pytest.importorskip("gradio", reason="the extra [explore] is not installed")
+    from moireaug.explore import page
+
+ROOT = Path(__file__).resolve().parents[2]
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+VALUES = shown(Scene.preset("screen_photo"))
+
+
+def test_an_event_returns_all_that_the_page_shows():
+    settings = ("screen_photo", "traffic sign", None, 0, *VALUES)
+    told, photo, crop, spectrum, plan, python, yaml = page.photographed(*settings)
+    assert told.startswith("256 x 256 pixels, photographed in ")
+    assert photo.shape == (256, 256, 3) and crop.shape == spectrum.shape == (384, 384, 3)
+    assert plan == str(Scene.preset("screen_photo").plan())
+    assert ["pose", "in the exposure"] in page.timed(*settings)
+    assert 'Scene.preset("screen_photo")' in python and yaml == "preset: screen_photo\n"
+
+
+def test_what_is_refused_is_a_sentence_and_leaves_the_rest_as_it_was(tmp_path):
+    large = tmp_path / "large.png"
+    Image.new("RGB", (3000, 2000)).save(large)
+    folded = list(VALUES)
+    at = folded.index(-0.03)  # lens.k1 of the preset
+    folded[at : at + 2] = [-0.9, -0.9]
+    for file, values, said in (
+        (str(large), VALUES, "large.png has 3000 x 2000 pixels"),
+        (None, folded, "fold the photo onto itself"),
+    ):
+        told, *rest = page.photographed("screen_photo", "cat", file, 0, *values)
+        assert told.startswith("**Not possible:**") and said in told
+        assert len(rest) == 6 and all(one == gradio.skip() for one in rest)
+        assert page.timed("screen_photo", "cat", file, 0, *values) == gradio.skip()
+
+
+def test_a_run_that_is_not_there_is_a_sentence():
+    told, ladder = page.attacked("nowhere", "screen_photo", 0, 4, 1)
+    assert "**Not possible:** nowhere is not a run's folder" in told and ladder == ""
+
+
+@pytest.fixture
+def url():
+    """Serve the page in a process of its own, whose threads and sockets end with it."""
+    with socket.socket() as probe:
+        probe.bind((page.HOST, 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-u", "-m", "moireaug.explore", "--quiet", f"--port={port}"]
+    env = os.environ | {"OMP_NUM_THREADS": "1"}
+    with subprocess.Popen(command, cwd=ROOT, env=env, stdout=subprocess.PIPE, text=True) as server:
+        line = server.stdout.readline()
+        yield re.search(r"http://\S+", line)[0]
+        server.kill()
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
+def test_in_a_browser_a_slider_changes_the_photo_and_nothing_is_asked_of_other_hosts(url):
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    hosts = set()
+    with api.sync_playwright() as playwright:
+        options = ["--no-sandbox", "--disable-gpu"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
+        tab = browser.new_page()
+        tab.set_default_timeout(120_000)
+        tab.on("request", lambda request: hosts.add(urlsplit(request.url).hostname))
+        tab.goto(url)
+        photo = tab.locator("#photo img")
+        photo.wait_for()
+        before = photo.get_attribute("src")
+        tab.locator("#panel-lit_x-from input[type=range]").press("Home")
+        api.expect(photo).not_to_have_attribute("src", before, timeout=120_000)
+        after = photo.get_attribute("src")
+        assert tab.request.get(before).body() != tab.request.get(after).body()
+        browser.close()
+    assert hosts == {"127.0.0.1"}
