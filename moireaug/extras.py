@@ -7,7 +7,6 @@ import importlib.util
 # extra of pyproject.toml to the modules that its part of the package imports
 MODULES = {
     "eval": (
-        "filelock",
         "jinja2",
         "matplotlib",
         "pandas",
