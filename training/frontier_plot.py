@@ -35,7 +35,7 @@ class Look(NamedTuple):
     colour: str
     fill: str
 
-    def colours(self) -> dict[str, str]:
+    def colours(self) -> dict[str, Any]:
         """Return the settings of a marker."""
         return {"color": self.colour, "markerfacecolor": self.fill}
 
