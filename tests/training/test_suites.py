@@ -157,7 +157,7 @@ def test_a_group_is_one_report(weights, tmp_path):
     for title in (
         "The worst of the attackers",
         "Natural moiré in other scenes",
-        "Verdict: what is the moiré",
+        "Verdict: how much is the moiré",
     ):
         assert title in page
     assert (
@@ -190,7 +190,7 @@ def test_every_form_of_the_tables_is_written(whole):
     }
     page = (folder / "report.html").read_text()
     for text in (
-        "Verdict: what is the moiré, what the noise",
+        "Verdict: how much is the moiré, how much the noise",
         "Can it be trusted?",
         "Resnet34: weights not at hand",
     ):
