@@ -186,8 +186,8 @@ def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
 HOME = ("signs", Config.model)  # data and model whose runs need no folder of their own
 QUIET = {"run": {"dir": "."}, "sweep": {"dir": "${runs}", "subdir": "."}, "output_subdir": None}
 SILENT = [
-    {"override hydra/job_logging": "disabled"},
-    {"override hydra/hydra_logging": "disabled"},
+    {"override hydra/job_logging": "none"},
+    {"override hydra/hydra_logging": "none"},
 ]
 
 

@@ -3,6 +3,7 @@ failed job."""
 
 import errno
 import io
+import logging
 import os
 import sys
 import tempfile
@@ -100,3 +101,10 @@ def test_a_disk_that_fills_while_an_attack_is_written_gets_a_sentence():
 def test_a_probe_leaves_nothing_behind(tmp_path):
     runs.make(tmp_path / "a/b")
     assert not list((tmp_path / "a/b").iterdir())
+
+
+def test_a_command_leaves_the_logger_that_says_that_kernels_are_compiled(tmp_path, monkeypatch):
+    monkeypatch.setattr(fit, "fit", odd)
+    logger = logging.getLogger("moireaug")
+    assert inside("fit.py", "recipe=clean", "seed=0", cwd=tmp_path).returncode == 0
+    assert not logger.disabled and logger.isEnabledFor(logging.WARNING)
