@@ -53,7 +53,7 @@ RUNS = {
         ["demoire.pt", "demoired.png"],
     ),
     "watermark_through_the_camera": (
-        ["--steps=1", "--images=80"],
+        ["--steps=1"],
         r"no camera: \d+% read in images, .*the camera: \d+% .*, \d+% in photos, \d+ dB",
         [],
     ),
