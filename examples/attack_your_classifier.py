@@ -8,7 +8,7 @@ the same shots without noise: only what it takes from the latter is the attacker
     python examples/attack_your_classifier.py
 
 Prints the accuracy on clean images, photos, and attacked photos by eps. Writes three images, their
-photos and the attacked photos as attacked.png.
+photos and the attacked photos as attacked.png. Takes less than a minute on one core.
 """
 
 import argparse

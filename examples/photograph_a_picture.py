@@ -7,7 +7,7 @@ without subpixels on the screen gives the same photo without moiré.
     python examples/photograph_a_picture.py --picture FILE --scene phone_at_phone --out photo.png
 
 Prints the plan of the scene, where the camera stood, and how strong the moiré is. Writes the
-picture, its photo and the photo without moiré side by side.
+picture, its photo and the photo without moiré side by side. Takes a few seconds.
 """
 
 import argparse

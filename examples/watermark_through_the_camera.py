@@ -1,13 +1,14 @@
 """Put the capture inside a network of your own, as a differentiable layer.
 
-A watermark that survives screen and camera is learnt end to end, as in StegaStamp (Tancik et al.,
-CVPR 2020) and PIMoG (Fang et al., ACM Multimedia 2022): an encoder hides bits in an image, the
-screen is photographed, and a decoder reads the photo. Its gradient reaches the encoder through the
-camera. Both are trained without a camera, too.
+A watermark is learnt end to end, as in StegaStamp (Tancik et al., CVPR 2020) and PIMoG (Fang et
+al., ACM Multimedia 2022): an encoder hides bits in an image, the screen is photographed, and a
+decoder reads the photo. Its gradient reaches the encoder through the camera. Trained without a
+camera, the mark does not survive a photo.
 
     python examples/watermark_through_the_camera.py
 
 Prints the share of bits that are read in marked images and in photos of them, and the mark's PSNR.
+Takes about 40 seconds on one core.
 """
 
 import argparse
@@ -16,41 +17,40 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from moireaug import Scene
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 from training import signs
 
-BITS, STRENGTH, SCENE = 16, 0.08, Scene.preset("phone_at_monitor")
-
-
-def layer(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
-    """Return a convolution with its activation."""
-    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, stride, 1), nn.ReLU())
+BITS, STRENGTH, SIDE = 16, 0.06, 32
+SCENE = Scene(
+    panel=Panel(scale=(1.0, 1.3)), view=View(yaw=(-10, 10), roll=(-4, 4)), lens=Lens(blur=0.5),
+    sensor=Sensor(gain=2.8, read_noise=0.005), develop=Develop(linear_light=True),
+)  # fmt: skip
 
 
 class Encoder(nn.Module):
-    """Hide bits (B, BITS) in images (B, 3, H, W); no value changes by more than STRENGTH."""
+    """Hide bits (B, BITS) in images (B, 3, SIDE, SIDE) by at most STRENGTH a value."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.spread = nn.Linear(BITS, 8 * 6 * 6)
-        self.mark = nn.Sequential(layer(8 + 3, 32), layer(32, 32), nn.Conv2d(32, 3, 3, 1, 1))
+        self.spread = nn.Linear(BITS, 3 * SIDE * SIDE)
+        first, last = nn.Conv2d(6, 16, 3, 1, 1), nn.Conv2d(16, 3, 3, 1, 1)
+        self.blend = nn.Sequential(first, nn.ReLU(), last)
 
     def forward(self, images: Tensor, bits: Tensor) -> Tensor:
-        coarse = self.spread(bits - 0.5).unflatten(1, (8, 6, 6))
-        pattern = F.interpolate(coarse, images.shape[-2:], mode="bilinear")
-        mark = self.mark(torch.cat([images - 0.5, pattern], 1)).tanh()
-        return (images + STRENGTH * mark).clamp(0, 1)
+        pattern = self.spread(2 * bits - 1).view_as(images)
+        mark = pattern + self.blend(torch.cat([images, pattern], 1))
+        return (images + STRENGTH * mark.tanh()).clamp(0, 1)
 
 
 def train(camera, images: Tensor, steps: int) -> tuple[nn.Module, nn.Module]:
     """Train an encoder and a decoder with a camera between them."""
-    torch.manual_seed(0)
-    flat = [nn.AdaptiveAvgPool2d(6), nn.Flatten(), nn.Linear(64 * 36, BITS)]
-    encoder, decoder = Encoder(), nn.Sequential(layer(3, 32, 2), layer(32, 64, 2), *flat)
+    features = [nn.Conv2d(3, 32, 3, 2, 1), nn.ReLU(), nn.Conv2d(32, 64, 3, 2, 1), nn.ReLU()]
+    head = nn.Linear(64 * (SIDE // 4) ** 2, BITS)
+    encoder, decoder = Encoder(), nn.Sequential(*features, nn.Flatten(), head)
     optimizer = torch.optim.Adam(nn.ModuleList([encoder, decoder]).parameters(), lr=2e-3)
     for _ in range(steps):
-        shown = images[torch.randint(len(images), (16,))]
-        bits = torch.randint(0, 2, (16, BITS)).float()
+        shown = images[torch.randint(len(images), (8,))]
+        bits = torch.randint(0, 2, (8, BITS)).float()
         logits = decoder(camera(encoder(shown, bits)))
         optimizer.zero_grad()
         F.binary_cross_entropy_with_logits(logits, bits).backward()
@@ -61,18 +61,18 @@ def train(camera, images: Tensor, steps: int) -> tuple[nn.Module, nn.Module]:
 def main() -> None:
     """Train with and without the camera, and read both kinds of marks."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--steps", type=int, default=300)
-    parser.add_argument("--images", type=int, default=564, help="of which 64 are not trained on")
+    parser.add_argument("--steps", type=int, default=500)
     args = parser.parse_args()
-    images = signs.make("train", args.images)[0].float() / 255
+    torch.manual_seed(0)
+    images = signs.make("train", 364, SIDE)[0].float() / 255
     test, bits = images[:64], torch.randint(0, 2, (64, BITS)).float()
     for name, camera in {"no camera": nn.Identity(), "the camera": SCENE.capture}.items():
         encoder, decoder = train(camera, images[64:], args.steps)
         with torch.no_grad():
             marked = encoder(test, bits)
-            photos = SCENE.capture(marked, torch.Generator().manual_seed(0))
+            photos = SCENE.capture(marked)
             read = [((decoder(x) > 0) == bits).float().mean() for x in (marked, photos)]
-            psnr = -10 * F.mse_loss(marked, test).log10()
+        psnr = -10 * F.mse_loss(marked, test).log10()
         print(f"{name}: {read[0]:.0%} read in images, {read[1]:.0%} in photos, {psnr:.0f} dB")
 
 
