@@ -123,7 +123,7 @@ EFFECTS: dict[str, Scene] = {
 }
 
 # presets of the banner, and the file in docs/effects of an effect's picture to its caption above
-BANNER = ("paper", "screen_photo", "phone_at_laptop", "phone_at_led_wall", "dashcam_at_led_sign")
+BANNER = ("paper", "screen_photo", "phone_at_monitor", "phone_at_led_wall", "dashcam_at_led_sign")
 PICTURES = {
     "layout": "layout: moiré of the stripes",
     "black_matrix": "black matrix, 80 % of width and\n60 % of height lit: a lattice",
@@ -181,11 +181,15 @@ def draw_presets(images: Tensor) -> None:
 
 
 def draw_banner(images: Tensor) -> None:
-    columns = [images]
+    figure, axes = grid(len(images), 1 + len(BANNER), 2.05, 2.15)
+    columns = {"shown on the screen": images}
     for name in BANNER:
-        columns.append(Scene.preset(name).capture(images, torch.Generator().manual_seed(3)))
-    rows = [torch.cat(list(row), -1) for row in zip(*columns, strict=True)]
-    save(torch.cat(rows, -2), HERE / "banner.png")
+        columns[name] = Scene.preset(name).capture(images, torch.Generator().manual_seed(3))
+    for column, (name, photos) in enumerate(columns.items()):
+        axes[0, column].set_title(name, fontsize=10)
+        for row, photo in enumerate(photos):
+            show(axes[row, column], photo)
+    figure.savefig(HERE / "banner.png", pil_kwargs={"optimize": True})
 
 
 def draw_effects(image: Tensor) -> None:
