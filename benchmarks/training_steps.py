@@ -25,7 +25,7 @@ from PIL import Image
 
 from benchmarks import measure
 from benchmarks.problems import images
-from training.adversaries import WHOLE, passes
+from training.adversaries import passes
 from training.batches import Batch, Batches
 from training.data import load
 from training.schema import RECIPES, Config, as_config, register
@@ -152,7 +152,7 @@ def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
     torch.manual_seed(0)
     model = classifier_of(cfg, 16)
     type(model).current_epoch = property(lambda self: 0)  # type: ignore[assignment]
-    model._moment, model.log = (lambda: WHOLE), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
+    model._strength, model.log = (lambda: 1.0), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
     optimizer = torch.optim.SGD(model.parameters(), 1e-3, momentum=0.9)
     shown = (images("photo", batch, side) * 255).to(torch.uint8)
     labels, visits = torch.arange(batch) % 16, itertools.cycle(range(cfg.adversary.replays))

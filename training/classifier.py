@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from moireaug.attacks import NoAnswerError, predicted
 from moireaug.evaluation.statistics import mix
 from moireaug.scene.scene import Scene
-from training.adversaries import STRONG, Adversaries, Moment, Shown, strengthened, validated
+from training.adversaries import STRONG, Adversaries, Shown, strengthened
 from training.augmentation import augment
 from training.batches import Batch
 from training.models import as_model as as_model
@@ -61,11 +61,11 @@ class Classifier(L.LightningModule):
         if train.compile:
             self.model.compile()
         self.adversary = Adversaries(model, scene, adversary)
-        self.validation_adversary = Adversaries(model, scene, validated(adversary))
+        self.validation_adversary = Adversaries(model, scene, strengthened(adversary))
         self.tuning = tuning(train, fine=fine)
         self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
-        self._kept: dict[int, tuple[Shown, Tensor]] = {}
+        self._kept: dict[int, tuple[Tensor, Shown]] = {}
         self._loss: list[Tensor] = []
         self._hits: dict[str, list[Tensor]] = {}
         self._began, self._trained = time.perf_counter(), 0.0
@@ -112,25 +112,15 @@ class Classifier(L.LightningModule):
         # all draws follow from seed, epoch, batch and rank, so that a resumed run repeats them
         torch.manual_seed(mix(self.seed, self.current_epoch, index, self.global_rank))
         drawn = Batch(*batch)  # type: ignore[arg-type]
-        labels = drawn.labels
-        n = round(self.threat.share * len(labels)) if self.threat.kind != "none" else 0
         try:
-            if self.threat.replays > 1 and n:
-                shown, images = self._replayed(drawn, n)
-                attacked = shown.images()
-            else:
-                images = self._augmented(drawn)
-                attacked = (
-                    self.adversary(images[:n], labels[:n], self._moment()) if n else images[:0]
-                )
+            images, shown = self._turned(drawn)
         except NoAnswerError:
             raise self._diverged("loss became nan", index) from None
-        # batches are shuffled: the first n are a random share
-        logits = self(torch.cat([attacked, images[n:]]))
-        if self.threat.consistency and n:
-            loss = self._trades(logits, images, labels, n)
-        else:
-            loss = F.cross_entropy(logits, labels, label_smoothing=self.settings.label_smoothing)
+        if shown is not None:
+            images = torch.cat([shown.images(), images[len(shown.noise) :]])
+        loss = F.cross_entropy(
+            self(images), drawn.labels, label_smoothing=self.settings.label_smoothing
+        )
         if not torch.isfinite(loss):
             raise self._diverged(f"loss became {loss.item()}", index)
         self._loss.append(loss.detach())
@@ -147,45 +137,42 @@ class Classifier(L.LightningModule):
     def _augmented(self, batch: Batch) -> Tensor:
         return augment(batch.images.float() / 255, self.augment)
 
-    def _replayed(self, batch: Batch, n: int) -> tuple[Shown, Tensor]:
-        """Return the batch's attacked share, and its images.
+    def _turned(self, batch: Batch) -> tuple[Tensor, Shown | None]:
+        """Return a batch's images: its first ones attacked, those after them photographed, the rest
+        clean; batches are shuffled, so that each part is random.
 
-        They are photographed and attacked on the first visit. Later the noise moves along the last
-        visit's gradient, so that neither screen nor network is computed for the noise alone.
+        Where batches are replayed, all of this happens on the first visit. Later the noise moves
+        along the last visit's gradient, so that neither screen nor network is computed for the
+        noise alone. The attacked images are then still to be rendered from what is `Shown`.
         """
-        moment = self._moment()
-        if batch.visit == 0:
-            images = self._augmented(batch)
-            shown = self.adversary.show(images[:n], batch.labels[:n], moment)
-        else:
-            shown, images = self._kept[batch.slot]
-            step = 1.0 if self.threat.step_size is None else self.threat.step_size
-            shown = shown.stepped(step, moment.strength * self.threat.eps)
-        self._kept[batch.slot] = shown, images
-        return shown, images
+        cfg, strength = self.threat, self._strength()
+        if batch.visit:
+            images, shown = self._kept[batch.slot]
+            step = 1.0 if cfg.step_size is None else cfg.step_size
+            shown = shown.stepped(step, strength * cfg.eps)
+            self._kept[batch.slot] = images, shown
+            return images, shown
+        images = self._augmented(batch)
+        n = round(cfg.share * len(images)) if cfg.kind != "none" else 0
+        end = n + round(cfg.natural * len(images))
+        attacked, photos, clean = images[:n], images[n:end], images[end:]
+        if len(photos):
+            photos = self.adversary.photograph(photos)
+        if n and cfg.replays > 1:
+            shown = self.adversary.show(attacked, batch.labels[:n], strength)
+            images = torch.cat([attacked, photos, clean])
+            self._kept[batch.slot] = images, shown
+            return images, shown
+        if n:
+            attacked = self.adversary(attacked, batch.labels[:n], strength)
+        return torch.cat([attacked, photos, clean]), None
 
-    def _trades(self, logits: Tensor, images: Tensor, labels: Tensor, n: int) -> Tensor:
-        """Return the loss on clean images plus the weighted distance of the attacked ones' answers.
-
-        Zhang et al., 2019, equation 5; the attack maximises cross-entropy.
-        """
-        plain = self(images[:n])
-        loss = F.cross_entropy(
-            torch.cat([plain, logits[n:]]), labels, label_smoothing=self.settings.label_smoothing
-        )
-        apart = F.kl_div(
-            logits[:n].log_softmax(1), plain.log_softmax(1), reduction="sum", log_target=True
-        )
-        return loss + self.threat.consistency * apart / len(labels)
-
-    def _moment(self) -> Moment:
-        """Return how far eps and the scene's ranges have risen, linearly over their periods."""
+    def _strength(self) -> float:
+        """Return the share of eps in force, which rises linearly over `adversary.warmup`."""
         total = self.trainer.estimated_stepping_batches
-
-        def risen(share: float) -> float:
-            return min(1.0, (self.global_step + 1) / (share * total)) if share else 1.0
-
-        return Moment(risen(self.threat.warmup), risen(self.threat.curriculum))
+        if not self.threat.warmup:
+            return 1.0
+        return min(1.0, (self.global_step + 1) / (self.threat.warmup * total))
 
     def on_train_epoch_end(self) -> None:
         self._kept = {}

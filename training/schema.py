@@ -52,7 +52,8 @@ class Adversary:
 
     # none, moire (random), moire_attack (adversarial noise on it) or pgd (noise on pixels)
     kind: str = "none"
-    share: float = 1.0  # of each batch; the other images stay clean
+    share: float = 1.0  # of each batch
+    natural: float = 0.0  # share of each batch that is photographed and not attacked
     eps: float = 0.0
     steps: int = 0
     step_size: float | None = None  # in units of eps; null is min(1, 2.5 / steps)
@@ -62,12 +63,6 @@ class Adversary:
     replays: int = 1
     # batches that are replayed in turn, held in memory with their photographs and noise
     window: int = 16
-    worst_of: int = 1  # random shots of each image, of which the one of the greatest loss is used
-    turn: bool = False  # the camera is then turned for the worse, by one gradient step
-    # weight of KL(clean || attacked) beside the clean images' loss (TRADES); 0 is neither
-    consistency: float = 0.0
-    # share of training over which the scene's ranges open from their middles
-    curriculum: float = 0.0
 
 
 @dataclass

@@ -29,7 +29,7 @@ def test_every_number_of_the_schema_has_bounds():
 
 
 def test_every_default_and_recipe_is_within_them():
-    for recipe in ("clean", "baseline", "moire_at", "moire_free", "moire_worst", "pgd_fast"):
+    for recipe in ("clean", "baseline", "moire_at", "moire_free", "pgd_fast"):
         assert fit.check(configured(f"recipe={recipe}")) is None
     for data in ("cifar10", "folder"):  # no recipe says anything of the data
         assert fit.check(configured("recipe=moire_at", f"data={data}")) is None
@@ -69,6 +69,7 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
         ("reattack.eps=[nan]", "eps must be a number"),
         ("reattack.eps=[-0.1]", "eps must be a number"),
         ("adversary.share=2", "adversary.share must be in"),
+        ("adversary.natural=0.9", "parts of one batch"),
         ("adversary.replays=2", "replays an attack's noise"),
         ("train.init=cleen", "Did you mean 'clean'"),
         ("data.augment=flip", "data.augment must be one of"),

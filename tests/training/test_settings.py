@@ -168,7 +168,7 @@ def test_ranks_and_steps_draw_differently(monkeypatch):
         monkeypatch.setattr(Classifier, "log", lambda *args, **kwargs: None)
         torch.manual_seed(0)
         model = classifier_of(cfg, 16)
-        monkeypatch.setattr(model, "_moment", lambda: None)
+        monkeypatch.setattr(model, "_strength", lambda: 1.0)
         monkeypatch.setattr(
             model, "adversary", lambda images, *rest: seen.append(torch.rand(3)) or images
         )
