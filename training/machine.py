@@ -10,6 +10,8 @@ from typing import Any
 
 import torch
 
+CPUINFO = Path("/proc/cpuinfo")
+
 
 def environment() -> dict[str, Any]:
     """Return versions and machine, for the record."""
@@ -29,12 +31,27 @@ def environment() -> dict[str, Any]:
 
 def _cpu() -> str:
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = CPUINFO.read_text().splitlines()
         return next(
             line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")
         )
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
+
+
+def multiplies_bfloat16(accelerator: str) -> bool:
+    """Say whether bfloat16 is multiplied in hardware: on the GPU, from NVIDIA's Ampere on, or on a
+    CPU with AMX.
+
+    Args:
+        accelerator: as of Lightning's trainer; "cpu" leaves a GPU aside.
+    """
+    if torch.cuda.is_available() and accelerator != "cpu":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    try:
+        return "amx_bf16" in CPUINFO.read_text()
+    except OSError:  # not Linux
+        return False
 
 
 def command(argv: list[str] | None = None) -> str:

@@ -89,13 +89,15 @@ class Train:
 
 @dataclass
 class Trainer:
-    """Passed to lightning.Trainer as they are."""
+    """Passed to lightning.Trainer as they are, but for null."""
 
     accelerator: str = "auto"
     devices: Any = 1
     num_nodes: int = 1
     strategy: str = "auto"
-    precision: Any = "32-true"
+    # null: bf16-mixed for classifiers where the hardware multiplies bfloat16, else 32-true. The
+    # camera computes in float32 whatever is set, and so does every re-attack.
+    precision: Any = None
     # true is refused by CUDA's bilinear resampling; a CPU run is exact anyway
     deterministic: Any = False
 

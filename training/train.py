@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from training.classifier import Classifier
 from training.data import Splits
 from training.files import read_checkpoint, read_json
 from training.guard import Guard
+from training.machine import multiplies_bfloat16
 from training.models import as_model
 from training.schema import Config, Trainer, as_values, scene_of
 from training.trainers import make_trainer
@@ -133,9 +135,12 @@ def trainer_of(
     """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
 
     Args:
-        settings: passed on as they are. tuning: how the weights are averaged.
+        settings: passed on as they are, but for a precision of null. tuning: how the weights are
+            averaged.
         out: the run's folder. classes: the name of each logit.
     """
+    if settings.precision is None and multiplies_bfloat16(settings.accelerator):
+        settings = replace(settings, precision="bf16-mixed")
     callbacks = [
         averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),

@@ -38,6 +38,8 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         settings: passed on as they are. callbacks: what keeps and averages the weights.
     """
     given = asdict(settings)
+    if given["precision"] is None:
+        given["precision"] = "32-true"
     if given["accelerator"] == "auto" and not torch.cuda.is_available():
         given["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
     plugins: list[Any] = [AtomicCheckpointIO()]

@@ -31,6 +31,7 @@ TINY = [
     "reattack.batch_size=12",
     "reattack.steps=2",
     "trainer.accelerator=cpu",
+    "trainer.precision=32-true",  # whatever the machine multiplies fast
 ]
 BRIEF = [
     "reattack.n=6",

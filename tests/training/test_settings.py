@@ -6,12 +6,13 @@ from omegaconf import OmegaConf
 from PIL import Image
 
 from tests.training.small import TINY, configured
-from training import fit, reattack, runs, saved
+from training import fit, machine, reattack, runs, saved
 from training.augmentation import augment
 from training.classifier import Classifier
 from training.data import load
-from training.schema import Config, Data, ReattackConfig, as_values, check_keys
-from training.train import classifier_of
+from training.schema import Config, Data, ReattackConfig, Train, Trainer, as_values, check_keys
+from training.train import classifier_of, trainer_of
+from training.tuning import tuning
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -178,3 +179,25 @@ def test_ranks_and_steps_draw_differently(monkeypatch):
     monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
     assert torch.equal(draws(0, 0), draws(0, 0))
     assert len({tuple(draws(r, i).tolist()) for r in (0, 1) for i in (0, 1)}) == 4
+
+
+@pytest.mark.parametrize(
+    ("flags", "asked", "got"),
+    [
+        ("avx512f amx_bf16 amx_tile", None, "bf16-mixed"),
+        ("avx512f", None, "32-true"),
+        (None, None, "32-true"),  # no such file
+        ("avx512f amx_bf16", "32-true", "32-true"),
+        ("avx512f", "bf16-mixed", "bf16-mixed"),
+    ],
+)
+def test_precision_follows_the_hardware_unless_it_is_given(
+    flags, asked, got, tmp_path, monkeypatch
+):
+    file = tmp_path / "cpuinfo"
+    if flags:
+        file.write_text(f"model name : some\nflags : {flags}\n")
+    monkeypatch.setattr(machine, "CPUINFO", file)
+    settings = Trainer(accelerator="cpu", precision=asked)
+    made = trainer_of(settings, tuning(Train(), fine=False), 1, tmp_path, {})
+    assert made.precision == got
