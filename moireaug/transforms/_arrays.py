@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -89,3 +90,31 @@ def _as_float(rows: np.ndarray) -> np.ndarray:
     integers."""
     rows = np.asarray(rows)
     return rows if rows.dtype.kind == "f" else rows.astype(np.float32)
+
+
+def pictures_of(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]:
+    """Return the pictures of a call, and the place of each target's first one."""
+    pictures: list[np.ndarray] = []
+    first: dict[str, int] = {}
+    for target, levels in (("image", 0), ("images", 1), ("volume", 1), ("volumes", 2)):
+        if data.get(target) is None:
+            continue
+        first[target] = len(pictures)
+        found = [data[target]]
+        for _ in range(levels):
+            found = [inner for outer in found for inner in outer]
+        pictures.extend(found)
+    return pictures, first
+
+
+def noise_of(
+    target: str,
+    n: int,
+    noise: list | None = None,
+    first: dict[str, int] | None = None,
+    **params: Any,
+) -> torch.Tensor | None:
+    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
+    if noise is None or first is None:
+        return None
+    return torch.tensor(noise[first[target] : first[target] + n])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, cast
 
 # albumentations asks a server for its newest version when it is imported, which hangs where there
@@ -15,8 +15,7 @@ os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 import numpy as np
 import torch
 from albumentations.core import transforms_interface
-from albumentations.core.composition import BaseCompose
-from albumentations.core.transforms_interface import BasicTransform, DualTransform
+from albumentations.core.transforms_interface import DualTransform
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack, Result
@@ -27,9 +26,12 @@ from moireaug.transforms._arrays import (
     move_bboxes,
     move_keypoints,
     move_mask,
+    noise_of,
+    pictures_of,
     planes,
 )
 from moireaug.transforms._convert import as_shown, check_probability, moves
+from moireaug.transforms._workers import seed_worker as seed_worker
 
 
 class RandomMoire(DualTransform):
@@ -102,12 +104,12 @@ class RandomMoire(DualTransform):
             return self.draw(params, data, self.random_generator)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return apply_shot(img, Shot.from_dict(shot), _noise_of("image", 1, **params))
+        return apply_shot(img, Shot.from_dict(shot), noise_of("image", 1, **params))
 
     def apply_to_images(
         self, images: np.ndarray, shot: dict[str, Any], target: str = "images", **params: Any
     ) -> np.ndarray:
-        return apply_to_all(images, Shot.from_dict(shot), _noise_of(target, len(images), **params))
+        return apply_to_all(images, Shot.from_dict(shot), noise_of(target, len(images), **params))
 
     def apply_to_volume(self, volume: np.ndarray, **params: Any) -> np.ndarray:
         return self.apply_to_images(volume, target="volume", **params)
@@ -251,7 +253,7 @@ class AdversarialMoire(RandomMoire):
         parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
         device = next((p.device for p in parameters), torch.device("cpu"))
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
-        pictures, first = _pictures(data)
+        pictures, first = pictures_of(data)
         if not pictures:
             return drawn
         result = self.attack(  # of one eps
@@ -276,73 +278,3 @@ class AdversarialMoire(RandomMoire):
                 f"{self.label_key} must be the index of the image's class, an integer; got "
                 f"{data[self.label_key]!r}."
             ) from None
-
-
-def _pictures(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]:
-    """Return the pictures of a call, and the place of each target's first one."""
-    pictures: list[np.ndarray] = []
-    first: dict[str, int] = {}
-    for target, levels in (("image", 0), ("images", 1), ("volume", 1), ("volumes", 2)):
-        if data.get(target) is None:
-            continue
-        first[target] = len(pictures)
-        found = [data[target]]
-        for _ in range(levels):
-            found = [inner for outer in found for inner in outer]
-        pictures.extend(found)
-    return pictures, first
-
-
-def _noise_of(
-    target: str,
-    n: int,
-    noise: list | None = None,
-    first: dict[str, int] | None = None,
-    **params: Any,
-) -> torch.Tensor | None:
-    """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
-    if noise is None or first is None:
-        return None
-    return torch.tensor(noise[first[target] : first[target] + n])
-
-
-def seed_worker(worker_id: int) -> None:
-    """Seed the albumentations transforms of a DataLoader's data set, for
-    `DataLoader(..., worker_init_fn=seed_worker)`.
-
-    Without it workers repeat each other's draws, and with `Compose(seed=)` every epoch repeats the
-    first. The seeds follow torch's: distinct per worker and epoch, the same after
-    `torch.manual_seed`.
-
-    Raises:
-        ValueError: no transform is found among the data set's attributes, nor those of the data
-            sets that it wraps.
-        RuntimeError: it is called outside a worker.
-    """
-    worker = torch.utils.data.get_worker_info()
-    if worker is None:
-        raise RuntimeError(
-            "seed_worker is for the workers of a DataLoader: pass it as "
-            "DataLoader(worker_init_fn=...)."
-        )
-    dataset = worker.dataset
-    found = list(_transforms_of(dataset))
-    if not found:
-        raise ValueError(
-            "seed_worker found no albumentations transform among the attributes of "
-            f"{type(dataset).__name__}. Keep the Compose as one, or call its "
-            "set_random_seed(torch.initial_seed() % 2**32) in a worker_init_fn of your own."
-        )
-    for transform in found:
-        transform.set_random_seed(torch.initial_seed() % 2**32)
-
-
-def _transforms_of(owner: torch.utils.data.Dataset) -> Iterator[BaseCompose | BasicTransform]:
-    for attribute in vars(owner).values():
-        # a list of samples holds no transform
-        short = isinstance(attribute, (list, tuple)) and len(attribute) <= 1000
-        for value in attribute if short else [attribute]:
-            if isinstance(value, (BaseCompose, BasicTransform)):
-                yield value
-            elif isinstance(value, torch.utils.data.Dataset):
-                yield from _transforms_of(value)
