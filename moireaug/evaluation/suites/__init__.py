@@ -22,6 +22,7 @@ from moireaug.evaluation.suites.paper import (
     transfer,
 )
 from moireaug.evaluation.suites.scenes import natural, unseen
+from moireaug.evaluation.suites.shifts import shifts
 from moireaug.evaluation.tables import SuiteConfig, Table
 from moireaug.evaluation.trust import trust
 from moireaug.scene.fields import one_of
@@ -42,6 +43,7 @@ SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
     "standard": standard,
     "worst_case": worst_case,
     "unseen": unseen,
+    "shifts": shifts,
     "trust": trust,
 }
 GROUPS: dict[str, tuple[str, ...]] = {

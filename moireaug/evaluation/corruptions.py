@@ -1,0 +1,70 @@
+"""Images that are corrupted without camera or attacker: noise, blur, JPEG and contrast, after
+ImageNet-C (Hendrycks & Dietterich, 2019)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from kornia.enhance import adjust_contrast_with_mean_subtraction
+from kornia.filters import gaussian_blur2d
+from torch import Tensor
+
+from moireaug.effects.jpeg import jpeg
+from moireaug.evaluation.conditions import Condition, EvalBatch
+from moireaug.numeric import clip
+
+
+def gaussian_noise(images: Tensor, sigma: float, generator: torch.Generator) -> Tensor:
+    """Add normal noise of standard deviation `sigma`, in [0, 1] units."""
+    noise = torch.randn(images.shape, generator=generator).to(images)
+    return clip(images + sigma * noise)
+
+
+def gaussian_blur(images: Tensor, percent: float, generator: torch.Generator) -> Tensor:
+    """Blur by a Gaussian whose standard deviation is `percent` of the shorter side."""
+    side = min(images.shape[-2:])
+    sigma = percent / 100 * side
+    half = min(max(1, round(4 * sigma)), side - 1)  # reflection needs a longer side
+    return gaussian_blur2d(images, 2 * half + 1, (sigma, sigma))
+
+
+def jpeg_file(images: Tensor, quality: float, generator: torch.Generator) -> Tensor:
+    """Encode by libjpeg, and decode."""
+    return jpeg(images, torch.full((len(images),), float(quality), device=images.device))
+
+
+def contrast(images: Tensor, factor: float, generator: torch.Generator) -> Tensor:
+    """Draw codes towards the image's mean grey, to `factor` of their distance."""
+    return clip(adjust_contrast_with_mean_subtraction(images, factor))
+
+
+# name to the function, and what it is given: a mild case and a strong one
+CORRUPTIONS: dict[str, tuple[Callable[[Tensor, float, torch.Generator], Tensor], list[float]]] = {
+    "gaussian_noise": (gaussian_noise, [0.04, 0.1]),
+    "gaussian_blur": (gaussian_blur, [1, 3]),
+    "jpeg": (jpeg_file, [25, 10]),
+    "contrast": (contrast, [0.4, 0.15]),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corrupted(Condition):
+    """The image, corrupted.
+
+    Args:
+        corruption: a key of `CORRUPTIONS`. amount: what its function is given.
+    """
+
+    kind = "corrupted"
+    corruption: str
+    amount: float
+
+    @property
+    def base_name(self) -> str:
+        return f"{self.corruption}_{self.amount:g}"
+
+    def show(self, batch: EvalBatch) -> Tensor:
+        corrupt, _ = CORRUPTIONS[self.corruption]
+        return corrupt(batch.images, self.amount, batch.generator)

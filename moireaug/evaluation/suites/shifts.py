@@ -1,0 +1,54 @@
+"""What a model meets that it was not trained for: other displays and cameras, photos in another
+form, noise on pixels, and corruptions that have nothing to do with screens."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
+from moireaug.evaluation.conditions import Clean, Condition, Photo, codes
+from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
+from moireaug.evaluation.suites.scenes import OWN, other_scenes
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table
+from moireaug.scene.scene import Scene
+
+UNATTACKED, ATTACKED = "unattacked", "attacked"
+QUALITY = 60  # of a photo that is kept as a JPEG file
+
+
+def scenes(own: Scene) -> dict[str, Scene]:
+    """Return the own scene, every other preset in the image's frame, and the own scene's photos as
+    JPEG files and in the camera's frame, where they are not so anyhow."""
+    found = {OWN: own, **other_scenes(own)}
+    if own.develop.jpeg == 0:
+        develop = dataclasses.replace(own.develop, jpeg=QUALITY)
+        found[f"photo_jpeg_{QUALITY}"] = dataclasses.replace(own, develop=develop)
+    if own.develop.registered:
+        develop = dataclasses.replace(own.develop, registered=False)
+        found["camera_frame"] = dataclasses.replace(own, develop=develop)
+    return found
+
+
+def shifts(config: SuiteConfig) -> Table:
+    """Ask what robustness to moiré buys or costs elsewhere: each row unattacked, and where there is
+    an attacker, attacked at the middle eps."""
+    eps, steps = config.middle, config.steps
+    cells: list[Cell] = []
+    for name, scene in scenes(config.scene).items():
+        photo: Condition = Photo()
+        attacked: Condition = MoireAttacker(eps=eps, steps=steps)
+        if name != OWN:  # whose conditions other suites have, too
+            photo, attacked = photo.at(name, scene), attacked.at(name, scene)
+        cells.append(Cell(name, UNATTACKED, (photo,)))
+        cells.append(Cell(name, ATTACKED, (attacked,)))
+    cells.append(Cell("image", UNATTACKED, (Clean(),)))
+    cells.append(Cell("image", ATTACKED, (PixelAttacker(attack="pgd", eps=eps, steps=steps),)))
+    for corruption, (_, amounts) in CORRUPTIONS.items():
+        for amount in amounts:
+            shown = Corrupted(corruption=corruption, amount=amount)
+            cells.append(Cell(shown.name, UNATTACKED, (shown,)))
+    pictures = []
+    for cell in cells:
+        if cell.column == UNATTACKED:
+            pictures.append((cell.row, cell.column))
+    return Table("shifts", tuple(cells), pictures=tuple(pictures), facts={"codes": codes(eps)})
