@@ -38,7 +38,7 @@ class Data:
 
 
 DATA = {
-    "signs": Data(name="signs", size=48, train=6000, val=640, test=1600),
+    "signs": Data(name="signs", size=48, train=6000, val=320, test=1600),
     "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
     "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
     "gtsrb": Data(name="gtsrb", root="data", augment="affine"),
@@ -70,7 +70,7 @@ class Train:
     """Say how the weights are trained."""
 
     epochs: int = 12
-    batch_size: int = 128  # of all devices together
+    batch_size: int = 64  # of all devices together
     # null: 0.1; with `weights`, 0.002 for a batch of 128, in proportion (tuning.py)
     lr: float | None = None
     # the greatest of the one-cycle schedule, which runs from it to 0.1 less and back

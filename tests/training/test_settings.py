@@ -160,7 +160,7 @@ def test_config_files_are_read_back(tmp_path):
 
 
 def test_ranks_and_steps_draw_differently(monkeypatch):
-    cfg = configured("recipe=moire_fast", *TINY)
+    cfg = configured("recipe=moire_fast", *TINY, "adversary.natural=0")
     batch = (torch.randint(0, 256, (4, 3, 24, 24), dtype=torch.uint8), torch.arange(4))
     seen = []
 
