@@ -40,7 +40,7 @@ def test_parts_of_an_epoch_see_every_image_once_on_any_number_of_ranks():
 
 
 def test_loaders_draw_the_same_images_for_one_rank_and_two():
-    cfg = configured("recipe=moire_free", *TINY)
+    cfg = configured("recipe=moire_free", *TINY, "adversary.replays=3")
     splits = type(
         "Splits", (), {"train": TensorDataset(torch.arange(60), torch.arange(60)), "val": None}
     )

@@ -22,7 +22,8 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
     [
         ((), 0.1, None, 0.98, False),
         (("train.lr=0.05", "train.ema=0.9"), 0.05, None, 0.9, False),
-        (("weights=x",), 0.002, 1.0, 0.98, True),
+        (("weights=x",), 0.001, 1.0, 0.98, True),
+        (("weights=x", "train.batch_size=128"), 0.002, 1.0, 0.98, True),
         (("weights=x", "train.batch_size=8"), 0.002 / 16, 1.0, 0.98, True),
         (("weights=x", "train.lr=0.01", "train.ema=0"), 0.01, 1.0, 0, False),
     ],
