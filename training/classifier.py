@@ -146,7 +146,7 @@ class Classifier(L.LightningModule):
         noise alone. The attacked images are then still to be rendered from what is `Shown`.
         """
         cfg, strength = self.threat, self._strength()
-        if batch.visit:
+        if batch.visit and batch.slot in self._kept:  # not where the share of so few is none
             images, shown = self._kept[batch.slot]
             step = 1.0 if cfg.step_size is None else cfg.step_size
             shown = shown.stepped(step, strength * cfg.eps)

@@ -182,6 +182,17 @@ def test_a_replayed_batch_is_photographed_once(monkeypatch):
     assert not model._kept
 
 
+def test_batches_too_small_for_the_share_are_replayed_without_an_attack(monkeypatch):
+    cfg = configured("recipe=moire_free", *TINY, "adversary.share=0.1", "adversary.natural=0.1")
+    monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
+    model = classifier_of(cfg, 16)
+    model.model = Seeing()
+    images, labels = torch.randint(0, 256, (4, 3, 24, 24), dtype=torch.uint8), torch.arange(4)
+    for visit in range(2):
+        stepped(model, images, labels, visit=visit)
+        assert torch.equal(model.model.seen, images / 255)
+
+
 REFUSED = [
     ({"kind": "pdg"}, "Did you mean 'pgd'?"),
     ({"share": 1.5}, "adversary.share must lie in"),
