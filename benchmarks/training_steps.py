@@ -25,6 +25,7 @@ from PIL import Image
 
 from benchmarks import measure
 from benchmarks.problems import images
+from training import machine
 from training.adversaries import passes
 from training.batches import Batch, Batches
 from training.data import load
@@ -50,6 +51,7 @@ OPTIONS = {
     "as it is": [],
     "train.channels_last=false": ["train.channels_last=false"],
     "train.compile=true": ["train.compile=true"],
+    "trainer.precision=32-true": ["trainer.precision=32-true"],
     "trainer.precision=bf16-mixed": ["trainer.precision=bf16-mixed"],
 }
 
@@ -156,7 +158,7 @@ def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
     optimizer = torch.optim.SGD(model.parameters(), 1e-3, momentum=0.9)
     shown = (images("photo", batch, side) * 255).to(torch.uint8)
     labels, visits = torch.arange(batch) % 16, itertools.cycle(range(cfg.adversary.replays))
-    half = cfg.trainer.precision == "bf16-mixed"
+    half = machine.precision(cfg.trainer) == "bf16-mixed"
 
     def once() -> None:
         with torch.autocast("cpu", torch.bfloat16, enabled=half):

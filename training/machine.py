@@ -10,6 +10,8 @@ from typing import Any
 
 import torch
 
+from training.schema import Trainer
+
 CPUINFO = Path("/proc/cpuinfo")
 
 
@@ -39,13 +41,16 @@ def _cpu() -> str:
         return platform.processor() or platform.machine()
 
 
-def multiplies_bfloat16(accelerator: str) -> bool:
-    """Say whether bfloat16 is multiplied in hardware: on the GPU, from NVIDIA's Ampere on, or on a
-    CPU with AMX.
+def precision(trainer: Trainer) -> Any:
+    """Return the precision that a classifier is trained in: what is set, or for null "bf16-mixed"
+    where bfloat16 is multiplied in hardware, by NVIDIA's GPUs from Ampere on and CPUs with AMX, and
+    else "32-true"."""
+    if trainer.precision is not None:
+        return trainer.precision
+    return "bf16-mixed" if _multiplies_bfloat16(trainer.accelerator) else "32-true"
 
-    Args:
-        accelerator: as of Lightning's trainer; "cpu" leaves a GPU aside.
-    """
+
+def _multiplies_bfloat16(accelerator: str) -> bool:
     if torch.cuda.is_available() and accelerator != "cpu":
         return torch.cuda.is_bf16_supported(including_emulation=False)
     try:

@@ -14,7 +14,7 @@ from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import OmegaConf
 
 from moireaug.files import write_text
-from training import ranks, runs
+from training import machine, ranks, runs
 from training.adversaries import passes
 from training.batches import Batches
 from training.checkpoints import ClassNames, RunCheckpoint
@@ -22,7 +22,6 @@ from training.classifier import Classifier
 from training.data import Splits
 from training.files import read_checkpoint, read_json
 from training.guard import Guard
-from training.machine import multiplies_bfloat16
 from training.models import as_model
 from training.schema import Config, Trainer, as_values, scene_of
 from training.trainers import make_trainer
@@ -139,8 +138,6 @@ def trainer_of(
             averaged.
         out: the run's folder. classes: the name of each logit.
     """
-    if settings.precision is None and multiplies_bfloat16(settings.accelerator):
-        settings = replace(settings, precision="bf16-mixed")
     callbacks = [
         averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),
@@ -148,4 +145,5 @@ def trainer_of(
         RunCheckpoint(out, "last"),
         ClassNames(classes),
     ]
-    return make_trainer(settings, epochs, callbacks)
+    chosen = replace(settings, precision=machine.precision(settings))
+    return make_trainer(chosen, epochs, callbacks)
