@@ -77,7 +77,7 @@ class Adversaries:
         return self._attack_at(strength).last(images, labels, shot=self._shot(images))
 
     def photograph(self, images: Tensor) -> Tensor:
-        """Return photos of images (B, 3, H, W) in [0, 1], a random shot each, nobody attacks."""
+        """Return photos of images (B, 3, H, W) in [0, 1], each by a random shot, unattacked."""
         return capture(images, self.scene.sample(len(images), _size(images)))
 
     def show(self, images: Tensor, labels: Tensor, strength: float = 1.0) -> Shown:
