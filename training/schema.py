@@ -109,7 +109,7 @@ class Reattack:
     n: int = 480  # test images
     batch_size: int | None = None  # null is 96, or fewer large images
     eps: list[float] = field(default_factory=lambda: [2 / 255, 4 / 255, 8 / 255])
-    steps: int = 10
+    steps: int = 20
     seed: int = 1234
 
 

@@ -13,6 +13,9 @@ from moireaug.attacks.losses import margin, reported
 from moireaug.attacks.problem import Point
 from moireaug.attacks.rules import choose
 
+# in logits, by how much an image must be wrong to be done: in another batch it is off by rounding
+SURE = 1e-3
+
 
 class Best:
     """Keeps each image's point of the greatest margin, over steps and restarts, and the mean loss
@@ -22,20 +25,40 @@ class Best:
         self.labels, self.targets, self.views = labels, targets, views
         self.point: Point = {}
         self.losses: list[Tensor] = []
+        # whether images that are fooled are done: asked twice, the model answers the same
+        self.settled = False
+        self.score = torch.full(labels.shape, -math.inf, device=labels.device)
 
-    def watch(self, point: Point, logits: Tensor) -> None:
-        labels = self.labels.repeat(self.views)
-        targets = None if self.targets is None else self.targets.repeat(self.views)
+    def left(self) -> Tensor:
+        """Return which images take further steps, as indices: all, or, where those that are fooled
+        are done, the others."""
+        fooled = (self.score > SURE) & self.settled
+        return (~fooled).nonzero()[:, 0]
+
+    @property
+    def done(self) -> bool:
+        """Whether no image is left to take a step."""
+        return self.settled and not len(self.left())
+
+    def watch(self, point: Point, logits: Tensor, rows: Tensor) -> None:
+        """Keep what is better than before.
+
+        Args:
+            point: of all images. logits: (views * b, K), of the images `rows`, (b,) indices.
+        """
+        labels = self.labels[rows].repeat(self.views)
+        targets = None if self.targets is None else self.targets[rows].repeat(self.views)
         goal = labels if targets is None else targets
         if not self.losses:
             check_classes(goal, logits, 1)
         score = margin(logits.float(), labels, targets)
         # no answer is a wrong one, and never the target
         score = torch.where(decided(logits), score, math.inf if self.targets is None else -math.inf)
-        score = score.view(self.views, len(self.labels)).mean(0)
+        score = score.view(self.views, len(rows)).mean(0)
         if not self.point:
-            self.point, self.score = point, torch.full_like(score, -math.inf)
-        better = score > self.score
-        self.score = torch.where(better, score, self.score)
+            self.point = point
+        better = torch.zeros_like(self.score, dtype=torch.bool)
+        better[rows] = score > self.score[rows]
+        self.score = self.score.index_copy(0, rows, torch.maximum(score, self.score[rows]))
         self.point = {name: choose(better, x, self.point[name]) for name, x in point.items()}
         self.losses.append(reported(logits, goal))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
+from moireaug.attacks.active import Active
 from moireaug.attacks.answers import predicted
 from moireaug.attacks.best import Best
 from moireaug.attacks.checks import (
@@ -56,6 +57,9 @@ class Attack(ABC):
             et al., 2022).
         restarts: the attack is run so often, later runs from a random start, and the best per image
             is kept.
+        until_fooled: an image takes no further step once it is fooled: as many are fooled, in less
+            time, by noise that leads less far beyond the decision. Where the model answers
+            differently when asked twice, every step is taken: to be fooled once says little there.
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
@@ -66,6 +70,7 @@ class Attack(ABC):
     loss: str = "ce"
     random_start: float = 0.0
     restarts: int = 1
+    until_fooled: bool = False
 
     def __post_init__(self) -> None:
         check_bounds(self.eps)
@@ -156,7 +161,7 @@ class Attack(ABC):
         """Return the problem, and the point after the last step, whether or not an earlier step was
         better: what adversarial training uses, at one forward and backward pass a step and none
         beside. `problem.render(**point)` are the images, (B, 3, H, W), differentiable in the point.
-        Arguments as in a call."""
+        Every step is taken, also of images that are fooled. Arguments as in a call."""
         with evaluating(self.model):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
@@ -228,32 +233,55 @@ class Attack(ABC):
         aims: Tensor | None,
         eps: float,
         generator: torch.Generator | None,
-        watch: Callable[[Point, Tensor], None] | None,
+        best: Best | None,
     ) -> Point:
+        """Take the steps; `best`, where it is given, sees each point, and says which images are
+        left."""
         rules = self._rules(problem, eps)
-        many = labels.repeat(problem.views), None if aims is None else aims.repeat(problem.views)
+        active = Active.every(problem, labels, aims)
         for k in range(self.steps):
-            point = {name: x.detach().requires_grad_(True) for name, x in point.items()}
-            logits = self.model(problem.rehearse(**point))
+            if best and best.done:
+                break
+            if best:
+                active = active.narrowed(best.left())
+            own = {}
+            for name, x in active.point(point).items():
+                own[name] = x.detach().requires_grad_(True)
+            shown = active.problem.rehearse(**own)
+            logits = self.model(shown)
+            goals = active.goals()
             if k == 0:
-                highest = labels if aims is None else torch.maximum(labels, aims)
-                check_classes(highest, logits, problem.views)
-                check_answers(logits, self.model, problem.images)
+                self._check(active, shown, logits, best)
                 check_gradient(logits)
-            objective = LOSSES[self.loss](logits, *many)
+            objective = LOSSES[self.loss](logits, *goals)
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(
-                objective.sum(), list(point.values()), allow_unused="pose" in point
+                objective.sum(), list(own.values()), allow_unused="pose" in own
             )
             point = {name: x.detach() for name, x in point.items()}
-            loss = objective.detach().view(problem.views, len(labels)).mean(0)
-            if watch:
-                watch(point, logits.detach())
+            if best:
+                best.watch(point, logits.detach(), active.rows)
+            loss = active.filled(objective.detach().view(problem.views, -1).mean(0))
             for (name, x), gradient in zip(list(point.items()), gradients, strict=True):
                 if name in rules and gradient is not None:
                     # a NaN would stay in the point, and with it in every later image
-                    point[name] = rules[name](x, gradient.nan_to_num(), loss)
+                    point[name] = rules[name](x, active.filled(gradient.nan_to_num()), loss)
         return point
+
+    def _check(self, active: Active, shown: Tensor, logits: Tensor, best: Best | None) -> None:
+        """Refuse what are no answers of the first step; and ask twice where images are to be done
+        once they are fooled.
+
+        Raises:
+            ValueError: logits that do not belong to the labels, or none that is finite.
+        """
+        labels, aims = active.goals()
+        check_classes(labels if aims is None else torch.maximum(labels, aims), logits, 1)
+        check_answers(logits, self.model, active.problem.images)
+        if best and self.until_fooled:
+            with torch.no_grad():
+                again = self.model(shown)
+            best.settled = torch.allclose(logits, again, rtol=1e-3, atol=1e-3, equal_nan=True)
 
     def _best(
         self,
@@ -267,11 +295,16 @@ class Attack(ABC):
     ) -> Result:
         best = Best(labels, targets, problem.views)
         for restart in range(self.restarts):
+            if best.done:
+                break
             best.losses = []
             point = self._start(problem, eps, restart, images, generator)
-            point = self._ascend(problem, point, labels, aims, eps, generator, best.watch)
-            with torch.no_grad():
-                best.watch(point, self.model(problem.rehearse(**point)))
+            point = self._ascend(problem, point, labels, aims, eps, generator, best)
+            if not best.done:
+                last = Active.every(problem, labels, aims).narrowed(best.left())
+                with torch.no_grad():
+                    shown = last.problem.rehearse(**last.point(point))
+                    best.watch(point, self.model(shown), last.rows)
         with torch.no_grad():
             photo = problem.render(**best.point)
             hit = predicted(self.model(photo))

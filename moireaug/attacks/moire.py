@@ -74,6 +74,10 @@ class MoireAttack(Attack):
         object.__setattr__(self, "scene", as_scene(self.scene))
         if isinstance(self.eot, bool) or not isinstance(self.eot, int) or self.eot < 1:
             raise ValueError(f"eot must be an integer >= 1, the shots of a step; got {self.eot!r}.")
+        if self.until_fooled and self.eot > 1:
+            raise ValueError(
+                f"until_fooled asks whether one shot is fooled: it needs eot = 1; got {self.eot}."
+            )
         one_of("noise_at", self.noise_at, NOISE_AT)
         parts = self.optimise
         if not isinstance(parts, (tuple, list)) or not parts or len(set(parts)) < len(parts):
@@ -95,11 +99,18 @@ class MoireAttack(Attack):
         scene, size = as_scene(self.scene), (images.shape[-2], images.shape[-1])
         if shot is None:
             shot = scene.sample(len(images), size, generator)
-        before, after = NOISE_AT[self.noise_at]
         with torch.no_grad():
-            base = before(images, shot)
-        fields = moved_fields(shot.scene, self.optimise)
-        drawn = shot.to(images.device) if fields else shot
+            base = NOISE_AT[self.noise_at][0](images, shot)
+        drawn = shot.to(images.device) if moved_fields(shot.scene, self.optimise) else shot
+        return self._drawn(images, drawn, base, generator)
+
+    def _drawn(
+        self, images: Tensor, drawn: Shot, base: Tensor, generator: torch.Generator | None
+    ) -> Problem:
+        """Return the problem of a shot whose photos, or readings, are `base`."""
+        before, after = NOISE_AT[self.noise_at]
+        scene, size = as_scene(self.scene), (images.shape[-2], images.shape[-1])
+        fields = moved_fields(drawn.scene, self.optimise)
         several = self.eot > 1
 
         def render(noise: Tensor, pose: Tensor | None = None) -> Tensor:
@@ -115,11 +126,16 @@ class MoireAttack(Attack):
             fresh = before(images.repeat(self.eot, 1, 1, 1), draws)
             return after(fresh + noise.repeat(self.eot, 1, 1, 1), draws).to(images.dtype)
 
+        def part(rows: Tensor) -> Problem:
+            shot = drawn[rows.to(drawn.device)]
+            return self._drawn(images[rows], shot, base[rows], generator)
+
         return Problem(
             render,
             rehearse if several else render,
             tuple(base.shape),
             images,
+            part,
             views=self.eot,
             shot=drawn,
             base=None if several or fields else base,

@@ -50,8 +50,13 @@ class PGD(Attack):
         def render(noise: Tensor) -> Tensor:
             return clip(images + noise).to(images.dtype)
 
+        def part(rows: Tensor) -> Problem:
+            return self.problem(images[rows], None, generator)
+
         base = images if images.dtype == torch.float64 else images.float()
-        return Problem(render, render, tuple(images.shape), images, base=base, felt=(0.0, 1.0))
+        return Problem(
+            render, render, tuple(images.shape), images, part, base=base, felt=(0.0, 1.0)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,8 @@ class Result:
         noise: what was added: raw noise of `Shot.raw_shape()` for MoireAttack, or, where its noise
             is at the photo, (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks.
         loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
-            the last restart.
+            the last restart; of an attack `until_fooled`, over the images that took it, and fewer
+            where none was left.
         eps: its L-infinity bound. Under the rule "printed" it bounds delta, and `noise` exceeds it;
             see `rules.Printed`. `CW` has no bound: its largest absolute noise.
         shot: the Shot of the photos, after a pose was searched the one that was found; None for
@@ -68,12 +69,14 @@ class Problem(NamedTuple):
         pose: (B, F) where the search of a pose starts, in [-1, 1], or None.
         aim: the shot of a pose.
         still: variables that no step moves.
+        part: the same problem of some of the images, (b,) indices; where `views` is 1.
     """
 
     render: Callable[..., Tensor]
     rehearse: Callable[..., Tensor]
     shape: tuple[int, ...]
     images: Tensor
+    part: Callable[[Tensor], Problem]
     views: int = 1
     shot: Shot | None = None
     base: Tensor | None = None

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks.checks import check_answers, check_classes
+from moireaug.attacks.active import Active
+from moireaug.attacks.best import Best
 from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point, Problem
@@ -73,29 +74,30 @@ class SquareMoire(MoireAttack):
         aims: Tensor | None,
         eps: float,
         generator: torch.Generator | None,
-        watch: Callable[[Point, Tensor], None] | None,
+        best: Best | None,
     ) -> Point:
-        best, best_loss, tried = point, None, point
+        found, tried = point, point
+        highest = torch.full(labels.shape, -math.inf, dtype=torch.float64, device=labels.device)
+        active = Active.every(problem, labels, aims)
         with torch.no_grad():
             for k in range(self.steps):
-                logits = self.model(problem.rehearse(**tried))
+                if best and best.done:
+                    break
+                if best:
+                    active = active.narrowed(best.left())
+                shown = active.problem.rehearse(**active.point(tried))
+                logits = self.model(shown)
                 if k == 0:
-                    check_classes(
-                        labels if aims is None else torch.maximum(labels, aims), logits, 1
-                    )
-                    check_answers(logits, self.model, problem.images)
-                if watch:
-                    watch(tried, logits)
-                loss = LOSSES[self.loss](logits, labels, aims)
-                if best_loss is None:
-                    better, best_loss = torch.ones_like(loss, dtype=torch.bool), loss
-                else:
-                    better = loss > best_loss
-                    best_loss = torch.where(better, loss, best_loss)
-                best = {"noise": choose(better, tried["noise"], best["noise"])}
+                    self._check(active, shown, logits, best)
+                if best:
+                    best.watch(tried, logits, active.rows)
+                loss = active.filled(LOSSES[self.loss](logits, *active.goals()))
+                better = (loss > highest) if k else torch.ones_like(loss, dtype=torch.bool)
+                highest = torch.where(better, loss.to(highest), highest)
+                found = {"noise": choose(better, tried["noise"], found["noise"])}
                 size = side(k, self.steps, problem.shape)
-                tried = {"noise": _with_square(best["noise"], eps, size, generator)}
-        return best
+                tried = {"noise": _with_square(found["noise"], eps, size, generator)}
+        return found
 
 
 def side(k: int, steps: int, shape: tuple[int, ...]) -> int:

@@ -80,6 +80,8 @@ class MoireAttacker(Attacker):
     Args:
         variant: what tells this attacker from the plain one, part of its name.
         rule, loss, restarts, noise_at, optimise: as of `attacks.MoireAttack`.
+        until_fooled: the same; False where other judges see the noise, or it is measured at its
+            strongest.
         knows: the defence that it attacks through, by the defence's own approximation of the
             gradient (BPDA) and by expectation over its draws where it is randomised (EOT).
     """
@@ -91,6 +93,7 @@ class MoireAttacker(Attacker):
     restarts: int = 1
     noise_at: str = "raw"
     optimise: tuple[str, ...] = ("noise",)
+    until_fooled: bool = True
     knows: Judge | None = None
 
     @property
@@ -100,6 +103,8 @@ class MoireAttacker(Attacker):
             name += "_targeted"
         if self.variant:
             name += f"_{self.variant}"
+        if not self.until_fooled:
+            name += "_in_every_step"
         return name
 
     @property
@@ -117,6 +122,7 @@ class MoireAttacker(Attacker):
             restarts=self.restarts,
             noise_at=self.noise_at,
             optimise=self.optimise,
+            until_fooled=self.until_fooled,
         )
         goals = self.goals(batch)
         return single(

@@ -63,6 +63,7 @@ class Apgd(Attacker):
             eps=self.eps,
             steps=self.steps,
             rule="apgd",
+            until_fooled=True,
         )
         found = single(
             first(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
@@ -88,7 +89,9 @@ class SquareAttacker(Attacker):
 
     def attacked(self, batch: EvalBatch) -> Tensor:
         scene = batch.shot.scene
-        attack = SquareMoire(model=batch.model, scene=scene, eps=self.eps, steps=self.steps)
+        attack = SquareMoire(
+            model=batch.model, scene=scene, eps=self.eps, steps=self.steps, until_fooled=True
+        )
         goals = self.goals(batch)
         return single(
             attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
@@ -108,6 +111,7 @@ def toward_classes(batch: EvalBatch, eps: float, steps: int, classes: int) -> Te
         steps=steps,
         rule="apgd",
         loss="dlr" if logits.shape[1] >= 4 else "margin",
+        until_fooled=True,
     )
     toward = MultiTargeted(attack, targets=classes)
     return single(

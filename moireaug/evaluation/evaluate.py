@@ -30,7 +30,7 @@ def evaluate(
     scene: Scene | str | dict = "screen_photo",
     *,
     eps: float | Sequence[float] = (2 / 255, 4 / 255, 8 / 255),
-    steps: int = 10,
+    steps: int = 20,
     n: int | None = None,
     seed: int = 0,
     targets: Mapping[str, Model] | None = None,

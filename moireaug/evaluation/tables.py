@@ -92,7 +92,7 @@ class SuiteConfig:
 
     scene: Scene
     eps: tuple[float, ...] = (2 / 255, 4 / 255, 8 / 255)
-    steps: int = 10
+    steps: int = 20
     targets: Mapping[str, Model | None] = field(default_factory=dict)
     defences: Mapping[str, Defence] = field(default_factory=lambda: paper_defences())
     networks: Mapping[str, Defence] = field(default_factory=dict)

@@ -96,7 +96,8 @@ def trust(config: SuiteConfig) -> Table:
     for name, model in config.targets.items():
         if model is not None:
             judge = Judge(name, model=model)
-            cells.append(Cell(_row(eps), name, (MoireAttacker(eps=eps, steps=steps),), judge))
+            whole = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
+            cells.append(Cell(_row(eps), name, (whole,), judge))
             cells.append(Cell("random", name, (RandomNoise(eps=eps),), judge))
     return Table("trust", tuple(cells))
 

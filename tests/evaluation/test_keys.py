@@ -26,6 +26,7 @@ CHANGES = {
     "loss": "margin",
     "noise_at": "photo",
     "optimise": ("noise", "view"),
+    "until_fooled": False,
     "knows": Judge("j", defence=JPEG(60)),
     "variant": "other",
     "scene": Scene.preset("paper"),

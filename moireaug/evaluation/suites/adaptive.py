@@ -20,7 +20,7 @@ def adaptive(config: SuiteConfig) -> Table:
     """Ask what an attacker gains who knows of the defence, searches harder, or does not know the
     pose."""
     eps, steps = config.middle, config.steps
-    plain = MoireAttacker(eps=eps, steps=steps)
+    plain = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
     columns: dict[str, Condition] = controls(eps) | {
         "ma": plain,
         "adaptive": Apgd(eps=eps, steps=steps),

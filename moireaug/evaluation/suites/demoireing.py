@@ -26,7 +26,7 @@ def demoireing(config: SuiteConfig) -> Table:
     lost = {name: NOT_GIVEN for name in PRINTED if name not in judges}
     eps, steps = config.middle, config.steps
     columns: dict[str, Condition] = controls(eps) | rivals(config)
-    columns["ma_8"] = MoireAttacker(eps=LARGER_EPS, steps=steps)
+    columns["ma_8"] = MoireAttacker(eps=LARGER_EPS, steps=steps, until_fooled=False)
     cells = crossed(judges, columns)
     for name, judge in judges.items():
         knows = None if judge is UNDEFENDED else judge

@@ -34,7 +34,7 @@ def controls(eps: float) -> dict[str, Condition]:
 def rivals(config: SuiteConfig) -> dict[str, Condition]:
     """Return the paper's attacks at one eps."""
     eps, steps = config.middle, config.steps
-    found: dict[str, Condition] = {"ma": MoireAttacker(eps=eps, steps=steps)}
+    found: dict[str, Condition] = {"ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False)}
     for name in ("bim", "pgd", "cw", "mifgsm"):
         bound = 0.0 if name == "cw" else eps
         found[name] = PixelAttacker(attack=name, eps=bound, steps=steps)
@@ -60,8 +60,10 @@ def success(config: SuiteConfig) -> Table:
             "rotated_dim": PhotoWithoutMoire(),
             "moire": Photo(),
             "random": RandomNoise(eps=eps),
-            "ma": MoireAttacker(eps=eps, steps=config.steps),
-            "ma_targeted": MoireAttacker(eps=eps, steps=config.steps, targeted=True),
+            "ma": MoireAttacker(eps=eps, steps=config.steps, until_fooled=False),
+            "ma_targeted": MoireAttacker(
+                eps=eps, steps=config.steps, targeted=True, until_fooled=False
+            ),
         }
         cells += row_of(eps_row(eps), columns)
     shown = [(cell.row, cell.column) for cell in cells if cell.row == "eps_4"]
@@ -78,7 +80,7 @@ def mean_normalised(config: SuiteConfig) -> Table:
     }
     columns = controls(4 / 255)
     for eps in PRINTED_EPS:
-        columns[f"ma_{codes(eps)}"] = MoireAttacker(eps=eps, steps=config.steps)
+        columns[f"ma_{codes(eps)}"] = MoireAttacker(eps=eps, steps=config.steps, until_fooled=False)
     return Table("mean_normalised", tuple(crossed(judges, columns)))
 
 
@@ -136,7 +138,7 @@ def budget(config: SuiteConfig) -> Table:
         columns: dict[str, Condition] = {
             "moire": Photo(),
             "random": RandomNoise(eps=eps),
-            "ma": MoireAttacker(eps=eps, steps=config.steps),
+            "ma": MoireAttacker(eps=eps, steps=config.steps, until_fooled=False),
             "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps),
         }
         cells += row_of(eps_row(eps), columns)
@@ -183,9 +185,13 @@ def noise_position(config: SuiteConfig) -> Table:
     BIM")."""
     eps, steps = config.middle, config.steps
     columns = controls(eps)
-    columns["ma"] = MoireAttacker(eps=eps, steps=steps)
+    columns["ma"] = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
     columns["moire_bim"] = MoireAttacker(
-        eps=eps, steps=steps, variant="noise_on_the_photo", noise_at="photo"
+        eps=eps,
+        steps=steps,
+        variant="noise_on_the_photo",
+        noise_at="photo",
+        until_fooled=False,
     )
     judges = {"undefended": UNDEFENDED}
     for quality in (20, 40):
