@@ -49,7 +49,7 @@ def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
     said = [
         f"Accuracy in % of {of}.",
         "Intervals of 95 % hold the choice of seeds and of images (two-way bootstrap).",
-        "Worst case: each image at the worst of the photo alone, the Moiré Attack, APGD and APGD-T.",
+        "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
         "Time is of training alone, on top of the clean weights that a recipe starts from; "
         "× clean counts both.",
         "● no other recipe is as robust at 4/255 for less time.",

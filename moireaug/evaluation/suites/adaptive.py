@@ -71,9 +71,9 @@ def standard(config: SuiteConfig) -> Table:
 
 
 def worst_case(config: SuiteConfig) -> Table:
-    """The attackers who know the shot, and each image at the worst of them; PGD on pixels stands
-    beside. Who does not know it is in `standard`: two thirds of the time, and no image that these
-    had not fooled."""
+    """Lay out the attackers who know the shot, each image at the worst of them, and PGD on pixels
+    beside. The one who does not know it is in `standard`: on a robust network it took two thirds of
+    the time, and fooled no image that these had not."""
     cells: list[Cell] = []
     steps = config.steps
     for eps in WORST_EPS:
