@@ -98,14 +98,10 @@ class MoireAttacker(Attacker):
 
     @property
     def base_name(self) -> str:
-        name = f"ma_{codes(self.eps)}"
-        if self.targeted:
-            name += "_targeted"
+        kind = ["targeted"] if self.targeted else []
         if self.variant:
-            name += f"_{self.variant}"
-        if not self.until_fooled:
-            name += "_in_every_step"
-        return name
+            kind.append(self.variant)
+        return _name("ma", self.eps, *kind, until_fooled=self.until_fooled)
 
     @property
     def parts(self) -> int:
@@ -171,23 +167,34 @@ class PixelAttacker(Attacker):
     Args:
         attack: a key of `attacks.ATTACKS`: "pgd", "bim" or "mifgsm"; or "cw", which has no bound
             and whose eps is 0.
+        until_fooled: as of `MoireAttacker`; "cw" takes every step.
     """
 
     kind = "pixels"
     on_screen: ClassVar[bool] = False
     attack: str
+    until_fooled: bool = True
 
     @property
     def base_name(self) -> str:
-        return self.attack if self.attack == "cw" else f"{self.attack}_{codes(self.eps)}"
+        if self.attack == "cw":
+            return self.attack
+        return _name(self.attack, self.eps, until_fooled=self.until_fooled)
 
     def attacked(self, batch: EvalBatch) -> Tensor:
         settings: dict[str, Any] = {"steps": self.steps}
         if self.attack != "cw":
-            settings["eps"] = self.eps
+            settings |= {"eps": self.eps, "until_fooled": self.until_fooled}
         attack = ATTACKS[self.attack](model=batch.model, **settings)
         goals = self.goals(batch)
         return single(attack(batch.images, *goals, generator=batch.generator)).images
+
+
+def _name(attack: str, eps: float, *kind: str, until_fooled: bool) -> str:
+    parts = [attack, codes(eps), *kind]
+    if not until_fooled:
+        parts.append("in_every_step")
+    return "_".join(parts)
 
 
 def draws_of(knows: Judge | None) -> int:

@@ -74,7 +74,7 @@ def test_every_attack_says_what_its_noise_is(known):
         rows["ma_4"]["largest"] < rows["ma_64"]["largest"]
         and rows["ma_4"]["psnr"] > rows["ma_64"]["psnr"]
     )
-    assert rows["pgd_64"]["largest"] == pytest.approx(64 / 255, abs=1e-6)  # pixels keep the bound
+    assert 0 < rows["pgd_64"]["largest"] <= 64 / 255 + 1e-6  # pixels keep the bound
     assert rows["ma_4"]["largest"] > 4 / 255  # in linear light dark codes move further
 
 

@@ -37,7 +37,7 @@ def rivals(config: SuiteConfig) -> dict[str, Condition]:
     found: dict[str, Condition] = {"ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False)}
     for name in ("bim", "pgd", "cw", "mifgsm"):
         bound = 0.0 if name == "cw" else eps
-        found[name] = PixelAttacker(attack=name, eps=bound, steps=steps)
+        found[name] = PixelAttacker(attack=name, eps=bound, steps=steps, until_fooled=False)
     return found
 
 
@@ -139,7 +139,7 @@ def budget(config: SuiteConfig) -> Table:
             "moire": Photo(),
             "random": RandomNoise(eps=eps),
             "ma": MoireAttacker(eps=eps, steps=config.steps, until_fooled=False),
-            "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps),
+            "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps, until_fooled=False),
         }
         cells += row_of(eps_row(eps), columns)
     shown = [(cell.row, cell.column) for cell in cells if cell.column in ("ma", "bim")]
