@@ -34,7 +34,7 @@ from training.train import classifier_of
 
 # models: name, batch, side of its images
 FULL = {
-    "models": (("small_resnet", 128, 48), ("resnet18", 8, 224)),
+    "models": (("small_resnet", 64, 48), ("resnet18", 8, 224)),
     "repeats": 9,
     "files": 192,
     "sides": (48, 256),
@@ -104,25 +104,38 @@ def main() -> None:
 def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
     """Return a row for each model and recipe: the time of a step; of one that replays its batches,
     the mean over a batch's visits."""
-    names, rows = sorted(p.stem for p in RECIPES.glob("*.yaml")), []
+    rows = []
     for model, batch, side in settings["models"]:
-        configured = {name: configure(f"recipe={name}", f"model={model}") for name in names}
-        calls = {name: step(cfg, batch, side) for name, cfg in configured.items()}
-        rounds = {name: cfg.adversary.replays for name, cfg in configured.items()}
-        several = {n: lambda f=f, k=rounds[n]: [f() for _ in range(k)] for n, f in calls.items()}
-        times = measure.timed_together(several, settings["repeats"], budget=60.0)
-        each = {name: times[name] / rounds[name] for name in names}
-        rows += [
-            {
-                "model": model,
-                "recipe": name,
-                "seconds": each[name]._asdict(),
-                "relative": each[name].median / each["clean"].median,
-                "passes": passes(configured[name].adversary),
-            }
-            for name in sorted(names, key=lambda name: each[name].median)
-        ]
+        configured, calls = {}, {}
+        for path in sorted(RECIPES.glob("*.yaml")):
+            cfg = configure(f"recipe={path.stem}", f"model={model}")
+            configured[path.stem] = cfg
+            calls[path.stem] = repeated(step(cfg, batch, side), cfg.adversary.replays)
+        times = measure.timed_together(calls, settings["repeats"], budget=60.0)
+        each = {}
+        for name, cfg in configured.items():
+            each[name] = times[name] / cfg.adversary.replays
+        for name in sorted(each, key=lambda name: each[name].median):
+            rows.append(
+                {
+                    "model": model,
+                    "recipe": name,
+                    "seconds": each[name]._asdict(),
+                    "relative": each[name].median / each["clean"].median,
+                    "passes": passes(configured[name].adversary),
+                }
+            )
     return rows
+
+
+def repeated(call: Callable[[], None], times: int) -> Callable[[], None]:
+    """Return what calls it so often."""
+
+    def every() -> None:
+        for _ in range(times):
+            call()
+
+    return every
 
 
 def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
