@@ -163,8 +163,8 @@ def test_attacks_work_where_gradients_are_off(context, model, batch):
         images, labels = (t.clone() for t in batch)
         for name in METHODS:
             result = METHODS[name](model, eps=EPS, steps=2)(images, labels)
-            # two steps do not bring CW to its goal
-            assert result.noise.any() != (name in ("cw", "ma pose"))
+            # two steps do not bring CW to its goal; the photo alone fools this network
+            assert result.noise.any() != (name in ("cw", "ma pose", "ma until fooled"))
 
 
 def test_one_generator_one_result(model, batch):

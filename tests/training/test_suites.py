@@ -167,7 +167,7 @@ def test_a_group_is_one_report(weights, tmp_path):
     )
     # the attackers and controls of one bound, and the scenes
     scenes = 1 + len(other_scenes(Scene.preset("screen_photo")))
-    assert page.count('<div class="cell"') == 7 + scenes
+    assert page.count('<div class="cell"') == 6 + scenes
 
 
 def test_the_worst_case_is_no_better_than_any_of_its_row(whole):
