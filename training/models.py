@@ -78,6 +78,8 @@ class SmallResNet(nn.Module):
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
+# own models, by channels of the stem
+WIDTHS = {"small_resnet": 16, "small_resnet_x2": 32}
 # How checkpoints name the state_dict that they hold, and what wrappers put before its names.
 _HOLDERS = ("state_dict", "model_state_dict", "model")
 _WRAPPERS = ("module.", "model.", "_orig_mod.")
@@ -91,12 +93,12 @@ def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = 
     """
     # in this layout convolutions are up to twice as fast on CPU
     model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
-    return model if name == "small_resnet" else Normalized(model)
+    return model if name in WIDTHS else Normalized(model)
 
 
 def names() -> list[str]:
-    """Return every name that `build` knows, "small_resnet" first."""
-    return ["small_resnet", *torchvision.models.list_models(module=torchvision.models)]
+    """Return every name that `build` knows, own models first."""
+    return [*WIDTHS, *torchvision.models.list_models(module=torchvision.models)]
 
 
 def build(
@@ -105,8 +107,8 @@ def build(
     """Return a classifier by name, freshly initialised or with weights.
 
     Args:
-        name: "small_resnet" (takes [0, 1] images) or any torchvision classifier (its ImageNet
-            normalisation is the caller's to apply).
+        name: "small_resnet", "small_resnet_x2" with twice the channels (both take [0, 1] images),
+            or any torchvision classifier (its ImageNet normalisation is the caller's to apply).
         num_classes: number of logits.
         weights: a file with a state_dict, or a checkpoint that holds one as "state_dict",
             "model_state_dict" or "model", with or without a wrapper's "module.", "model." or
@@ -124,7 +126,7 @@ def build(
         hint = f" Closest: {', '.join(closest)}." if closest else ""
         raise ValueError(
             f"There is no model named {name!r}.{hint} "
-            "Please use 'small_resnet' or a name from "
+            f"Please use {' or '.join(map(repr, WIDTHS))}, or a name from "
             "torchvision.models.list_models(module=torchvision.models)."
         )
     if num_classes < 1:
@@ -140,8 +142,8 @@ def build(
 
 
 def _fresh(name: str, num_classes: int) -> nn.Module:
-    if name == "small_resnet":
-        return SmallResNet(num_classes)
+    if name in WIDTHS:
+        return SmallResNet(num_classes, WIDTHS[name])
     return torchvision.models.get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
 
 
@@ -153,7 +155,7 @@ def _state(name: str, weights: str) -> Mapping[str, Tensor]:
 
 
 def _published_names(name: str) -> list[str]:
-    if name == "small_resnet":
+    if name in WIDTHS:
         return []
     return list(torchvision.models.get_model_weights(name).__members__)
 

@@ -307,7 +307,7 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
     [
         ("resnet19", "Closest: resnet18"),
         ("small-resnet", "Closest: small_resnet"),
-        ("", "Please use 'small_resnet'"),
+        ("", "Please use 'small_resnet' or 'small_resnet_x2'"),
     ],
 )
 def test_an_unknown_name_lists_the_closest(name, hint):
