@@ -129,7 +129,7 @@ def models_of(folders: list[str], n: int) -> dict[str, tuple[nn.Module, Batches,
 
 
 def quick_model(n: int) -> dict[str, tuple[nn.Module, Batches, Scene]]:
-    """Return a small model that nobody trained, with labels that it has right."""
+    """Return an untrained model, with labels that it has right."""
     torch.manual_seed(0)
     model = nn.Sequential(nn.AdaptiveAvgPool2d(4), nn.Flatten(), nn.Linear(48, 5)).eval()
     images = torch.rand(n, 3, 16, 16)

@@ -67,8 +67,8 @@ class Attacked:
 
     Args:
         tables: of the suite. lines: their rates, a line a cell.
-        checks: `trust`, whether the figures can be trusted, on `trust_n` images; empty where nobody
-            asked.
+        checks: `trust`, whether the figures can be trusted, on `trust_n` images; empty where that
+            was not asked for.
         runner: for the pictures.
         seconds: by phase.
     """

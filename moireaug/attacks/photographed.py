@@ -40,7 +40,7 @@ class Photographed(nn.Module):
             screen shows.
 
     Attributes:
-        clean: the inputs that nobody has attacked: the readings, of `shot.raw_shape()`, or the
+        clean: the unattacked inputs: the readings, of `shot.raw_shape()`, or the
             images.
 
     Raises:

@@ -26,8 +26,8 @@ ROLLS = (0, 5, 10, 15, 30, 45)  # degrees
 
 
 def controls(eps: float) -> dict[str, Condition]:
-    """Return what stands beside every attack: the image, and its photo without and with noise that
-    nobody searched."""
+    """Return what stands beside every attack: the image, and its photo without and with random
+    noise."""
     return {"clean": Clean(), "moire": Photo(), "random": RandomNoise(eps=eps)}
 
 

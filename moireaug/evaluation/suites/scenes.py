@@ -1,5 +1,4 @@
-"""Nobody attacks: natural moiré of displays and cameras, and of scenes that a model was not trained
-in."""
+"""Natural moiré of displays and cameras, and of scenes that a model was not trained in."""
 
 from __future__ import annotations
 
