@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.active import Active
 from moireaug.attacks.answers import predicted
 from moireaug.attacks.best import Best
 from moireaug.attacks.checks import (
@@ -27,6 +26,7 @@ from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem, Result
 from moireaug.attacks.rules import RULES, Ball, Rule
+from moireaug.attacks.task import Active, Task
 from moireaug.checks import check_images
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import Shot
@@ -117,14 +117,13 @@ class Attack(ABC):
             labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
             if isinstance(self.eps, (int, float)):
-                return self._best(
-                    problem, images, labels, targets, targets, float(self.eps), generator
+                return self._run(
+                    Task(problem, labels, targets, targets, float(self.eps), generator)
                 )
             results = []
             for eps in self.eps:
-                results.append(
-                    self._best(problem, images, labels, targets, targets, float(eps), generator)
-                )
+                task = Task(problem, labels, targets, targets, float(eps), generator)
+                results.append(self._run(task))
             return results
 
     def toward(
@@ -148,7 +147,7 @@ class Attack(ABC):
             images = images.detach().clone()
             labels, aims = check_goals(images, labels, classes)
             problem = self.problem(images, shot, generator)
-            return self._best(problem, images, labels, None, aims, eps, generator)
+            return self._run(Task(problem, labels, None, aims, eps, generator))
 
     def walk(
         self,
@@ -165,9 +164,9 @@ class Attack(ABC):
         with evaluating(self.model):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
-            problem, eps = self.problem(images, shot, generator), self.one_eps()
-            point = self._start(problem, eps, 0, images, generator)
-            return problem, self._ascend(problem, point, labels, None, eps, generator, None)
+            problem = self.problem(images, shot, generator)
+            task = Task(problem, labels, None, None, self.one_eps(), generator)
+            return problem, self._ascend(task, self._start(task, restart=0), best=None)
 
     def last(
         self,
@@ -190,30 +189,26 @@ class Attack(ABC):
             )
         return float(self.eps)
 
-    def _start(
-        self,
-        problem: Problem,
-        eps: float,
-        restart: int,
-        images: Tensor,
-        generator: torch.Generator | None,
-    ) -> Point:
-        """No noise and the drawn pose, or random ones."""
-        radius = self.random_start or (1.0 if restart else 0.0)
+    def _start(self, task: Task, restart: int) -> Point:
+        """Return no noise and the drawn pose, or random ones."""
+        problem, radius = task.problem, self.random_start or (1.0 if restart else 0.0)
+        device, dtype = problem.images.device, problem.images.dtype
         noise = torch.zeros(problem.shape)
-        if radius and eps and "noise" not in problem.still:
-            noise.uniform_(-radius * eps, radius * eps, generator=generator)
-        dtype = torch.float64 if images.dtype == torch.float64 else torch.float32
-        point = {"noise": noise.to(images.device, dtype)}
+        if radius and task.eps and "noise" not in problem.still:
+            noise.uniform_(-radius * task.eps, radius * task.eps, generator=task.generator)
+        point = {"noise": noise.to(device, torch.promote_types(dtype, torch.float32))}
         if problem.pose is not None:
             point["pose"] = problem.pose
             if restart:
-                share = torch.rand(problem.pose.shape, generator=generator, dtype=torch.float64)
-                point["pose"] = (share * 2 - 1).to(images.device)
+                share = torch.rand(
+                    problem.pose.shape, generator=task.generator, dtype=torch.float64
+                )
+                point["pose"] = (share * 2 - 1).to(device)
         return point
 
-    def _rules(self, problem: Problem, eps: float) -> dict[str, Rule]:
+    def _rules(self, task: Task) -> dict[str, Rule]:
         """Return a rule for each variable that moves."""
+        problem, eps = task.problem, task.eps
         # noise that starts outside the ball (N-FGSM) is stepped on, and not pulled back
         bound = eps if self.random_start <= 1 else math.inf
         balls = {"noise": Ball(eps, bound, self.steps, self.step_size, problem.base, problem.felt)}
@@ -225,20 +220,11 @@ class Attack(ABC):
                 rules[name] = RULES[self.rule](ball)
         return rules
 
-    def _ascend(
-        self,
-        problem: Problem,
-        point: Point,
-        labels: Tensor,
-        aims: Tensor | None,
-        eps: float,
-        generator: torch.Generator | None,
-        best: Best | None,
-    ) -> Point:
+    def _ascend(self, task: Task, point: Point, best: Best | None) -> Point:
         """Take the steps; `best`, where it is given, sees each point, and says which images are
         left."""
-        rules = self._rules(problem, eps)
-        active = Active.every(problem, labels, aims)
+        rules = self._rules(task)
+        active = Active.every(task)
         for k in range(self.steps):
             if best and best.done:
                 break
@@ -249,11 +235,10 @@ class Attack(ABC):
                 own[name] = x.detach().requires_grad_(True)
             shown = active.problem.rehearse(**own)
             logits = self.model(shown)
-            goals = active.goals()
             if k == 0:
                 self._check(active, shown, logits, best)
                 check_gradient(logits)
-            objective = LOSSES[self.loss](logits, *goals)
+            objective = LOSSES[self.loss](logits, *active.goals())
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(
                 objective.sum(), list(own.values()), allow_unused="pose" in own
@@ -261,7 +246,7 @@ class Attack(ABC):
             point = {name: x.detach() for name, x in point.items()}
             if best:
                 best.watch(point, logits.detach(), active.rows)
-            loss = active.filled(objective.detach().view(problem.views, -1).mean(0))
+            loss = active.filled(objective.detach().view(active.problem.views, -1).mean(0))
             for (name, x), gradient in zip(list(point.items()), gradients, strict=True):
                 if name in rules and gradient is not None:
                     # a NaN would stay in the point, and with it in every later image
@@ -283,25 +268,17 @@ class Attack(ABC):
                 again = self.model(shown)
             best.settled = torch.allclose(logits, again, rtol=1e-3, atol=1e-3, equal_nan=True)
 
-    def _best(
-        self,
-        problem: Problem,
-        images: Tensor,
-        labels: Tensor,
-        targets: Tensor | None,
-        aims: Tensor | None,
-        eps: float,
-        generator: torch.Generator | None,
-    ) -> Result:
+    def _run(self, task: Task) -> Result:
+        """Take all restarts, and return the best point of each image."""
+        problem, labels, targets = task.problem, task.labels, task.targets
         best = Best(labels, targets, problem.views)
         for restart in range(self.restarts):
             if best.done:
                 break
             best.losses = []
-            point = self._start(problem, eps, restart, images, generator)
-            point = self._ascend(problem, point, labels, aims, eps, generator, best)
+            point = self._ascend(task, self._start(task, restart), best)
             if not best.done:
-                last = Active.every(problem, labels, aims).narrowed(best.left())
+                last = Active.every(task).narrowed(best.left())
                 with torch.no_grad():
                     shown = last.problem.rehearse(**last.point(point))
                     best.watch(point, self.model(shown), last.rows)
@@ -311,4 +288,4 @@ class Attack(ABC):
         success = hit != labels if targets is None else hit == targets
         losses = torch.stack(best.losses[: self.steps]) if self.steps else torch.zeros(0)
         shot = problem.aim(best.point["pose"]) if problem.aim else problem.shot
-        return Result(photo.detach(), success, best.point["noise"], losses.cpu(), eps, shot)
+        return Result(photo.detach(), success, best.point["noise"], losses.cpu(), task.eps, shot)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.attacks.active import Active
 from moireaug.attacks.best import Best
 from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
-from moireaug.attacks.problem import Point, Problem
+from moireaug.attacks.problem import Point
 from moireaug.attacks.rules import choose
+from moireaug.attacks.task import Active, Task
 
 SHARE = 0.3  # of the area that the first windows cover
 # queries of 10,000 after which the share is halved: Andriushchenko et al. (2020), section 4.1 and
@@ -50,35 +50,17 @@ class SquareMoire(MoireAttack):
                     f"{name} = {getattr(self, name)!r}; leave it out."
                 )
 
-    def _start(
-        self,
-        problem: Problem,
-        eps: float,
-        restart: int,
-        images: Tensor,
-        generator: torch.Generator | None,
-    ) -> Point:
-        """Stripes: one sign a column, plane and image."""
-        point = super()._start(problem, eps, restart, images, generator)
-        n, planes, _, columns = problem.shape
-        return {
-            "noise": eps
-            * _signs((n, planes, 1, columns), generator).to(point["noise"]).expand(problem.shape)
-        }
+    def _start(self, task: Task, restart: int) -> Point:
+        """Return stripes: one sign a column, plane and image."""
+        point, shape = super()._start(task, restart), task.problem.shape
+        n, planes, _, columns = shape
+        signs = _signs((n, planes, 1, columns), task.generator).to(point["noise"])
+        return {"noise": task.eps * signs.expand(shape)}
 
-    def _ascend(
-        self,
-        problem: Problem,
-        point: Point,
-        labels: Tensor,
-        aims: Tensor | None,
-        eps: float,
-        generator: torch.Generator | None,
-        best: Best | None,
-    ) -> Point:
+    def _ascend(self, task: Task, point: Point, best: Best | None) -> Point:
         found, tried = point, point
-        highest = torch.full(labels.shape, -math.inf, dtype=torch.float64, device=labels.device)
-        active = Active.every(problem, labels, aims)
+        highest = torch.full_like(task.labels, -math.inf, dtype=torch.float64)
+        active = Active.every(task)
         with torch.no_grad():
             for k in range(self.steps):
                 if best and best.done:
@@ -95,8 +77,8 @@ class SquareMoire(MoireAttack):
                 better = (loss > highest) if k else torch.ones_like(loss, dtype=torch.bool)
                 highest = torch.where(better, loss.to(highest), highest)
                 found = {"noise": choose(better, tried["noise"], found["noise"])}
-                size = side(k, self.steps, problem.shape)
-                tried = {"noise": _with_square(found["noise"], eps, size, generator)}
+                size = side(k, self.steps, task.problem.shape)
+                tried = {"noise": _with_square(found["noise"], task.eps, size, task.generator)}
         return found
 
 

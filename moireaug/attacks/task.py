@@ -1,4 +1,4 @@
-"""The images of a batch that still take steps."""
+"""One batch to attack at one bound, and those of its images that still take steps."""
 
 from __future__ import annotations
 
@@ -11,31 +11,49 @@ from moireaug.attacks.problem import Point, Problem
 
 
 @dataclass(frozen=True, eq=False)
-class Active:
-    """Some images of a batch, and what is searched for them.
+class Task:
+    """One batch to attack at one bound.
 
     Args:
-        whole: of all n images. problem: of these. labels, aims: (n,) of all.
-        rows: (b,) which of the batch these are.
+        problem: how noise becomes its images.
+        labels: (n,) true classes.
+        targets: (n,) classes to reach; None where any wrong class is a success.
+        aims: (n,) classes that the loss steers toward; None where it steers away from the label.
+        eps: the bound.
+        generator: of random starts; None is torch's global one.
     """
 
-    whole: Problem
     problem: Problem
     labels: Tensor
+    targets: Tensor | None
     aims: Tensor | None
+    eps: float
+    generator: torch.Generator | None
+
+
+@dataclass(frozen=True, eq=False)
+class Active:
+    """The images of a task that still take steps.
+
+    Args:
+        task: of all n images. problem: of these. rows: (b,) which of the batch these are.
+    """
+
+    task: Task
+    problem: Problem
     rows: Tensor
 
     @staticmethod
-    def every(problem: Problem, labels: Tensor, aims: Tensor | None) -> Active:
+    def every(task: Task) -> Active:
         """Return all images."""
-        rows = torch.arange(len(labels), device=labels.device)
-        return Active(problem, problem, labels, aims, rows)
+        rows = torch.arange(len(task.labels), device=task.labels.device)
+        return Active(task, task.problem, rows)
 
     def narrowed(self, rows: Tensor) -> Active:
         """Return those of `rows`, itself where these are as many."""
         if len(rows) == len(self.rows):
             return self
-        return Active(self.whole, self.whole.part(rows), self.labels, self.aims, rows)
+        return Active(self.task, self.task.problem.part(rows), rows)
 
     def point(self, point: Point) -> Point:
         """Return these images' part of a point of all."""
@@ -44,12 +62,12 @@ class Active:
     def goals(self) -> tuple[Tensor, Tensor | None]:
         """Return these images' labels and aims, for as many views of each as there are logits."""
         views = self.problem.views
-        aims = None if self.aims is None else self._of(self.aims).repeat(views)
-        return self._of(self.labels).repeat(views), aims
+        aims = None if self.task.aims is None else self._of(self.task.aims).repeat(views)
+        return self._of(self.task.labels).repeat(views), aims
 
     def filled(self, values: Tensor) -> Tensor:
         """Return these images' values, (b, ...), among all, (n, ...), where the others' are 0."""
-        n = len(self.labels)
+        n = len(self.task.labels)
         if len(self.rows) == n:
             return values
         return values.new_zeros(n, *values.shape[1:]).index_copy(0, self.rows, values)
