@@ -15,7 +15,8 @@ from moireaug.exposure import content, extremes
 from moireaug.exposure.choose import exposure_of
 from moireaug.exposure.optics import optics_of
 from moireaug.exposure.sampled import Point, Supersample
-from moireaug.exposure.smooth import WHOLE_PIXEL, Mean, extent
+from moireaug.exposure.seen import WHOLE_PIXEL, extent
+from moireaug.exposure.smooth import Mean
 from moireaug.geometry import grids
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from moireaug.exposure import content
 from moireaug.exposure.optics import Optics
-from moireaug.exposure.smooth import WHOLE_PIXEL, extent
+from moireaug.exposure.seen import WHOLE_PIXEL, extent
 from moireaug.geometry.grids import image_to_photo, jacobian
 from moireaug.geometry.homography import homography
 from moireaug.panel.fourier import coefficient
