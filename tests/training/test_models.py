@@ -72,6 +72,12 @@ def test_small_resnet_refuses_empty_layers(arguments):
         models.SmallResNet(*arguments)
 
 
+def test_own_models_take_images_as_they_are_and_x2_has_twice_the_channels():
+    built = {name: models.as_model(name, 5, None) for name in models.WIDTHS}
+    assert all(isinstance(model, models.SmallResNet) for model in built.values())
+    assert built["small_resnet_x2"].head.in_features == 2 * built["small_resnet"].head.in_features
+
+
 def test_names_hold_classifiers_only():
     assert models.names()[0] == "small_resnet"
     assert {"resnet18", "mobilenet_v2", "vit_b_16"} < set(models.names())
@@ -81,7 +87,15 @@ def test_names_hold_classifiers_only():
 
 
 @pytest.mark.parametrize(
-    "name", ["small_resnet", "squeezenet1_1", "shufflenet_v2_x0_5", "mnasnet0_5", "regnet_x_400mf"]
+    "name",
+    [
+        "small_resnet",
+        "small_resnet_x2",
+        "squeezenet1_1",
+        "shufflenet_v2_x0_5",
+        "mnasnet0_5",
+        "regnet_x_400mf",
+    ],
 )
 def test_build_gives_the_number_of_classes_asked_for(name):
     assert models.build(name, 7).eval()(torch.rand(1, 3, 64, 64)).shape == (1, 7)
@@ -91,7 +105,9 @@ def test_googlenet_has_one_output_even_in_training():
     assert models.build("googlenet", 7)(torch.rand(2, 3, 64, 64)).shape == (2, 7)
 
 
-@pytest.mark.parametrize("name", ["small_resnet", "squeezenet1_1", "shufflenet_v2_x0_5"])
+@pytest.mark.parametrize(
+    "name", ["small_resnet", "small_resnet_x2", "squeezenet1_1", "shufflenet_v2_x0_5"]
+)
 def test_weights_come_back_unchanged(name, tmp_path):
     model = models.build(name, 7)
     again = models.build(name, 7, saved(model, tmp_path / "weights.pth"))
