@@ -1,15 +1,15 @@
 """Use RandomMoire with albumentations in a DataLoader of several workers.
 
-The scene leaves photos in the camera's frame, so that boxes move with the picture: the box around
-a whole picture becomes the box of the screen in the photo, as a detector of screens needs it. The
-data set keeps its `A.Compose` as an attribute, where `seed_worker` finds it: without it, workers
-repeat each other's draws, and every epoch repeats the first.
+The scene leaves photos in the camera's frame, so boxes move with the picture: the box around the
+whole picture becomes the box of the screen in the photo, which is what a screen detector needs. The
+data set keeps its `A.Compose` as an attribute, where `seed_worker` finds it. Without `seed_worker`,
+workers repeat each other's draws, and every epoch repeats the first.
 
     python examples/albumentations_dataloader.py
     python examples/albumentations_dataloader.py --workers 4
 
-Prints the share of photographed images and the mean width of the screens in each epoch, then images
-a second.
+Prints, for each epoch, the share of photographed images, the mean width of their screens, and the
+images per second.
 """
 
 import argparse
@@ -34,7 +34,7 @@ SCENE = replace(
 
 
 class Screens(Dataset):
-    """Drawn signs, half of them photographed off a screen, and the box of the picture in each."""
+    """Drawn signs, half photographed off a screen, and the box of the picture in each."""
 
     def __init__(self, n: int, size: int) -> None:
         images, _ = signs.make("train", n, size)
@@ -55,10 +55,10 @@ class Screens(Dataset):
 
 
 def main() -> None:
-    """Read two epochs."""
+    """Load two epochs."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--images", type=int, default=256)
-    parser.add_argument("--size", type=int, default=64, help="pixels of a side")
+    parser.add_argument("--size", type=int, default=64, help="side of the images, in pixels")
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
 

@@ -1,9 +1,9 @@
-"""Attack a classifier of your own.
+"""Attack your own classifier.
 
-Trains a small network, so that there is something to attack; put yours in its place. Any callable
-of [0, 1] images that returns logits will do: `attacks.Normalized` puts the normalisation inside.
-The Moiré Attack then adds noise to the camera's raw reading. Its controls are the clean images and
-the same shots without noise: only what it takes from the latter is the attacker's work.
+Trains a small network to attack; replace it with yours. Any callable that takes images in [0, 1]
+and returns logits will do: `attacks.Normalized` puts the normalisation inside. The Moiré Attack
+then adds noise to the camera's raw reading. Its controls are the clean images and the same shots
+without noise: only the drop in accuracy from the latter is due to the attacker.
 
     python examples/attack_your_classifier.py
 
@@ -47,9 +47,9 @@ def accuracy(model: nn.Module, images: Tensor, labels: Tensor) -> float:
 
 
 def main() -> None:
-    """Train, attack, and say what the attack adds to the camera."""
+    """Train, attack, and print what the attack adds to the camera's effect."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--images", type=int, default=2000, help="of the training set")
+    parser.add_argument("--images", type=int, default=2000, help="training images")
     parser.add_argument("--epochs", type=int, default=10)
     parser.add_argument("--attacked", type=int, default=200, help="test images that are attacked")
     parser.add_argument("--steps", type=int, default=20)

@@ -1,15 +1,15 @@
 """Calibrate a scene to your camera.
 
-You need photos of a screen and the pictures that it showed, aligned and of equal names, in the
-folders PAIRS/photo and PAIRS/original. Without them, this script makes some with a camera that the
-search does not know. The search varies the ranges of a preset until its photos have the statistics
-of yours: strength of the moiré by scale, tone, tint, sharpness, noise.
+You need photos of a screen and the pictures that it showed, aligned and with the same file names,
+in the folders PAIRS/photo and PAIRS/original. Without them, this script makes some with a camera
+that the search does not know. The search varies a preset's ranges until its photos match the
+statistics of yours: strength of the moiré by scale, tone, tint, sharpness, noise.
 
     python examples/calibrate_to_your_camera.py
     python examples/calibrate_to_your_camera.py --pairs PAIRS --size 384 --evaluations 400
 
-Prints the mean distance as the search goes on, the statistics of both, and three of the ranges.
-Writes report.html and scene.yaml, which goes wherever `scene=` does.
+Prints the mean distance during the search, the statistics of both, and three of the ranges. Writes
+report.html and scene.yaml, which you can pass to any `scene=`.
 """
 
 import argparse
@@ -31,7 +31,7 @@ SHOWN = ("astronaut", "chelsea", "coffee", "rocket")  # pictures of scikit-image
 
 
 def make_pairs(folder: Path) -> None:
-    """Photograph pictures with a camera of little gain, a blue tint and a soft lens."""
+    """Photograph pictures with a camera of low gain, a blue tint and a soft lens."""
     preset = Scene.preset(START)
     camera = replace(
         preset,
@@ -50,10 +50,10 @@ def make_pairs(folder: Path) -> None:
 
 
 def main() -> None:
-    """Fit a scene, and compare its ranges with those it started from."""
+    """Fit a scene, and compare its ranges with the original ones."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--pairs", help="a folder with photo/ and original/")
-    parser.add_argument("--size", type=int, default=128, help="pixels of the crops' sides")
+    parser.add_argument("--size", type=int, default=128, help="side of the crops, in pixels")
     parser.add_argument("--evaluations", type=int, default=60)
     parser.add_argument("--out", default="calibrated")
     args = parser.parse_args()
@@ -72,7 +72,7 @@ def main() -> None:
     for part, field in (("lens", "blur"), ("sensor", "gain"), ("develop", "blue")):
         before, after = (getattr(getattr(scene, part), field) for scene in (start, found))
         print(f"{part}.{field}: {before} before, {after} now")
-    print(RandomMoire(scene=found, p=0.5))  # and on it goes into a training
+    print(RandomMoire(scene=found, p=0.5))  # ready for training
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
-"""Evaluate a defence of your own.
+"""Evaluate your own defence.
 
-A defence is any function from images to images. `defenses.Defended` puts it before a model, and an
-attack on the two goes through both. The same defence is judged twice: by attacks that know of it,
-which is the honest figure, and by noise that was made for the bare model, which is how weak
-defences look strong.
+A defence is any function from images to images. `defenses.Defended` puts it in front of a model,
+and an attack then goes through both. The defence is tested twice: against attacks that know of it,
+which gives the honest figure, and against noise made for the bare model, which makes weak defences
+look strong.
 
     python examples/evaluate_your_defence.py
 
-Prints the ladder of the bare and the defended model, and what the defended model makes of noise
-that does not know of it.
+Prints the ladders of the bare and the defended model, and the accuracy of the defended model under
+noise made without knowing of the defence.
 """
 
 import argparse
@@ -47,7 +47,7 @@ def trained(images: Tensor, labels: Tensor, epochs: int) -> nn.Module:
 def main() -> None:
     """Train, then evaluate with and without the defence."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--images", type=int, default=2000, help="of the training set")
+    parser.add_argument("--images", type=int, default=2000, help="training images")
     parser.add_argument("--epochs", type=int, default=10)
     parser.add_argument("--attacked", type=int, default=100, help="test images that are attacked")
     parser.add_argument("--steps", type=int, default=10)

@@ -1,14 +1,14 @@
 """Augment batches on the GPU with kornia.
 
-Puts `RandomMoire` into kornia's `AugmentationSequential`, which augments a whole batch where it
-lies: images from the loader move to the device once, and masks move with the geometric part of the
-pipeline. Runs on the CPU where there is no GPU.
+Puts `RandomMoire` into kornia's `AugmentationSequential`, which augments a whole batch on its
+device: images from the loader are moved to the device once, and masks follow the geometric part of
+the pipeline. Runs on the CPU if there is no GPU.
 
     python examples/kornia_on_the_gpu.py
     python examples/kornia_on_the_gpu.py --batch 256 --size 224
 
-Prints the pipeline, the device, images a second, and whether a replay gives the same pixels. Takes
-some seconds on the CPU.
+Prints the pipeline, the device, the images per second, and whether a replay gives the same pixels.
+Takes a few seconds on the CPU.
 """
 
 import argparse
@@ -25,7 +25,7 @@ def main() -> None:
     """Augment some batches and time them."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--batch", type=int, default=64)
-    parser.add_argument("--size", type=int, default=64, help="pixels of a side")
+    parser.add_argument("--size", type=int, default=64, help="side of the images, in pixels")
     parser.add_argument("--batches", type=int, default=5)
     args = parser.parse_args()
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")

@@ -6,8 +6,8 @@ without subpixels on the screen gives the same photo without moiré.
     python examples/photograph_a_picture.py
     python examples/photograph_a_picture.py --picture FILE --scene phone_at_phone --out photo.png
 
-Prints the plan of the scene, where the camera stood, and how strong the moiré is. Writes the
-picture, its photo and the photo without moiré side by side. Takes a few seconds.
+Prints the scene's plan, where the camera stood, and how strong the moiré is. Writes the picture,
+its photo and the photo without moiré side by side. Takes a few seconds.
 """
 
 import argparse
@@ -27,8 +27,8 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--picture", help="an image file; scikit-image's cat if left out")
     parser.add_argument("--scene", default="screen_photo", help="the name of a preset")
-    parser.add_argument("--seed", type=int, default=0, help="another seed is another shot")
-    parser.add_argument("--side", type=int, default=320, help="pixels of the longer side")
+    parser.add_argument("--seed", type=int, default=0, help="another seed gives another shot")
+    parser.add_argument("--side", type=int, default=320, help="longer side, in pixels")
     parser.add_argument("--out", default="photo.png")
     args = parser.parse_args()
 

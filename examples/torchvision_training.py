@@ -1,8 +1,8 @@
 """Train a classifier with RandomMoire in a torchvision pipeline.
 
-Trains a small network twice on drawn traffic signs: on the pictures alone, and with `RandomMoire`
-in the `v2.Compose` of the data set, so that half of them are photographed off a screen. Both are
-tested on clean pictures and on photos of a scene that neither has met.
+Trains a small network twice on generated traffic signs: on the pictures alone, and with
+`RandomMoire` in the data set's `v2.Compose`, so that half of them are photographed off a screen.
+Both are tested on clean pictures and on photos of a scene that neither has seen.
 
     python examples/torchvision_training.py
 
@@ -23,7 +23,7 @@ from training import signs
 
 
 class Signs(Dataset):
-    """Drawn signs, through a transform."""
+    """Generated signs, passed through a transform."""
 
     def __init__(self, n: int, transform: v2.Transform) -> None:
         self.transform, (self.images, self.labels) = transform, signs.make("train", n, size=32)
@@ -36,7 +36,7 @@ class Signs(Dataset):
 
 
 def train(p: float, n: int, epochs: int) -> nn.Module:
-    """Train a network that sees a share `p` of its pictures photographed off a screen."""
+    """Train a network with a share `p` of its pictures photographed off a screen."""
     moire = RandomMoire(scene="screen_photo", p=p)  # before v2.Normalize
     transform = v2.Compose([v2.RandomCrop(32, 3), moire, v2.ToDtype(torch.float32, scale=True)])
     layers: list[nn.Module] = []

@@ -1,13 +1,13 @@
 """Make pairs of photos and originals, and train a network that removes the moiré.
 
-`Pairs` photographs random crops of a folder of pictures, without end. The target here is the twin:
-the same photo without moiré, which no camera can take. It teaches to remove the moiré alone.
+`Pairs` photographs random crops from a folder of pictures, endlessly. The target here is the twin:
+the same photo without moiré, which no camera can take. It teaches the network to remove only moiré.
 
     python examples/train_a_demoireing_network.py
     python examples/train_a_demoireing_network.py --pictures DIR --crop 256 --steps 50000
 
-Prints the PSNR of held-out photos to their twins, as taken and cleaned. Writes the weights as
-demoire.pt and three examples as demoired.png. Takes about two minutes on one core.
+Prints the PSNR of held-out photos against their twins, as taken and cleaned. Writes the weights to
+demoire.pt and three examples to demoired.png. Takes about two minutes on one core.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from moireaug.defenses import demoire
 from moireaug.synthesis import Pairs
 
 SHOWN = ("astronaut", "chelsea", "coffee", "rocket", "immunohistochemistry")
-SCENE = Scene(  # a sharp lens in front of a panel that it resolves badly: strong moiré
+SCENE = Scene(  # a sharp lens and a panel it barely resolves: strong moiré
     panel=Panel(scale=(0.9, 1.2)), view=View(yaw=(-15, 15), roll=(-8, 8)), lens=Lens(blur=0.25),
     sensor=Sensor(scale=2, gain=(2.4, 3.0)), develop=Develop(linear_light=True),
 )  # fmt: skip
@@ -42,7 +42,7 @@ def main() -> None:
     """Train on pairs with one seed, test on pairs with another."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--pictures", help="a folder of pictures; scikit-image's if left out")
-    parser.add_argument("--crop", type=int, default=64, help="pixels of a side")
+    parser.add_argument("--crop", type=int, default=64, help="side of the crops, in pixels")
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--width", type=float, default=0.25)
     parser.add_argument("--out", default=".", help="a folder")
@@ -67,7 +67,7 @@ def main() -> None:
         test = next(iter(DataLoader(held_out, batch_size=16)))
 
     demoire.save(network, Path(args.out) / "demoire.pt")
-    cleaner = demoire.Demoire(demoire.load(Path(args.out) / "demoire.pt"))  # as a defence, too
+    cleaner = demoire.Demoire(demoire.load(Path(args.out) / "demoire.pt"))  # a defence, too
     with torch.no_grad():
         cleaned = cleaner(test["photo"])
     print(f"PSNR to the photo without moiré: {psnr(test['photo'], test['twin']):.2f} dB as taken")

@@ -1,13 +1,14 @@
-"""Put the capture inside a network of your own, as a differentiable layer.
+"""Put the capture inside your own network, as a differentiable layer.
 
 A watermark is learnt end to end, as in StegaStamp (Tancik et al., CVPR 2020) and PIMoG (Fang et
-al., ACM Multimedia 2022): an encoder hides bits in an image, the screen is photographed, and a
-decoder reads the photo. Its gradient reaches the encoder through the camera. Trained without a
-camera, the mark does not survive a photo.
+al., ACM Multimedia 2022): an encoder hides bits in an image, the image is photographed off a
+screen, and a decoder reads the photo. The decoder's gradient reaches the encoder through the
+camera. Trained without a camera, the mark does not survive a photo.
 
     python examples/watermark_through_the_camera.py
 
-Prints the share of bits that are read in marked images and in photos of them, and the mark's PSNR.
+Prints the share of bits read correctly from marked images and from photos of them, and the mark's
+PSNR.
 """
 
 import argparse
@@ -27,7 +28,7 @@ SCENE = Scene(
 
 
 class Encoder(nn.Module):
-    """Hide bits (B, BITS) in images (B, 3, SIDE, SIDE) by at most STRENGTH a value."""
+    """Hide bits (B, BITS) in images (B, 3, SIDE, SIDE) by at most STRENGTH per value."""
 
     def __init__(self) -> None:
         super().__init__()
