@@ -8,6 +8,7 @@ from moireaug.attacks.losses import LOSSES, margin
 from moireaug.attacks.model import Normalized, evaluating
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.multitargeted import MultiTargeted
+from moireaug.attacks.patch import Patch
 from moireaug.attacks.photographed import Photographed
 from moireaug.attacks.pixel import BIM, CW, MIFGSM, PGD
 from moireaug.attacks.problem import Result
@@ -20,6 +21,7 @@ ATTACKS: dict[str, type] = {
     "bim": BIM,
     "mifgsm": MIFGSM,
     "cw": CW,
+    "patch": Patch,
     "square": SquareMoire,
 }
 
@@ -37,6 +39,7 @@ __all__ = [
     "MultiTargeted",
     "NoAnswerError",
     "Normalized",
+    "Patch",
     "Photographed",
     "Result",
     "SquareMoire",

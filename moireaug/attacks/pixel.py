@@ -45,7 +45,7 @@ class PGD(Attack):
     def problem(
         self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
     ) -> Problem:
-        _refuse_shot(shot)
+        refuse_shot(shot)
 
         def render(noise: Tensor) -> Tensor:
             return clip(images + noise).to(images.dtype)
@@ -124,7 +124,7 @@ class CW:
         """Attack a batch; arguments, Result and errors as of `Attack`. Nothing is drawn from the
         generator."""
         images = check_images(images)
-        _refuse_shot(shot)
+        refuse_shot(shot)
         with evaluating(self.model):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
@@ -167,7 +167,8 @@ class CW:
         )
 
 
-def _refuse_shot(shot: Shot | None) -> None:
+def refuse_shot(shot: Shot | None) -> None:
+    """Refuse a shot, which a pixel attack has no use for."""
     if shot is not None:
         raise ValueError(
             "a pixel attack has no camera: leave shot out, or use attacks.MoireAttack."

@@ -165,8 +165,8 @@ class PixelAttacker(Attacker):
     """A rival that perturbs the pixels of the image, which no camera saw.
 
     Args:
-        attack: a key of `attacks.ATTACKS`: "pgd", "bim" or "mifgsm"; or "cw", which has no bound
-            and whose eps is 0.
+        attack: a key of `attacks.ATTACKS`: "pgd", "bim", "mifgsm" or "patch"; or "cw", which has no
+            bound and whose eps is 0.
         until_fooled: as of `MoireAttacker`; "cw" takes every step.
     """
 

@@ -105,6 +105,8 @@ def test_every_attack_breaks_what_is_broken(name, broken, targeted):
     labels, settings = torch.tensor([1, 0]), {"steps": 20}
     if name != "cw":
         settings["eps"] = 0.03
+    if name == "patch":
+        settings["area"] = 0.5  # a disc that covers the pixel wherever it lies
     if issubclass(ATTACKS[name], MoireAttack):
         # a camera whose photo is the image
         settings["scene"] = Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0))

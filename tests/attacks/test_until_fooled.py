@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from moireaug import capture
-from moireaug.attacks import PGD, MoireAttack, MultiTargeted, SquareMoire
+from moireaug.attacks import PGD, MoireAttack, MultiTargeted, Patch, SquareMoire
 from tests.attacks.common import SCENE, predicted
 
 EPS = 3 / 255
@@ -49,6 +49,7 @@ ATTACKS = {
     "photo": (MoireAttack, {"noise_at": "photo"}),
     "turning": (MoireAttack, {"optimise": ("noise", "view")}),
     "pgd": (PGD, {}),
+    "patch": (Patch, {"area": 0.3}),
     "square": (SquareMoire, {"eps": 48 / 255}),
 }
 

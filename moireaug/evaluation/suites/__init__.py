@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from moireaug.evaluation.suites.adaptive import adaptive, standard, worst_case
+from moireaug.evaluation.suites.appearance import appearance
 from moireaug.evaluation.suites.demoireing import demoireing
 from moireaug.evaluation.suites.ladder import ladder
 from moireaug.evaluation.suites.paper import (
@@ -38,6 +39,7 @@ SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
     "budget": budget,
     "factors": factors,
     "noise_position": noise_position,
+    "appearance": appearance,
     "threat": natural,
     "adaptive": adaptive,
     "standard": standard,

@@ -1,0 +1,87 @@
+"""An attack that anybody can see: a disc of any colours, pasted onto the image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from moireaug.attacks.pixel import PGD, refuse_shot
+from moireaug.attacks.problem import Problem
+from moireaug.numeric import clip
+from moireaug.scene.scene import Shot
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patch(PGD):
+    """An adversarial patch, after Brown et al. (2017): a disc whose pixels may take any colour.
+
+    Theirs is one patch for all images, trained over places, scales and angles. This one is found
+    for each image at one place, drawn from the generator: the strongest that such a patch can be
+    there. In the Result, `noise` is 0 outside of the disc.
+
+    Args:
+        eps: how far a pixel of the disc may move; by default to any colour.
+        area: of the disc, as a share of the image's, above 0; the disc must fit into the image.
+
+    Raises:
+        ValueError: as of `PGD`; an area that is no share.
+    """
+
+    eps: float = 1.0
+    random_start: float = 0.0
+    area: float = 0.05
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.area < math.pi / 4:
+            raise ValueError(
+                f"area must be the disc's share of the image, above 0 and below pi / 4; "
+                f"got {self.area!r}."
+            )
+
+    def problem(
+        self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
+    ) -> Problem:
+        refuse_shot(shot)
+        return _pasted(images, discs(images, self.area, generator))
+
+
+def discs(images: Tensor, area: float, generator: torch.Generator | None = None) -> Tensor:
+    """Return a disc at a random place in each image: (B, 1, H, W), 1 inside and 0 outside.
+
+    Args:
+        images: (B, 3, H, W). area: of a disc, as a share of the image's.
+
+    Raises:
+        ValueError: images too long or too narrow for a disc of that area.
+    """
+    n, _, height, width = images.shape
+    radius = math.sqrt(area * height * width / math.pi)
+    if 2 * radius > min(height, width):
+        raise ValueError(
+            f"a disc of {area:g} of the area is {2 * radius:.0f} pixels wide, and the images are "
+            f"{width} x {height}. Make area smaller."
+        )
+    place = torch.rand(n, 2, 1, 1, generator=generator, dtype=torch.float64)
+    x = radius + place[:, 0] * (width - 2 * radius)
+    y = radius + place[:, 1] * (height - 2 * radius)
+    across = torch.arange(width, dtype=torch.float64) + 0.5 - x
+    down = torch.arange(height, dtype=torch.float64).view(-1, 1) + 0.5 - y
+    inside = across.square() + down.square() <= radius**2
+    return inside.unsqueeze(1).to(images)
+
+
+def _pasted(images: Tensor, mask: Tensor) -> Problem:
+    """Return the problem of noise that a mask (B, 1, H, W) lets through."""
+
+    def render(noise: Tensor) -> Tensor:
+        return clip(images + mask * noise).to(images.dtype)
+
+    def part(rows: Tensor) -> Problem:
+        return _pasted(images[rows], mask[rows])
+
+    base = images if images.dtype == torch.float64 else images.float()
+    return Problem(render, render, tuple(images.shape), images, part, base=base, felt=(0.0, 1.0))

@@ -1,0 +1,70 @@
+"""The disc of a patch: where it lies, how large it is, and that nothing beside it changes."""
+
+import math
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug.attacks import PGD, Patch
+from moireaug.attacks.patch import discs
+
+SQUARE, WIDE = (64, 64), (72, 96)
+
+
+class Mean(nn.Module):
+    """Says whether the image is bright."""
+
+    def forward(self, x):
+        bright = x.mean((1, 2, 3)) - 0.5
+        return torch.stack([-bright, bright], 1)
+
+
+@pytest.mark.parametrize(
+    ("area", "size"),
+    [(0.01, SQUARE), (0.05, WIDE), (0.3, SQUARE), (0.5, WIDE), (0.7, SQUARE)],
+)
+def test_a_disc_has_its_area_and_lies_in_the_image(area, size):
+    mask = discs(torch.rand(50, 3, *size), area, torch.Generator().manual_seed(0))
+    assert mask.unique().tolist() == [0, 1]
+    share = mask.mean((1, 2, 3))
+    assert (share - area).abs().max() < 0.06 * area + 5 / (size[0] * size[1])
+    radius = math.sqrt(area * size[0] * size[1] / math.pi)
+    rows, columns = mask.amax(3).sum((1, 2)), mask.amax(2).sum((1, 2))  # none is cut off
+    assert ((rows - 2 * radius).abs() <= 1).all() and ((columns - 2 * radius).abs() <= 1).all()
+    assert len({tuple(m.flatten().nonzero()[0].tolist()) for m in mask}) > (25 if area < 0.5 else 1)
+
+
+def test_only_the_disc_changes_and_it_takes_any_colour():
+    images = torch.full((8, 3, 32, 32), 0.45)
+    labels = torch.zeros(8, dtype=torch.int64)
+    g = torch.Generator().manual_seed(1)
+    result = Patch(Mean(), area=0.3, steps=20)(images, labels, generator=g)
+    mask = discs(images, 0.3, torch.Generator().manual_seed(1)).expand(-1, 3, -1, -1)
+    assert result.success.all()
+    assert result.images[mask == 0].eq(0.45).all() and not result.noise[mask == 0].any()
+    assert result.images[mask == 1].eq(1).all(), "white is the brightest that a disc can be"
+
+
+def test_a_disc_that_is_too_small_fools_nobody():
+    """At 5 % of the area, white adds 0.0275 to a mean of 0.45: short of 0.5."""
+    images, labels = torch.full((4, 3, 32, 32), 0.45), torch.zeros(4, dtype=torch.int64)
+    result = Patch(Mean(), steps=20)(images, labels)
+    assert not result.success.any()
+    assert PGD(Mean(), eps=0.06, steps=20)(images, labels).success.all()
+
+
+@pytest.mark.parametrize("area", [0, -0.1, 0.8, float("nan")])
+def test_an_area_that_is_no_share_is_refused(area):
+    with pytest.raises(ValueError, match="area must be"):
+        Patch(Mean(), area=area)
+
+
+def test_a_disc_that_does_not_fit_is_refused():
+    with pytest.raises(ValueError, match="113 pixels wide, and the images are 1000 x 20"):
+        discs(torch.rand(1, 3, 20, 1000), 0.5)
+
+
+def test_a_shot_is_refused():
+    with pytest.raises(ValueError, match="no camera"):
+        Patch(Mean())(torch.rand(1, 3, 8, 8), torch.tensor([0]), shot=object())
