@@ -13,7 +13,7 @@ from moireaug.attacks.losses import margin, reported
 from moireaug.attacks.problem import Point
 from moireaug.attacks.rules import choose
 
-# in logits, by how much an image must be wrong to be done: in another batch it is off by rounding
+# margin, in logits, above which an image stops as fooled: rounding differs between batches
 SURE = 1e-3
 
 
@@ -25,13 +25,13 @@ class Best:
         self.labels, self.targets, self.views = labels, targets, views
         self.point: Point = {}
         self.losses: list[Tensor] = []
-        # whether images that are fooled are done: asked twice, the model answers the same
+        # whether fooled images stop, as the model answers the same when asked twice
         self.settled = False
         self.score = torch.full(labels.shape, -math.inf, device=labels.device)
 
     def left(self) -> Tensor:
-        """Return which images take further steps, as indices: all, or, where those that are fooled
-        are done, the others."""
+        """Return the indices of the images that take further steps: all, or, where fooled images
+        stop, the others."""
         fooled = (self.score > SURE) & self.settled
         return (~fooled).nonzero()[:, 0]
 
@@ -44,7 +44,7 @@ class Best:
         """Keep what is better than before.
 
         Args:
-            point: of all images. logits: (views * b, K), of the images `rows`, (b,) indices.
+            point: of all images. logits: (views * b, K), of the images `rows`. rows: (b,) indices.
         """
         labels = self.labels[rows].repeat(self.views)
         targets = None if self.targets is None else self.targets[rows].repeat(self.views)

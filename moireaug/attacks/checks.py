@@ -1,5 +1,5 @@
-"""What an attack refuses: settings that mean nothing, labels and logits that do not belong
-together, and models without an answer."""
+"""Checks of an attack's arguments: settings out of range, labels and logits that do not match, and
+models without an answer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class NoAnswerError(ValueError):
 
 
 def check_bounds(eps: object) -> None:
-    """Refuse an `eps` that is no number in [0, 1], nor a list of them.
+    """Refuse an `eps` that is neither a number in [0, 1] nor a list of them.
 
     Raises:
         ValueError: with what was got and what is allowed.
@@ -37,7 +37,7 @@ def check_bounds(eps: object) -> None:
 
 
 def check_steps(steps: object, restarts: object) -> None:
-    """Refuse counts that are no integers, or too small.
+    """Refuse counts that are not integers, or are too small.
 
     Raises:
         ValueError: with what was got and what is allowed.
@@ -48,7 +48,7 @@ def check_steps(steps: object, restarts: object) -> None:
 
 
 def check_sizes(step_size: float | None, random_start: float, steps: int) -> None:
-    """Refuse a step size or a random start, in units of eps, that these steps cannot follow.
+    """Refuse a step size or a random start, in units of eps, that is out of range for these steps.
 
     Raises:
         ValueError: with what was got and what is allowed.
@@ -79,7 +79,7 @@ def check_labels(labels: Tensor, n: int, name: str) -> Tensor:
         )
     if labels.shape != (n,):
         raise ValueError(
-            f"{name} must have the shape ({n},), one class an image; got {tuple(labels.shape)}."
+            f"{name} must have the shape ({n},), one class per image; got {tuple(labels.shape)}."
         )
     if n and labels.min() < 0:
         raise ValueError(f"{name} must be class indices >= 0; got {int(labels.min())}.")
@@ -102,14 +102,14 @@ def check_goals(
     if same:
         raise ValueError(
             f"targets must be other classes than the labels; {len(same)} of {len(labels)} images "
-            f"have the same as both (image {same[0]}: class {int(labels[same[0]])}). Leave targets "
-            "out for an untargeted attack."
+            f"have their label as target (image {same[0]}: class {int(labels[same[0]])}). Leave "
+            "targets out for an untargeted attack."
         )
     return labels, targets
 
 
 def check_classes(labels: Tensor, logits: Any, views: int) -> None:
-    """Refuse what is not logits (views * n, K), and labels that are not below K."""
+    """Refuse anything but logits (views * n, K), and labels that are not below K."""
     if not isinstance(logits, Tensor):
         raise ValueError(
             f"the model must return a tensor of logits (B, K); got {_described(logits)}"
@@ -142,12 +142,12 @@ def _described(found: Any) -> str:
     if not pick:
         return what
     wrapped = f"lambda images: model(images){pick}"
-    return f"{what} Put model.eval(), and pass what picks its logits: {wrapped}."
+    return f"{what} Call model.eval(), and pass a function that picks its logits: {wrapped}."
 
 
 def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Tensor) -> None:
-    """Refuse a model that has no answer to any of the clean images; it is asked only where it had
-    none in `logits`.
+    """Refuse a model that has no answer to any of the clean images; it is called only where no row
+    of `logits` is finite.
 
     Raises:
         NoAnswerError: a ValueError.
@@ -164,10 +164,10 @@ def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Ten
 
 
 def check_gradient(logits: Tensor) -> None:
-    """Refuse logits that no gradient leads back from."""
+    """Refuse logits without a gradient."""
     if not logits.requires_grad:
         raise ValueError(
             "the model's logits have no gradient: it runs under torch.no_grad, detaches, rounds or "
-            "leaves torch. Pass a differentiable model, or search without gradients: "
+            "computes outside torch. Pass a differentiable model, or search without gradients: "
             "attacks.SquareMoire."
         )

@@ -37,29 +37,28 @@ class Attack(ABC):
     """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise
     becomes an image.
 
-    Where a gradient is exactly zero, or NaN, that element of the noise stays where it is. An image
-    whose logits become NaN or infinite is fooled: the model has no answer to it, which is never
-    right, and never the target.
+    Where a gradient is exactly zero, or NaN, that element of the noise stays where it is. Logits
+    that become NaN or infinite are no answer, which is never right and never the target: without
+    targets, such an image is fooled.
 
     Args:
         model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and
             gradients are the same after the attack as before, also when it raises.
         eps: bound of the noise in [0, 1] units; a list gives one Result per value, in order.
         steps: gradient steps.
-        step_size: in units of eps; None is min(1, 2.5 / steps), or, of the rule "apgd", 2, and of
-            "printed", 1 / steps.
-        rule: a key of `attacks.RULES`, which say what a step is: "sign", "momentum", "apgd" or
+        step_size: in units of eps; None is min(1, 2.5 / steps), or 2 with the rule "apgd", and 1 /
+            steps with "printed".
+        rule: a key of `attacks.RULES`, the update of a step: "sign", "momentum", "apgd" or
             "printed".
-        loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr", which is the targeted one where
-            there are targets.
+        loss: a key of `attacks.LOSSES`: "ce", "margin" or "dlr"; each is targeted where there are
+            targets.
         random_start: radius of the uniform random start, in units of eps; 0 starts from no noise.
-            Above 1, only with a single step, the noise may end outside the ball: N-FGSM (de Jorge
-            et al., 2022).
-        restarts: the attack is run so often, later runs from a random start, and the best per image
-            is kept.
+            Above 1, allowed only with a single step, the noise may end outside the ball: N-FGSM (de
+            Jorge et al., 2022).
+        restarts: how many runs, the later ones from a random start; the best per image is kept.
         until_fooled: an image takes no further step once it is fooled: as many are fooled, in less
-            time, by noise that leads less far beyond the decision. Where the model answers
-            differently when asked twice, every step is taken: to be fooled once says little there.
+            time, by noise that goes less far beyond the decision boundary. Where the model answers
+            differently when asked twice, every step is taken: being fooled once says little there.
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
@@ -83,7 +82,7 @@ class Attack(ABC):
     def problem(
         self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
     ) -> Problem:
-        """How noise becomes images, for one batch."""
+        """Return how noise becomes images, for one batch."""
 
     def __call__(
         self,
@@ -100,7 +99,7 @@ class Attack(ABC):
             images: (B, 3, H, W) float in [0, 1].
             labels: (B,) int64 true classes.
             targets: (B,) int64 classes to reach; None is untargeted.
-            shot: the pose that is attacked; None draws one.
+            shot: the shot that is attacked; None draws one.
             generator: CPU generator of the draw and of random starts; None is torch's global one.
 
         Returns:
@@ -108,8 +107,8 @@ class Attack(ABC):
 
         Raises:
             TypeError, ValueError: images, labels or logits of the wrong type, shape or range;
-                targets that are labels; a model without a gradient, or whose logits are not finite
-                for any of the images.
+                targets that equal their labels; a model without a gradient, or whose logits are not
+                finite for any of the images.
         """
         images = check_images(images)
         with evaluating(self.model):
@@ -135,11 +134,11 @@ class Attack(ABC):
         shot: Shot | None = None,
         generator: torch.Generator | None = None,
     ) -> Result:
-        """Attack a batch by steps toward one class an image, where any wrong class is a success.
+        """Attack a batch by steps toward one class per image, where any wrong class is a success.
 
         Args:
-            classes: (B,) int64, by which the loss steers, as by the `targets` of a call; what is
-                kept, and what counts, is as without targets.
+            classes: (B,) int64 that the loss steers toward, as toward the `targets` of a call; what
+                is kept, and what counts as success, is as without targets.
             others: as in a call, with its errors; `eps` must be one number.
         """
         images, eps = check_images(images), self.one_eps()
@@ -158,9 +157,10 @@ class Attack(ABC):
         generator: torch.Generator | None = None,
     ) -> tuple[Problem, Point]:
         """Return the problem, and the point after the last step, whether or not an earlier step was
-        better: what adversarial training uses, at one forward and backward pass a step and none
-        beside. `problem.render(**point)` are the images, (B, 3, H, W), differentiable in the point.
-        Every step is taken, also of images that are fooled. Arguments as in a call."""
+        better: what adversarial training uses, at exactly one forward and backward pass per step.
+        `problem.render(**point)` returns the images, (B, 3, H, W), differentiable in the point.
+        Every step is taken, also for images already fooled. Arguments as in a call; `eps` must be
+        one number."""
         with evaluating(self.model):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
@@ -185,7 +185,7 @@ class Attack(ABC):
         """Return eps where it is one number, and refuse a list."""
         if not isinstance(self.eps, (int, float)):
             raise ValueError(
-                f"eps must be one number here; got {self.eps!r}. Make an attack of each."
+                f"eps must be one number here; got {self.eps!r}. Make one attack per value."
             )
         return float(self.eps)
 
@@ -209,7 +209,7 @@ class Attack(ABC):
     def _rules(self, task: Task) -> dict[str, Rule]:
         """Return a rule for each variable that moves."""
         problem, eps = task.problem, task.eps
-        # noise that starts outside the ball (N-FGSM) is stepped on, and not pulled back
+        # noise that starts outside the ball (N-FGSM) takes its step without being pulled back
         bound = eps if self.random_start <= 1 else math.inf
         balls = {"noise": Ball(eps, bound, self.steps, self.step_size, problem.base, problem.felt)}
         if problem.pose is not None:
@@ -254,11 +254,11 @@ class Attack(ABC):
         return point
 
     def _check(self, active: Active, shown: Tensor, logits: Tensor, best: Best | None) -> None:
-        """Refuse what are no answers of the first step; and ask twice where images are to be done
-        once they are fooled.
+        """Check the logits of the first step, and ask the model twice where images stop once
+        fooled.
 
         Raises:
-            ValueError: logits that do not belong to the labels, or none that is finite.
+            ValueError: logits that do not match the labels, or none that is finite.
         """
         labels, aims = active.goals()
         check_classes(labels if aims is None else torch.maximum(labels, aims), logits, 1)
@@ -269,7 +269,7 @@ class Attack(ABC):
             best.settled = torch.allclose(logits, again, rtol=1e-3, atol=1e-3, equal_nan=True)
 
     def _run(self, task: Task) -> Result:
-        """Take all restarts, and return the best point of each image."""
+        """Run all restarts, and return the best point of each image."""
         problem, labels, targets = task.problem, task.labels, task.targets
         best = Best(labels, targets, problem.views)
         for restart in range(self.restarts):

@@ -11,11 +11,11 @@ from torch import Tensor
 
 
 class Loss(Protocol):
-    """Logits (B, K), true classes (B,) int64 and, of a targeted attack, the classes (B,) to reach,
-    to losses (B,).
+    """Take logits (B, K), true classes (B,) int64 and, in a targeted attack, the classes (B,) to
+    reach; return losses (B,).
 
-    Differentiable in the logits. Without targets it rises as the true class is left, with them as
-    the target is neared.
+    Differentiable in the logits. Without targets it rises as the prediction moves away from the
+    true class, with them as it moves toward the target.
     """
 
     def __call__(self, logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor: ...
@@ -35,8 +35,7 @@ def margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Ten
     """Return the best other logit minus the labelled one, (B,); with targets, the target's minus
     the best other one.
 
-    It is positive where, and only where, the attack is there. A tie counts as there only if argmax
-    says so; see `Attack`.
+    It is positive where, and only where, the attack succeeds. At a tie, argmax decides.
     """
     if targets is not None:
         return -margin(logits, targets)
@@ -44,8 +43,8 @@ def margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Ten
 
 
 def cross_entropy(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
-    """Return cross-entropy's direction without its vanishing length: the log-odds against the
-    label, (B,); with targets, those for the target.
+    """Return the log-odds against the label, (B,), or, with targets, for the target: the direction
+    of cross-entropy without its vanishing gradient.
 
     -log p_y = softplus(logsumexp of the other logits - z_y). Both have the same gradient up to the
     factor 1 - p_y, which is 0 in float32 for a confident model; the sign steps of an attack only
@@ -64,8 +63,8 @@ def difference_of_logits_ratio(
 
     With the logits sorted as z_1 >= z_2 >= ..., they are -(z_y - best other) / (z_1 - z_3) and
     -(z_y - z_t) / (z_1 - (z_3 + z_4) / 2): the same for a model whose logits are all multiplied by
-    a number. Where all these logits tie, the denominator is the least that the dtype tells from 0
-    at 1, and both are finite with their gradients.
+    a number. Where all these logits tie, the denominator is the dtype's machine epsilon, and both
+    ratios and their gradients are finite.
 
     Where the label itself is third, the untargeted ratio is 1 whatever its logit is. Its gradient,
     0 in the paper, is then that of the margin alone, so that an attack goes on from there.
@@ -98,11 +97,11 @@ LOSSES: dict[str, Loss] = {
 
 
 def reported(logits: Tensor, labels: Tensor) -> Tensor:
-    """Return the mean cross-entropy, as a curve of it is usually shown."""
+    """Return the mean cross-entropy of logits (B, K), for the reported loss."""
     return F.cross_entropy(logits.detach().float(), labels)
 
 
 def likeliest(logits: Tensor, labels: Tensor, k: int) -> Tensor:
-    """Return the k classes of the greatest logits beside the label's, the greatest first: (B, k)
-    int64, or (B, K - 1) where the model has fewer."""
+    """Return the k classes of the greatest logits other than the label's, the greatest first: (B,
+    k) int64, or (B, K - 1) where the model has fewer."""
     return _without(logits, labels).topk(min(k, logits.shape[1] - 1), 1).indices

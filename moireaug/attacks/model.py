@@ -1,4 +1,4 @@
-"""The attacked model: its normalisation put inside, its state left as it was found."""
+"""The attacked model: normalisation inside it, and its state restored after an attack."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from torch import Tensor, nn
 
 
 class Normalized(nn.Module):
-    """A model that takes [0, 1] images, around one that takes normalised ones.
+    """Wrap a model of normalised images so that it takes images in [0, 1].
 
     Args:
         model: (B, C, H, W) normalised images to logits.
         mean, std: per channel, in units of [0, 1] images; ImageNet's by default.
+
+    Raises:
+        ValueError: mean and std of different lengths, or a std that is not above 0.
     """
 
     mean: Tensor
@@ -29,8 +32,8 @@ class Normalized(nn.Module):
         super().__init__()
         if len(mean) != len(std) or min(std) <= 0:
             raise ValueError(
-                f"mean and std must be as many positive std as mean; got mean = {mean}, std = "
-                f"{std}."
+                "mean and std must have the same length, and every std must be above 0; got mean "
+                f"= {mean}, std = {std}."
             )
         self.model = model
         self.register_buffer("mean", torch.tensor(mean).view(-1, 1, 1), persistent=False)
@@ -42,11 +45,12 @@ class Normalized(nn.Module):
 
 @contextlib.contextmanager
 def evaluating(model: nn.Module | Callable[[Tensor], Tensor]) -> Iterator[None]:
-    """Put a model into evaluation mode inside, and every module back into its own mode outside,
-    also after an error.
+    """Put a model into evaluation mode, and restore every module's own mode on exit, also after an
+    error.
 
-    BatchNorm would otherwise learn the attack's intermediate images. Gradients are enabled inside,
-    even under `torch.no_grad` and `torch.inference_mode`, because every attack needs them.
+    BatchNorm would otherwise update its statistics from the attack's intermediate images. Gradients
+    are enabled inside, even under `torch.no_grad` and `torch.inference_mode`, because every attack
+    needs them.
     """
     modes = [(m, m.training) for m in model.modules()] if isinstance(model, nn.Module) else []
     try:

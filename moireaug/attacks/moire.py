@@ -40,28 +40,28 @@ class MoireAttack(Attack):
     per image is returned. The printed order is the rule "printed", whose noise is larger than eps:
     see `rules.Printed`.
 
-    Where the adversary turns the camera, too, every step exposes the screen again. The Result's
-    shot is then the one that was found, and `capture(images, result.shot, result.noise)` its photo,
-    as it always is with noise at "raw".
+    Where the adversary also moves the camera, every step exposes the screen again. The Result's
+    shot is then the one found, and `capture(images, result.shot, result.noise)` is its photo, as
+    always with noise at "raw".
 
     Args:
         scene: a Scene, a preset's name or a dict.
-        eot: shots a step; with more than one, each step averages over so many fresh draws of the
-            scene (expectation over transformation), and the noise found is judged on `shot` alone.
-            1 attacks that very shot.
+        eot: shots per step; above 1, each step averages over that many fresh draws of the scene
+            (expectation over transformation), and the noise found is judged on `shot` alone. 1
+            attacks `shot` itself.
         noise_at: a key of `NOISE_AT`: "raw", or "photo", on the finished photo, which is then
             clipped to [0, 1]: the paper's Moiré + BIM (appendix E).
         optimise: what moves: "noise", and parts of the scene ("panel", "view", "lens", "sensor",
-            "develop"), of which every range is searched within the scene's bounds by the same
-            steps, whose sizes are then in units of half the range's width. The search starts at the
-            drawn shot, a restart at a fresh draw. ("view",) searches the worst pose without noise.
-            A field that no effect of the plan reads stays where it is.
+            "develop"), whose ranges are all searched within the scene's bounds by the same steps,
+            with sizes in units of half a range's width. The search starts at the drawn shot, a
+            restart at a fresh draw. ("view",) searches for the worst pose without noise. A field
+            that no effect of the plan reads stays where it is.
         others: see `Attack`.
 
     Raises:
-        ValueError: to construct it with an `optimise` that this scene cannot follow, or to call it
-            with such a shot: an exposure without a gradient in the shot ("spectral" and "box" have
-            one), whole degrees, no range.
+        ValueError: settings out of range or that exclude one another; an `optimise` that this
+            scene, or the shot of a call, does not allow: an exposure without a gradient in the shot
+            ("spectral" and "box" have one), a pose in whole degrees, no range.
     """
 
     scene: Scene | str | dict = "paper"
@@ -73,7 +73,7 @@ class MoireAttack(Attack):
         super().__post_init__()
         object.__setattr__(self, "scene", as_scene(self.scene))
         if isinstance(self.eot, bool) or not isinstance(self.eot, int) or self.eot < 1:
-            raise ValueError(f"eot must be an integer >= 1, the shots of a step; got {self.eot!r}.")
+            raise ValueError(f"eot must be an integer >= 1, the shots per step; got {self.eot!r}.")
         if self.until_fooled and self.eot > 1:
             raise ValueError(
                 f"until_fooled asks whether one shot is fooled: it needs eot = 1; got {self.eot}."
@@ -147,8 +147,8 @@ class MoireAttack(Attack):
 
 
 def _felt(noise_at: str, shot: ShotRecord) -> tuple[float, float]:
-    """Return beyond which values noise changes nothing: a finished photo's ends, or a full well.
-    Below 0 a reading is felt, since demosaicing mixes it with others."""
+    """Return the values beyond which noise changes nothing: a finished photo's ends, or a full
+    well. A reading below 0 still counts, since demosaicing mixes it with others."""
     if noise_at == "photo":
         return 0.0, 1.0
     return -math.inf, 1.0 if "saturate" in shot.plan else math.inf

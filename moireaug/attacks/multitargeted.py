@@ -1,5 +1,4 @@
-"""An attack that is run toward several classes in turn: MultiTargeted, and with that AutoAttack's
-APGD-T."""
+"""An attack run toward several classes in turn: MultiTargeted, and with it AutoAttack's APGD-T."""
 
 from __future__ import annotations
 
@@ -26,10 +25,10 @@ class MultiTargeted:
     """Run an attack toward each of the likeliest wrong classes of the unattacked photo in turn
     (Gowal et al., 2019).
 
-    Any wrong class is a success. An image is done with its first one; of the others the greatest
+    Any wrong class is a success. An image is done at its first success; for the others the greatest
     margin is kept. With the rule "apgd" and the loss "dlr" it is APGD-T, the second attack of
-    AutoAttack (Croce & Hein, 2020, section 5):
-    `MultiTargeted(MoireAttack(model, rule="apgd", loss="dlr", steps=100))`.
+    AutoAttack (Croce & Hein, 2020, section 5): `MultiTargeted(MoireAttack(model, rule="apgd",
+    loss="dlr", steps=100))`.
 
     Args:
         attack: a MoireAttack, PGD or another `Attack`, whose loss steers toward the class.
@@ -37,8 +36,7 @@ class MultiTargeted:
             but the label.
 
     Raises:
-        TypeError, ValueError: to construct it with another kind of attack, or targets that are no
-            integer >= 1.
+        TypeError, ValueError: another kind of attack, or `targets` that is not an integer >= 1.
     """
 
     attack: Attack = field(kw_only=False)
@@ -65,8 +63,8 @@ class MultiTargeted:
     ) -> Result | list[Result]:
         """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
 
-        Photos that are wrong unattacked are given back as they are. `loss` in the Result is of the
-        last class that was tried, over the images that were left.
+        Photos that are wrong without an attack are returned unchanged. `loss` in the Result is of
+        the last class that was tried, over the images that were left.
         """
         images = check_images(images)
         eps = self.attack.eps
@@ -103,7 +101,7 @@ class MultiTargeted:
 
 
 def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Result, Tensor]:
-    """Return the photos of no noise at the drawn pose as a Result, and their logits (B, K)."""
+    """Return the photos without noise at the drawn pose as a Result, and their logits (B, K)."""
     images = problem.images
     dtype = torch.float64 if images.dtype == torch.float64 else torch.float32
     noise = torch.zeros(problem.shape, dtype=dtype)
@@ -120,7 +118,7 @@ def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Resul
 
 
 def _with_rows(found: Result, rows: Tensor, other: Result, picked: Tensor) -> Result:
-    """Put the picked rows of another result, a mask, in the place of `rows` of one."""
+    """Replace `rows` of one result by those of another that the mask `picked` selects."""
     shot = found.shot
     if shot is not None and other.shot is not None:
         shot = _shot_with_rows(shot, rows.to(shot.device), other.shot[picked.to(other.shot.device)])
@@ -135,7 +133,7 @@ def _with_rows(found: Result, rows: Tensor, other: Result, picked: Tensor) -> Re
 
 
 def _shot_with_rows(shot: Shot, rows: Tensor, other: Shot) -> Shot:
-    """Put the numbers that were drawn for another shot in the place of some rows of one."""
+    """Replace the numbers drawn for some rows of a shot by those of another."""
     other, parts = other.to(shot.device), {}
     for name in PARTS:
         part, new = getattr(shot, name), getattr(other, name)

@@ -12,24 +12,24 @@ from moireaug.capture import capture, develop, expose
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import Shot
 
-# what an attack perturbs, to what the camera makes of it
+# from what an attack perturbs to the photo
 CAMERAS: dict[str, Callable[[Tensor, Shot], Tensor]] = {"raw": develop, "image": capture}
 
-# of the way to another row's clean input: how far a row may stray and still be told apart
+# share of the way to another row's clean input that a row may stray and still be told apart
 STRAY = 0.25
-SAME = 1e-12  # mean squared difference below which two inputs are the same but for rounding
+SAME = 1e-12  # mean squared difference below which two inputs are the same up to rounding
 
 
 class Photographed(nn.Module):
     """A model that sees photos: logits = model(develop(raw, shot)), or model(capture(image, shot)).
 
     Any attack on an `nn.Module` whose inputs lie in [0, 1] attacks the camera and the model through
-    it: let it start from `clean`. Many attacks drop rows of the batch or change their order. A row
-    therefore finds its own shot by what it looks like: it is taken for the row of `clean` that is
-    nearest (mean square), and refused where it has come more than a quarter of the way from there
-    towards another row, or lies farther off than one. An attack that starts from noise or from
-    another row's input, or asks about a blank one, needs one image at a time: with a single row
-    there is nothing to tell apart.
+    it: let it start from `clean`. Many attacks drop rows of the batch or change their order. Each
+    row is therefore matched to its shot by its values: it is taken for the nearest row of `clean`
+    (mean square), and refused where it has moved more than a quarter of the way towards another
+    row, or lies farther off than another row does. An attack that starts from noise or from another
+    row's input, or asks about a blank one, needs one image at a time: with a single row there is
+    nothing to tell apart.
 
     Args:
         model: (B, 3, H, W) photos in [0, 1] to (B, K) logits; a module becomes a submodule, so that
@@ -40,12 +40,12 @@ class Photographed(nn.Module):
             screen shows.
 
     Attributes:
-        clean: the unattacked inputs: the readings, of `shot.raw_shape()`, or the
+        clean: the unattacked inputs: the readings, of `shot.raw_shape()`, clipped to [0, 1], or the
             images.
 
     Raises:
-        TypeError, ValueError: images or a shot that `capture` refuses, or rows of the same input
-            but different shots, which nothing tells apart.
+        TypeError, ValueError: a model that is not callable, images or a shot that `capture`
+            refuses, or rows of the same input but different shots, which cannot be told apart.
     """
 
     clean: Tensor
@@ -66,7 +66,7 @@ class Photographed(nn.Module):
         self.noise_at = one_of("noise_at", noise_at, CAMERAS)
         self.dtype = images.dtype if isinstance(images, Tensor) else None
         if isinstance(model, nn.Module):
-            # an attack that restores the mode which it finds here must not put an evaluated model
+            # an attack restores the mode that it finds here, and must not put an evaluated model
             # into training
             self.training = model.training
         with torch.no_grad():
@@ -78,8 +78,8 @@ class Photographed(nn.Module):
         self.register_buffer("gaps", gaps, persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Perturbed rows of `clean`, any of them and in any order, to logits (b, K). Differentiable
-        in x.
+        """Return the logits (b, K) of perturbed rows of `clean`, any of them in any order.
+        Differentiable in x.
 
         Raises:
             ValueError: rows of another shape, or that cannot be told apart.
@@ -94,8 +94,8 @@ class Photographed(nn.Module):
 
     @torch.no_grad()
     def rows(self, x: Tensor) -> Tensor:
-        """Which rows of `clean` these are, (b,) int64; errors as in a call. b * B inner products,
-        in float64."""
+        """Return which rows of `clean` these are, (b,) int64; errors as in a call. Costs b * B
+        inner products in float64."""
         if x.ndim != 4 or x.shape[1:] != self.clean.shape[1:]:
             raise ValueError(
                 f"rows must have the shape (b, {', '.join(map(str, self.clean.shape[1:]))}) of "
@@ -104,7 +104,7 @@ class Photographed(nn.Module):
         if len(self.clean) == 1:
             return torch.zeros(len(x), dtype=torch.int64, device=x.device)
         x, clean = x.flatten(1).double(), self.clean.flatten(1).double()
-        # minus half the mean squared distance to each row, but for a term that all rows share
+        # minus half the mean squared distance to each row, up to a term that all rows share
         nearness = (x @ clean.T - clean.square().sum(1) / 2) / x.shape[1]
         found = nearness.argmax(1)
         lead = 2 * (nearness.gather(1, found[:, None]) - nearness)
@@ -116,15 +116,15 @@ class Photographed(nn.Module):
             row = int(doubtful.nonzero()[0])
             raise ValueError(
                 f"row {row} is too far from Photographed.clean, or not finite: row "
-                f"{int(found[row])} is the nearest there, but it cannot be told whose shot it "
-                "takes. Start the attack from Photographed.clean; if it goes that far, attack one "
+                f"{int(found[row])} is the nearest there, but its shot cannot be told for "
+                "sure. Start the attack from Photographed.clean; if it goes that far, attack one "
                 "image at a time: Photographed(model, images[i : i + 1], shot[i : i + 1])."
             )
         return found
 
 
 def _gaps(clean: Tensor) -> Tensor:
-    """Mean squared differences of each two rows, (B, B) float64."""
+    """Return the mean squared difference of every two rows, (B, B) float64."""
     flat = clean.flatten(1).double()
     products = flat @ flat.T / max(1, flat.shape[1])
     squares = products.diagonal()
@@ -132,8 +132,8 @@ def _gaps(clean: Tensor) -> Tensor:
 
 
 def _refuse_twins(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> None:
-    """Refuse rows of the same input whose shots differ. Where both make the same photo of anything,
-    either will do."""
+    """Refuse rows of the same input whose shots differ. Where both make the same photo of any
+    input, either will do."""
     twins = (gaps <= SAME).triu(1).nonzero().tolist()
     if not twins:
         return
@@ -142,6 +142,6 @@ def _refuse_twins(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> Non
     for i, j in twins:
         if not torch.allclose(photos[i], photos[j], rtol=0, atol=1e-4):
             raise ValueError(
-                f"rows {i} and {j} have the same {noise_at} but different shots, and nothing tells "
-                "them apart: put them into two batches."
+                f"rows {i} and {j} have the same {noise_at} but different shots, and cannot be "
+                "told apart: put them into two batches."
             )

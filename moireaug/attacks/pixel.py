@@ -1,4 +1,4 @@
-"""Attacks on the pixels of an image that no camera saw: the rivals."""
+"""Attacks on the pixels of an image, without a camera, for comparison."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from moireaug.checks import check_images
 from moireaug.numeric import clip
 from moireaug.scene.scene import Shot
 
-INSIDE = 1 - 1e-6  # black and white lie at infinity in tanh space: so far they are moved in
+INSIDE = 1 - 1e-6  # black and white lie at infinity in tanh space: this moves them inside
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +28,8 @@ class PGD(Attack):
     `Attack`.
 
     Raises:
-        ValueError: a shot, which has no meaning here, or the rule "printed", an order of adding to
-            a camera's reading.
+        ValueError: a shot, which has no meaning here, or the rule "printed", which adds to a
+            camera's reading.
     """
 
     random_start: float = 1.0
@@ -81,7 +81,7 @@ class CW:
     image is (tanh(w) + 1) / 2, descends |image - x|^2 + c max(-margin, -confidence). No bound, and
     no search for c.
 
-    Of each image the nearest one is kept that reaches the goal by a margin of `confidence`; where
+    For each image the nearest one is kept that reaches the goal by a margin of `confidence`; where
     none does, the image itself. In the Result, `noise` is the difference to the image, and `eps`
     its largest absolute value in the batch.
 
@@ -89,8 +89,11 @@ class CW:
         model: as in `Attack`.
         c: weight of the goal against the distance, above 0.
         confidence: kappa of the paper, >= 0: by how much, in logits, the goal is to be exceeded.
-        steps: of Adam; the start and all but the last step's image are judged.
+        steps: Adam steps; the start and every step's image but the last are judged.
         lr: Adam's learning rate, in tanh space.
+
+    Raises:
+        ValueError: settings out of range.
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)

@@ -54,7 +54,7 @@ def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
 
 
 def _ends(shot: Shot, fields: list[Field]) -> tuple[Tensor, Tensor]:
-    """Low and high ends of the fields' ranges, (F,) float64 each."""
+    """Return the low and high ends of the fields' ranges, (F,) float64 each."""
     ends = torch.tensor(
         [bounds(getattr(getattr(shot.scene, part), k)) for part, k in fields], dtype=torch.float64
     )
@@ -63,8 +63,8 @@ def _ends(shot: Shot, fields: list[Field]) -> tuple[Tensor, Tensor]:
 
 
 def pose_of(shot: Shot, fields: list[Field]) -> Tensor:
-    """Where the fields of a shot lie in their ranges, (B, F) float64 from -1, the low end, to 1. A
-    field outside of its range is taken at the nearest end."""
+    """Return where the fields of a shot lie in their ranges, (B, F) float64 from -1, the low end,
+    to 1. A field outside of its range is taken at the nearest end."""
     low, high = _ends(shot, fields)
     values = torch.stack([getattr(getattr(shot, part), k).detach() for part, k in fields], 1)
     return ((values - low) / (high - low) * 2 - 1).clamp(-1, 1)

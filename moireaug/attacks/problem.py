@@ -1,4 +1,4 @@
-"""What an attack searches, and what it hands back."""
+"""What an attack searches, and what it returns."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ class Result:
 
     Args:
         images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
-        success: (B,) bool; the label is not predicted, or, targeted, the target is. Logits that are
-            NaN or infinite predict nothing.
+        success: (B,) bool; True where the label is not predicted or, in a targeted attack, the
+            target is. Logits that are NaN or infinite predict nothing.
         noise: what was added: raw noise of `Shot.raw_shape()` for MoireAttack, or, where its noise
             is at the photo, (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks.
         loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
-            the last restart; of an attack `until_fooled`, over the images that took it, and fewer
-            where none was left.
-        eps: its L-infinity bound. Under the rule "printed" it bounds delta, and `noise` exceeds it;
-            see `rules.Printed`. `CW` has no bound: its largest absolute noise.
-        shot: the Shot of the photos, after a pose was searched the one that was found; None for
-            pixel attacks.
+            the last restart; with `until_fooled`, over the images that took it, and shorter where
+            none was left.
+        eps: the L-infinity bound of the noise. Under the rule "printed" it bounds delta, and
+            `noise` may exceed it; see `rules.Printed`. `CW` has no bound: its largest absolute
+            noise.
+        shot: the Shot of the photos; the one found, where a pose was searched; None for pixel
+            attacks.
     """
 
     images: Tensor
@@ -39,7 +40,7 @@ class Result:
     shot: Shot | None = None
 
     def __repr__(self) -> str:
-        """One line: what was found, not its tensors."""
+        """Return one line that sums up what was found, without the tensors."""
         n, fooled = len(self.success), int(self.success.sum())
         parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of {n} images fooled"]
         if len(self.loss):
@@ -57,19 +58,20 @@ class Problem(NamedTuple):
     """How noise, and a pose where one is searched, become images.
 
     Args:
-        render: called with `**point` for the photo that counts.
-        rehearse: called with `**point` for the ones that a step is taken on, `views` times as many.
+        render: called with `**point`; returns the photos that are judged.
+        rehearse: called with `**point`; returns the photos whose loss a step follows, `views` times
+            as many.
         shape: of the noise.
         images: (B, 3, H, W), what is attacked.
         views: see `rehearse`.
         shot: of the photos, or None.
         base: (B, ...) what the noise is added to, or None where that differs from step to step.
-        felt: the least and the greatest value of base + noise beyond which more noise changes no
+        felt: the least and greatest values of base + noise, beyond which more noise changes no
             photo.
         pose: (B, F) where the search of a pose starts, in [-1, 1], or None.
-        aim: the shot of a pose.
+        aim: from a pose to its shot, or None.
         still: variables that no step moves.
-        part: the same problem of some of the images, (b,) indices; where `views` is 1.
+        part: from indices (b,) to the same problem for those images; only where `views` is 1.
     """
 
     render: Callable[..., Tensor]
@@ -90,7 +92,7 @@ def single(result: Result | list[Result]) -> Result:
     """Return the result of an attack at one bound.
 
     Raises:
-        TypeError: a list of results, of an attack at several.
+        TypeError: a list of results, from an attack at several bounds.
     """
     if isinstance(result, list):
         raise TypeError(f"eps must be one number here; got the results of {len(result)} bounds.")

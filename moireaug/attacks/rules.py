@@ -1,5 +1,5 @@
-"""Update rules: how a step follows from a gradient. A rule is made anew for each run, and holds
-that run's state."""
+"""Update rules: how a step follows from a gradient. Each run makes its own rule, which holds that
+run's state."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Ball(NamedTuple):
         radius: eps for noise, 1 for a pose.
         bound: the largest absolute value: the radius, or infinity for N-FGSM.
         steps: how many will be taken.
-        step_size: of the first step, in units of the radius; None is the rule's own.
+        step_size: of the first step, in units of the radius; None is the rule's default.
         base: (B, ...) what the noise is added to, or None where that differs from step to step.
-        felt: the least and the greatest value of base + noise beyond which more noise changes
+        felt: the least and greatest values of base + noise, beyond which more noise changes
             nothing, and so has no gradient: where base is given, the noise is kept inside.
     """
 
@@ -39,9 +39,9 @@ class Ball(NamedTuple):
 
 
 class Rule(ABC):
-    """One run of one variable: called once a step with the variable, the gradient of the loss to
-    it, both (B, ...), and the loss of each image, (B,); returns the variable after the step. All
-    ascend."""
+    """The rule for one variable in one run: called at each step with the variable, the loss's
+    gradient with respect to it, both (B, ...), and the loss of each image, (B,); returns the
+    variable after the step. All rules ascend."""
 
     def __init__(self, ball: Ball) -> None:
         self.ball = ball
@@ -54,11 +54,11 @@ class Rule(ABC):
 
     @staticmethod
     def usual(steps: int) -> float:
-        """Return the step size where none is given, in units of the radius."""
+        """Return the default step size, in units of the radius."""
         return min(1.0, 2.5 / max(1, steps))
 
     def confine(self, x: Tensor) -> Tensor:
-        """Pull back into the ball, and to where noise is felt."""
+        """Clip to the ball, and to the range where noise changes the photo."""
         x = x.clamp(-self.ball.bound, self.ball.bound)
         return x if self.room is None else x.clamp(*self.room)
 
@@ -92,29 +92,30 @@ class APGD(Rule):
     momentum.
 
     z = P(x_k + step sign(gradient)), x_{k+1} = P(x_k + ALPHA (z - x_k) + (1 - ALPHA) (x_k -
-    x_{k-1})), where P pulls back, and the first step is z itself. At each of the `checkpoints` an
-    image's step is halved, and its search goes on from the best point so far, on either of two
-    conditions: its loss rose in fewer than RHO of the steps since the last checkpoint; or its step
-    was not halved there and its best loss is no better than it was there.
+    x_{k-1})), where P projects into the ball, and the first step is z itself. At each of the
+    `checkpoints` an image's step is halved, and its search goes on from the best point so far, on
+    either of two conditions: its loss rose in fewer than RHO of the steps since the last
+    checkpoint; or its step was not halved there and its best loss is no better than it was there.
 
-    What the paper leaves open, or is otherwise here:
+    What the paper leaves open, and what differs here:
         - Every image of a batch has its own step and best point, as in the authors' code.
-        - A checkpoint w_j is looked at before the step from x_{w_j}, as in the authors' code. The
-          printed order takes that step first, and throws it away where the search goes back: a
-          gradient less, the same points.
+        - A checkpoint w_j is evaluated before the step from x_{w_j}, as in the authors' code. The
+          printed order takes that step first, and discards it where the search goes back: here the
+          points are the same, with one gradient fewer.
         - Their code halves at a share of exactly RHO, too, counts checkpoints by whole numbers of
           steps rounded down, and does not test the second condition at the first of them. Here all
           three are as printed.
-        - After a search went back, its momentum points from the point before the checkpoint to the
-          best one, as in both; and the next loss is compared with the best one, as in the paper.
-        - Noise on a raw reading is bounded by eps alone: a reading may go below 0, where it is
-          felt.
+        - After a search goes back, its momentum points from the point before the checkpoint to the
+          best one, as in both the paper and the code; and the next loss is compared with the best
+          one, as in the paper.
+        - Noise on a raw reading is bounded by eps and, above, by the full well: a reading may go
+          below 0, where it still changes the photo.
         - The best point here is that of the greatest loss; what an attack returns is that of the
           greatest margin.
     """
 
-    # of each image, (B,): its step, its loss at the point before, its best one and the best at the
-    # last checkpoint, how often the loss rose since then, and whether the step was halved there
+    # per image, (B,): its step, its loss at the point before, its best loss so far and at the last
+    # checkpoint, how often the loss rose since then, and whether the step was halved there
     size: Tensor
     last: Tensor
     best: Tensor
@@ -136,7 +137,7 @@ class APGD(Rule):
         return 2.0
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
-        # no loss is never the best
+        # a NaN loss is never the best
         loss = loss.nan_to_num(-math.inf, posinf=math.inf, neginf=-math.inf)
         if self.k == 0:
             self._begin(x, gradient, loss)
@@ -177,14 +178,14 @@ class APGD(Rule):
 
 
 class Printed(Rule):
-    """The order in which the paper's Algorithm 1 is printed: delta = clip(delta + eps / K
+    """The steps of the paper's Algorithm 1 in the order printed: delta = clip(delta + eps / K
     sign(gradient)), then x_{k+1} = clip(x_k + delta), for K steps.
 
     Each step adds the whole delta to a reading that carries all earlier ones, so that the
     L-infinity bound holds for delta and not for what is added: that reaches up to (1 + 2 + ... + K)
     eps / K = (K + 1) / 2 eps, plus the random start where there is one. "sign" develops the one
-    reading plus delta instead, and stays within eps. The variable is the total of what was added:
-    x_k less the reading x_0, which the clipping of x_k to [0, 1] is a part of.
+    reading plus delta instead, and stays within eps. The variable is all that was added, x_k minus
+    the reading x_0, and so includes the clipping of x_k to [0, 1].
     """
 
     def __init__(self, ball: Ball) -> None:
@@ -225,7 +226,7 @@ def checkpoints(steps: int) -> set[int]:
 
 
 def _per_image(values: Tensor, like: Tensor) -> Tensor:
-    """(B,) as (B, 1, ...), of the dtype of what it scales."""
+    """Return (B,) as (B, 1, ...), in the dtype of what it scales."""
     return values.to(like.dtype).view(-1, *[1] * (like.ndim - 1))
 
 

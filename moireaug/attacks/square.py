@@ -1,4 +1,4 @@
-"""A Moiré Attack that sees logits alone: random search in place of gradients."""
+"""A Moiré Attack that sees only logits: random search in place of gradients."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
 class SquareMoire(MoireAttack):
     """Random search for raw noise in the manner of the Square Attack (Andriushchenko et al., 2020,
     Algorithms 1 and 2): starts from vertical stripes of +-eps, then sets square windows of
-    shrinking side to +-eps, one sign a plane, and keeps what raises an image's loss. The model
+    shrinking side to +-eps, one sign per plane, and keeps what raises an image's loss. The model
     needs no gradient.
 
     Args:
-        steps: queries of the model a restart: one for the stripes, one for each window.
+        steps: queries of the model per restart: one for the stripes, one for each window.
         loss: a key of `attacks.LOSSES`, by which a window is judged.
-        others: see `MoireAttack`. What only a gradient uses keeps its default: step_size, rule,
-            random_start, optimise and eot.
+        others: see `MoireAttack`. Settings that only gradients use keep their defaults: step_size,
+            rule, random_start, optimise and eot.
 
     Raises:
-        ValueError: another value of those.
+        ValueError: another value for one of those.
     """
 
     loss: str = "margin"
@@ -51,7 +51,7 @@ class SquareMoire(MoireAttack):
                 )
 
     def _start(self, task: Task, restart: int) -> Point:
-        """Return stripes: one sign a column, plane and image."""
+        """Return vertical stripes: one sign per column, plane and image."""
         point, shape = super()._start(task, restart), task.problem.shape
         n, planes, _, columns = shape
         signs = _signs((n, planes, 1, columns), task.generator).to(point["noise"])
@@ -83,16 +83,16 @@ class SquareMoire(MoireAttack):
 
 
 def side(k: int, steps: int, shape: tuple[int, ...]) -> int:
-    """Of the window that is tried after k queries of `steps`, on planes of `shape` (..., h, w):
-    `SHARE` of their area, halved at the paper's queries, which are scaled to `steps`."""
+    """Return the side of the window tried after k queries of `steps`, on planes of `shape` (..., h,
+    w): `SHARE` of their area, halved at the paper's query counts, scaled to `steps`."""
     h, w = shape[-2:]
     share = SHARE / 2 ** sum(k / steps > query / 10_000 for query in HALVED)
     return max(1, min(round((share * h * w) ** 0.5), h, w))
 
 
 def _with_square(noise: Tensor, eps: float, size: int, generator: torch.Generator | None) -> Tensor:
-    """Return the noise (B, C, h, w) with a window of each image, at a place of its own, set to one
-    sign of eps a plane."""
+    """Return the noise (B, C, h, w) with a window of each image, at its own place, set to +-eps,
+    one sign per plane."""
     n, planes, h, w = noise.shape
     places = torch.tensor([h - size + 1, w - size + 1])[:, None, None]
     corner = torch.rand(2, n, 1, generator=generator) * places

@@ -36,7 +36,8 @@ class Active:
     """The images of a task that still take steps.
 
     Args:
-        task: of all n images. problem: of these. rows: (b,) which of the batch these are.
+        task: of all n images. problem: of these images alone. rows: (b,) their indices in the
+            batch.
     """
 
     task: Task
@@ -45,12 +46,12 @@ class Active:
 
     @staticmethod
     def every(task: Task) -> Active:
-        """Return all images."""
+        """Return a task's images, all of them active."""
         rows = torch.arange(len(task.labels), device=task.labels.device)
         return Active(task, task.problem, rows)
 
     def narrowed(self, rows: Tensor) -> Active:
-        """Return those of `rows`, itself where these are as many."""
+        """Return the images `rows`, or itself where none is dropped."""
         if len(rows) == len(self.rows):
             return self
         return Active(self.task, self.task.problem.part(rows), rows)
@@ -60,13 +61,14 @@ class Active:
         return {name: self._of(x) for name, x in point.items()}
 
     def goals(self) -> tuple[Tensor, Tensor | None]:
-        """Return these images' labels and aims, for as many views of each as there are logits."""
+        """Return these images' labels and aims, repeated for each view."""
         views = self.problem.views
         aims = None if self.task.aims is None else self._of(self.task.aims).repeat(views)
         return self._of(self.task.labels).repeat(views), aims
 
     def filled(self, values: Tensor) -> Tensor:
-        """Return these images' values, (b, ...), among all, (n, ...), where the others' are 0."""
+        """Return these images' values, (b, ...), among those of all, (n, ...), with 0 for the
+        others."""
         n = len(self.task.labels)
         if len(self.rows) == n:
             return values

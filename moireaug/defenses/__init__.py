@@ -2,7 +2,7 @@
 them.
 
 Each is a frozen dataclass, called on images (B, 3, H, W) in [0, 1], with a `title` for tables and
-`randomised`. Demoiréing networks, and the defence that one of them is, are in `defenses.demoire`.
+`randomised`. Demoiréing networks, and the defence made of one, are in `defenses.demoire`.
 """
 
 # ruff: noqa: E402  # a missing extra is named before it is imported

@@ -21,7 +21,7 @@ from moireaug.defenses.base import check_whole
 
 
 def check_patches(patch: int, overlap: int) -> None:
-    """Refuse an overlap of more than half a patch, and what is no whole number."""
+    """Refuse an overlap of more than half a patch, and sizes that are not whole numbers."""
     check_whole("patch", patch, 1)
     check_whole("overlap", overlap, 0)
     if 2 * overlap > patch:
@@ -37,7 +37,7 @@ def draw_bank(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> Tensor:
-    """Patches drawn uniformly, without repetition, from all there are in the images.
+    """Draw patches uniformly, without repetition, from all patches of the images.
 
     Args:
         images: (B, 3, H, W) float in [0, 1], sRGB codes; or an iterable of such batches, alone or
@@ -45,22 +45,22 @@ def draw_bank(
             will do. Sizes may differ.
         patches: how many to draw; fewer if the images hold fewer.
         patch: side in pixels.
-        seed: of a generator of its own. The same images in the same order give the same bank,
+        seed: of the draw's own generator. The same images in the same order give the same bank,
             however batched.
         cache: a file to keep the bank in (.npz), written whole or not at all. Its bank is returned
-            without a look at the images if it was drawn with the same settings: patches, patch,
-            seed, and of the images the content if they are one tensor, otherwise the type and
-            length of the iterable and of its `dataset`. Otherwise, or if it cannot be read, it is
-            drawn anew. Iterables of equal type and length are not told apart: give each data set a
-            file of its own.
+            without a new draw if it was drawn with the same settings: patches, patch, seed, and the
+            images' content if they are one tensor, otherwise the type and length of the iterable
+            and of its `dataset`. Otherwise, or if the file cannot be read, the bank is drawn again.
+            Iterables of equal type and length are not told apart: give each data set a file of its
+            own.
         progress: show a bar.
 
     Returns:
         (N, 3, patch, patch) float32, N <= patches, on the CPU.
 
     Raises:
-        TypeError, ValueError: settings or images out of range, images smaller than a patch, or no
-            images at all.
+        TypeError, ValueError: settings or images out of range, images smaller than a patch, no
+            images at all, or a cache that is a folder.
     """
     check_whole("patches", patches, 1)
     check_whole("patch", patch, 1)
@@ -111,7 +111,7 @@ def _draw(
             bank = bank[best]
     if not len(bank):
         raise ValueError("images must hold at least one image; got none. Is the iterable used up?")
-    return bank[keys.argsort()]  # in an order of their own, however the images were batched
+    return bank[keys.argsort()]  # an order that does not depend on the batches
 
 
 def _content(images: Tensor | Iterable[Tensor]) -> str:
@@ -130,7 +130,7 @@ def _content(images: Tensor | Iterable[Tensor]) -> str:
 
 
 def _read(file: Path, key: str) -> Tensor | None:
-    """Return the bank of that key, or None: there is no file, another's, or one that is broken."""
+    """Return the bank of that key, or None where the file is missing, broken or of another key."""
     try:
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
             return torch.from_numpy(kept["bank"]) if str(kept["key"]) == key else None

@@ -17,10 +17,10 @@ class Defence(ABC):
     `apply` and `title`.
 
     Forward is the real operation. Backward is what each one documents: its own gradient where it
-    has a useful one, otherwise an approximation, as BPDA (Athalye, Carlini and Wagner 2018) asks,
-    so that an attack can go through it. Attributes: `randomised`, whether two calls differ; such
-    defences draw from torch's global CPU generator alone, so that `torch.manual_seed` replays them
-    on any device.
+    has a useful one, otherwise an approximation (BPDA; Athalye, Carlini and Wagner 2018), so that
+    an attack can go through it. Attributes: `randomised`, whether two calls differ; such defences
+    draw only from torch's global CPU generator, so that `torch.manual_seed` replays them on any
+    device.
     """
 
     randomised = False
@@ -46,7 +46,8 @@ class Defence(ABC):
             (B, 3, H, W) in [0, 1], of the images' dtype and device. Differentiable in images, once.
 
         Raises:
-            TypeError, ValueError: what is no float batch of three channels in [0, 1], or holds NaN.
+            TypeError, ValueError: images that are not a float batch of three channels in [0, 1], or
+                hold NaN.
         """
         images = check_images(images)
         if not len(images):
@@ -71,8 +72,8 @@ class _Through(torch.autograd.Function):
 
 
 def straight_through(images: Tensor, values: Tensor) -> Tensor:
-    """`values` forward, to the bit, and the identity backward, into `images`; both of one shape and
-    dtype."""
+    """Return `values` bit for bit, with the identity as gradient to `images`; both have the same
+    shape and dtype."""
     return _Through.apply(images, values.detach())
 
 
@@ -80,14 +81,15 @@ def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor
     """Return indices (before + size + after,) that extend an axis by its mirror image, edge pixels
     twice: c b a | a b c | c b.
 
-    scipy's "reflect", numpy's "symmetric"; any extension of any size, as the mirrored axis repeats.
+    scipy's "reflect", numpy's "symmetric"; the mirrored axis repeats, so that any size can be
+    extended by any amount.
     """
     index = torch.arange(-before, size + after, device=device) % (2 * size)
     return torch.where(index < size, index, 2 * size - 1 - index)
 
 
 def check_whole(name: str, value: object, low: int, high: int | None = None) -> None:
-    """Refuse what is no whole number in [low, high]."""
+    """Refuse anything but a whole number in [low, high]; TypeError or ValueError."""
     allowed = f"a whole number of at least {low}"
     if high is not None:
         allowed = f"a whole number from {low} to {high}"
@@ -99,7 +101,7 @@ def check_whole(name: str, value: object, low: int, high: int | None = None) -> 
 
 
 def check_real(name: str, value: object, low: float, high: float = math.inf) -> None:
-    """Refuse what is no finite number in (low, high]."""
+    """Refuse anything but a finite number in (low, high]; TypeError or ValueError."""
     allowed = f"a finite number above {low:g}" + (f", at most {high:g}" if high < math.inf else "")
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be {allowed}; got {value!r}.")

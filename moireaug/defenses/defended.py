@@ -1,4 +1,4 @@
-"""Defences in a row, and before a model."""
+"""Defences in a row, and a defence in front of a model."""
 
 from __future__ import annotations
 
@@ -16,17 +16,21 @@ from moireaug.numeric import clip
 
 @dataclass(frozen=True)
 class Compose(Defence):
-    """One defence after the other, the first first.
+    """Apply defences in order.
 
     Args:
         defences: a tuple of defences, or of any callables from images to images of the same shape,
-            such as a demoiréing network, whose output is clipped to [0, 1]. One that is randomised
-            says so by an attribute `randomised = True`, and may name itself in tables by an
-            attribute `title`. None at all is the identity.
+            such as a demoiréing network, whose output is clipped to [0, 1]. A randomised one says
+            so by an attribute `randomised = True`; any may name itself in tables by an attribute
+            `title`. An empty tuple is the identity.
 
     Between two, the images have the dtype they came with.
 
     Backward: through each in turn; pixels on the bounds keep their gradient.
+
+    Raises:
+        TypeError: what is not a tuple of callables.
+        ValueError: in a call, a callable that changes the images' shape.
     """
 
     defences: tuple[Callable[[Tensor], Tensor], ...]
@@ -52,7 +56,7 @@ class Compose(Defence):
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
-        """The modules among the defences, also inside other rows."""
+        """The modules among the defences, also inside nested defences."""
         found: list[nn.Module] = []
         for defence in self.defences:
             if isinstance(defence, Defence):
@@ -63,7 +67,7 @@ class Compose(Defence):
 
     def __call__(self, images: Tensor) -> Tensor:
         images = check_images(images)
-        return self.apply(images)  # each computes half precision as it likes
+        return self.apply(images)  # each handles half precision itself
 
     def apply(self, images: Tensor) -> Tensor:
         for defence in self.defences:
@@ -80,7 +84,7 @@ class Compose(Defence):
 
 
 def _title(defence: object) -> str:
-    """Return a defence's title; of a function its name, of a network its class's."""
+    """Return a defence's title, else a function's name, else the class's."""
     title = getattr(defence, "title", None)
     return str(title or getattr(defence, "__name__", type(defence).__name__))
 
@@ -94,9 +98,9 @@ class Defended(nn.Module):
         defence: of `moireaug.defenses`, or any callable from images to images, as in `Compose`; a
             module in it becomes a submodule, too.
         draws: of a randomised defence. With more than one, the logits are the logarithm of the
-            predicted probabilities' mean: its gradient is the expectation over the defence that an
-            attack needs (EOT; Athalye, Carlini and Wagner 2018). Time and, with gradients, memory
-            grow with it. A defence that is not randomised is drawn once.
+            predicted probabilities' mean: its gradient is the expectation over the defence's draws
+            that an attack needs (EOT; Athalye, Carlini and Wagner 2018). Time and, with gradients,
+            memory grow with it. A defence that is not randomised is drawn once.
 
     Raises:
         TypeError, ValueError: what is not callable, or draws below 1.
@@ -116,7 +120,8 @@ class Defended(nn.Module):
         self.draws = draws
 
     def forward(self, images: Tensor) -> Tensor:
-        """(B, 3, H, W) float in [0, 1] to (B, K). Differentiable in images."""
+        """Return the logits (B, K) of images (B, 3, H, W) float in [0, 1]. Differentiable in
+        images."""
         if self.draws == 1 or not self.defence.randomised:
             return self.model(self.defence(images))
         logs = [self.model(self.defence(images)).log_softmax(1) for _ in range(self.draws)]

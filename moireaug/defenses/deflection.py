@@ -1,5 +1,5 @@
-"""Pixel deflection: a few pixels take a neighbour's colour, and wavelets smooth what that
-leaves."""
+"""Pixel deflection: a few pixels take a neighbour's colour, and wavelet denoising smooths the
+result."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class PixelDeflection(Defence):
     (R-CAM).
 
     As the paper's algorithm 1: one after the other, `deflections` pixels drawn uniformly each take
-    the colour of a pixel drawn uniformly from the square of `window` pixels around, as far as it
-    lies in the image. All three channels move at once and count once (the authors' code counts
-    channels). Then soft thresholding by BayesShrink in YCbCr: scikit-image's `denoise_wavelet` with
-    its default wavelet, db1.
+    the colour of a pixel drawn uniformly from those within `window` pixels along each axis, inside
+    the image. All three channels move at once and count once (the authors' code counts channels).
+    Then soft thresholding by BayesShrink in YCbCr: scikit-image's `denoise_wavelet` with its
+    default wavelet, db1.
 
     Args:
         deflections: of each image, at least 0. The paper takes 200.
@@ -56,7 +56,7 @@ class PixelDeflection(Defence):
         return straight_through(deflected, denoise(deflected.detach(), self.sigma))
 
     def _sources(self, b: int, h: int, w: int) -> np.ndarray:
-        """Where each pixel's colour comes from: flat indices (b, h w)."""
+        """Return where each pixel's colour comes from: flat indices (b, h w)."""
         u = torch.rand(4, self.deflections, b, dtype=torch.float64).numpy()
         rows, cols = np.floor(u[0] * h).astype(int), np.floor(u[1] * w).astype(int)
         far = self._near(rows, h, u[2]) * w + self._near(cols, w, u[3])
@@ -66,18 +66,19 @@ class PixelDeflection(Defence):
         return source
 
     def _near(self, at: np.ndarray, size: int, u: np.ndarray) -> np.ndarray:
-        """Whole positions uniform on what of [at - window, at + window] lies in [0, size)."""
+        """Return whole positions, uniform on the part of [at - window, at + window] in [0,
+        size)."""
         low, high = np.maximum(at - self.window, 0), np.minimum(at + self.window, size - 1)
         return low + np.floor(u * (high - low + 1)).astype(int)
 
 
 def denoise(images: Tensor, sigma: float) -> Tensor:
-    """BayesShrink soft wavelet denoising in YCbCr (Chang, Yu and Vetterli 2000), by scikit-image,
-    image by image.
+    """Denoise by soft wavelet thresholding in YCbCr (BayesShrink; Chang, Yu and Vetterli 2000),
+    with scikit-image, image by image.
 
     (B, 3, H, W) float32 or float64 in [0, 1] to the same, no gradient; sigma in the images' units.
     """
-    from skimage.restoration import denoise_wavelet  # here alone: it takes a while to import
+    from skimage.restoration import denoise_wavelet  # imported here, as it takes a while
 
     out = torch.empty(images.shape, dtype=images.dtype)
     for row, image in zip(out, images.permute(0, 2, 3, 1).cpu().numpy(), strict=True):

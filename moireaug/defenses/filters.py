@@ -1,4 +1,4 @@
-"""Deterministic defences by short formulae: JPEG, fewer bits, the median, and brightness."""
+"""Deterministic defences by short formulae: JPEG, bit depth, median and brightness."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Median(Defence):
     Args:
         size: the window's side in pixels, 2 to 7. The paper takes 2 and 3.
 
-    Backward: exact; the gradient goes to the pixel that was taken, of equals to the first in
+    Backward: exact; the gradient goes to the pixel that was taken, among equals to the first in
     reading order.
     """
 
@@ -120,7 +120,7 @@ class _Median(torch.autograd.Function):
                     here = (slice(None), slice(i, i + h), slice(j, j + w))
                     share = torch.where(extended[here] == taken, left, 0)
                     arrived[here] += share
-                    left -= share  # what has found its pixel looks no further
+                    left -= share  # a gradient goes to one pixel only
             folded = image.new_zeros(3, h, extended.shape[-1]).index_add_(1, rows, arrived)
             row.copy_(image.new_zeros(3, h, w).index_add_(2, cols, folded))
         return back, None
@@ -131,13 +131,13 @@ def _window(n: int, size: int, device: torch.device) -> Tensor:
 
 
 def _extended(image: Tensor, size: int) -> Tensor:
-    """(3, H, W) with the border that the windows reach: (3, H + size - 1, W + size - 1)."""
+    """Return (3, H, W) with the border that the windows reach: (3, H + size - 1, W + size - 1)."""
     h, w = image.shape[-2:]
     return image[:, _window(h, size, image.device)][:, :, _window(w, size, image.device)]
 
 
 def _median(x: Tensor, size: int) -> Tensor:
-    """Upper median of every window: (3, H + size - 1, W + size - 1) to (3, H, W)."""
+    """Return the upper median of every window: (3, H + size - 1, W + size - 1) to (3, H, W)."""
     if size == 2:  # the columns' pairs are sorted once for both windows that share them
         low, high = torch.minimum(x[:, :-1], x[:, 1:]), torch.maximum(x[:, :-1], x[:, 1:])
         return torch.maximum(
@@ -166,17 +166,17 @@ def _middle(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Gain(Defence):
-    """Brightness brought to a fixed mean: the deployable form of the paper's mean normalisation,
+    """Scale the brightness to a fixed mean: the deployable form of the paper's mean normalisation,
     `restore_mean`.
 
     Every image is multiplied by one factor so that its mean over pixels and channels becomes
-    `mean`, and clipped, which leaves it below that where highlights clip. No factor is above mean x
-    255: black stays black.
+    `mean`, then clipped, which leaves the mean lower where highlights clip. No factor is above mean
+    x 255: black stays black.
 
     Args:
-        mean: between 0 and 1, in units of sRGB codes; by default near that of natural images.
+        mean: above 0, at most 1, in units of sRGB codes; by default near that of natural images.
 
-    Backward: exact, but that pixels on the bounds keep their gradient.
+    Backward: exact, except that pixels on the bounds keep their gradient.
     """
 
     mean: float = 0.45
@@ -209,8 +209,8 @@ def restore_mean(images: Tensor, clean: Tensor) -> Tensor:
         keep their gradient.
 
     Raises:
-        TypeError, ValueError: what is no float batch of three channels in [0, 1], or batches of two
-            shapes.
+        TypeError, ValueError: images that are not a float batch of three channels in [0, 1], or
+            batches of different shapes.
     """
     images = check_images(images)
     clean = check_images(clean)

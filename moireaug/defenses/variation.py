@@ -1,5 +1,4 @@
-"""Total variation minimisation: most of the image is thrown away and guessed again from the
-rest."""
+"""Total variation minimisation: pixels are dropped at random and filled in from the rest."""
 
 from __future__ import annotations
 
@@ -11,8 +10,8 @@ from torch import Tensor
 
 from moireaug.defenses.base import Defence, check_real, check_whole, straight_through
 
-# of the constraint d = grad z, in units of the data term: of those tried, the fastest at weight
-# 0.03
+# weight of the constraint d = grad z, relative to the data term: the fastest of those tried at
+# weight 0.03
 STIFFNESS = 0.3
 AT_ONCE = 200_000  # numbers per pass: more images than that fall out of the cache
 
@@ -34,9 +33,9 @@ class TotalVariation(Defence):
     Solved by split Bregman (Goldstein and Osher 2009) with the mask: `iterations` rounds of a
     Gauss-Seidel sweep over z in chequerboard order, the shrinkage of d = grad z and the update of
     its multiplier. The first z fills each hole with the mean of kept pixels near it, so that
-    nothing of a pixel that was thrown away remains however few the rounds. At 224 x 224 and the
-    paper's parameters, 100 rounds bring the objective to within 1 % of its minimum and z to within
-    two codes of 255, a tenth of a code on average.
+    nothing remains of a dropped pixel, however few the rounds. At 224 x 224 and the paper's
+    parameters, 100 rounds bring the objective to within 1 % of its minimum and z to within two
+    codes of 255, a tenth of a code on average.
 
     Args:
         keep: probability, above 0, at most 1. The paper takes 0.5.
@@ -92,8 +91,8 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
     z = fill(x, mask)
     if h * w == 1:
         return z
-    # one frame of zeros around every field: the differences across the border stay 0, and no case
-    # needs its own line
+    # one frame of zeros around every field: the differences across the border stay 0, and borders
+    # need no special case
     z = F.pad(z, (1, 1, 1, 1))
     inside = F.pad(torch.ones_like(x), (1, 1, 1, 1))
     # (B, C, H + 1, W): a difference lies inside
@@ -116,7 +115,7 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
         bp += (z[..., 1:, 1:-1] - z[..., :-1, 1:-1]) * vertical
         bq += (z[..., 1:-1, 1:] - z[..., 1:-1, :-1]) * horizontal
         length = (bp[..., 1:, :].square() + bq[..., 1:].square()).sqrt()
-        # what of it is b
+        # the share of it that is b
         excess = (weight / STIFFNESS / length.clamp(min=torch.finfo(x.dtype).tiny)).clamp(max=1)
         p[..., 1:, :] = bp[..., 1:, :] * (1 - 2 * excess)
         q[..., 1:] = bq[..., 1:] * (1 - 2 * excess)
@@ -126,10 +125,11 @@ def minimise(x: Tensor, mask: Tensor, weight: float, iterations: int) -> Tensor:
 
 
 def fill(x: Tensor, mask: Tensor) -> Tensor:
-    """`x` where the mask is 1; elsewhere the mean of what is kept in the smallest block of 2, 4, 8
-    ... that has any.
+    """Return `x` where the mask is 1; elsewhere the mean of the smallest block of 2, 4, 8 ... that
+    keeps any pixel, over the means of its kept quarters.
 
-    (B, C, H, W) twice to a new one. Where a channel keeps nothing at all, a middle grey.
+    Both are (B, C, H, W), and so is the new tensor. A channel that keeps nothing at all becomes a
+    middle grey.
     """
     if mask.all():
         return x.clone()

@@ -1,4 +1,4 @@
-"""Evaluation: models attacked again, with the controls that tell the moiré from the noise."""
+"""Evaluation: attacks on models, with the controls that tell the moiré from the noise."""
 
 # ruff: noqa: E402  # a missing extra is named before it is imported
 

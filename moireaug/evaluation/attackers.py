@@ -1,4 +1,4 @@
-"""Attackers: conditions in which somebody searches for what fools the model."""
+"""Attackers: conditions that search for noise that fools the model."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Attacker(Condition):
 
     @property
     def parts(self) -> int:
-        """How many parts a batch is attacked in: an expectation over n draws holds n times the
-        images, and so no more than a batch."""
+        """How many parts a batch is attacked in: an expectation over n draws takes n times the
+        images, so that each step holds no more than a batch."""
         return 1
 
     def show(self, batch: EvalBatch) -> Tensor:
@@ -57,7 +57,7 @@ class Attacker(Condition):
             part = batch[first : first + size]
             try:
                 shown.append(self.attacked(part))
-            except NoAnswerError:  # wrong without an attack, and an evaluation goes on
+            except NoAnswerError:  # wrong without an attack: the evaluation goes on
                 shown.append(self.start(part))
         return torch.cat(shown)
 
@@ -78,12 +78,12 @@ class MoireAttacker(Attacker):
     """The Moiré Attack on the very shot that is judged.
 
     Args:
-        variant: what tells this attacker from the plain one, part of its name.
+        variant: what distinguishes this attacker from the plain one; part of its name.
         rule, loss, restarts, noise_at, optimise: as of `attacks.MoireAttack`.
-        until_fooled: the same; False where other judges see the noise, or it is measured at its
-            strongest.
-        knows: the defence that it attacks through, by the defence's own approximation of the
-            gradient (BPDA) and by expectation over its draws where it is randomised (EOT).
+        until_fooled: the same; False where other judges see the noise, or where it is measured at
+            its strongest.
+        knows: the defence that it attacks through, with the defence's own approximate gradient
+            (BPDA) and by expectation over its draws where it is randomised (EOT).
     """
 
     kind = "ma"
@@ -135,7 +135,7 @@ class MoireAttacker(Attacker):
 
 
 class PoseUnknown(Attacker):
-    """Noise that was found by expectation over other draws of the scene, on the shot that is
+    """Noise found by expectation over other draws of the scene, shown on the shot that is
     judged."""
 
     kind = "blind"
@@ -162,7 +162,7 @@ class PoseUnknown(Attacker):
 
 @dataclass(frozen=True, kw_only=True)
 class PixelAttacker(Attacker):
-    """A rival that perturbs the pixels of the image, which no camera saw.
+    """An attack on the pixels of the image, without a camera, for comparison.
 
     Args:
         attack: a key of `attacks.ATTACKS`: "pgd", "bim", "mifgsm" or "patch"; or "cw", which has no
@@ -212,12 +212,12 @@ def through(knows: Judge | None, model: Model) -> Model:
 
 
 def known_defence(knows: Judge | None) -> dict[str, str]:
-    """Return what tells a defence that an attacker knows of from others, for its settings."""
+    """Return what identifies the defence that an attacker knows of, for its settings."""
     return {} if knows is None else {"knows": knows.identity}
 
 
 def turnable(scene: Scene) -> tuple[tuple[str, ...], str]:
-    """Return which of view and panel an attacker can turn, and, where it is none, why."""
+    """Return which of view and panel an attacker can move, and, where it is none, why."""
     found, why = [], ""
     for part in ("view", "panel"):
         try:

@@ -34,7 +34,7 @@ class TargetedApgd(Attacker):
 
 @dataclass(frozen=True, kw_only=True)
 class Apgd(Attacker):
-    """APGD on the raw reading in the order of AutoAttack: by the cross-entropy, and then, on the
+    """APGD on the raw reading in the order of AutoAttack: on the cross-entropy, and then, on the
     images that are still right, APGD-T.
 
     Args:

@@ -2,7 +2,7 @@
 `attackers.py`.
 
 A condition is a record of settings with one method, `show`. Its settings say all that it depends on
-beside the batch: two conditions with the same settings show the same pictures, whichever suite asks
+besides the batch: two conditions with the same settings show the same images, whichever suite asks
 for them.
 """
 
@@ -36,7 +36,8 @@ class EvalBatch:
         images: (B, 3, H, W) in [0, 1]. labels: (B,). targets: (B,), another class each.
         shot: one draw of the condition's scene per image.
         generator: of the condition's own random numbers.
-        lpips: what measures how visible an attack is beside the other figures; None for nothing.
+        lpips: an `LPIPS` that measures how visible an attack is, besides the other figures; None
+            for none.
     """
 
     model: Model
@@ -62,15 +63,15 @@ class Condition(ABC):
     """What is shown.
 
     Args:
-        eps: bound of the noise, in [0, 1] units. targeted: whether being fooled means giving the
-            target's class.
-        scene: where it is photographed; None is the evaluation's scene. Shots of one scene are
-            drawn alike, so that all conditions of a scene share theirs.
+        eps: bound of the noise, in [0, 1] units. targeted: whether being fooled means predicting
+            the target's class.
+        scene: the scene of the photos; None is the evaluation's scene. Shots of one scene are drawn
+            alike, so that all conditions of a scene share theirs.
         place: name of that scene, part of this condition's name.
     """
 
     kind: ClassVar[str]
-    control: ClassVar[bool] = True  # nobody searches for anything
+    control: ClassVar[bool] = True  # no attacker
 
     eps: float = 0.0
     targeted: bool = False
@@ -79,7 +80,7 @@ class Condition(ABC):
 
     @property
     def name(self) -> str:
-        """What stands for this condition in records: unique within a suite."""
+        """The condition's name in records: unique within a suite."""
         return self.base_name + (f"@{self.place}" if self.place else "")
 
     @property
@@ -91,11 +92,11 @@ class Condition(ABC):
         """Return what the model is shown, (B, 3, H, W) in [0, 1]."""
 
     def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        """Return figures to record beside, one per image each."""
+        """Return figures to record as well, each one per image."""
         return {}
 
     def settings(self) -> dict[str, Any]:
-        """Return all that this condition depends on beside its scene, as plain values."""
+        """Return all that this condition depends on besides its scene, as plain values."""
         found: dict[str, Any] = {"kind": self.kind}
         for field in dataclasses.fields(self):
             if field.name != "scene":
@@ -127,7 +128,7 @@ class Dimmed(Condition):
 
 
 class Rotated(Condition):
-    """The photo without moiré, as bright as its screen: a gain brings white back to white."""
+    """The photo without moiré, as bright as its image: a gain brings white back to white."""
 
     kind = "rotated"
 
@@ -174,5 +175,5 @@ class RandomNoise(Condition):
 
 
 def codes(eps: float) -> str:
-    """Return an eps in units of 1/255, as names and titles have it."""
+    """Return an eps in units of 1/255, as used in names and titles."""
     return f"{eps * 255:g}"

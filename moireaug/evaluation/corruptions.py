@@ -1,5 +1,5 @@
-"""Images that are corrupted without camera or attacker: noise, blur, JPEG and contrast, after
-ImageNet-C (Hendrycks & Dietterich, 2019)."""
+"""Images corrupted without camera or attacker: noise, blur, JPEG and contrast, after ImageNet-C
+(Hendrycks & Dietterich, 2019)."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ def gaussian_blur(images: Tensor, percent: float, generator: torch.Generator) ->
 
 
 def jpeg_file(images: Tensor, quality: float, generator: torch.Generator) -> Tensor:
-    """Encode by libjpeg, and decode."""
+    """Encode with libjpeg, and decode."""
     return jpeg(images, torch.full((len(images),), float(quality), device=images.device))
 
 
 def contrast(images: Tensor, factor: float, generator: torch.Generator) -> Tensor:
-    """Draw codes towards the image's mean grey, to `factor` of their distance."""
+    """Scale the distances of codes from the image's mean grey by `factor`."""
     return clip(adjust_contrast_with_mean_subtraction(images, factor))
 
 
-# name to the function, and what it is given: a mild case and a strong one
+# name to the function, and its amounts: a mild one and a strong one
 CORRUPTIONS: dict[str, tuple[Callable[[Tensor, float, torch.Generator], Tensor], list[float]]] = {
     "gaussian_noise": (gaussian_noise, [0.04, 0.1]),
     "gaussian_blur": (gaussian_blur, [1, 3]),
@@ -54,7 +54,7 @@ class Corrupted(Condition):
     """The image, corrupted.
 
     Args:
-        corruption: a key of `CORRUPTIONS`. amount: what its function is given.
+        corruption: a key of `CORRUPTIONS`. amount: the argument of its function.
     """
 
     kind = "corrupted"

@@ -46,38 +46,38 @@ def evaluate(
         print(evaluation.rates(frame)[["row", "accuracy", "success", "n"]])
 
     Args:
-        model: any callable of [0, 1] images (B, 3, H, W) that returns logits (B, K); it is left as
-            it was found. Put a normalisation inside: `attacks.Normalized(model, mean, std)`.
+        model: any callable of [0, 1] images (B, 3, H, W) that returns logits (B, K); its state is
+            restored. Put a normalisation inside: `attacks.Normalized(model, mean, std)`.
         loader: batches of (images, labels), as a DataLoader yields them; uint8 images are divided
             by 255. Its order must not change where `folder` is given.
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
-        scene: a Scene, a preset's name or a dict: whose shots are drawn, one per image.
+        scene: a Scene, a preset's name or a dict; one shot is drawn per image.
         eps: bounds of the ladder, in [0, 1] units; jpeg, defences, demoireing, transfer,
-            factors, noise_position, adaptive and trust attack at the middle one, other suites have
+            factors, noise_position, adaptive and trust attack at the middle one; other suites have
             their own.
         steps: gradient steps of every attack.
         n: images; None is all.
         seed: of shots, targets and random starts.
         targets: name to model, for the suite "transfer".
-        defences: name to defence, beside the paper's or in place of one.
-        networks: name to demoiréing network, for the suite "demoireing": of `demoire.load`, or any
-            callable from images to images. Beside "mopnet", "mddm", "fhde2net" and "amnet" stand
-            the paper's figures.
-        folder: where records are kept as they come, so that the same call goes on where it stopped;
-            None keeps them in memory. They are kept by weights, settings and pixels, so that
-            model, targets, defences and networks must be Modules, records of `defenses` or
-            functions that can be imported.
+        defences: name to defence, in addition to the paper's, or replacing the one of that name.
+        networks: name to demoiréing network, for the suite "demoireing": from `demoire.load`, or
+            any callable from images to images. "mopnet", "mddm", "fhde2net" and "amnet" are shown
+            with the paper's figures.
+        folder: where records are kept as they come, so that the same call resumes where it stopped;
+            None keeps them in memory. Their keys hold weights, settings and pixels, so that model,
+            targets, defences and networks must be Modules, defences of `defenses` or functions that
+            can be imported.
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16: the
             LPIPS of every attack is measured with it. None measures none.
         progress: whether a bar is shown.
 
     Returns:
-        A line for each cell of the suite's tables and each image: see `evaluation.images_frame`.
-        `evaluation.rates` makes a line a cell of it, with intervals.
+        A row for each cell of the suite's tables and each image: see `evaluation.images_frame`.
+        `evaluation.rates` turns it into a row per cell, with intervals.
 
     Raises:
         ValueError, TypeError: an unknown suite, no images, images, labels or logits that cannot be
-            read, a folder where nothing tells a callable from another, or an lpips file of another
+            read, a folder with a callable that cannot be identified, or an lpips file of another
             network.
     """
     batches = gathered(loader, n)
@@ -123,7 +123,8 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
     """Return the first n images of a loader, in its batches; empty ones are left out.
 
     Raises:
-        ValueError, TypeError: no images, an n below 1, or no pairs of images and labels.
+        ValueError, TypeError: no images, an n below 1, or batches that are not pairs of images and
+            labels.
     """
     if n is not None and n < 1:
         raise ValueError(f"n must be at least 1 image, or None for all; got {n}.")

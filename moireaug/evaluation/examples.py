@@ -1,5 +1,4 @@
-"""Pictures for a report: what conditions showed of the first batch, with what the models said of
-them."""
+"""Pictures for a report: what conditions showed of the first batch, with the models' answers."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from moireaug.evaluation.report.page import title_of
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.tables import Table
 
-AMPLIFY = 4  # how much an attack's change of the photo is enlarged to be seen
+AMPLIFY = 4  # factor by which an attack's change of the photo is enlarged
 PHOTO = Photo()
 Example = dict[str, Any]
 
@@ -27,7 +26,7 @@ def run_examples(
     change enlarged.
 
     Args:
-        runners: name of a model to its runner; all have met the same images and shots.
+        runners: name of a model to its runner; all have run on the same images and shots.
         attack: whose pictures to show. classes: name of each class.
     """
     first = next(iter(runners.values()))
@@ -51,8 +50,8 @@ def run_examples(
 def table_examples(
     table: Table, runner: Runner, classes: Mapping[int, str], name: str
 ) -> list[Example]:
-    """Return a table's pictures of one image, the first that the model has right, with what it says
-    of each."""
+    """Return a table's pictures of one image, the first that the model has right, with its answer
+    to each."""
     clean = runner.record(CLEAN, UNDEFENDED, 0)
     kept = runner.records.picture(runner.picture_name(CLEAN))
     if kept is None or not table.pictures:
@@ -104,7 +103,7 @@ def _change(runner: Runner, attack: Condition, row: int) -> list[dict[str, Any]]
 
 
 def _title(places: Sequence[tuple[str, str]], place: tuple[str, str]) -> str:
-    """Return what tells a picture from its neighbours: its row, its column, or both."""
+    """Return what distinguishes a picture from its neighbours: its row, its column, or both."""
     row, column = title_of(place[0], "rows"), title_of(place[1], "columns")
     if len({other for other, _ in places}) == 1:
         return column

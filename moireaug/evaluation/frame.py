@@ -1,4 +1,4 @@
-"""One pandas frame of an evaluation: a line for each cell of its tables and each image. Everything
+"""One pandas frame of an evaluation: a row for each cell of its tables and each image. Everything
 else is a pivot."""
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ ABOUT = ("condition", "control", "eps", "steps", "targeted", "judge")
 
 
 def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]) -> pd.DataFrame:
-    """Return a line for each cell and image.
+    """Return a row for each cell and image.
 
     Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `steps`, `targeted`, `judge`;
-    `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, the attack's goal is
-    reached; `counted`, the judge without its defence has the image right when clean; `undecided`,
-    the logits were not finite; `seconds`, the image's share; and what was measured, such as `psnr`.
+    `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether the attack's
+    goal is reached; `counted`, whether the judge without its defence has the clean image right;
+    `undecided`, whether the logits were not finite; `seconds`, the image's share; and what was
+    measured, such as `psnr`.
     """
     seen: dict[tuple[str, str], pd.DataFrame] = {}
     parts = []
@@ -51,7 +52,7 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
 def _condition_frame(
     condition: Condition, judge: Judge, runner: Runner, indices: Sequence[int]
 ) -> pd.DataFrame:
-    """Return one condition before one judge, a line an image."""
+    """Return one condition before one judge, a row per image."""
     base = UNDEFENDED
     if judge.base != UNDEFENDED.name:
         base = Judge(judge.base, model=judge.model)
@@ -104,13 +105,13 @@ def _worst(shown: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def rates(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a line a cell: rates with their 95 % intervals, denominators, means of what was
+    """Return a row per cell: rates with their 95 % intervals, denominators, means of what was
     measured, seconds.
 
     Columns: those of `CELL` and `ABOUT`; `accuracy`, `accuracy_low`, `accuracy_high` of all images;
-    `success`, `low`, `high` of the `counted` ones, NaN where none counts; `n`, `counted`,
-    `undecided`, `seconds`; the measures; and `outcomes`, a 0 or 1 an image, for paired comparisons;
-    `paper`, what the paper prints.
+    `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are none; `n`,
+    `counted`, `undecided`, `seconds`; the measures; `outcomes`, a 0 or 1 per image, for paired
+    comparisons; and `paper`, what the paper prints.
     """
     lines = []
     for (table, row, column), cell in frame.groupby(CELL, sort=False):
@@ -131,7 +132,7 @@ def _rates(cell: pd.DataFrame) -> dict[str, object]:
     counted = int(cell["counted"].sum())
     hits = int((cell["fooled"] & cell["counted"]).sum())
     correct = int(cell["correct"].sum())
-    # photos of one image are no independent trials: the interval is that of so many images
+    # photos of one image are not independent trials: the interval is that of as many images
     photos = n / max(1, cell["image"].nunique())
     low, high = wilson(hits / photos, counted / photos)
     accuracy_low, accuracy_high = wilson(correct / photos, n / photos)
@@ -155,7 +156,7 @@ def _rates(cell: pd.DataFrame) -> dict[str, object]:
 
 
 def with_paper(lines: pd.DataFrame, tables: Sequence[Table]) -> pd.DataFrame:
-    """Fill in what the paper prints, where a table's cells are of its bound."""
+    """Fill in what the paper prints, where a table's cells are at the paper's bound."""
     own = {table.name for table in tables if table.published}
     published = read_published()
     published = published[published["table"].isin(own)]
@@ -167,7 +168,7 @@ def read_published() -> pd.DataFrame:
     classifies correctly.
 
     The paper's table 3 calls C&W an L-infinity and MI-FGSM an L2 attack; its text says the reverse,
-    which both are.
+    which is right for both.
     """
     with resources.files("moireaug.evaluation").joinpath("published.csv").open() as file:
         return pd.read_csv(file)
@@ -176,7 +177,7 @@ def read_published() -> pd.DataFrame:
 def cell_of(
     lines: pd.DataFrame, row: str, column: str, table: str | None = None
 ) -> pd.Series | None:
-    """Return the line of that row and column; None where there is none."""
+    """Return the line of that row and column, or None."""
     wanted = (lines["row"] == row) & (lines["column"] == column)
     if table is not None:
         wanted &= lines["table"] == table

@@ -1,4 +1,4 @@
-"""Judges: who looks at what a condition shows."""
+"""Judges: the models that classify what a condition shows."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Judge:
     """The attacked model, the same behind a defence, or another model.
 
     Args:
-        name: stands for the judge within an evaluation.
+        name: of the judge within an evaluation.
         defence: what the images pass before the model.
         model: another model than the attacked one: transfer.
         restores_mean: whether the mean of the clean image, which only an experimenter knows, is
-            restored before.
+            restored first.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Judge:
         return UNDEFENDED.name if self.model is None else self.name
 
     def logits(self, batch: EvalBatch, shown: Tensor) -> Tensor:
-        """Return the answers to what is shown; every model is left as it was found."""
+        """Return the logits (B, K) for what is shown; every model's state is restored."""
         if self.restores_mean:
             shown = restore_mean(shown, batch.images)
         model = batch.model if self.model is None else self.model
@@ -49,7 +49,7 @@ class Judge:
 
     @cached_property
     def identity(self) -> str:
-        """What tells this judge from others in records: its defence's settings, its weights."""
+        """What identifies this judge in records: its defence's settings, its weights."""
         parts = [self.name]
         for part in (self.defence, self.model):
             if part is not None:
@@ -61,8 +61,8 @@ UNDEFENDED = Judge("model")
 
 
 def identity(part: object) -> str:
-    """Return what tells a model or a defence from others: the weights of a network, the settings of
-    a record, the place of a function; of any other callable, its place in memory."""
+    """Return what identifies a model or a defence: the weights of a network, the settings of a
+    dataclass, the import path of a function; for any other callable, its id in memory."""
     if isinstance(part, nn.Module):
         return digest(part)
     if isinstance(part, Tensor):
@@ -80,7 +80,7 @@ def identity(part: object) -> str:
 
 
 def require_identity(name: str, part: object) -> None:
-    """Refuse a callable that nothing tells from another one in a later process.
+    """Refuse a callable that a later process could not identify.
 
     Raises:
         ValueError: a lambda, a closure or an object; names it.
@@ -103,7 +103,7 @@ def _place(part: object) -> str:
 
 def digest(model: nn.Module) -> str:
     """Return sixteen hex digits that change with a weight, a buffer or a layer's settings; code in
-    a `forward` of one's own is not seen."""
+    a custom `forward` is not seen."""
     sums = hashlib.sha256(repr(model).encode())
     values = {**model.state_dict(), **dict(model.named_buffers())}  # some buffers are not saved
     for name, value in sorted(values.items()):

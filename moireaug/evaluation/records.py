@@ -1,8 +1,8 @@
-"""Records: one line a finished piece, appended as it comes. An evaluation that was stopped repeats
-nothing.
+"""Records: one line per finished piece, appended as it comes. An evaluation that was stopped
+repeats nothing.
 
 A record's key says what it means: the model's weights, the batch's pixels and labels, the scene,
-the condition's settings, the judge and the seed. What was computed for one suite serves every
+the condition's settings, the judge and the seed. What was computed for one suite is reused by every
 other.
 """
 
@@ -27,7 +27,7 @@ from torch import Tensor
 from moireaug.files import write_bytes
 
 Record = dict[str, Any]
-VERSION = 2  # raise it where the same settings come to mean other figures
+VERSION = 2  # raise it when the same settings would give other figures
 # what a line must have to be a record
 FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
 PICTURES = 4  # images of the first batch that are kept to be looked at
@@ -49,7 +49,7 @@ class Records:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let go of what is held."""
+        """Release what is held."""
 
     def __contains__(self, key: str) -> bool:
         return key in self._known
@@ -73,15 +73,15 @@ class Records:
         return None
 
     def read(self) -> None:
-        """Take in what other processes have written meanwhile."""
+        """Read what other processes have written meanwhile."""
 
 
 class RecordFolder(Records):
     """Records in a folder of JSON-lines files, one per process that writes, to be used in a `with`.
 
     Args:
-        folder: made where it is missing, at the first record. Every process appends to a file of
-            its own and reads all.
+        folder: created at the first record if missing. Every process appends to its own file and
+            reads all.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -102,8 +102,7 @@ class RecordFolder(Records):
                 lock.release()
 
     def _own_file(self) -> IO[bytes]:
-        """Return the first file that no other process writes, locked and ready to be appended
-        to."""
+        """Return the first file that no other process writes, locked and open for appending."""
         if self._file is not None:
             return self._file
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -121,7 +120,7 @@ class RecordFolder(Records):
         return self._file
 
     def read(self) -> None:
-        """Take in what any process has written. A line that cannot be read, because a process is
+        """Read what any process has written. A line that cannot be read, because a process is
         writing it or a disk was full, is left out: what it held is computed again."""
         for path in sorted(self.folder.glob("records-*.jsonl")):
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -166,7 +165,7 @@ class RecordFolder(Records):
 
 
 def _end_last_line(path: Path) -> None:
-    """Cut off what a process that was killed while it wrote has left of a line."""
+    """Cut off the incomplete line of a process that was killed while it wrote."""
     if not path.is_file():
         return
     text = path.read_bytes()

@@ -34,15 +34,15 @@ class Batches(typing.Protocol):
 
 
 class Job(NamedTuple):
-    """One condition and all who are to see it."""
+    """One condition and all judges that see it."""
 
     condition: Condition
     judges: tuple[Judge, ...]
 
 
 def jobs_of(tables: Iterable[Table]) -> list[Job]:
-    """Return what tables need, each condition once, led by the clean images before every judge
-    without a defence: these say which images count."""
+    """Return the jobs that tables need, each condition once, first the clean images before every
+    judge without a defence, which say which images count."""
     conditions: dict[str, Condition] = {CLEAN.name: CLEAN}
     judges: dict[str, dict[str, Judge]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
     for table in tables:
@@ -59,16 +59,17 @@ class Runner:
     """Runs jobs on one model.
 
     Args:
-        model: [0, 1] images to logits; left as it was found.
+        model: [0, 1] images to logits; its state is restored.
         batches: the test images.
-        scene: whose shots are drawn, one per image.
-        records: where finished pieces are kept, and looked up before anything is computed.
-        seed: of shots, targets, random starts and randomised judges. What is drawn depends on the
-            seed, the batch's index and the names of condition and judge alone, so that any process,
-            or a later one, gets the same.
-        name: stands for the model in records; None is a digest of its weights.
-        lpips: measured of every attack where it is given: `visibility.LPIPS`. Records without it
-            are others.
+        scene: one shot of it is drawn per image.
+        records: where finished pieces are kept; they are looked up before anything is computed.
+        seed: of shots, targets, random starts and randomised judges. What is drawn depends only on
+            the seed, the batch's index and the names of condition and judge, so that any process,
+            now or later, draws the same.
+        name: of the model in records; None is a digest of its weights, or "callable" for one that
+            is not a Module.
+        lpips: a `visibility.LPIPS`, measured for every attack where given. Records with and without
+            it have different keys.
     """
 
     def __init__(
@@ -120,7 +121,7 @@ class Runner:
                 yield job
 
     def missing(self, jobs: Sequence[Job], indices: Iterable[int]) -> int:
-        """Return how many records are not there."""
+        """Return how many records are missing."""
         count = 0
         for index in indices:
             for condition, judges in jobs:
@@ -134,7 +135,7 @@ class Runner:
 
     def key(self, condition: Condition, judge: Judge, index: int) -> str:
         """Return the key of that record."""
-        if index not in self._contents:  # of a batch that another process has done
+        if index not in self._contents:  # a batch that another process has done
             self._contents[index] = _content(*self.batches[index])
         batch = {"content": self._contents[index], "index": index}
         return key_of(self._meaning(condition) | {"judge": judge.identity, "batch": batch})
@@ -156,7 +157,7 @@ class Runner:
         return meaning
 
     def _targets(self, images: Tensor, labels: Tensor, index: int) -> Tensor:
-        """Draw another class of the model's for each image."""
+        """Draw one of the model's other classes for each image."""
         with evaluating(self.model), torch.no_grad():
             logits = self.model(images[:1])
         check_classes(labels[:1], logits, 1)
@@ -224,7 +225,7 @@ class Runner:
 
 
 def device_of(model: Model) -> torch.device | None:
-    """Return where a model's weights are; None for one without."""
+    """Return the device of a model's weights; None for a model without."""
     if isinstance(model, nn.Module):
         for parameter in model.parameters():
             return parameter.device
@@ -238,9 +239,9 @@ def _content(images: Tensor, labels: Tensor) -> str:
 
 
 def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
-    """Show the whole batch at once, or, where the device's memory does not hold it, half and half.
-    The halves then draw their random numbers one after the other: other ones than the whole would,
-    but the same each time."""
+    """Show the whole batch at once, or, where it does not fit the device's memory, in halves. The
+    halves then draw their random numbers one after the other: not those of the whole batch, but the
+    same each time."""
     states = batch.generator.get_state(), torch.get_rng_state()
     try:
         return condition.show(batch)
@@ -262,5 +263,5 @@ def _wait(shown: Tensor, start: float) -> float:
 
 
 def _digits(name: str) -> int:
-    """Return a number that stands for a name on every machine."""
+    """Return a number for a name, the same on every machine."""
     return zlib.crc32(name.encode())

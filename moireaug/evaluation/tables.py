@@ -1,5 +1,5 @@
-"""A table of an evaluation: which condition before which judge each of its cells is. No titles:
-these are the templates'."""
+"""A table of an evaluation: which condition and judge each of its cells stands for. Titles are in
+the templates."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ class Table:
         name: of the suite that it belongs to.
         cells: in the order of their rows and columns; a missing one is shown empty.
         pictures: which (row, column) to show.
-        empty: rows of which nothing is known, with the reason.
-        facts: what its note tells beside.
-        published: whether the paper's figures are of these cells: they are of eps 4.
+        empty: rows without figures, with the reason.
+        facts: further values for its note.
+        published: whether the paper's figures are of these cells; where a table has one bound, they
+            are at eps 4/255.
     """
 
     name: str
@@ -61,7 +62,7 @@ class Table:
             raise ValueError(f"table {self.name!r} has two cells of one row and column.")
 
     def cell(self, row: str, column: str) -> Cell | None:
-        """Return the cell of that row and column; None where there is none."""
+        """Return the cell of that row and column, or None."""
         for cell in self.cells:
             if (cell.row, cell.column) == (row, column):
                 return cell
@@ -81,13 +82,13 @@ class SuiteConfig:
         eps: bounds of the ladder, in [0, 1] units; the middle one is that of the tables that
             compare at one bound.
         steps: gradient steps of every attack.
-        targets: name to model for transfer; None where its weights are not at hand.
+        targets: name to model for transfer; None where its weights are missing.
         defences: name to defence: by default the paper's.
         networks: name to demoiréing network, as a defence.
-        without: name to the reason why a defence is not there.
+        without: name of a missing defence to the reason.
 
     Raises:
-        ValueError: no or repeated bounds, and names that others have.
+        ValueError: no or repeated bounds, or names that are taken.
     """
 
     scene: Scene
@@ -105,8 +106,8 @@ class SuiteConfig:
         for name in names:
             if name in RESERVED or names.count(name) > 1:
                 raise ValueError(
-                    f"{name!r} cannot name a target, defence or network: it is another's name "
-                    f"already, or one of {', '.join(RESERVED)}. Choose another."
+                    f"{name!r} cannot name a target, defence or network: it names another "
+                    f"already, or is one of {', '.join(RESERVED)}. Choose another."
                 )
 
     @property
@@ -120,8 +121,7 @@ class SuiteConfig:
 
 
 def paper_defences() -> dict[str, Defence]:
-    """Return the paper's defences by name, but for image quilting, which needs a bank of
-    patches."""
+    """Return the paper's defences by name, except image quilting, which needs a bank of patches."""
     return {name: make() for name, make in DEFENSES.items()}
 
 

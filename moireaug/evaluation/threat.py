@@ -1,5 +1,5 @@
 """Displays, cameras and angles of the paper's section 3.1, as scenes: how often natural moiré alone
-is mistaken.
+fools a model.
 
 The paper names kinds of screens and three cameras, but neither pixel pitches nor distances. Those
 below are of common devices of these kinds; distances are where one would stand. Its "outdoor LCD"
@@ -52,19 +52,19 @@ CAMERAS = {
 }
 PAIRS = [(d, c) for d in DISPLAYS for c in CAMERAS]
 ANGLES = (30, 45, 60, 75, 90, 105, 130, 145)  # degrees; 90 is frontal
-SCALE = 2.0  # sensor pixels a photo pixel
+SCALE = 2.0  # sensor pixels per photo pixel
 SIDE = 224  # image pixels, for the angle of view
 
 
 def pitch(display: str, camera: str) -> float:
-    """Width of a panel pixel on the sensor, in sensor pixels, seen frontally."""
+    """Return the width of a panel pixel on the sensor, in sensor pixels, seen frontally."""
     screen = DISPLAYS[display]
     return CAMERAS[camera].focal * screen.pixel / screen.distance
 
 
 def scene(display: str, camera: str, angle: float) -> Scene:
-    """Return the photo of that display by that camera from that angle, in degrees; held within two
-    degrees of level."""
+    """Return the scene of that display and camera at that angle, in degrees; the camera is held
+    within two degrees of level."""
     screen, body = DISPLAYS[display], CAMERAS[camera]
     return Scene(
         panel=Panel(layout=screen.layout, scale=SCALE / pitch(display, camera)),

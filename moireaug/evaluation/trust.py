@@ -1,5 +1,5 @@
-"""Can the figures be trusted? Checks that an attack which fails to attack, or a model that hides
-its gradients, fails.
+"""Can the figures be trusted? Checks that fail where the attack is broken, or the model hides its
+gradients.
 
 After Carlini et al., "On evaluating adversarial robustness" (2019), and Athalye et al., "Obfuscated
 gradients give a false sense of security" (2018). Success rates are of the images that the model has
@@ -28,13 +28,13 @@ from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 SLACK = 0.02  # two points, or one image where that is more
 MASKED, SUSPECT = 0.5, 0.3  # shares of gradients that are exactly zero
 LONGER = 2  # times as many steps
-FULL = 0.9  # share of images fooled that leaves nothing to see
+FULL = 0.9  # share of images fooled by the photo above which an attack can add nothing
 QUERIES = 5  # of the gradient-free attack, for each gradient step of the others
 MODEL = "model"  # the column of the attacked model
 
 
 class CleanTwice(Clean):
-    """The image, whose logits are asked for twice."""
+    """The image, with whether the model answers it differently when asked twice."""
 
     kind = "clean_twice"
 
@@ -47,8 +47,8 @@ class CleanTwice(Clean):
 
 
 class PhotoGradient(Photo):
-    """The photo, with the share of its values whose gradient is zero or not finite; of the noise's,
-    a camera leaves some unread."""
+    """The photo, with the share of its values whose gradient is zero or not finite. Gradients of
+    the noise would not do, as a camera leaves some of its values unread."""
 
     kind = "moire_gradient"
 
@@ -73,7 +73,7 @@ def sizes(config: SuiteConfig) -> list[float]:
 
 
 def trust(config: SuiteConfig) -> Table:
-    """Lay out what the checks look at: a row each, other models in columns of their own."""
+    """Lay out what the checks look at: a row each, other models in their own columns."""
     eps, steps = config.middle, config.steps
     longer = f"{LONGER * steps}_steps_and_2_restarts"
     rounded = Judge("rounded", defence=BitDepth(8))
@@ -108,7 +108,8 @@ def _row(eps: float) -> str:
 
 @dataclass(frozen=True)
 class Check:
-    """One check: what was asked, "pass", "warning" or "fail", and the figures that say so."""
+    """One check: what was asked, the verdict "pass", "warning" or "fail", and the figures behind
+    it."""
 
     name: str
     verdict: str
@@ -128,7 +129,8 @@ class Seen:
             name.
         zero_gradients: share of gradients that are hidden. differ: share of images answered
             differently when asked twice.
-        slack: what a rate may be off by. undecided: answers that were none, of `answers`.
+        slack: by how much a rate may be off. undecided: how many of `answers` had logits that were
+            not finite.
     """
 
     config: SuiteConfig

@@ -1,4 +1,4 @@
-"""How visible a change is: the figures that papers give."""
+"""How visible a change is: the usual figures."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from torch import Tensor, nn
 
 from moireaug.weights import read_weights
 
-# torchvision's name of each network that LPIPS has linear heads for: torchmetrics' name of it, and
-# the least side of an image that passes all of its layers
+# torchvision's name of each network that LPIPS has linear heads for, to torchmetrics' name of it,
+# and the least side of an image that passes all of its layers
 NETWORKS: dict[str, tuple[Literal["squeeze", "alex", "vgg"], int]] = {
     "squeezenet1_1": ("squeeze", 17),
     "alexnet": ("alex", 31),
@@ -34,8 +34,8 @@ class LPIPS(nn.Module):
     those of the given file, so that nothing is downloaded.
 
     Args:
-        path: state_dict of torchvision's squeezenet1_1, alexnet or vgg16, as published; which of
-            them it is, its tensors say.
+        path: state_dict of torchvision's squeezenet1_1, alexnet or vgg16, as published; its tensors
+            tell which.
 
     Attributes:
         network: torchvision's name of it. least: side of the smallest image it takes, in pixels.
@@ -51,7 +51,7 @@ class LPIPS(nn.Module):
         features = _features_in(path)
         self.network = _network_of(features, path)
         name, self.least = NETWORKS[self.network]
-        with torch.random.fork_rng(devices=[]):  # what is drawn for the network is replaced
+        with torch.random.fork_rng(devices=[]):  # the network's random weights are replaced
             self.model = _LPIPS(net=name, pnet_rand=True)
         own = self.model.net.state_dict()
         # "slice2.3.bias" or "slices.1.3.bias" of torchmetrics is torchvision's "features.3.bias"
@@ -67,13 +67,13 @@ class LPIPS(nn.Module):
         return torch.cat(found)
 
     def require_side(self, side: int) -> None:
-        """Refuse images that the network is too deep for.
+        """Refuse images that are too small for the network.
 
         Args:
             side: the shorter one, in pixels.
 
         Raises:
-            ValueError: with the least side.
+            ValueError: images that are too small; says the least side.
         """
         if side < self.least:
             raise ValueError(
@@ -114,7 +114,7 @@ def visibility(
 
 def psnr(changed: Tensor, original: Tensor) -> Tensor:
     """Return the peak signal-to-noise ratio of each of (B, 3, H, W) in [0, 1], (B,) float64 in dB;
-    100 at most, as of equal images."""
+    at most 100, as for equal images."""
     error = (changed.double() - original.double()).square().mean((1, 2, 3))
     return -10 * torch.log10(error.clamp(min=1e-10))
 

@@ -1,7 +1,7 @@
 """Pairs: a crop of a picture, its photo off a screen and, if asked, the photo's twin without moiré.
 
 Pair k takes its picture, its crop and its shot from a counter-based generator at (seed, k). So it
-is the same pair in whichever process, order or number of processes it is made.
+is the same pair in any process, in any order, and by any number of processes.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Pair:
         index: its number k in the sequence of its seed.
         picture: the name of the picture, relative to the folder.
         top, left: where the crop begins in the picture, in pixels.
-        shot: the draw of one, that took the photo.
+        shot: the shot, of one image, that took the photo.
         original, photo: (3, size, size) uint8, sRGB codes.
         twin: the photo by `without_moire(shot)`; None where not asked for.
     """
@@ -78,8 +78,8 @@ class Pairs(IterableDataset):
     the numbers out, so that none makes another's pairs.
 
     Args:
-        images: a folder of pictures, searched deeply. Those that are damaged or have a side below
-            `size` are skipped: others are drawn in their place.
+        images: a folder of pictures, searched recursively. Those that are damaged or have a side
+            below `size` are skipped: others are drawn in their place.
         scene: a Scene, a preset's name or a dict; its photos must be registered.
         size: side of the crops in pixels.
         twin: whether to photograph each crop again without moiré.
@@ -165,7 +165,7 @@ def _photograph(original: Tensor, shot: Shot) -> Tensor:
 
 
 def _share() -> tuple[int, int]:
-    """Return the first number of this process among all workers of all ranks, and their number."""
+    """Return the number of this process among all workers of all ranks, and how many there are."""
     rank, ranks = 0, 1
     if torch.distributed.is_available() and torch.distributed.is_initialized():
         rank, ranks = torch.distributed.get_rank(), torch.distributed.get_world_size()

@@ -20,15 +20,16 @@ class Source(Protocol):
     """Where pairs take their pictures from."""
 
     def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
-        """Draw a picture; return its name and itself, in mode RGB. A pure function of `rng`."""
+        """Draw a picture; return its name and the picture, in mode RGB. A pure function of
+        `rng`."""
         ...
 
 
 class Pictures:
     """The picture files of a folder and of those inside it, in the order of their names.
 
-    Names that begin with a dot are not looked at. `others` holds the files that have no suffix of
-    an image, and `unusable` the reason for each picture that `draw` has skipped so far.
+    Names that begin with a dot are skipped. `others` holds the files without an image suffix, and
+    `unusable` the reason for each picture that `draw` has skipped so far.
 
     Args:
         folder: where they are.
@@ -59,7 +60,7 @@ class Pictures:
 
     def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
         """Draw pictures, each with the same probability, until one is usable; return its name and
-        itself.
+        the picture.
 
         What is returned depends on `rng` and the files alone, not on what was drawn before.
 
@@ -118,7 +119,7 @@ class _UnusableError(Exception):
 
 
 def _files(folder: Path) -> list[str]:
-    """Return the names of all files below a folder, relative to it, in order, but for hidden
+    """Return the names of all files below a folder, relative to it, in order, except hidden
     ones."""
     found = []
     for parent, folders, files in os.walk(folder, followlinks=True):

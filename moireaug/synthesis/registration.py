@@ -31,7 +31,7 @@ class Registered(NamedTuple):
         matrix: (3, 3), the homography from the picture's coordinates to the photo's, pixel centres
             at half integers.
         matches: features that agree on it.
-        correlation: of the picture and the photo in its frame (ECC), 1 where they agree but for
+        correlation: of the picture and the photo in its frame (ECC), 1 where they agree up to
             brightness and contrast.
     """
 
@@ -48,12 +48,12 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
         name: of the photo, for the message.
 
     Returns:
-        The photo in the picture's frame and the picture, both cut to the largest part, of the
-        picture's proportions and about its visible middle, that the photo shows all of: (3, h, w)
+        The photo in the picture's frame and the picture, both cropped to the largest part that the
+        photo shows in full, with the picture's proportions and about its visible middle: (3, h, w)
         uint8.
 
     Raises:
-        ValueError: the picture was not found in the photo.
+        ValueError: the picture was not found in the photo, or could not be aligned.
     """
     found = find_pose(photo, picture, name)
     height, width = picture.shape[1:]
@@ -84,7 +84,7 @@ def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Regist
     if correlation < ALIKE:
         raise ValueError(
             f"{name} could not be aligned with the picture: their correlation is {correlation:.2f} "
-            f"and must be at least {ALIKE}. Is it of this very picture, on a flat screen?"
+            f"and must be at least {ALIKE}. Is it a photo of this picture, on a flat screen?"
         )
     return Registered(matrix, matches, correlation)
 
@@ -131,7 +131,7 @@ def _by_features(ours: Grey, theirs: Grey) -> tuple[Matrix | None, int]:
 
 
 def _folds(matrix: Matrix, shape: tuple[int, ...]) -> bool:
-    """Say whether a homography turns the picture over, or its corners are no convex figure."""
+    """Return whether a homography mirrors the picture, or its corners are not convex."""
     corners = _corners(matrix, shape[0], shape[1])
     turns = []
     for i in range(4):
@@ -148,7 +148,7 @@ def _corners(matrix: Matrix, height: float, width: float) -> Matrix:
 
 
 def _refined(matrix: Matrix, ours: Grey, theirs: Grey) -> tuple[Matrix, float]:
-    """Return the homography that makes the two most alike, and how alike they are."""
+    """Return the homography that makes the two most alike, and their correlation."""
     small, shrink = _smaller(ours, REFINED)
     # the photo as large as the picture: what is finer is moiré and the panel's own pixels
     there, shrink_there = _smaller(theirs, round(REFINED * _magnification(matrix, ours, theirs)))

@@ -1,8 +1,8 @@
 """The moiré's own spectrum: its strongest peaks, and whether it is stripes or a lattice.
 
-Windows of a crop's flattest places are Fourier transformed each for itself, as the moiré of an
-oblique screen changes from place to place (Welch, 1967, without his mean). What a picture's own
-content has in the same window is subtracted, and so is the floor of the noise.
+Windows of a crop's flattest places are Fourier transformed one by one, as the moiré of an oblique
+screen changes from place to place (Welch, 1967, without the averaging). The power of the picture's
+own content in the same window is subtracted, and so is the noise floor.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Plane = NDArray[Any]  # of float32
 Power = NDArray[Any]
 
 WINDOW = 96  # pixels
-FLATTEST = 0.4  # share of the windows that are looked at
-LOWEST, HIGHEST = 1 / 32, 1 / 4  # cycles a pixel: what is searched
+FLATTEST = 0.4  # share of the windows that are used
+LOWEST, HIGHEST = 1 / 32, 1 / 4  # cycles per pixel: the band that is searched
 OCTAVES = (LOWEST, 1 / 16, 1 / 8, HIGHEST)  # each has its own floor of noise
 ABOVE = 2.0  # times the floor: a seventh of the power of white noise stays
-PEAK_ABOVE = 20.0  # times the floor; one in 10^8 values of white noise is as large
+PEAK_ABOVE = 20.0  # times the floor; fewer than one in 10^8 values of white noise are as large
 WEAKEST_PEAK = 0.25  # codes RMS
 FAINTEST_PEAK = 0.1  # of the strongest in the crop, in codes
 
@@ -34,7 +34,7 @@ class Peak(NamedTuple):
     """A sinusoid in a window of a crop.
 
     Args:
-        frequency: cycles a pixel.
+        frequency: cycles per pixel.
         angle: of its wave vector, which crosses the stripes: degrees in [0, 180), counter-clockwise
             as seen in the picture.
         strength: RMS over the planes together, in codes.
@@ -64,7 +64,7 @@ def spectrum(planes: Sequence[Plane], content: Sequence[Plane] | None, busy: Pla
     Args:
         planes: (H, W) each, in codes; their powers are added.
         content: the same planes of the picture that is shown, whose power is subtracted.
-        busy: (H, W), how much goes on in the picture.
+        busy: (H, W), how much detail is in the picture.
     """
     corners = _flattest(busy)
     power = np.sum([_power(plane, corners) for plane in planes], axis=0)
@@ -112,7 +112,7 @@ def _taper(side: int) -> Plane:
 
 @cache
 def _frequencies(side: int) -> tuple[Power, Power, Power]:
-    """Frequency along x and y, and its length, (side, side) each, in cycles a pixel."""
+    """Return frequency along x and y, and its length, (side, side) each, in cycles per pixel."""
     f = fft.fftshift(fft.fftfreq(side))
     fx, fy = np.meshgrid(f, f)
     return fx, fy, np.hypot(fx, fy)

@@ -1,5 +1,5 @@
 """Statistics of photos of screens, real or simulated alike: how strong the moiré is and at which
-scale, whether it is stripes or a lattice, and what became of tone, sharpness and noise.
+scale, whether it is stripes or a lattice, and how tone, sharpness and noise changed.
 
     rows = measure(photos, originals)    # a dict a crop
     pandas.DataFrame(rows).median()
@@ -35,21 +35,21 @@ BANDS = ((1, 2), (2, 4), (4, 8), (8, 16))  # sigmas in pixels
 BROAD = (1.5, 8)
 OCTAVE_GAIN = 4 ** (-1 / 3) - 4 ** (-4 / 3)  # of a band of sigma a to 2 a, where it is largest
 FLAT = 0.4  # share of a crop
-BUSY_BLUR = 6  # sigma over which it is asked whether something goes on
+BUSY_BLUR = 6  # sigma in pixels over which detail is averaged
 EDGES = 0.2  # share of a crop whose edges are compared
 SMALLEST = 32  # pixels of a crop
 
 
 class Statistic(NamedTuple):
-    """What a number of `measure` is.
+    """What a number of `measure` means.
 
     Args:
         title: for tables. unit: of the number.
         small: an amount that hardly matters, in that unit: two numbers are compared by
             asinh(a / small) - asinh(b / small), which is the logarithm of their ratio where they
-            are large, and their difference where they are about nothing.
+            are large, and their difference, in units of small, where they are near 0.
         paired: it needs the original.
-        compared: it says how photos look; a direction, say, does not.
+        compared: it says how photos look, as a direction does not.
     """
 
     title: str
@@ -99,10 +99,11 @@ def measure(photos: Tensor, originals: Tensor | None = None) -> list[dict[str, f
             are `paired`, and takes flat and grey places from the photo itself.
 
     Returns:
-        A dict of `STATISTICS` a crop; finite numbers.
+        A dict of `STATISTICS` per crop; finite numbers.
 
     Raises:
-        TypeError, ValueError: no pictures, pictures smaller than 32 px, or of two shapes.
+        TypeError, ValueError: images outside [0, 1], crops smaller than 32 px, or photos and
+            originals of different shapes.
     """
     photos = check_images(photos)
     if min(photos.shape[-2:]) < SMALLEST:
@@ -152,7 +153,7 @@ def planes(picture: Plane) -> tuple[Plane, Plane, Plane]:
 
 
 def busyness(picture: Plane) -> Plane:
-    """Return how much goes on around each pixel, (H, W): the luma's broad band, blurred."""
+    """Return how much detail is around each pixel, (H, W): the luma's broad band, blurred."""
     luma = planes(picture)[2]
     return blur(np.abs(blur(luma, BROAD[0]) - blur(luma, BROAD[1])), BUSY_BLUR)
 
@@ -165,8 +166,8 @@ def blur(plane: Plane, sigma: float) -> Plane:
 def scales(plane: Plane) -> dict[float, Plane]:
     """Return every other pixel of a plane blurred by 1, 1.5, 2, 4, 8 and 16 px.
 
-    A blur of 4 px leaves nothing that every other pixel would not tell, so that the wide ones are
-    made of these.
+    After a blur of 4 px every other pixel holds all that is left, so that the wider ones are made
+    from these.
     """
     found = {sigma: blur(plane, sigma)[::2, ::2] for sigma in (1, 1.5, 2, 4)}
     for sigma in (8, 16):
@@ -190,7 +191,7 @@ def band_strengths(photo: Plane, flat: NDArray[np.bool_]) -> dict[str, float]:
 def spectral(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, float]:
     """Return what the spectra of the flattest windows say: peaks, and stripes or lattice.
 
-    The picture's own content is taken off them as it would look in the photo's colours.
+    The picture's own content, in the photo's colours, is subtracted from them.
     """
     shown = None
     if original is not None:
@@ -214,7 +215,7 @@ def spectral(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, flo
 
 def sharpness(mapped: Plane, original: Plane, busy: Plane) -> float:
     """Return the RMS gradient of a photo, its colours mapped, over the original's, on the fifth of
-    the crop where most goes on; 1 where the original has none."""
+    the crop with most detail; 1 where the original has none."""
     edges = busy >= np.quantile(busy, 1 - EDGES)
     ours, theirs = (_gradient(planes(picture)[2])[edges].mean() for picture in (mapped, original))
     return float(math.sqrt(ours / theirs)) if theirs > 1e-6 else 1.0
@@ -226,8 +227,8 @@ def _gradient(luma: Plane) -> Plane:
 
 
 def noise(photo: Plane, flat: NDArray[np.bool_]) -> float:
-    """Return the standard deviation of white noise of as much fine detail as the flat regions have:
-    Immerkaer (1996), "Fast noise variance estimation", by the median."""
+    """Return the standard deviation of white noise with as much fine detail as the flat regions
+    have: Immerkaer (1996), "Fast noise variance estimation", by the median."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     found = [np.median(np.abs(cv2.filter2D(plane, -1, kernel)[flat])) for plane in photo]
     # the kernel's norm is 6, and half of a normal distribution lies within 0.6745
@@ -249,7 +250,8 @@ def blocks(photo: Plane) -> float:
 
 def compare(real: float, simulated: float, statistic: Statistic) -> float:
     """Return how far a simulated number is from a real one: the logarithm of their ratio where they
-    are large beside what is small, their difference where they are about nothing."""
+    are large beside what is small, their difference, in units of what is small, where they are near
+    0."""
     return math.asinh(simulated / statistic.small) - math.asinh(real / statistic.small)
 
 

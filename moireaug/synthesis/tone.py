@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 Plane = NDArray[Any]  # of float32
 
-STEP = 7  # every so many pixels are enough for 21 coefficients
+STEP = 7  # every seventh pixel is enough for 21 coefficients
 GREYEST = 0.1  # share of the pixels that count as grey
-RIDGE = 1e-6  # of the mean power of a column: a map of a flat picture exists, too
+RIDGE = 1e-6  # of the mean power of a column: gives flat pictures a map, too
 
 
 class ColourMap(NamedTuple):
@@ -25,7 +25,7 @@ class ColourMap(NamedTuple):
 
         Args:
             picture, wanted: (3, H, W), in codes of 255.
-            squares: False leaves r^2, g^2 and b^2 out: a straight line, 3 x 3 and an offset.
+            squares: False leaves r^2, g^2 and b^2 out: an affine map, 3 x 3 and an offset.
         """
         powers = _powers(picture.reshape(3, -1)[:, ::STEP]).astype(np.float64)
         powers = powers[: 7 if squares else 4]
@@ -48,7 +48,7 @@ def _powers(pixels: Plane) -> Plane:
 
 
 def psnr(picture: Plane, wanted: Plane) -> float:
-    """Return the peak signal-to-noise ratio in dB; 100 at most, as of equal pictures."""
+    """Return the peak signal-to-noise ratio in dB; at most 100, as for equal pictures."""
     error = float(np.square(picture - wanted).mean(dtype=np.float64))
     return float(min(100.0, 10 * np.log10(255**2 / max(error, 1e-12))))
 

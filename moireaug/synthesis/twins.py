@@ -9,11 +9,11 @@ from moireaug.scene.scene import Scene, Shot
 
 
 def without_moire(shot: Shot) -> Shot:
-    """Return the same shot of a panel without subpixels: camera, light and noise stay, the stripes
-    leave their mean light.
+    """Return the same shot of a panel without subpixels: camera, light and noise stay, and the
+    stripes give way to their mean light.
 
-    `capture(images, without_moire(shot))` is the photo that no camera can take, and the target
-    that teaches a demoireing network the moiré alone.
+    `capture(images, without_moire(shot))` is a photo that no camera can take, and the target that
+    teaches a demoiréing network to remove the moiré alone.
     """
     return dataclasses.replace(shot, scene=_mean(shot.scene))
 

@@ -1,8 +1,8 @@
-"""The doors: classes through which an ecosystem enters. No physics lives here, and no door imports
+"""Transforms for torchvision, kornia and albumentations. They hold no physics, and none imports
 another's library.
 
-`RandomMoire` is torchvision's; `kornia.RandomMoire` and `albumentations.RandomMoire` have the same
-arguments.
+`RandomMoire` is torchvision's; `kornia.RandomMoire` and `albumentations.RandomMoire` share its
+arguments `scene` and `p`.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None)
 def apply_to_all(
     images: Sequence[np.ndarray] | np.ndarray, shot: Shot, noise: torch.Tensor | None = None
 ) -> np.ndarray:
-    """Return the photos of N images by one shot of a single draw, stacked; of attacker's noise,
-    each has its own."""
+    """Return the photos of N images by one shot of a single draw, stacked; each has its own
+    attacker's noise."""
     if not len(images):
         return np.asarray(images)
     photos = photograph(
@@ -32,7 +32,7 @@ def apply_to_all(
 
 
 def planes(image: np.ndarray) -> torch.Tensor:
-    """(1, C, H, W) of an image (H, W, C) or (H, W)."""
+    """Return an image (H, W, C) or (H, W) as (1, C, H, W)."""
     if image.ndim not in (2, 3):
         raise ValueError(f"an image must have the shape (H, W, C) or (H, W); got {image.shape}.")
     if image.ndim == 3 and image.shape[2] not in (1, 3) and image.shape[0] in (1, 3):
@@ -45,7 +45,7 @@ def planes(image: np.ndarray) -> torch.Tensor:
 
 
 def move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
-    # torch moves few unsigned types, and moving them needs their bits alone
+    # torch indexes few unsigned types, and moving pixels only needs their bits
     bits = mask.view(f"i{mask.itemsize}") if mask.dtype.kind == "u" else mask
     pixels = torch.from_numpy(np.array(bits, order="C"))
     channels = pixels.reshape(1, *mask.shape[:2], -1).permute(0, 3, 1, 2)
@@ -54,7 +54,7 @@ def move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
 
 
 def move_bboxes(bboxes: np.ndarray, shot: Shot) -> np.ndarray:
-    """Rows of x1, y1, x2, y2 as fractions of the photo, and anything after."""
+    """Move rows of x1, y1, x2, y2, as fractions of the photo, and anything after."""
     bboxes, (h, w) = _as_float(bboxes), shot.size
     pixels = torch.from_numpy(bboxes[:, :4].astype(np.float64)) * torch.tensor([w, h, w, h])
     moved = bboxes.copy()
@@ -64,8 +64,8 @@ def move_bboxes(bboxes: np.ndarray, shot: Shot) -> np.ndarray:
 
 
 def move_keypoints(keypoints: np.ndarray, shot: Shot) -> np.ndarray:
-    """Rows of x, y, or x, y, z, angle, scale, and anything after: angle in radians, from x towards
-    y."""
+    """Move rows of x, y, or x, y, z, angle, scale, and anything after: angle in radians, from x
+    towards y."""
     keypoints = _as_float(keypoints)
     step = 1e-3  # pixels, to see how the photo turns and magnifies around each point
     at = torch.from_numpy(keypoints[:, :2].astype(np.float64)) + 0.5
@@ -79,15 +79,14 @@ def move_keypoints(keypoints: np.ndarray, shot: Shot) -> np.ndarray:
     across = torch.stack([-angle.sin(), angle.cos()], -1) * step
     ahead, aside = ((shot.to_photo((at + way)[None])[0] - there) / step for way in (along, across))
     moved[:, 3] = (torch.atan2(ahead[:, 1], ahead[:, 0]) % (2 * np.pi)).numpy()
-    # where rounding closed the circle, which albumentations refuses
+    # rounding may reach 2 pi, which albumentations refuses
     moved[moved[:, 3] >= 2 * np.pi, 3] = 0.0
     moved[:, 4] *= torch.linalg.det(torch.stack([ahead, aside], -1)).abs().sqrt().numpy()
     return moved
 
 
 def _as_float(rows: np.ndarray) -> np.ndarray:
-    """Integer rows as float32, which a Compose makes of them, too: moved ones lie between the
-    integers."""
+    """Return integer rows as float32, as a Compose does: moved ones lie between the integers."""
     rows = np.asarray(rows)
     return rows if rows.dtype.kind == "f" else rows.astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""What all doors share: images of any type to the capture's floats and back, and boxes in the
+"""What all transforms share: images of any type to the capture's floats and back, and boxes in the
 camera's frame."""
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to
 
 
 def check_probability(p: float) -> float:
-    """`p` if it is a number in [0, 1]; otherwise a ValueError that says so."""
+    """Return `p` if it is a number in [0, 1]; otherwise raise a ValueError."""
     if isinstance(p, bool) or not isinstance(p, Real) or not 0 <= p <= 1:
         raise ValueError(f"p must be a probability in [0, 1]; got {p!r}.")
     return float(p)
 
 
 def moves(scene: Scene) -> bool:
-    """Whether things lie elsewhere in this scene's photos than in its images; see `Shot.moves`."""
+    """Return whether things lie elsewhere in this scene's photos than in its images; see
+    `Shot.moves`."""
     return scene.sample(0, (1, 1)).moves
 
 
@@ -58,7 +59,7 @@ def describe(scene: Scene) -> str:
 
 
 def check_format(images: Tensor) -> None:
-    """Refuse images (..., C, H, W) of a dtype or a number of channels that no door takes; see
+    """Refuse images (..., C, H, W) of a dtype or a number of channels that no transform takes; see
     `photograph`."""
     if images.dtype != torch.uint8 and not images.is_floating_point():
         raise TypeError(
@@ -68,7 +69,7 @@ def check_format(images: Tensor) -> None:
     if images.shape[-3] not in (1, 3):
         advice = (
             channels_last(images)
-            or " Show the screen its RGB channels alone, and join the others again after."
+            or " Pass the RGB channels alone, and join the others again afterwards."
         )
         raise ValueError(
             f"images must have 3 channels (RGB) or 1 (grey); got {images.shape[-3]} in the shape "
@@ -77,14 +78,14 @@ def check_format(images: Tensor) -> None:
 
 
 def as_shown(images: Tensor) -> Tensor:
-    """Images of any type that a door takes as the capture's float RGB, (B, 3, H, W); see
+    """Return images of any accepted type as the capture's float RGB, (B, 3, H, W); see
     `photograph`."""
     check_format(images)
     return dispatch.as_float(images).expand(-1, 3, -1, -1)
 
 
 def as_given(photo: Tensor, images: Tensor) -> Tensor:
-    """Return a photo (B, 3, H, W) with the channels and the dtype of the images that it is of."""
+    """Return a photo (B, 3, H, W) with the channels and the dtype of the images that it shows."""
     if images.shape[-3] == 1:
         photo = (photo * photo.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
     if images.dtype == torch.uint8:
@@ -93,7 +94,7 @@ def as_given(photo: Tensor, images: Tensor) -> Tensor:
 
 
 def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
-    """Return the photos of images of any type that a door takes, in that type.
+    """Return the photos of images of any accepted type, in that type.
 
     Args:
         images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned
@@ -113,14 +114,14 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
     shot = at_size(shot, (images.shape[-2], images.shape[-1]))
     bytes_of_three = images.dtype == torch.uint8 and images.shape[-3] == 3
     if bytes_of_three and noise is None and dispatch.exposes(images, shot):
-        # the engine reads bytes as they are
+        # the engine reads uint8 directly
         return as_given(develop(dispatch.expose(images, shot), shot), images)
     return as_given(capture(as_shown(images), shot, noise), images)
 
 
 def move_boxes(boxes: Tensor, shot: Shot) -> Tensor:
-    """Boxes (N, 4) of one image, x1, y1, x2, y2 in pixels, float, to those that enclose the same
-    things in its photo.
+    """Return boxes (N, 4) of one image, x1, y1, x2, y2 in pixels, float, as those that enclose the
+    same things in its photo.
 
     Edges may bend, so points all along them are moved. The result may reach out of the photo.
     """

@@ -30,22 +30,22 @@ class AdversarialMoire(v2.Transform):
         loader = DataLoader(data, collate_fn=lambda batch: adversarial(*default_collate(batch)))
 
     Args:
-        model: [0, 1] images to logits; only read: its mode, statistics and gradients stay as they
-            are. Not a submodule.
+        model: [0, 1] images to logits; never changed: its mode, statistics and gradients are kept.
+            Not a submodule.
         scene: a Scene, a preset's name or a dict; one shot is drawn per image.
         eps, steps, step_size, loss, random_start: as in `attacks.Attack`.
             `steps=1, random_start=2, step_size=1` is N-FGSM (de Jorge et al., 2022).
         labels_getter: as in `v2.MixUp`: "default" takes the second of several inputs, or what is
             named "labels", or something with "label" in it, in a dict; or a callable that takes the
             sample and returns its labels.
-        p: share of the images that are photographed; the others pass unchanged.
+        p: probability that an image is photographed; the others pass unchanged.
 
     A sample is images and labels, or any nesting of dicts, tuples and lists that holds them; all
     else in it passes untouched. Images are one pure tensor or `tv_tensors.Image` (B, C, H, W),
     C = 3 or 1 (grey), uint8 or float in [0, 1], of which type and dtype are kept. Labels are (B,)
     class indices, also as whole floats, or (B, classes) weights, as `v2.MixUp`, `v2.CutMix` and
-    one-hot give them: then the class of the greatest weight is attacked. They come back as they
-    came.
+    one-hot give them: then the class of the greatest weight is attacked. They are returned
+    unchanged.
 
     Call with `generator=` to draw from a CPU generator instead of torch's global one.
 
@@ -98,7 +98,7 @@ class AdversarialMoire(v2.Transform):
         return tree_unflatten(flat, spec)
 
     def _place_of_images(self, flat: list[Any], labels: Any) -> int:
-        """Which leaf of a sample is the batch of images."""
+        """Return which leaf of a sample is the batch of images."""
         if moves(as_scene(self.attack.scene)) and any(isinstance(x, CARRIED) for x in flat):
             raise ValueError(
                 "masks, boxes and key points would not move with the images, because this scene's "
@@ -116,8 +116,8 @@ class AdversarialMoire(v2.Transform):
         if isinstance(images, (PIL.Image.Image, Video)) or images.ndim != 4:
             got = tuple(images.shape) if isinstance(images, Tensor) else "a PIL image"
             raise ValueError(
-                f"images must be a batch (B, C, H, W), no video; got {got}. Use AdversarialMoire "
-                "after batching, in the training step or a collate_fn."
+                f"images must be a batch (B, C, H, W), not a video; got {got}. Use "
+                "AdversarialMoire after batching, in the training step or a collate_fn."
             )
         return shown[0]
 
@@ -149,7 +149,7 @@ def class_of(labels: Any, n: int) -> Tensor:
     if not isinstance(labels, Tensor):
         raise TypeError(
             f"labels must be a tensor, (B,) or (B, classes); got {type(labels).__name__}. Say "
-            "where it is in the sample by labels_getter."
+            "where they are in the sample with labels_getter."
         )
     if labels.ndim == 2:
         if len(labels) != n or labels.shape[1] == 0 or not (labels >= 0).all():

@@ -1,4 +1,4 @@
-"""The albumentations door: RandomMoire and AdversarialMoire for numpy images in an
+"""The albumentations transforms: RandomMoire and AdversarialMoire for numpy images in an
 `albumentations.Compose`."""
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class RandomMoire(DualTransform):
 
     Args:
         scene: a Scene, a preset's name or a dict. The shot is drawn from the transform's own
-            generator: seed it by `Compose(seed=)`, and in a DataLoader with `seed_worker`, without
-            which workers repeat each other.
+            generator: seed it with `Compose(seed=)`, and in a DataLoader with `seed_worker`,
+            without which workers repeat each other.
         p: probability of a photo, in [0, 1].
 
     Targets:
@@ -64,7 +64,7 @@ class RandomMoire(DualTransform):
     frame (`Develop(registered=False)` with a pose or a lens): then they move with the picture:
     masks to the nearest pixel, bboxes to those that enclose the moved ones, clamped to the photo,
     keypoints with their angle and scale, in albumentations' pixel-index coordinates. The parameters
-    are plain numbers: `ReplayCompose` and JSON hold them.
+    are plain numbers: `ReplayCompose` and JSON can hold them.
 
     Raises:
         TypeError, ValueError: an unknown keyword or scene, a p out of range, and images as above.
@@ -83,7 +83,7 @@ class RandomMoire(DualTransform):
     def draw(
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
     ) -> dict[str, Any]:
-        """One shot of images of the size in `params`, as plain numbers."""
+        """Return one shot for images of the size in `params`, as plain numbers."""
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
         return {"shot": self.scene.sample(1, params["shape"][:2], generator).to_dict()}
 
@@ -154,12 +154,11 @@ class AdversarialMoire(RandomMoire):
 
         A.Compose([AdversarialMoire(model, eps=4 / 255, steps=5, p=0.5)])(image=image, label=3)
 
-    One image at a time is slow: where a batch can be had, use
-    `moireaug.transforms.AdversarialMoire`.
+    One image at a time is slow: where you have batches, use `moireaug.transforms.AdversarialMoire`.
 
     Args:
-        model: (B, 3, H, W) images in [0, 1] to logits; it is asked on the device of its parameters,
-            and left as it is.
+        model: (B, 3, H, W) images in [0, 1] to logits; it runs on the device of its parameters, and
+            its state is kept.
         scene, p: as in RandomMoire. eps, steps, step_size, loss, random_start: as in
             `attacks.MoireAttack`.
         label_key: the name under which the call passes the class of its images, an integer.
@@ -176,8 +175,8 @@ class AdversarialMoire(RandomMoire):
     Number of channels:
         1, 3
 
-    As in RandomMoire; each image, and each slice of a volume, gets noise of its own. The noise is
-    one of the parameters, as nested lists, so that `ReplayCompose.replay` needs no model.
+    As in RandomMoire; each image, and each slice of a volume, gets its own noise. The noise is one
+    of the parameters, as nested lists, so that `ReplayCompose.replay` needs no model.
 
     Raises:
         ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a model that cannot be
@@ -230,7 +229,7 @@ class AdversarialMoire(RandomMoire):
         return {"__class_fullname__": self.get_class_fullname(), "__name__": self.name}
 
     def get_dict_with_id(self) -> dict[str, Any]:
-        # a replay has its noise: it is a RandomMoire's
+        # a replay carries its noise, so it is written as a RandomMoire
         plain = {"__class_fullname__": RandomMoire.get_class_fullname(), "p": self.p}
         return {**plain, **super().get_transform_init_args(), "id": id(self)}
 

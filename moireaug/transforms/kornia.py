@@ -1,4 +1,4 @@
-"""The kornia door: RandomMoire for batches, alone or in an `AugmentationSequential`, on any
+"""The kornia transform: RandomMoire for batches, alone or in an `AugmentationSequential`, on any
 device."""
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class RandomMoire(IntensityAugmentationBase2D):
     Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned
     as luma; floating point in [0, 1], so use it before `Normalize`; what resizing, blur or noise
     left a little outside is clipped, see `moireaug.checks`. Dtype and device are kept.
-    Differentiable in the images. Only the chosen images are computed; the others come back with
-    their values. `torch.compile(fullgraph=True)` computes all of them, and checks no values.
+    Differentiable in the images. Only the chosen images are computed; the others are returned
+    unchanged. `torch.compile(fullgraph=True)` computes all of them, and checks no values.
 
     Convention: an intensity augmentation: masks, boxes and key points stay as they are,
     `transform_matrix` is the identity, and `inverse` leaves it out. The parameters hold the whole

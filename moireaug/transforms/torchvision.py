@@ -1,4 +1,4 @@
-"""The torchvision v2 door: RandomMoire for tensors, tv_tensors and PIL images, alone or in a
+"""The torchvision v2 transform: RandomMoire for tensors, tv_tensors and PIL images, alone or in a
 `v2.Compose`."""
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class RandomMoire(v2.Transform):
 
     Args:
         scene: a Scene, a preset's name or a dict. One shot is drawn per image, from torch's global
-            generator: DataLoader workers differ, and `torch.manual_seed` reproduces.
+            generator: DataLoader workers differ, and `torch.manual_seed` makes draws reproducible.
         p: probability of a photo, in [0, 1].
 
     Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H,
@@ -50,16 +50,16 @@ class RandomMoire(v2.Transform):
     dtype and device are kept; inputs are never modified.
 
     A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is
-    one scene: its frames share the shot and differ in sensor noise alone. Images of one sample
-    share the draw. What is not chosen is returned as it came. Differentiable in floating-point
+    one scene: its frames share the shot and differ only in sensor noise. Images of one sample share
+    the draw. Images that are not chosen are returned unchanged. Differentiable in floating-point
     images.
 
-    Labels, masks, boxes and key points pass untouched, as the very objects that came, unless the
-    scene leaves the photo in the camera's frame (`Develop(registered=False)` with a pose or a
-    lens): then masks, boxes, key points and a PIL image's alpha move with the picture. Boxes become
-    those that enclose the moved ones, clamped to the canvas unless their `clamping_mode` is None;
-    key points may leave the photo; both are in continuous coordinates, with pixel centres at half
-    integers. Integer ones are rounded.
+    Labels, masks, boxes and key points pass untouched, as the same objects, unless the scene leaves
+    the photo in the camera's frame (`Develop(registered=False)` with a pose or a lens): then masks,
+    boxes, key points and a PIL image's alpha move with the picture. Boxes become those that enclose
+    the moved ones, clamped to the canvas unless their `clamping_mode` is None; key points may leave
+    the photo; both are in continuous coordinates, with pixel centres at half integers. Integer ones
+    are rounded.
 
     Raises:
         TypeError, ValueError: an unknown scene, a p out of range, another number of channels, dtype
@@ -116,8 +116,8 @@ class RandomMoire(v2.Transform):
 
 
 def apply_shot(inpt: Any, shot: Shot) -> Any:
-    """One leaf of a sample, an image or something that is carried with it, as it is in the shot's
-    photo.
+    """Return one leaf of a sample, an image or something carried with it, as it appears in the
+    shot's photo.
 
     Arguments and errors as in `RandomMoire`; `shot` holds one draw per image, of any size, and one
     per video.
@@ -140,7 +140,7 @@ def apply_shot(inpt: Any, shot: Shot) -> Any:
 
 
 def _frames(shot: Shot, n: int) -> Shot:
-    """Each draw for n frames, which differ in the seed of their sensor noise."""
+    """Return each draw for n frames, which differ in the seed of their sensor noise."""
     shot = shot[torch.arange(len(shot)).repeat_interleave(n)]
     return dataclasses.replace(
         shot, seed=shot.seed + torch.arange(n).repeat(len(shot) // max(n, 1))
@@ -179,21 +179,20 @@ def wrap(plain: Tensor, like: Tensor) -> Tensor:
 
 
 def _refuse_arrays(flat: list[Any], shown: list[Any]) -> None:
-    """Refuse a numpy image, which v2 would hand back untouched; arrays beside an image are none of
-    its business."""
+    """Refuse a numpy image, which v2 would return untouched; arrays beside an image are ignored."""
     if any(isinstance(x, PIL.Image.Image) or x.ndim >= 3 for x in shown):
         return
     for x in flat:
         if isinstance(x, np.ndarray) and x.ndim >= 2:
             raise TypeError(
-                "torchvision's door takes tensors and PIL images; got a numpy array of the shape "
-                f"{x.shape}. Use moireaug.transforms.albumentations.RandomMoire, or v2.ToImage() "
-                "before this transform."
+                "torchvision's RandomMoire takes tensors and PIL images; got a numpy array of "
+                f"shape {x.shape}. Use moireaug.transforms.albumentations.RandomMoire, or "
+                "v2.ToImage() before this transform."
             )
 
 
 def _count(image: Any) -> int:
-    """How many draws an image leaf takes: one, or one for each row of a batch."""
+    """Return how many draws an image leaf takes: one, or one for each row of a batch."""
     if isinstance(image, PIL.Image.Image):
         if image.mode not in PIL_MODES:
             deep = image.mode.startswith(("I", "F"))  # whose values PIL would cut off at 255

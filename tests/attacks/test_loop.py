@@ -221,7 +221,7 @@ BAD = [
     ),
     (lambda m, x, y: PGD(model=lambda i: i)(x, y), "must return logits (B, K)"),
     (lambda m, x, y: AdversarialMoire(m, p=2), "p must be a probability"),
-    (lambda m, x, y: Normalized(m, std=(0.1, 0.0, 0.1)), "positive std"),
+    (lambda m, x, y: Normalized(m, std=(0.1, 0.0, 0.1)), "every std must be above 0"),
 ]
 
 

@@ -150,7 +150,7 @@ def test_a_file_of_another_network_is_refused(tmp_path):
     file = tmp_path / "amnet.pt"
     demoire.save(small("amnet"), file)
     for name, width, got in (("esdnet", 0.1, "esdnet of width 0.1"), ("amnet", 1, "width 1;|1\\.")):
-        with pytest.raises(ValueError, match=f"holds amnet of width 0.1; asked for was .*{got}"):
+        with pytest.raises(ValueError, match=f"holds amnet of width 0.1; you asked for .*{got}"):
             demoire.build(name, width=width, weights=file)
 
 

@@ -1,7 +1,7 @@
 """Demoiréing networks, written from their papers: models to use, and defences to break.
 
-Source of each is its module's. All have one interface, `DemoireNet`; `Demoire` puts one, or a
-network of one's own, before a model.
+Each module names its source. All share one interface, `DemoireNet`; `Demoire` puts one, or your own
+network, before a model.
 """
 
 from moireaug.defenses.demoire import losses

@@ -19,10 +19,10 @@ class AMNet(DemoireNet):
 
     Source: the two modules, the atrous spatial pyramid (ASPP) and the nearest-neighbour upsampling
     (figure of the architecture); the generator alone, without the discriminator of its adversarial
-    training. The paper's numbers of layers were not at hand: chosen here, to agree with the
-    published 1.41 million parameters, are an encoder and decoder of three levels around one
-    pyramid of four rates, and four multiplicative blocks at quarter size, each of two convolutions
-    whose product with a sigmoid of a third goes on.
+    training. The paper's layer counts were not available: chosen here, to agree with the published
+    1.41 million parameters, are an encoder and decoder of three levels around one pyramid of four
+    rates, and four multiplicative blocks at quarter size, each of two convolutions whose product
+    with a sigmoid of a third goes on.
     """
 
     name = "amnet"

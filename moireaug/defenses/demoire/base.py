@@ -17,11 +17,11 @@ class DemoireNet(nn.Module, ABC):
     `predict`.
 
     Args:
-        width: factor of the published numbers of channels, in (0, 4].
+        width: factor on the published numbers of channels, in (0, 4].
 
     Attributes:
         name: of `demoire.NETWORKS`. title: in tables.
-        multiple: what the sides of the images that `predict` gets are multiples of, in pixels.
+        multiple: the sides of the images given to `predict` are multiples of this, in pixels.
 
     Raises:
         TypeError, ValueError: a width out of range.
@@ -38,8 +38,8 @@ class DemoireNet(nn.Module, ABC):
 
     @abstractmethod
     def predict(self, images: Tensor) -> tuple[Tensor, ...]:
-        """Predict from images whose sides are multiples of `multiple`; as `outputs` returns them,
-        not cropped."""
+        """Predict from images whose sides are multiples of `multiple`: what `outputs` returns, not
+        cropped."""
 
     def outputs(self, images: Tensor) -> tuple[Tensor, ...]:
         """Predict the images without moiré as the published loss takes them: not clipped.
@@ -51,8 +51,8 @@ class DemoireNet(nn.Module, ABC):
 
         Returns:
             Predictions from the finest to the coarsest. The first is the image, (B, 3, H, W); what
-            follows, each network says: images at the same size or at 1 / s of it,
-            (B, 3, ceil(H / s), ceil(W / s)), or edges. Differentiable in images and weights.
+            follows depends on the network: images at the same size or at 1 / s of it, (B, 3, ceil(H
+            / s), ceil(W / s)), or edges. Differentiable in images and weights.
 
         Raises:
             TypeError, ValueError: images of another type or shape.
@@ -75,10 +75,9 @@ class DemoireNet(nn.Module, ABC):
             images: (B, 3, H, W) float in [0, 1], sRGB codes, of any size.
 
         Returns:
-            (B, 3, H, W) in [0, 1]: the finest of `outputs`, clipped. Backward is that of the
-            prediction before it was clipped: a network that answers beyond black or white would
-            otherwise have no gradient there, and hide from an attack (BPDA; Athalye, Carlini and
-            Wagner 2018).
+            (B, 3, H, W) in [0, 1]: the finest of `outputs`, clipped. The gradient is that of the
+            unclipped prediction: a network whose output goes beyond black or white would otherwise
+            have none there, and hide from an attack (BPDA; Athalye, Carlini and Wagner 2018).
 
         Raises:
             TypeError, ValueError: as `outputs`.
@@ -102,16 +101,16 @@ class DemoireNet(nn.Module, ABC):
 
 
 def scaled(channels: int, width: float, multiple: int = 4) -> int:
-    """Return a published number of channels by a factor, rounded to a multiple of `multiple` and at
-    least that; at width 1 the number itself."""
+    """Return a published number of channels times `width`, rounded to a multiple of `multiple` and
+    at least that; at width 1 the number itself."""
     if width == 1:
         return channels
     return max(multiple, multiple * round(channels * width / multiple))
 
 
 def _check_shape(images: Tensor) -> None:
-    """Refuse what is no float batch of three channels; values are not looked at, which would wait
-    for the device in every step of a training."""
+    """Refuse anything but a float batch of three channels; values are not checked, which would wait
+    for the device in every training step."""
     if not isinstance(images, Tensor) or not images.is_floating_point():
         raise TypeError(
             "images must be a floating point tensor in [0, 1]; got "

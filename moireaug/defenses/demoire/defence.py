@@ -15,15 +15,16 @@ class Demoire(Defence):
     """A demoiréing network before the model.
 
     Args:
-        network: of `demoire.build` or `demoire.load`, or of one's own: any callable from images
-            (B, 3, H, W) in [0, 1] to images of the same shape, clipped here. A module is put into
-            evaluation mode; images are computed in the dtype of its parameters. It may name itself
-            in tables by an attribute `title`.
+        network: from `demoire.build` or `demoire.load`, or any callable from images (B, 3, H, W) in
+            [0, 1] to images of the same shape, clipped here. A module is put into evaluation mode;
+            images are computed in the dtype of its parameters. It may name itself in tables by an
+            attribute `title`.
 
-    Backward: the network's own gradient; where its answer is clipped, that of the unclipped one.
+    Backward: the network's own gradient; where its output is clipped, that of the unclipped one.
 
     Raises:
         TypeError: what cannot be called on images.
+        ValueError: in a call, a network that changes the images' shape.
     """
 
     network: Callable[[Tensor], Tensor]

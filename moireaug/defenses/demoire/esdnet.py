@@ -25,8 +25,8 @@ class ESDNet(DemoireNet):
 
     Source: section 4; the smaller of the two published networks, 5.93 million parameters. Its text
     does not give the numbers inside a level: 48 channels that double by level in the encoder, 64 in
-    every decoder level, 32 a dense layer, a reduction of 4 and the dilation rates are those with
-    which the number of parameters is the published one. The blocks' activations are ReLU.
+    every decoder level, 32 a dense layer, a reduction of 4 and the dilation rates are chosen to
+    give the published number of parameters. The blocks' activations are ReLU.
 
     `outputs` are the images at full, half and quarter size.
     """
@@ -77,8 +77,7 @@ class ESDNet(DemoireNet):
 
 class DenseBlock(nn.Module):
     """Dilated convolutions, each of everything before it, and a 1 x 1 convolution of them all back
-    to the input's channels; residual dense
-    blocks are Zhang et al.'s (CVPR 2018)."""
+    to the input's channels; after the residual dense blocks of Zhang et al. (CVPR 2018)."""
 
     def __init__(self, channels: int, growth: int, rates: tuple[int, ...]) -> None:
         super().__init__()
@@ -96,9 +95,9 @@ class DenseBlock(nn.Module):
 
 
 class ScaleAware(nn.Module):
-    """Semantic-aligned scale-aware module (section 4.2): a pyramid of the features at
-    full, half and quarter size passes a dense block each, and the three are added up by weights
-    that a perceptron finds from their means, channel by channel."""
+    """Semantic-aligned scale-aware module (section 4.2): the features at full, half and quarter
+    size pass a dense block each, and all three are added to the input, channel by channel, with
+    weights that a perceptron finds from their means."""
 
     def __init__(self, channels: int, growth: int) -> None:
         super().__init__()

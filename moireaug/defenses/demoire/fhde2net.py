@@ -14,22 +14,22 @@ from moireaug.defenses.demoire.layers import Residual, UNet, conv, resized
 GLOBAL = (52, 104, 208, 416)  # channels of the levels of GDN, and of LRN
 FUSION = (36, 72, 144, 288)  # of FRN
 SPECTRAL, BLOCKS = 98, 4  # channels and residual blocks of FDN
-SMALLER = 4  # by which the picture that GDN sees is reduced
+SMALLER = 4  # factor by which the image that GDN sees is reduced
 SIDE = 8  # of the blocks of the cosine transform, in pixels
 LUMINANCE = (0.299, 0.587, 0.114)  # BT.601
 
 
 class FHDe2Net(DemoireNet):
-    """Four networks: the global demoiréing network (GDN) removes coarse moiré from a reduced
-    picture, the local refinement network (LRN) goes on at full size, the frequency domain network
-    (FDN) keeps the fine content of the photo's luminance, and the fusion refinement network (FRN)
-    puts both together.
+    """Four networks: the global demoiréing network (GDN) removes coarse moiré from a reduced image,
+    the local refinement network (LRN) goes on at full size, the frequency domain network (FDN)
+    keeps the fine content of the photo's luminance, and the fusion refinement network (FRN) puts
+    both together.
 
     Source: the global to local cascade, and the separation of content by frequency. The paper's
-    numbers of layers were not at hand. Chosen here, to agree with the published 5.2, 5.1, 0.8 and
-    2.5 million parameters: GDN, LRN and FRN are encoders and decoders of four levels that predict
-    what to change, GDN sees the picture at a quarter of its size, and FDN is four residual blocks
-    on the 64 coefficients of 8 x 8 block cosine transforms.
+    layer counts were not available. Chosen here, to agree with the published 5.2, 5.1, 0.8 and 2.5
+    million parameters: GDN, LRN and FRN are encoders and decoders of four levels that predict what
+    to change, GDN sees the image at a quarter of its size, and FDN is four residual blocks on the
+    64 coefficients of 8 x 8 block cosine transforms.
 
     `outputs` are the image, LRN's and, at quarter size, GDN's.
     """

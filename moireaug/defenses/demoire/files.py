@@ -34,7 +34,7 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
 
     Args:
         name: of `demoire.NETWORKS`.
-        width: factor of the published numbers of channels, in (0, 4].
+        width: factor on the published numbers of channels, in (0, 4].
         weights: a file that `save` wrote, of this name and width.
 
     Raises:
@@ -53,8 +53,8 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
     kept = _read(weights)
     if (kept["network"], kept["width"]) != (name, network.width):
         raise ValueError(
-            f"demoire: {str(weights)!r} holds {kept['network']} of width {kept['width']:g}; asked "
-            f"for was {name} of width {network.width:g}. Ask for what it holds, or use "
+            f"demoire: {str(weights)!r} holds {kept['network']} of width {kept['width']:g}; you "
+            f"asked for {name} of width {network.width:g}. Ask for what it holds, or use "
             "demoire.load, which reads both from the file."
         )
     _fill(network, kept["state"], weights)
@@ -62,7 +62,7 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
 
 
 def load(path: str | Path) -> DemoireNet:
-    """Return the network in a file that `save` wrote, of its name and width, in evaluation mode.
+    """Return the network that `save` wrote to a file, in evaluation mode.
 
     Raises:
         ValueError: a file that is missing, damaged, or holds none of `demoire.NETWORKS`.
@@ -78,7 +78,7 @@ def save(network: DemoireNet, path: str | Path) -> None:
 
     Args:
         network: of `demoire.NETWORKS`, on any device.
-        path: its folder is made where it is missing.
+        path: its folder is created if missing.
 
     Raises:
         TypeError: another module, whose file could not be read again.
@@ -86,8 +86,8 @@ def save(network: DemoireNet, path: str | Path) -> None:
     """
     if NETWORKS.get(getattr(network, "name", "")) is not type(network):
         raise TypeError(
-            f"demoire.save takes a network of demoire.build; got {type(network).__name__}. Keep "
-            "another module by torch.save(module.state_dict(), path)."
+            f"demoire.save takes a network of demoire.build; got {type(network).__name__}. Save "
+            "any other module with torch.save(module.state_dict(), path)."
         )
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     packed = io.BytesIO()

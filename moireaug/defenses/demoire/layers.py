@@ -1,4 +1,4 @@
-"""Layers that several demoiréing networks are made of; all keep height and width unless they say
+"""Layers that several demoiréing networks share; all keep height and width unless they say
 otherwise."""
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ def conv(inputs: int, outputs: int, stride: int = 1, rate: int = 1) -> nn.Sequen
 
 
 def resized(x: Tensor, like: Tensor) -> Tensor:
-    """Bring features bilinearly to another's height and width; as they are if they have them."""
+    """Resize features bilinearly to the height and width of `like`; unchanged if they match."""
     if x.shape[-2:] == like.shape[-2:]:
         return x
     return F.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=False)
 
 
 class Residual(nn.Module):
-    """A block around which the input passes."""
+    """A block whose input is added to its output."""
 
     def __init__(self, block: nn.Module) -> None:
         super().__init__()
@@ -42,7 +42,8 @@ class ChannelAttention(nn.Module):
     means.
 
     Args:
-        channels: of input and output. reduction: of the hidden layer, which keeps two channels.
+        channels: of input and output. reduction: of the hidden layer, which keeps at least two
+            channels.
     """
 
     def __init__(self, channels: int, reduction: int = 16) -> None:
@@ -93,7 +94,7 @@ class UNet(nn.Module):
         channels: of each level, the finest first; from one to the next the sides halve.
         attention: whether a `RegionAttention` follows each level of the decoder.
 
-    Takes sides that are multiples of 2^(levels - 1), with attention of eight times as much.
+    Takes sides that are multiples of 2^(levels - 1), with attention of 8 times that.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """The published training losses, by a network's name.
 
 All take `DemoireNet.outputs` and the target at full size. Their perceptual parts compare features
-of VGG-16, whose weights are a file of the user's; without it they are left out.
+of VGG-16, whose weights the user gives as a file; without it these parts are left out.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class VGGFeatures(nn.Module):
 
     def __init__(self, path: str | Path, network: str) -> None:
         super().__init__()
-        with torch.device("meta"):  # the file's weights take the place of what would be drawn
+        with torch.device("meta"):  # the file's weights replace the random ones
             whole = torchvision.models.vgg16().features
         self.layers = whole[: DEPTHS.get(network, USUAL_DEPTH)]
         state = read_weights(path, "vgg", WANTED)
@@ -65,7 +65,7 @@ class VGGFeatures(nn.Module):
 
 
 def esdnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
-    """Compute ESDNet's loss (section 4.3): L1 and, by weight 1, the L1 distance of VGG-16's
+    """Compute ESDNet's loss (section 4.3): L1 and, with weight 1, the L1 distance of VGG-16's
     features after conv3_3, summed over the three scales.
 
     Args:
@@ -93,7 +93,7 @@ def mddm(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None =
 
 def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
     """Compute MopNet's loss: mean square error of the image and of the edges, and of VGG-16's
-    features after conv1_2 by the paper's weight 0.1. Args, Returns: as `esdnet`."""
+    features after conv1_2 with the paper's weight 0.1. Args, Returns: as `esdnet`."""
     image, edges = outputs
     total = F.mse_loss(image, target) + F.mse_loss(edges, sobel(target))
     if features is not None:
@@ -101,8 +101,8 @@ def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None
     return total
 
 
-# FHDe2Net's and AMNet's exact weights were not at hand: FHDe2Net's stages are held to L1 like
-# ESDNet's scales, and so is AMNet's image, without the adversarial part
+# FHDe2Net's and AMNet's exact loss weights were not available: FHDe2Net's stages are held to L1
+# like ESDNet's scales, and so is AMNet's image, without the adversarial part
 LOSSES: dict[str, Loss] = {
     "mopnet": mopnet,
     "mddm": mddm,

@@ -17,15 +17,15 @@ EPSILON = 1e-5  # of the variances in AdaIN
 class MDDM(DemoireNet):
     """Branches at full, half, quarter and eighth size, each of residual blocks with channel
     attention whose features take the statistics of a second, encoding path; the branches' images
-    are weighed and added up.
+    are weighted and added up.
 
     Source: strided convolutions between the branches, sub-pixel convolutions after them and a
     learned factor each (multi-scale); squeeze and excitation, reduction 16, and AdaIN from a bypass
     of convolutions (dynamic feature encoding); a region-level non-local layer before each branch's
-    own residual; PReLU. The paper's numbers of layers were not at hand. Chosen here, to agree with
-    the published 8.01 million parameters: 64 channels, one convolution a block in the bypass,
-    regions of 8 x 8 pixels, and 6, 12, 18 and 27 blocks in four branches (more at coarse sizes, as
-    there). The photo is added to the sum, so that the branches predict what to change.
+    own residual; PReLU. The paper's layer counts were not available. Chosen here, to agree with the
+    published 8.01 million parameters: 64 channels, one convolution a block in the bypass, regions
+    of 8 x 8 pixels, and 6, 12, 18 and 27 blocks in four branches (more at coarse sizes, as in the
+    paper). The photo is added to the sum, so that the branches predict what to change.
     """
 
     name = "mddm"

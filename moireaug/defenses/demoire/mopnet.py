@@ -28,14 +28,14 @@ class MopNet(DemoireNet):
     decoder with non-local blocks from the photo, its Sobel edges added channel by channel, to the
     edges of the clean image; networks like VGG-16 for whether the moiré has one or several colours,
     a low or a high frequency, and straight or curved stripes, whose answers go into the last layers
-    as constant maps. The paper's numbers of layers were not at hand. Chosen here: five scales, six
+    as constant maps. The paper's layer counts were not available. Chosen here: five scales, six
     dense layers each of growth 52, no batch normalisation, the channels of the edge predictor,
-    non-local blocks within regions, and the classifiers' heads. They give 5.54, 6.99, 15.9 and 31.8
-    million parameters where 5.45, 6.95, 15.9 and 31.9 are published; the larger classifier is of
-    two attributes.
+    non-local blocks within regions, and the classifiers' heads. They give 5.54 (generator), 6.99
+    (edges), 15.9 (colour) and 31.8 (frequency and shape) million parameters where 5.45, 6.95, 15.9
+    and 31.9 are published.
 
     The paper trains the classifiers on 12 000 photos labelled by hand. Pairs have no such labels:
-    without them the classifiers are trained with the rest, towards what helps the image.
+    without them the classifiers are trained with the rest, by the image's loss alone.
 
     `outputs` are the image and the edges of the clean image, as `sobel` computes them.
     """
@@ -109,7 +109,7 @@ class Classifier(nn.Module):
         hidden = scaled(HIDDEN, width)
         self.head = nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, 1))
         for layer in self.features:
-            if isinstance(layer, nn.Conv2d):  # thirteen layers of the usual start leave no signal
+            if isinstance(layer, nn.Conv2d):  # torch's default start loses the signal
                 nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
                 if layer.bias is not None:
                     nn.init.zeros_(layer.bias)
@@ -126,4 +126,4 @@ def sobel(images: Tensor) -> Tensor:
     kernels = torch.stack([across, across.T]).repeat(3, 1, 1)[:, None]
     framed = F.pad(images, (1, 1, 1, 1), mode="replicate")
     parts = F.conv2d(framed, kernels, groups=3).unflatten(1, (3, 2))
-    return (parts.square().sum(2) + 1e-8).sqrt() - 1e-4  # not the kink of a flat picture
+    return (parts.square().sum(2) + 1e-8).sqrt() - 1e-4  # no kink where the image is flat

@@ -1,4 +1,4 @@
-"""Pictures of any size through a network that is given tiles of them."""
+"""Run a network on images of any size, tile by tile."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-SIDE, OVERLAP = 768, 128  # pixels; multiples of what the networks halve pictures by
+SIDE, OVERLAP = 768, 128  # pixels; multiples of every network's `multiple`
 
 
 def tiled(
@@ -16,25 +16,25 @@ def tiled(
     side: int = SIDE,
     overlap: int = OVERLAP,
 ) -> Tensor:
-    """Return what a network makes of pictures, tile by tile.
+    """Return a network's output for images of any size, computed tile by tile.
 
     Neighbouring tiles overlap and are blended: of the overlap the outer quarters are dropped, and
-    the halves between fade into one another. So the result is the whole picture's where a pixel
-    depends on no others farther off than a quarter of the overlap. A network that looks at means
-    over its whole input, as ESDNet does, finds those of each tile.
+    the halves between fade into one another. So the result is that of the whole image where a pixel
+    depends on no others farther off than a quarter of the overlap. A network that takes means over
+    its whole input, as ESDNet does, takes those of each tile.
 
     Args:
         network: takes images (B, 3, h, w) in [0, 1] and returns the same shape.
         images: (B, 3, H, W). Where H and W are at most `side`, the network gets them whole.
-        side: of a tile, in pixels. overlap: of neighbouring tiles, at least; a multiple of 4. Both
-            should be multiples of what the network halves a picture by, so that a tile lies on the
+        side: of a tile, in pixels. overlap: of neighbouring tiles, in pixels, at least; a multiple
+            of 4. Both should be multiples of the network's `multiple`, so that a tile lies on the
             grid of the whole.
 
     Returns:
-        (B, 3, H, W), on the images' device; memory beside it is that of a tile.
+        (B, 3, H, W), on the images' device; besides it, memory is that of one tile.
 
     Raises:
-        ValueError: a tile that is not longer than its overlaps.
+        ValueError: an overlap that is not a multiple of 4, or a side shorter than two overlaps.
     """
     if overlap < 4 or overlap % 4 or side < 2 * overlap:
         raise ValueError(
@@ -58,8 +58,8 @@ def tiled(
 
 
 def _spans(length: int, side: int, overlap: int) -> list[tuple[int, int]]:
-    """Return where tiles begin and end along an axis. The last one begins earlier than by the
-    others' step, so that it is about as long as they are."""
+    """Return where tiles begin and end along an axis. The last one begins earlier, so that it is
+    about as long as the others."""
     spans = []
     start = 0
     while start + side < length:

@@ -1,5 +1,4 @@
-"""Reports: one page that needs nothing but itself, Markdown, CSV, and a short form for the
-terminal."""
+"""Reports: one self-contained HTML page, Markdown, CSV, and a short form for the terminal."""
 
 from __future__ import annotations
 
@@ -23,10 +22,10 @@ Examples = list[dict[str, Any]]
 
 
 def write_run(path: Path, metrics: Mapping[str, Any], examples: Examples | None = None) -> None:
-    """Write the report of a run; an older one stays whole until the new one is.
+    """Write the report of a run; an older one is replaced only once the new one is complete.
 
     Args:
-        path: of the page; its folder is made where it is missing.
+        path: of the page; its folder is created if missing.
         metrics: what `metrics.json` holds. Entries may be missing; None and NaN stand for unknown.
         examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W,
             3) uint8} and, where models were asked, "predictions": [(model, class, right)].
@@ -82,14 +81,14 @@ def write_suite(
 
 
 class _Loose(dict[str, Any]):
-    """Metrics of which a template may ask for what is not there."""
+    """Metrics whose missing entries are None for a template."""
 
     def __missing__(self, key: str) -> None:
         return None
 
 
 def _curves(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Return the plots of a training, with captions, and what they show for who cannot see them."""
+    """Return the plots of a training, with captions and alternative texts."""
     trains = {name_of(metrics): metrics.get("train")}
     baseline = metrics.get("baseline") or {}
     if baseline:

@@ -1,4 +1,4 @@
-"""Numbers as reports print them; a dash stands for what is not known."""
+"""Numbers as reports print them; a dash for what is not known."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def codes(value: Any) -> str:
 
 
 def number(value: Any, digits: int = 1) -> str:
-    """Return a number with so many decimals."""
+    """Return a number with `digits` decimals."""
     known = finite(value)
     return DASH if known is None else f"{known:,.{digits}f}"
 
@@ -79,5 +79,5 @@ def tied(text: str) -> str:
 
 
 def short(text: str, width: int) -> str:
-    """Return a text of at most so many letters."""
+    """Return a text cut to at most `width` letters."""
     return text if len(text) <= width else text[: width - 1] + "…"

@@ -49,7 +49,7 @@ def _titles() -> dict[str, Any]:
 
 
 def title_of(name: str, section: str) -> str:
-    """Return what people call a table, row or column: see titles.toml."""
+    """Return the title of a table, row or column: see titles.toml."""
     titles = _titles()
     if name in titles[section]:
         return titles[section][name]
@@ -60,7 +60,7 @@ def title_of(name: str, section: str) -> str:
 
 
 def shown(image: Any, title: str) -> dict[str, Any]:
-    """Return a picture for a page: its address, and the size at which it is shown.
+    """Return a picture for a page: its data URI, and the size at which it is shown.
 
     Raises:
         ValueError: a picture that is not (H, W, 3) uint8.
@@ -85,6 +85,6 @@ def shown(image: Any, title: str) -> dict[str, Any]:
 
 
 def uri(data: bytes, kind: str) -> str:
-    """Return data as an address that holds all of it. SVGs too are images, so that ids in one
-    cannot meet another's."""
+    """Return data as a data URI. SVGs too are embedded as images, so that their ids cannot
+    clash."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"

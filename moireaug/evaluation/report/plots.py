@@ -61,7 +61,7 @@ def curves(trains: Mapping[str, Train | None]) -> list[str]:
 
 
 def _series(train: Train | None, key: str) -> tuple[list[int], list[float]]:
-    """Return epochs, counted from 1, and the values that are known."""
+    """Return the epochs, counted from 1, with known values, and those values."""
     epochs, values = [], []
     for i, row in enumerate((train or {}).get("history") or []):
         value = finite(row.get(key))

@@ -1,4 +1,4 @@
-"""What the report of a run shows: numbers out of its metrics, found once for the page and the
+"""What the report of a run shows: numbers from its metrics, computed once for the page and the
 terminal."""
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from moireaug.evaluation.report.page import title_of
 
 Metrics = Mapping[str, Any]
 SIDES = ("start", "baseline", "ours")
-WIDE_CHANGE = 0.05  # a change of rates that needs no decimal
+WIDE_CHANGE = 0.05  # a change of rates from which on no decimal is shown
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Rate:
 
 
 def run_view(metrics: Metrics) -> dict[str, Any]:
-    """Return what the templates of a run ask for. Entries of the metrics may be missing; None and
-    NaN stand for unknown."""
+    """Return what the templates of a run need. Entries of the metrics may be missing; None and NaN
+    stand for unknown."""
     known = {"start": metrics.get("start"), "baseline": metrics.get("baseline"), "ours": metrics}
     sides = {}
     cleans = {}
@@ -77,7 +77,8 @@ def name_of(side: Metrics) -> str:
 
 
 def total_seconds(side: Metrics | None) -> float | None:
-    """Return the seconds that training took, with those of the weights that it started from."""
+    """Return the seconds that training took, including those of the weights that it started
+    from."""
     train = (side or {}).get("train") or {}
     total = finite(train.get("total_seconds"))
     return finite(train.get("seconds")) if total is None else total
@@ -96,7 +97,7 @@ def _side(kind: str, side: Metrics) -> dict[str, Any]:
 
 
 def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
-    """Return a row a rung, with every side's rates and the gain over the baseline."""
+    """Return a row per rung, with every side's rates and the gain over the baseline."""
     rows: list[dict[str, Any]] = []
     for line in metrics.get("reattack") or []:
         rates = {}
@@ -126,14 +127,14 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
 
 
 def is_attack(line: Metrics) -> bool:
-    """Return whether an attacker searches this row's noise; the others only show what a camera
+    """Return whether an attacker searches for this row's noise; the others only show what a camera
     does."""
     control = line.get("control")
     return not control if control is not None else str(line["name"]).startswith(("ma_", "pgd"))
 
 
 def row_of(side: Metrics | None, name: str) -> Metrics:
-    """Return the row of that name among a model's; empty where it has none."""
+    """Return a model's row of that name; empty where it has none."""
     for row in (side or {}).get("reattack") or []:
         if row["name"] == name:
             return row
@@ -233,7 +234,7 @@ def _unanswered(sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
 
 
 def _cost(metrics: Metrics, baseline: Metrics | None) -> dict[str, Any] | None:
-    """Return what training cost, beside the baseline's where it is known."""
+    """Return what training cost, next to the baseline's where it is known."""
     if not metrics.get("train"):
         return None
     sides = {}
@@ -259,7 +260,7 @@ def _cost(metrics: Metrics, baseline: Metrics | None) -> dict[str, Any] | None:
 
 
 def _ratio(values: Sequence[float | None]) -> float | None:
-    """Return what the last of two costs is over the first; None where either is not known."""
+    """Return the ratio of the last of two costs to the first; None where either is not known."""
     first, last = values[0], values[-1]
     if not first or last is None:
         return None

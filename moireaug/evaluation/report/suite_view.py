@@ -13,8 +13,8 @@ from moireaug.evaluation.report.page import render, title_of
 from moireaug.evaluation.report.run_view import Metrics, Rate, name_of
 from moireaug.evaluation.tables import Table
 
-ATTACKS = ("worst", "ma", "ma_4")  # of a table, the strongest first
-# of the tables that nobody attacks in: the column with moiré, and the one without
+ATTACKS = ("worst", "ma", "ma_4")  # columns of a table, the strongest first
+# of the tables without an attacker: the column with moiré, and the one without
 UNATTACKED = {"threat": ("all", "all_no_moire"), "unseen": ("moire", "no_moire")}
 CONTROLS = ("clean", "rotated", "rotated_dim", "no_moire", "moire", "random")
 Cells = Mapping[tuple[str, str], dict[str, Any]]  # by row and column
@@ -26,7 +26,7 @@ def suite_view(
     lines: pd.DataFrame,
     examples: Mapping[str, list[dict[str, Any]]],
 ) -> dict[str, Any]:
-    """Return what the templates of a suite ask for.
+    """Return what the templates of a suite need.
 
     Args:
         metrics: of the evaluation. tables: its tables. lines: their rates.
@@ -91,7 +91,7 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
 
 
 def _row(table: Table, cells: Cells, name: str) -> dict[str, Any]:
-    """Return a row's cells, None where there is none, with their denominators and their time."""
+    """Return a row's cells, None where one is missing, with their denominators and their time."""
     own = []
     counts: list[str] = []
     seconds = None
@@ -124,7 +124,7 @@ def _success(cells: Cells, row: str, column: str) -> float | None:
 
 def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
     """Return what a table says of the moiré and of the noise, on its row at eps 4, or its first, by
-    the strongest attack that it has; None where it has none beside its photo."""
+    the strongest attack that it has; None where it lacks one, the photo or the random noise."""
     row = "eps_4" if "eps_4" in table.rows else table.rows[0]
     there = [column for column in ATTACKS if column in table.columns]
     if not there:

@@ -40,7 +40,7 @@ Part = str | Grid
 
 
 def show(parts: Sequence[Part]) -> None:
-    """Print to standard output: tables are drawn by rich where it is a terminal wide enough for
+    """Print to standard output; rich draws the tables where it is a terminal wide enough for
     them."""
     if not sys.stdout.isatty():
         print(plain(parts))
@@ -83,7 +83,7 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _table(grid: Grid) -> Table:
-    """Return a table as rich draws it; names are text, whatever brackets they hold."""
+    """Return a table for rich; names are plain text, whatever brackets they hold."""
     title = Text(grid.title, style="bold") if grid.title else None
     table = Table(
         title=title,
@@ -109,7 +109,7 @@ def run_summary(metrics: Metrics) -> str:
 
 def run_parts(metrics: Metrics) -> list[Part]:
     """Return the ladder as a table: accuracy of the start, the baseline and this model, and the
-    gain over the baseline; of an attack how far its noise moves the photo."""
+    gain over the baseline; for attacks also how far the noise moves the photo."""
     run = run_view(metrics)
     facts = []
     for name in ("data", "model", "scene_name"):
@@ -155,7 +155,7 @@ def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
 
 
 def _noise(row: dict[str, Any]) -> list[str]:
-    """Return how far an attack's noise moves the photo; of a control nothing."""
+    """Return how far an attack's noise moves the photo; empty for a control."""
     if row["psnr"] is None:
         return ["", ""]
     return [codes(row["largest"]), number(row["psnr"])]
@@ -187,7 +187,7 @@ def _training(run: dict[str, Any]) -> list[str]:
 
 
 def suite_parts(metrics: Metrics, suite: dict[str, Any]) -> list[Part]:
-    """Return a suite's tables: success in %, one line a row."""
+    """Return a suite's tables: success in %, one line per row."""
     parts: list[Part] = []
     for table in suite["tables"]:
         head = [""]

@@ -1,4 +1,4 @@
-"""Attackers who know of a defence, search harder, turn the camera, or do not know the pose; and the
+"""Attackers who know the defence, search harder, move the camera, or do not know the pose; and the
 worst of them."""
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, row_of
 ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # a codec, a filter, a randomised one
 WORST_EPS = (4 / 255, 8 / 255)
 QUERIES = 20  # of Square, for each gradient step of the others
-CAMERA = ("moire", "ma", "apgd")  # what the worst case is the worst of
+CAMERA = ("moire", "ma", "apgd")  # the columns of the worst case
 
 
 def adaptive(config: SuiteConfig) -> Table:
-    """Ask what an attacker gains who knows of the defence, searches harder, or does not know the
-    pose."""
+    """Lay out what an attacker gains who knows the defence or searches harder, or loses who does
+    not know the pose."""
     eps, steps = config.middle, config.steps
     plain = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
     columns: dict[str, Condition] = controls(eps) | {
@@ -42,8 +42,8 @@ def adaptive(config: SuiteConfig) -> Table:
 
 
 def standard(config: SuiteConfig) -> Table:
-    """Lay out the ensemble that this field expects (Croce & Hein, 2020), on the raw reading, with
-    the camera's own attackers; each image at the worst of them and of the photo alone."""
+    """Lay out the standard ensemble (AutoAttack; Croce & Hein, 2020), on the raw reading, with
+    attackers of the camera's own; each image at the worst of them and of the photo alone."""
     steps = config.steps
     parts, why = turnable(config.scene)
     cells: list[Cell] = []
@@ -72,8 +72,8 @@ def standard(config: SuiteConfig) -> Table:
 
 def worst_case(config: SuiteConfig) -> Table:
     """Lay out the attackers who know the shot, each image at the worst of them, and PGD on pixels
-    beside. The one who does not know it is in `standard`: on a robust network it took two thirds of
-    the time, and fooled no image that these had not."""
+    for comparison. The one who does not know the shot is in `standard`: on a robust network it took
+    two thirds of the time, and fooled no further image."""
     cells: list[Cell] = []
     steps = config.steps
     for eps in WORST_EPS:

@@ -1,5 +1,5 @@
-"""Demoiréing networks before the model: what the paper's table 5 asks, and what an attacker gains
-who knows of the network."""
+"""Demoiréing networks before the model: the paper's table 5, and what an attacker gains by knowing
+the network."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, worst_
 PRINTED = ("mopnet", "mddm", "fhde2net", "amnet")  # the paper's networks
 LARGER_EPS = 8 / 255  # the paper's other bound
 NOT_GIVEN = "no weights were given, and its authors' cannot be had here"
-# what the worst case is the worst of: all in front of the camera, at one bound
+# the columns of the worst case: all through the camera, at one bound
 CAMERA = ("moire", "ma", "adaptive")
 
 
 def demoireing(config: SuiteConfig) -> Table:
-    """Paper, table 5: the attacks after demoiréing networks. The attacker knows of none of them,
-    but for APGD, which goes through each network's own gradient."""
+    """Paper, table 5: the attacks after demoiréing networks. The attackers know of none of them,
+    except APGD, which goes through each network's own gradient."""
     judges: dict[str, Judge] = {"undefended": UNDEFENDED}
     for name, network in config.networks.items():
         judges[name] = Judge(name, defence=network)

@@ -22,7 +22,7 @@ from moireaug.evaluation.conditions import (
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 
 ANSWER = "answer"  # the one column
-# that APGD-T goes toward; on a robust network the others of the usual nine found nothing more
+# that APGD-T goes toward; on a robust network the rest of the usual nine found nothing more
 CLASSES = 3
 
 
@@ -41,7 +41,7 @@ def rungs(config: SuiteConfig) -> list[Condition]:
 
 
 def main_attack(table: Table) -> Condition:
-    """Return the condition that stands for the ladder: the plain Moiré Attack at the middle eps."""
+    """Return the ladder's main attack: the plain Moiré Attack at the middle eps."""
     plain = []
     for cell in table.cells:
         condition = cell.conditions[0]
@@ -52,7 +52,7 @@ def main_attack(table: Table) -> Condition:
 
 
 def ladder(config: SuiteConfig) -> Table:
-    """Lay out the ladder: a row a rung, and last each image at the worst of its photo, the Moiré
+    """Lay out the ladder: a row per rung, and last each image at the worst of its photo, the Moiré
     Attack and APGD at the middle eps."""
     cells = []
     for condition in rungs(config):

@@ -26,7 +26,7 @@ ROLLS = (0, 5, 10, 15, 30, 45)  # degrees
 
 
 def controls(eps: float) -> dict[str, Condition]:
-    """Return what stands beside every attack: the image, and its photo without and with random
+    """Return the controls of every attack: the image, and its photo without and with random
     noise."""
     return {"clean": Clean(), "moire": Photo(), "random": RandomNoise(eps=eps)}
 
@@ -114,7 +114,7 @@ def defences(config: SuiteConfig) -> Table:
 
 
 def transfer(config: SuiteConfig) -> Table:
-    """Paper, table 6: the attacked model's pictures before other models."""
+    """Paper, table 6: the attacks on the model, judged by other models."""
     judges = {"attacked": UNDEFENDED}
     lost = {}
     for name, model in config.targets.items():
@@ -132,7 +132,7 @@ def transfer(config: SuiteConfig) -> Table:
 
 
 def budget(config: SuiteConfig) -> Table:
-    """Paper, section 4.5 and figure 4: how far, and how visibly, by eps."""
+    """Paper, section 4.5 and figure 4: success and visibility by eps."""
     cells: list[Cell] = []
     for eps in BUDGETS:
         columns: dict[str, Condition] = {
@@ -153,7 +153,7 @@ def factors(config: SuiteConfig) -> Table:
     for roll in ROLLS:
         view = dataclasses.replace(config.scene.view, roll=float(roll))
         scenes[f"roll_{roll}"] = dataclasses.replace(config.scene, view=view)
-    # of odd multiples a point-sampled photo reads one sensor pixel, of even ones the mean of two,
+    # at odd multiples a point-sampled photo reads one sensor pixel, at even ones the mean of two,
     # which is a filter
     alphas = (1, 3, 5) if config.scene.develop.resize == "point" else (1, 2, 3)
     for alpha in alphas:
@@ -171,8 +171,8 @@ def factors(config: SuiteConfig) -> Table:
 
 
 def _enlarged(scene: Scene, alpha: float) -> Scene:
-    """Return a scene whose picture is `alpha` panel pixels wide an image pixel. The sensor grows
-    too, so that a panel pixel stays as many sensor pixels wide."""
+    """Return a scene that shows each image pixel `alpha` panel pixels wide. The sensor grows too,
+    so that a panel pixel stays as many sensor pixels wide."""
     low, high = bounds(scene.panel.scale)
     factor = alpha / ((low + high) / 2)
     panel = dataclasses.replace(scene.panel, scale=(low * factor, high * factor))

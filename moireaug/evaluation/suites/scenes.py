@@ -35,8 +35,7 @@ def natural(config: SuiteConfig) -> Table:
 
 def other_scenes(scene: Scene) -> dict[str, Scene]:
     """Return the presets that are another scene and bring the photo back to the image's frame: one
-    that leaves the picture turned, as the paper's does, shows a model another task beside the
-    moiré."""
+    that leaves the image turned, as the paper's does, changes the task as well as adding moiré."""
     found = {}
     for name in PRESETS:
         preset = Scene.preset(name)
@@ -46,7 +45,7 @@ def other_scenes(scene: Scene) -> dict[str, Scene]:
 
 
 def preset_name(scene: Scene) -> str:
-    """Return the name of the preset that a scene is; empty where it is none."""
+    """Return the name of the preset that equals a scene, or an empty string."""
     for name in PRESETS:
         if Scene.preset(name) == scene:
             return name
@@ -54,7 +53,7 @@ def preset_name(scene: Scene) -> str:
 
 
 def unseen(config: SuiteConfig) -> Table:
-    """Natural moiré in the own scene and in every other, beside the same photos without moiré."""
+    """Natural moiré in the own scene and in every other, next to the same photos without moiré."""
     columns: dict[str, Condition] = {"no_moire": PhotoWithoutMoire(), "moire": Photo()}
     cells = row_of(OWN, columns)
     for name, scene in other_scenes(config.scene).items():

@@ -1,5 +1,5 @@
-"""What a model meets that it was not trained for: other displays and cameras, photos in another
-form, noise on pixels, and corruptions that have nothing to do with screens."""
+"""Inputs that a model was not trained for: other displays and cameras, photos in another form,
+noise on pixels, and corruptions that have nothing to do with screens."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 from moireaug.scene.scene import Scene
 
 UNATTACKED, ATTACKED = "unattacked", "attacked"
-QUALITY = 60  # of a photo that is kept as a JPEG file
+QUALITY = 60  # of a photo saved as a JPEG file
 
 
 def scenes(own: Scene) -> dict[str, Scene]:
     """Return the own scene, every other preset in the image's frame, and the own scene's photos as
-    JPEG files and in the camera's frame, where they are not so anyhow."""
+    JPEG files and in the camera's frame, unless they already are."""
     found = {OWN: own, **other_scenes(own)}
     if own.develop.jpeg == 0:
         develop = dataclasses.replace(own.develop, jpeg=QUALITY)
@@ -30,14 +30,14 @@ def scenes(own: Scene) -> dict[str, Scene]:
 
 
 def shifts(config: SuiteConfig) -> Table:
-    """Ask what robustness to moiré buys or costs elsewhere: each row unattacked, and where there is
-    an attacker, attacked at the middle eps."""
+    """Lay out what robustness to moiré gains or costs elsewhere: each row unattacked, and, where
+    there is an attacker, attacked at the middle eps."""
     eps, steps = config.middle, config.steps
     cells: list[Cell] = []
     for name, scene in scenes(config.scene).items():
         photo: Condition = Photo()
         attacked: Condition = MoireAttacker(eps=eps, steps=steps)
-        if name != OWN:  # whose conditions other suites have, too
+        if name != OWN:  # other suites share the own scene's conditions
             photo, attacked = photo.at(name, scene), attacked.at(name, scene)
         cells.append(Cell(name, UNATTACKED, (photo,)))
         cells.append(Cell(name, ATTACKED, (attacked,)))
