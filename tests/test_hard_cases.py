@@ -268,6 +268,10 @@ REFUSED = [
     (lambda: Panel(scale=10**400), "Panel.scale must lie in"),
     (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
     (
+        lambda: Scene().sample(1, 8),
+        r"size (height, width) of at least 1 x 1 pixels; got n = 1, size = 8",
+    ),
+    (
         lambda: capture(
             torch.rand(1, 3, 4, 4), Scene().sample(1, (4, 4)), torch.full((1, 4, 2, 2), torch.nan)
         ),

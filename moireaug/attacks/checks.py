@@ -25,8 +25,7 @@ def check_bounds(eps: object) -> None:
         ValueError: with what was got and what is allowed.
     """
     several = eps if isinstance(eps, (list, tuple)) else [eps]
-    bounds = [isinstance(e, (int, float)) and 0 <= e < math.inf for e in several]
-    if not bounds or not all(bounds):
+    if not several or not all(_is_bound(e) for e in several):
         raise ValueError(
             f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {eps!r}."
         )
@@ -34,6 +33,10 @@ def check_bounds(eps: object) -> None:
         raise ValueError(
             f"eps is in [0, 1] units, where 1 is full scale; got {eps!r}. Divide by 255?"
         )
+
+
+def _is_bound(eps: object) -> bool:
+    return isinstance(eps, (int, float)) and not isinstance(eps, bool) and 0 <= eps < math.inf
 
 
 def check_steps(steps: object, restarts: object) -> None:

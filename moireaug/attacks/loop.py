@@ -161,6 +161,7 @@ class Attack(ABC):
         `problem.render(**point)` returns the images, (B, 3, H, W), differentiable in the point.
         Every step is taken, also for images already fooled. Arguments as in a call; `eps` must be
         one number."""
+        images = check_images(images)
         with evaluating(self.model):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)

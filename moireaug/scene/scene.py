@@ -161,11 +161,12 @@ def draw(
     Raises:
         ValueError: a negative n, or a size that is not two positive integers.
     """
-    h, w = (int(s) for s in size) if len(size) == 2 else (0, 0)
+    sides = (size,) if isinstance(size, int) else tuple(size)
+    h, w = (int(s) for s in sides) if len(sides) == 2 else (0, 0)
     if n < 0 or h < 1 or w < 1:
         raise ValueError(
-            f"a shot needs n >= 0 images of at least 1 x 1 pixels; got n = {n}, size = "
-            f"{tuple(size)}."
+            "a shot needs n >= 0 and a size (height, width) of at least 1 x 1 pixels; "
+            f"got n = {n}, size = {size}."
         )
     names, lows, highs = [], [], []
     for name in PARTS:

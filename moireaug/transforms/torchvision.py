@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -136,7 +137,8 @@ def apply_shot(inpt: Any, shot: Shot) -> Any:
         return wrap(at_size(shot, plain.shape[-2:]).to_photo_mask(flat).reshape(plain.shape), inpt)
     if isinstance(inpt, Video):
         shot = _frames(shot, plain.shape[-4])
-    return wrap(photograph(plain.reshape(-1, *plain.shape[-3:]), shot).reshape(plain.shape), inpt)
+    batch = plain.reshape(math.prod(plain.shape[:-3]), *plain.shape[-3:])
+    return wrap(photograph(batch, shot).reshape(plain.shape), inpt)
 
 
 def _frames(shot: Shot, n: int) -> Shot:

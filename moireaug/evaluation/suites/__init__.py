@@ -59,6 +59,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "budget",
         "factors",
         "noise_position",
+        "appearance",
         "threat",
         "adaptive",
     ),
