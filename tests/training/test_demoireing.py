@@ -95,14 +95,18 @@ def test_a_run_leaves_what_it_promises(whole):
         ("real photos", "real", "original"),
     }
     scores = list(csv.DictReader((folder / "scores.csv").read_text().splitlines()))
-    assert len(scores) == 2 * (2 * 2 + 2 * 2 + 2)
+    assert len(scores) == 2 * (2 * (2 + 3) + 2)
     for row in m["test"]:
-        mine = {"photo": [], "cleaned": []}
+        mine = {"photo": [], "cleaned": [], "twin": []}
         for line in scores:
             if (line["group"], line["reference"]) == (row["group"], row["reference"]):
                 mine[line["state"]].append(float(line[row["measure"]]))
         assert row["n"] == 2 and row["before"] == pytest.approx(np.mean(mine["photo"]), rel=1e-4)
         assert row["gain"] == pytest.approx(row["after"] - row["before"], abs=1e-4)
+        if row["reference"] == "original" and row["kind"] != "real":
+            assert row["twin"] == pytest.approx(np.mean(mine["twin"]), rel=1e-4)
+        else:
+            assert row["twin"] is None and not mine["twin"]
     assert done.stdout.splitlines()[-1].endswith("Report: runs/esdnet/demoire/seed0/report.html")
     assert "Warning" not in done.stderr, done.stderr
 

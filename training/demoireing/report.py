@@ -118,12 +118,13 @@ def cell(row: Row, digits: int) -> dict[str, str]:
         "before": number(row["before"], digits),
         "after": number(row["after"], digits),
         "gain": f"{gain}; {row['gained']} of {row['n']}".replace("-", "−"),
+        "twin": "" if row["twin"] is None else number(row["twin"], digits),
     }
 
 
 def said(metrics: Mapping[str, Any]) -> list[Part]:
     """Return the figures for a terminal: PSNR in dB and SSIM, before and after."""
-    rows = [["pairs", "n", "against", "PSNR, dB", "gain", "SSIM"]]
+    rows = [["pairs", "n", "against", "PSNR, dB", "gain", "twin", "SSIM"]]
     for row in table(metrics["test"]):
         group = f"{row['group']} ({row['kind']})" if row["kind"] != "real" else row["group"]
         for column, against in enumerate(COLUMNS):
@@ -133,7 +134,7 @@ def said(metrics: Mapping[str, Any]) -> list[Part]:
             change = f"{psnr['before']} → {psnr['after']}"
             gain = psnr["gain"].split(" ")[0].rstrip(";")
             likeness = f"{ssim['before']} → {ssim['after']}"
-            rows.append([group, str(row["n"]), against, change, gain, likeness])
+            rows.append([group, str(row["n"]), against, change, gain, psnr["twin"], likeness])
             group = ""
     train = metrics["train"]
     cost = (

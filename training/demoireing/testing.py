@@ -44,8 +44,9 @@ class Outcome(NamedTuple):
     """A test's figures and pictures.
 
     Args:
-        scores: a line a pair, reference ("twin" or "original") and state ("photo" or "cleaned"),
-            with `MEASURES`, and the seconds and pixels of the cleaning.
+        scores: a line a pair, reference ("twin" or "original") and state ("photo", "cleaned" or,
+            against the original, "twin"), with `MEASURES`, and the seconds and pixels of the
+            cleaning.
         shown: the first pair of every group, and every real one, with its cleaned photo.
     """
 
@@ -102,27 +103,33 @@ def test(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Outcome:
 
 
 def compared(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
-    """Yield the photo's and the cleaned photo's likeness to each reference there is."""
+    """Yield the photo's and the cleaned photo's likeness to each reference there is; and the
+    twin's to the original, which is what a network that removes all moiré and nothing else would
+    reach."""
     about = {"group": pair.group, "kind": pair.kind, "picture": pair.name}
     for reference in ("twin", "original"):
         wanted = getattr(pair, reference)
         if wanted is None:
             continue
-        for state, picture in (("photo", pair.photo), ("cleaned", cleaned)):
+        states = {"photo": pair.photo, "cleaned": cleaned}
+        if reference == "original" and pair.twin is not None:
+            states["twin"] = pair.twin
+        for state, picture in states.items():
             likeness = fidelity(picture.float() / 255, wanted.float() / 255)
             yield about | {"reference": reference, "state": state} | likeness
 
 
 def summary(scores: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return a row a group, reference and measure: the means before and after, and the mean gain
-    with its 95 % interval (Student's t over the pairs; None of a single one), and how many of the
-    pairs gained."""
+    """Return a row a group, reference and measure: the means before and after, the twins' mean
+    (None where there are none), and the mean gain with its 95 % interval (Student's t over the
+    pairs; None of a single one), and how many of the pairs gained."""
     rows = []
     for (group, kind, reference), lines in scores.groupby(
         ["group", "kind", "reference"], sort=False
     ):
         photo = lines[lines.state == "photo"].reset_index()
         cleaned = lines[lines.state == "cleaned"].reset_index()
+        twins = lines[lines.state == "twin"]
         for measure in MEASURES:
             gains = (cleaned[measure] - photo[measure]).tolist()
             rows.append(
@@ -134,6 +141,7 @@ def summary(scores: pd.DataFrame) -> list[dict[str, Any]]:
                     "n": len(gains),
                     "before": photo[measure].mean(),
                     "after": cleaned[measure].mean(),
+                    "twin": twins[measure].mean() if len(twins) else None,
                     "gain": sum(gains) / len(gains),
                     "gain_interval": list(t_interval(gains)) if len(gains) > 1 else None,
                     "gained": sum(gain > 0 for gain in gains),
