@@ -1,4 +1,4 @@
-"""A trained network on pairs that it was not trained on: simulated ones, and real ones."""
+"""Test a trained network on pairs that it was not trained on, simulated and real."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MEASURES = ("psnr", "ssim", "mapped_psnr", "mapped_ssim")
 
 
 class GroupedPair(NamedTuple):
-    """A photo and what it is of, (3, H, W) uint8 each.
+    """A photo and the picture that it shows, (3, H, W) uint8 each.
 
     Args:
         group: its scene's name, or "real photos". kind: "seen" or "unseen" scene, or "real".
@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
     """A test's figures and pictures.
 
     Args:
-        scores: a line a pair, reference ("twin" or "original") and state ("photo" or "cleaned"),
+        scores: one row per pair, reference ("twin" or "original") and state ("photo" or "cleaned"),
             with `MEASURES`, and the seconds and pixels of the cleaning.
         shown: the first pair of every group, and every real one, with its cleaned photo.
     """
@@ -54,7 +54,7 @@ class Outcome(NamedTuple):
 
 
 def simulated(cfg: DemoireConfig, splits: Splits) -> Iterator[GroupedPair]:
-    """Make the simulated pairs of every scene that is tested in."""
+    """Make the simulated pairs of every scene that the network is tested on."""
     for name, pairs in test_pairs(cfg, splits).items():
         kind = "unseen" if name in cfg.test.unseen else "seen"
         for k in range(cfg.data.test or 0):
@@ -102,7 +102,7 @@ def test(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Outcome:
 
 
 def compared(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
-    """Yield the photo's and the cleaned photo's likeness to each reference there is."""
+    """Yield how close the photo and the cleaned photo are to each reference there is."""
     about = {"group": pair.group, "kind": pair.kind, "picture": pair.name}
     for reference in ("twin", "original"):
         wanted = getattr(pair, reference)
@@ -114,8 +114,8 @@ def compared(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
 
 
 def summary(scores: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return a row a group, reference and measure: the means before and after, and the mean gain
-    with its 95 % interval (Student's t over the pairs; None of a single one), and how many of the
+    """Return one row per group, reference and measure: the means before and after, the mean gain
+    with its 95 % interval (Student's t over the pairs; None for a single one), and how many of the
     pairs gained."""
     rows = []
     for (group, kind, reference), lines in scores.groupby(
