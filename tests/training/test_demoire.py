@@ -1,5 +1,5 @@
 """The command that cleans a folder: names, formats, profiles and sizes stay, what cannot be read is
-named, and nothing is written over."""
+named, and nothing is overwritten."""
 
 import numpy as np
 import pytest

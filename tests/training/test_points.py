@@ -1,4 +1,5 @@
-"""Runs as the frontier reads them: which count, which compare, and what is said of the others."""
+"""Runs as the frontier reads them: which count, which can be compared, and what is said of the
+others."""
 
 import json
 from pathlib import Path

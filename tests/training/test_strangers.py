@@ -1,5 +1,5 @@
-"""A run's folder from a stranger is data; and what an attack on it cannot obey is refused before it
-begins."""
+"""A run's folder from a stranger is data, and settings that an attack on it would ignore are
+refused before it begins."""
 
 import json
 import os

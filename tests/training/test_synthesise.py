@@ -1,5 +1,5 @@
-"""The command that makes pairs: the same bytes however the work is shared or cut short, files that
-the usual libraries read, and sentences for what cannot be followed."""
+"""The command that makes pairs: the same bytes however the work is shared or interrupted, files
+that the usual libraries read, and sentences for invalid settings."""
 
 import csv
 import errno

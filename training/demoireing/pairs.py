@@ -30,7 +30,7 @@ def scenes_of(cfg: DemoireConfig) -> dict[str, Scene]:
     """
     given = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
     if not given:
-        raise ValueError("scene=[] names no scene: give at least one.")
+        raise ValueError("scene=[] names no scene: name at least one.")
     found = {}
     for number, one in enumerate(given, 1):
         name = one if isinstance(one, str) else f"scene {number}"
