@@ -5,16 +5,16 @@ float64.
 
 Prints a table for each problem and a summary, and writes results/accuracy_vs_time.json and .png.
 
-The engine runs what it can: point and spectral, and what auto makes of it. The spectral exposure is
-measured by the reference, too, and with `--before` by an older checkout. "one panel pixel" is the
-engine's auto without the exact aperture: every sensor pixel sees the one panel pixel in front of
-its centre, and the picture is not blurred before.
+The engine runs what it can: point and spectral, and what auto chooses of these. The spectral
+exposure is also measured with the reference and, with `--before`, in an older checkout. "one panel
+pixel" is the engine's auto without the exact aperture: every sensor pixel sees only the panel pixel
+in front of its centre, and the picture is not blurred before.
 
 Errors are those of the raw reading, in % of its mean; dE is the mean CIEDE2000 of the developed
 photos, all exposed so that they are as bright as the picture. The brute force averages n x n points
-of every aperture; the error left in it is estimated from n / 2, and no error below that is told
-apart. Times are of `moireaug.expose` in float32, plans made and caches warm; those of an older
-checkout hold a tenth of a millisecond for asking its process.
+of every aperture; the error left in it is estimated from n / 2, and errors below that count as
+equal. Times are of `moireaug.expose` in float32, with plans made and caches warm; those of an older
+checkout include a tenth of a millisecond for calling its process.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ METHODS: dict[str, dict[str, Any]] = {
     "box": {"exposure": "box"},
     "auto": {"exposure": "auto"},
 }
-WITHIN, AT_MOST = 1.0, 2.0  # what auto's RMSE may be, in %, and its time over that of WITHOUT
-SAME = 1.02  # errors within this factor are one: they differ with the picture
+WITHIN, AT_MOST = 1.0, 2.0  # bars of auto: RMSE in %, and time over that of WITHOUT
+SAME = 1.02  # errors within this factor count as equal: they vary with the picture
 FULL = {"problems": 1, "sensor_pixels": 120, "batch": 8, "points": 96, "repeats": 15, "budget": 1.5}
 QUICK = {"problems": 4, "sensor_pixels": 24, "batch": 1, "points": 12, "repeats": 1, "budget": 0.0}
 
@@ -82,7 +82,7 @@ def main() -> None:
 def solve(
     problem: Problem, settings: dict[str, Any], before: checkouts.Checkout | None = None
 ) -> dict[str, Any]:
-    """Every method on one problem: its rows, and the brute force with its own convergence."""
+    """Run every method on one problem; return its rows, and the brute force's own convergence."""
     shown = images(problem.picture, settings["batch"], problem.side(settings["sensor_pixels"]))
     first = shown[:1]
     shots = {
@@ -158,7 +158,7 @@ def converged(scene: Scene, shown: Tensor, n: int) -> tuple[Tensor, dict[str, An
 
 
 def rms(difference: Tensor, reference: Tensor) -> float:
-    """Root mean square in % of the reference's mean."""
+    """Return the root mean square in % of the reference's mean."""
     return float(100 * difference.square().mean().sqrt() / reference.mean())
 
 
@@ -167,7 +167,7 @@ def developed(raw: Tensor, shot: Shot, brightness: float) -> Tensor:
 
 
 def samples(plan: str, harmonics: int) -> int | None:
-    """Return evaluations of the panel a sensor pixel: points of the aperture, or harmonics; None
+    """Return evaluations of the panel per sensor pixel: points of the aperture, or harmonics; None
     for a closed form."""
     method, _, n = plan.partition(":")
     return {"point": 1, "supersample": int(n or 0) ** 2, "spectral": harmonics}.get(method)
@@ -203,7 +203,7 @@ def judge(rows: list[dict[str, Any]], floor: float) -> dict[str, Any]:
 
 
 def report(result: dict[str, Any]) -> str:
-    """One problem's table."""
+    """Return one problem's table."""
     brute, n = result["brute_force"], result["size"]
     order = brute["order_seen"]
     head = (
@@ -242,7 +242,7 @@ def report(result: dict[str, Any]) -> str:
 
 
 def summary(found: list[dict[str, Any]]) -> str:
-    """Auto against its aims and against the rest, a line a problem."""
+    """Return a table of auto against its bars and the other methods, one line per problem."""
     rows = []
     for result in found:
         auto = result["auto"]
@@ -280,8 +280,8 @@ def summary(found: list[dict[str, Any]]) -> str:
         "as fast as",
     )
     return (
-        f"{measure.table(columns, rows)}\nbrute % is the error left in the brute force, which is a "
-        f"part of the RMSE that auto is not held to\nauto is {aims} on {close} of {len(found)} "
+        f"{measure.table(columns, rows)}\nbrute % is the error left in the brute force: a part of "
+        f"the RMSE that is not auto's\nauto is {aims} on {close} of {len(found)} "
         f"problems, takes at most {AT_MOST:g} times as long as with one panel pixel on {quick}, "
         f"and is on the frontier of {good}"
     )

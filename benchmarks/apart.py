@@ -32,7 +32,7 @@ START, FIRST = 1.5, 15.0  # seconds above `import torch` alone
 
 
 def executions(size: Size) -> Iterator[Row]:
-    """Yield the engine beside the reference and the older checkout, each in its process."""
+    """Yield the engine against the reference and the older checkout, each in its own process."""
     with ExitStack() as stack:
         runs = {
             "the engine": stack.enter_context(Checkout(HERE, size.threads)),
@@ -52,7 +52,7 @@ def executions(size: Size) -> Iterator[Row]:
 
 
 def doors(size: Size) -> Iterator[Row]:
-    """DataLoaders of two workers, which have a thread each, beside the older checkout's; uint8, all
+    """Yield DataLoaders of two single-threaded workers against the older checkout's; uint8, all
     photographed."""
     if not size.before:
         return
@@ -84,7 +84,7 @@ def doors(size: Size) -> Iterator[Row]:
 
 
 def memory(size: Size) -> Iterator[Row]:
-    """Yield what a capture needs at its peak beside what comes in."""
+    """Yield the peak memory of a capture against that of its images."""
     height, width = size.large
     wanted = {
         f"{size.batch} of {size.side} px": (
@@ -115,7 +115,7 @@ def memory(size: Size) -> Iterator[Row]:
 
 
 def large_photo(size: Size) -> Iterator[Row]:
-    """Yield a photo of 12 megapixels on one thread beside a batch of small ones with the same
+    """Yield a photo of 12 megapixels on one thread against a batch of small ones with the same
     draw."""
     scene, seed = Scene.preset(SCENE), torch.Generator()
     small = scene.sample(1, (size.side, size.side), seed.manual_seed(0))[
@@ -146,8 +146,8 @@ def large_photo(size: Size) -> Iterator[Row]:
 
 
 def starts(size: Size) -> Iterator[Row]:
-    """Import and first photo beside `import torch` alone: with compiled kernels, and on a machine's
-    first call ever."""
+    """Yield import and first photo above `import torch` alone: with compiled kernels, and on a
+    machine's very first call."""
     times = timed_together(
         {"torch": start(TORCH), "photo": start(PHOTO)}, size.slow, warmup=min(1, size.slow - 1)
     )

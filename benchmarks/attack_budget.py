@@ -5,7 +5,7 @@ of each attacker.
 
 Attacks runs of training/fit.py on the raw reading of their own scene, at one eps, with every
 attacker at every budget, all on the same images and shots. Prints a table per run and the cheapest
-budget whose accuracy is within a point of the least that anybody reached; writes
+budget whose accuracy is within a point of the lowest that any attacker reached; writes
 results/attack_budget.json and attack_budget.png.
 """
 
@@ -61,7 +61,7 @@ def measured(
 ) -> list[dict[str, Any]]:
     """Return accuracy and seconds an image of every attacker at every budget."""
     found = []
-    # the first attack of a process pays for what is loaded and kept
+    # the first attack of a process pays for loading and caches
     warm = Table("warm-up", (Cell("MA", "1", (attackers(1)["MA"],)),))
     for _ in Runner(model, batches, scene, Records(), seed=0).run(jobs_of([warm]), [0]):
         pass
@@ -82,8 +82,8 @@ def measured(
 
 
 def recommended(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the cheapest row that is within a point, or an image, of the least accuracy that
-    anybody reached."""
+    """Return the cheapest row that is within a point, or an image, of the lowest accuracy that any
+    attacker reached."""
     least = min(row["accuracy"] for row in rows)
     slack = max(NEAR, 1 / rows[0]["n"])
     enough = [row for row in rows if row["accuracy"] <= least + slack + 1e-9]
@@ -129,7 +129,7 @@ def models_of(folders: list[str], n: int) -> dict[str, tuple[nn.Module, Batches,
 
 
 def quick_model(n: int) -> dict[str, tuple[nn.Module, Batches, Scene]]:
-    """Return an untrained model, with labels that it has right."""
+    """Return an untrained model, with the labels that it predicts."""
     torch.manual_seed(0)
     model = nn.Sequential(nn.AdaptiveAvgPool2d(4), nn.Flatten(), nn.Linear(48, 5)).eval()
     images = torch.rand(n, 3, 16, 16)
@@ -164,7 +164,7 @@ def main() -> None:
         print(measure.table(["attacker", "steps", "accuracy, %", "ms an image"], lines))
         best = recommended(rows)
         print(
-            f"Within a point of the least for the least time: {best['attacker']}, "
+            f"Cheapest within a point of the lowest accuracy: {best['attacker']}, "
             f"{best['steps']} steps\n"
         )
     chosen = {name: recommended(rows) for name, rows in results.items()}

@@ -72,8 +72,8 @@ class Checkout:
 
 
 def plain(scene: Scene) -> dict[str, Any]:
-    """Return what a scene has other than the default one has; an older checkout may not know all
-    fields."""
+    """Return the fields in which a scene differs from the default one; an older checkout may not
+    know them all."""
     changed: dict[str, Any] = {"tolerance": scene.tolerance}
     for part in PARTS:
         given, default = getattr(scene, part), getattr(Scene(), part)
@@ -90,7 +90,7 @@ def add_before(parser: argparse.ArgumentParser) -> None:
         "--before",
         type=_checkout,
         metavar="DIR",
-        help="an older checkout to measure in turns, as `git worktree` makes",
+        help="an older checkout to measure in turns, as made by `git worktree`",
     )
 
 
@@ -103,7 +103,7 @@ def _checkout(folder: str) -> Path:
 
 
 def commit(root: Path | None) -> str | None:
-    """Return a checkout's commit, or None where git knows none."""
+    """Return a checkout's commit, or None if git knows none."""
     if root is None or not (root / ".git").exists():
         return None
     told = subprocess.run(

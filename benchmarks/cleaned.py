@@ -1,4 +1,4 @@
-"""Does a small network, trained on a scene's pairs alone, bring real photos nearer to their
+"""Does a small network, trained on a scene's pairs alone, bring real photos closer to their
 originals?"""
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Effort:
 
 
 class Cleaner(nn.Module):
-    """A U-Net (Ronneberger, Fischer and Brox, 2015) of four scales on 2 x 2 pixels at a time, that
-    adds what is wrong to a photo: 0.4 M parameters."""
+    """A U-Net (Ronneberger, Fischer and Brox, 2015) of four scales on 2 x 2 pixels at a time, which
+    predicts a correction to add to a photo; 0.24 M parameters."""
 
     def __init__(self, width: int = 24) -> None:
         super().__init__()
@@ -107,7 +107,7 @@ def train(scene: Scene, images: Path, target: str, effort: Effort, seed: int = 0
 @torch.no_grad()
 def cleaned(network: nn.Module, pairs: Iterable[Shown], shown: int) -> list[dict[str, float | str]]:
     """Return a row for every real pair: PSNR in dB of the photo before and after the network, raw
-    and after the best global colour map onto the original, found for each of the two."""
+    and after the best global colour map onto the original, fitted to each of the two."""
     rows: list[dict[str, float | str]] = []
     for name, photo, original in pairs:
         before, wanted = _middle(photo, shown), _middle(original, shown)  # type: ignore[arg-type]

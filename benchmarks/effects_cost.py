@@ -2,13 +2,13 @@
 
     python benchmarks/effects_cost.py
 
-The first table is of the default photo, effect by effect: what one that it has saves when it is
-left out, and what one that it has not adds. Its share is of the whole default photo in the same
-run; none may be above a quarter. What no scene is without is in the last rows: the exposure of a
-frontal screen without subpixels, and its development.
+The first table is of the default photo, effect by effect: what leaving out one of its own saves,
+and what adding another costs. The share is of the whole default photo in the same run; none may be
+above a quarter. The last rows are what every scene pays for: the exposure of a frontal screen
+without subpixels, and its development.
 
 Then every preset is built up field by field, in the order in which light meets them, from a frontal
-screen at the preset's sensor scale; fields that a scene refuses one without the other come
+screen at the preset's sensor scale; fields that a scene accepts only together are added
 together.
 
 Writes results/effects_cost.json. Times are of `moireaug.capture` in float32 without gradients,
@@ -45,7 +45,7 @@ QUICK = {"photo": (1, 16), "build_up": (1, 8), "repeats": 1, "budget": 0.0, "pre
 DEFAULT = "screen_photo"
 MOST = 0.25  # of the default photo, for one effect
 
-# how the default scene goes without each of its effects
+# changes that take each effect out of the default scene
 WITHOUT: dict[str, dict[str, Any]] = {
     "decode, encode": {"develop.linear_light": False},
     "black_level": {"panel.black": 0.0},
@@ -60,7 +60,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "chroma_blur, sharpen": {"develop.chroma_blur": 0.0, "develop.sharpen": 0.0},
     "register": {"develop.registered": False},
 }
-# and with those that it has not
+# and changes that add others
 WITH: dict[str, dict[str, Any]] = {
     "layout of a black matrix": {"panel.lit": 0.6},
     "layout pentile": {"panel.layout": "pentile"},
@@ -135,7 +135,7 @@ def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
-    """Return a scene with some of its fields, as "part.field", set anew."""
+    """Return a scene with some of its fields, as "part.field", changed."""
     parts: dict[str, dict[str, Any]] = {}
     for name, value in changes.items():
         part, field = name.split(".")
@@ -152,7 +152,7 @@ def draw(scene: Scene, shown: Tensor) -> Any:
 def in_both(
     calls: dict[str, Callable], settings: dict[str, Any], n: int
 ) -> dict[str, dict[str, measure.Timing]]:
-    """Return the times of one of n images by the engine, where it can run, and by the reference."""
+    """Return the times per image, of n, by the engine, where it can run, and by the reference."""
     repeats, budget = settings["repeats"], settings["budget"]
     ours = measure.timed_together(calls, repeats, budget=budget)
     with engine.reference():
@@ -164,7 +164,7 @@ def in_both(
 
 
 def run_by(scene: Scene) -> str:
-    """Return what of a capture the engine takes."""
+    """Return the stages of a capture that the engine runs."""
     taken = [
         line.split()[0]
         for line in engine.explain(scene).splitlines()
@@ -239,7 +239,7 @@ def photo_report(photo: dict[str, Any]) -> str:
 
 
 def report(preset: str, rows: list[dict[str, Any]]) -> str:
-    """One preset's table."""
+    """Return one preset's table."""
     lines, before = [], None
     for row in rows:
         added = ", ".join(f"{name} {value(v)}" for name, v in row["added"].items())

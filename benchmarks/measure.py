@@ -23,7 +23,7 @@ FEWEST = 3  # runs that even a slow candidate gets
 
 
 class Timing(NamedTuple):
-    """Seconds of a call: median, quartiles and mean of so many runs."""
+    """Seconds of a call: median, quartiles and mean over `runs` runs."""
 
     median: float
     low: float
@@ -52,8 +52,8 @@ def timed_together(
     warmup: int = 1,
     budget: float = float("inf"),
 ) -> dict[str, Timing]:
-    """Time candidates by turns, in another order each round, so that a machine that drifts and a
-    cache that a large neighbour has emptied hit all alike.
+    """Time candidates in turns, in another order each round, so that a drifting machine and a cache
+    emptied by a large neighbour hit all alike.
 
     Args:
         repeats: rounds, in each of which every candidate runs once.
@@ -122,7 +122,7 @@ def _cpu() -> str:
 
 
 def told(facts: Mapping[str, Any]) -> str:
-    """Metadata in a line or two."""
+    """Return the metadata in two lines."""
     libraries = ", ".join(f"{name} {facts[name]}" for name in ("python", *LIBRARIES))
     load = facts["load_average_at_start"]
     cores = f"{facts['cores']} cores, {facts['threads']} threads"
@@ -135,7 +135,7 @@ def told(facts: Mapping[str, Any]) -> str:
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Plain text with aligned columns: numbers, which start with a digit or a sign, to the right,
+    """Return plain text with aligned columns: those with any value but words and None to the right,
     words to the left."""
     cells = [[show(value) for value in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(columns, *cells, strict=True)]
@@ -154,7 +154,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 
 
 def show(value: Any) -> str:
-    """Three digits of a float that is not large, nothing for None."""
+    """Return a value as text: floats below 1000 with three digits, nothing for None."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -163,7 +163,7 @@ def show(value: Any) -> str:
 
 
 def in_ms(seconds: Mapping[str, float]) -> tuple[float, str]:
-    """Median and quartiles of a `Timing`'s dict, for a table."""
+    """Return median and quartiles in ms of a `Timing`'s dict, for a table."""
     return 1e3 * seconds["median"], f"{show(1e3 * seconds['low'])} to {show(1e3 * seconds['high'])}"
 
 
@@ -173,12 +173,12 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def arguments(doc: str) -> argparse.ArgumentParser:
-    """Return what every script takes."""
+    """Return a parser of the options that every script takes."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="tiny sizes, a few seconds: shows that it runs, no more",
+        help="tiny sizes, a few seconds: only shows that it runs",
     )
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
     parser.add_argument("--threads", type=int, default=2)

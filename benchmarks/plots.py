@@ -62,8 +62,8 @@ def accuracy_vs_time(found: Sequence[dict[str, Any]], path: Path) -> None:
 
 
 def draw(axis: Axes, result: dict[str, Any]) -> None:
-    """One problem. A method's settings are joined by a thin line, quartiles of time are bars, the
-    ring is auto."""
+    """Draw one problem. A method's settings are joined by a thin line, quartiles of time are bars,
+    the ring is auto."""
     floor = result["brute_force"]["error_left_percent"]
     families: dict[str, list[dict[str, Any]]] = {}
     for row in result["rows"]:
@@ -112,7 +112,7 @@ def draw(axis: Axes, result: dict[str, Any]) -> None:
 
 
 def spans(scale: Axis) -> bool:
-    """Whether an axis spans more than two powers of ten, so that these are labels enough."""
+    """Return whether an axis spans more than two powers of ten, which are then labels enough."""
     low, high = scale.get_data_interval()
     return high > 100 * low
 

@@ -15,8 +15,8 @@ from torchvision.transforms.v2.functional import pil_to_tensor
 from moireaug import Lens, Panel, Scene, Sensor, View
 
 VIEWS = {
-    # exactly frontal, all rows of an aperture's points meet the subpixels' edges in step, which no
-    # photo does
+    # exactly frontal, all rows of an aperture's points would meet the subpixels' edges in step, as
+    # in no real photo
     "frontal": View(roll=0.7),
     "oblique": View(yaw=25, pitch=-10, roll=5),
 }
@@ -34,7 +34,7 @@ class Problem:
 
     Args:
         picture: a key of `PICTURES`.
-        pitch: sensor pixels per panel pixel, were the view frontal and edge to edge.
+        pitch: sensor pixels per panel pixel, if the view were frontal and edge to edge.
         view: a key of `VIEWS`.
         scene: all of it, with the exposure "auto".
     """
@@ -67,8 +67,8 @@ def problem(
     blur: float = 0.3,
     k1: float = 0.0,
 ) -> Problem:
-    """Return a problem; `panel` is in panel pixels an image pixel. Codes are light, and there is no
-    noise."""
+    """Return a problem; `panel` is in panel pixels per image pixel. Codes are light, and there is
+    no noise."""
     scene = Scene(
         panel=Panel(scale=panel, layout=layout),
         view=VIEWS[view],
@@ -78,7 +78,7 @@ def problem(
     return Problem(picture, pitch, view, scene)
 
 
-# text is always shown with one panel pixel an image pixel, as screens show it
+# text is always shown with one panel pixel per image pixel, as on real screens
 SET = (
     dict(picture="grey", layout="rgb_stripe", pitch=0.4, view="frontal", panel=5),
     dict(picture="photo", layout="rgb_stripe", pitch=0.7, view="oblique", panel=3),
@@ -96,7 +96,7 @@ SET = (
 
 
 def grey(n: int, side: int) -> Iterator[Image.Image]:
-    """Flat, 0.7 of full scale: whatever varies in its photo is the panel."""
+    """Flat, 0.7 of full scale: whatever varies in its photo is due to the panel."""
     return (Image.new("RGB", (side, side), (178, 179, 178)) for _ in range(n))
 
 
@@ -125,5 +125,5 @@ PICTURES = {"grey": grey, "photo": photo, "text": text}
 
 
 def images(picture: str, n: int, side: int) -> Tensor:
-    """(n, 3, side, side) float32 in [0, 1]."""
+    """Return n pictures, (n, 3, side, side) float32 in [0, 1]."""
     return torch.stack([pil_to_tensor(image) for image in PICTURES[picture](n, side)]) / 255

@@ -1,4 +1,4 @@
-"""Hold scenes against real photos of screens.
+"""Compare scenes with real photos of screens.
 
     python benchmarks/reality.py PAIRS.csv screen_photo phone_at_monitor scene.yaml
     python benchmarks/reality.py PAIRS.csv screen_photo --images DIR --target twin original
@@ -7,16 +7,16 @@ PAIRS.csv has the columns photo and original: aligned pictures of one size. Publ
 no pictures. For each scene:
 
 - statistics: of crops of the real photos and of the scene's photos of the same crops, as
-  training/calibrate.py has them.
+  training/calibrate.py computes them.
 - told apart: a small network is trained to tell patches of the real photos from simulated ones of
-  the same crops, on all pictures but one, and judged on that one. 50 % is chance: such a network
-  cannot tell the scene from reality. "as they are" judges everything; "one tone" after the best
-  global colour map of every crop onto its original, which leaves the texture alone: moiré, noise,
-  sharpness. With --controls, two stand beside the scenes: the real photos against themselves, which
-  must be at chance, and the originals, which are no photos at all.
+  the same crops, on all folds of the pictures but one, and judged on that one. 50 % is chance:
+  such a network cannot tell the scene from reality. "as they are" judges everything; "one tone"
+  after the best global colour map of every crop onto its original, which leaves the texture alone:
+  moiré, noise, sharpness. With --controls, two more are judged: the real photos against themselves,
+  which must be at chance, and the originals, which are no photos at all.
 - cleaned, with --images, a folder of clean pictures: a small network is trained on simulated pairs
   of these alone, and cleans the real photos. Their PSNR before and after, each after its best
-  global colour map onto the original, says whether what it learned holds in reality.
+  global colour map onto the original, says whether what it learned carries over to reality.
 
 Writes results/reality.json.
 """
@@ -75,7 +75,7 @@ def one_tone(photos: Tensor, originals: Tensor) -> Tensor:
 
 
 def statistics(crops: Crops, photos: dict[str, Tensor]) -> dict[str, Any]:
-    """Return every scene's table beside the real photos'."""
+    """Return every scene's statistics beside those of the real photos."""
     real = measured(crops.photos, crops.originals)
     found = {}
     for name, shots in photos.items():

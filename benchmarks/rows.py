@@ -25,8 +25,8 @@ class Size:
     repeats: int = 15
     slow: int = 5  # repeats of what takes seconds
     first: int = 3  # of first calls ever, 10 to 20 s each
-    calls: int = 200  # of a transform that chooses by chance
-    loaded: int = 512  # images an epoch
+    calls: int = 200  # of a transform that chooses images at random
+    loaded: int = 512  # images per epoch
     threads: int = 2
     before: Path | None = None  # the root of an older checkout
 
@@ -66,7 +66,7 @@ class Row:
 def in_ms(
     what: str, time: Timing, against: str = "", other: Timing | None = None, **bars: float
 ) -> Row:
-    """Return a row of a time, set against another."""
+    """Return a row of a time, compared with another."""
     ms = [1e3 * s for s in (time.median, time.low, time.high)]
     return Row(what, *ms, "ms", against, 1e3 * other.median if other else None, **bars)
 

@@ -28,8 +28,8 @@ class Run(NamedTuple):
 
 
 def runs_of(shots: dict[str, Shot], shown: Tensor, before: Checkout | None) -> dict[str, Run]:
-    """Return all methods by name, those of the reference and the older checkout with that before
-    their names."""
+    """Return all methods by name, those of the reference and the older checkout with a prefix that
+    says so."""
     runs = {}
     for name, shot in shots.items():
         by = "engine" if engine.explain(shot.scene).startswith("expose   engine") else "reference"
@@ -59,16 +59,16 @@ def unfused(shown: Tensor, shot: Shot) -> Tensor:
 
 
 def one_cell(shown: Tensor, shot: Shot) -> Tensor:
-    """Return the engine's reading, each sensor pixel of the one panel pixel in front of its
+    """Return the engine's reading if each sensor pixel sees only the panel pixel in front of its
     centre."""
     whole = from_shot.exposure_of(shot, decoded=False)
     exposure = whole._replace(
         cell=whole.cell._replace(taps=0),
-        # only weights read them, and of one cell there are none
+        # only weights read them, and a single cell has none
         widths=np.minimum(whole.widths, 0.5),
         share=np.zeros_like(whole.share),
     )
-    run.fits(exposure)  # as every exposure asks
+    run.fits(exposure)  # as every exposure does
     return run.expose(shown, exposure)
 
 

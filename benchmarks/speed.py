@@ -2,8 +2,8 @@
 
     python benchmarks/speed.py [--before DIR] [--only WORD]
 
-Prints a table and writes results/speed.json. A ratio is ours over the other's, of medians taken by
-turns; `met` says whether it keeps its bar, losses beside wins. Rows without a bar are for
+Prints a table and writes results/speed.json. A ratio is ours over the other's, of medians taken in
+turns; `met` says whether it keeps its bar. Rows without a bar are for
 information. Images are float32 of 224 px in batches of 16 and gradients are off, unless a row says
 otherwise; the scene is the default, "screen_photo". `--before` names an older checkout of the
 project (`git worktree add DIR COMMIT`), which takes turns with this one.
@@ -85,8 +85,8 @@ def transforms(size: Size) -> Iterator[Row]:
 
 
 def released_chain(size: Size) -> Iterator[Row]:
-    """`paper_code` beside the same chain on every sensor pixel. They must agree before they are
-    timed."""
+    """Yield `paper_code` against the same chain on every sensor pixel. They must agree before they
+    are timed."""
     image = torch.rand(1, 3, size.paper, size.paper, generator=torch.Generator().manual_seed(0))
     shot = Scene.preset("paper_code").sample(
         1, tuple(image.shape[-2:]), torch.Generator().manual_seed(0)
@@ -124,7 +124,7 @@ def released_chain(size: Size) -> Iterator[Row]:
 
 
 def in_the_noise(photo: Callable[[Tensor], Tensor], shape: tuple[int, ...]) -> Callable[[], Tensor]:
-    """Forward and backward in the noise, whose gradient is returned."""
+    """Return a function that runs a photo forward and backward for the gradient of its noise."""
 
     @torch.enable_grad()
     def run() -> Tensor:
@@ -162,13 +162,13 @@ def panels(size: Size) -> Iterator[Row]:
 
 
 def running(stage: Callable, scene: Scene, images: Tensor) -> Callable[[], Tensor]:
-    """`expose` or `capture` of the images, in a shot that is drawn and planned once."""
+    """Return `expose` or `capture` of the images, in a shot that is drawn and planned once."""
     shot = scene.sample(len(images), tuple(images.shape[-2:]), torch.Generator().manual_seed(0))
     return lambda: stage(images, shot)
 
 
 def attack_step(size: Size) -> Iterator[Row]:
-    """One step of the Moiré Attack beside one of PGD on pixels: forward, backward, update."""
+    """Yield a step of the Moiré Attack against one of PGD on pixels: forward, backward, update."""
     images, labels = size.images(), torch.zeros(size.batch, dtype=torch.long)
     model = resnet18(weights=None).eval()
     ours = attacks.MoireAttack(model, scene="screen_photo")
@@ -185,8 +185,7 @@ def attack_step(size: Size) -> Iterator[Row]:
 
 
 def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[], Tensor]:
-    """Return a step as the attacks' loop takes it, on a problem that is set up once for all
-    steps."""
+    """Return a step as in the attacks' loop, on a problem that is set up once for all steps."""
     problem, eps = attack.problem(images, None, None), attack.eps
     start = torch.zeros(problem.shape)
 
@@ -215,7 +214,7 @@ def training(size: Size) -> Iterator[Row]:
 
 
 def precisions(size: Size) -> Iterator[Row]:
-    """Yield what the engine leaves to the reference: float64, and gradients in the image."""
+    """Yield other precisions, and gradients in the image, against a capture of float32."""
     images = size.images()
     shot = Scene.preset("screen_photo").sample(size.batch, (size.side, size.side))
     halves, doubles = images.to(torch.bfloat16), images.double()
@@ -237,8 +236,8 @@ def precisions(size: Size) -> Iterator[Row]:
 
 
 def gpu(size: Size, device: str = "cuda") -> Iterator[Row]:
-    """Draw and capture on a GPU beside a training step there; a 4 times larger batch than on the
-    CPU."""
+    """Yield draw and capture on a GPU against a training step there; the batch is 4 times that on
+    the CPU."""
     images = size.images().to(device).repeat(4, 1, 1, 1)
     scene, model = Scene.preset("screen_photo"), resnet18(weights=None).to(device)
     labels = torch.zeros(len(images), dtype=torch.long, device=device)
@@ -284,8 +283,8 @@ def main() -> None:
     print(report(rows))
     if not args.before:
         print(
-            "Without --before DIR there are no rows beside an older checkout, and none of "
-            "DataLoaders."
+            "Without --before DIR, the rows against an older checkout and those of DataLoaders "
+            "are missing."
         )
     # no path of this machine among the results
     sizes = dataclasses.asdict(replace(size, before=None))

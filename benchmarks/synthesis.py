@@ -4,8 +4,8 @@
     python benchmarks/synthesis.py DIR      # from pictures of your own
 
 Makes, encodes and writes the pairs of training/synthesise.py in one process of one thread. Times
-are those that the process spends on a core, medians over pairs, so that a busy machine counts as an
-idle one; a million pairs are a million times that, on as many cores as there are. Writes
+are those that the process spends on a core, medians over pairs, so that other load hardly matters;
+a million pairs are a million times that, on as many cores as there are. Writes
 results/synthesis.json.
 """
 

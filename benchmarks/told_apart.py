@@ -25,11 +25,11 @@ class Effort:
     side: int = 96  # pixels of the patches that are judged
     judged: int = 256  # patches of the pictures that were left out, half of them real
     rate: float = 4e-3
-    folds: int = 6  # at most; of so many pictures, one is left out at a time
+    folds: int = 6  # at most, of the pictures; one fold is left out at a time
 
 
 def discriminator(width: int = 16) -> nn.Sequential:
-    """Return a network of three strided convolutions and a mean over the patch, of 27 k
+    """Return a network of three strided convolutions and a mean over the patch, of 26 k
     parameters."""
     channels, kernels = (3 + 3 * len(DETAIL), width, 2 * width, 4 * width), (5, 3, 3)
     layers: list[nn.Module] = []
@@ -103,9 +103,9 @@ def _patches(
 
 
 def with_detail(photos: Tensor) -> Tensor:
-    """Return photos (N, 3, S, S) uint8 with their detail beside their colours, (N, 9, S, S).
+    """Return photos (N, 3, S, S) uint8 with their detail beside their colours, (N, 6, S, S) uint8.
 
-    Detail is what Gaussian blurs of 2 and 8 pixels take away, ten times as strong, as moiré of two
+    Detail is what a Gaussian blur of 3 pixels takes away, ten times as strong, as moiré of two
     codes is nothing beside an edge of a hundred.
     """
     found = []

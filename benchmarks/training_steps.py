@@ -129,7 +129,7 @@ def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def repeated(call: Callable[[], None], times: int) -> Callable[[], None]:
-    """Return what calls it so often."""
+    """Return a function that makes a call `times` times."""
 
     def every() -> None:
         for _ in range(times):
@@ -139,7 +139,7 @@ def repeated(call: Callable[[], None], times: int) -> Callable[[], None]:
 
 
 def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return a row for each model and option that is there for speed."""
+    """Return a row for each model and each option that is meant for speed."""
     rows = []
     for model, batch, side in settings["models"]:
         chosen = {k: v for k, v in OPTIONS.items() if settings["compile"] or "compile" not in k}
@@ -162,7 +162,7 @@ def configure(*overrides: str) -> Config:
 
 
 def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
-    """Return a step of training away from Lightning's loop; each call is the next visit of one
+    """Return a step of training outside Lightning's loop; each call is the next visit of one
     batch."""
     torch.manual_seed(0)
     model = classifier_of(cfg, 16)
@@ -226,7 +226,7 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def write_folder(root: Path, n: int, side: int) -> None:
-    """N + 4 JPEG files of a photograph-like picture, in train/ and test/."""
+    """Write n + 4 JPEG files of a photograph, in train/ and test/."""
     shown = (images("photo", 4, side).movedim(1, -1) * 255).to(torch.uint8).numpy()
     for half, many in (("train", n + 2), ("test", 2)):
         (root / half / "a").mkdir(parents=True)

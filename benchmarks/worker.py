@@ -4,7 +4,7 @@
     python benchmarks/worker.py ROOT THREADS
 
 Reads pickled pairs of a name and its arguments, calls the function of that name and answers each
-with its pickled result. Imports nothing of `benchmarks`, which is another in ROOT, and only public
+with its pickled result. Imports nothing of `benchmarks`, which may differ in ROOT, and only public
 names of `moireaug`.
 """
 
@@ -27,7 +27,7 @@ import moireaug
 from moireaug import Scene
 
 Call = Callable[[], Any]
-# by the name of a capture or loader, and what is done with it
+# by the key of a capture or loader, and what is done with it
 CALLS: dict[tuple[str, str], Call] = {}
 
 
@@ -100,10 +100,10 @@ def result(key: str, what: str) -> Any:
 
 
 def resident_rise(scene: str, shape: tuple[int, int, int]) -> float:
-    """Return by how many MiB the first capture of such images lifts this process's resident set,
+    """Return by how many MiB the first capture of such images raises this process's resident set,
     its photo included.
 
-    It holds all that a capture touches, scratch space and what the allocator could not reuse
+    It counts all that a capture touches, scratch space and what the allocator could not reuse
     included.
     """
     drawn = Scene.preset(scene)

@@ -1,5 +1,6 @@
-"""Draw docs/gallery.png, every preset on signs and on a grey screen, docs/banner.png, some of them,
-docs/effects.png, every effect by itself, and docs/effects/*.png, those that physics.md explains.
+"""Draw docs/gallery.png (every preset on signs and on a grey screen), docs/banner.png (some of
+them), docs/effects.png (every effect by itself) and docs/effects/*.png (those that physics.md
+explains).
 
 Run it as `python docs/gallery.py`.
 """
@@ -30,8 +31,7 @@ MOIRE = Scene(
     panel=Panel(scale=1.15), view=View(yaw=8, pitch=-5, roll=3), lens=Lens(blur=0.25),
     sensor=Sensor(scale=2, gain=2.8), develop=Develop(linear_light=True),
 )  # fmt: skip
-# A panel that emits evenly and a sensor without filters: nothing happens, but for what a scene
-# adds.
+# A panel that emits evenly and a sensor without filters: nothing happens except what a scene adds.
 PLAIN = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
 # Panel pixels 16 sensor pixels wide: the subpixels themselves.
 CLOSE = Scene(panel=Panel(scale=1 / 16), lens=Lens(blur=0.3), sensor=Sensor(cfa="none", gain=2.5))

@@ -107,8 +107,8 @@ def test_float32_stays_near_float64(name, execution, bound, images):
 
 
 def _quiet(scene):
-    """Without noise, which starts anew in each precision, and without JPEG, which makes a whole
-    code of a digit."""
+    """Without noise, which is drawn again in each precision, and without JPEG, which makes a whole
+    code of a rounding error."""
     return dataclasses.replace(
         scene,
         sensor=dataclasses.replace(scene.sensor, read_noise=0.0),

@@ -7,7 +7,7 @@ import torch
 from moireaug import Panel, Scene, Sensor, View, capture, develop, expose
 from moireaug.checks import check_images
 
-BARE = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))  # calls for nothing
+BARE = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))  # needs no effects
 SCENE = Scene(view=View(roll=5.0), sensor=Sensor(gain=2.0))
 NORMALISATIONS = {
     "ImageNet": ([0.485, 0.456, 0.406], [0.229, 0.224, 0.225]),

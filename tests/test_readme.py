@@ -35,7 +35,7 @@ def test_snippets_define_what_they_use(page, capsys, tmp_path, monkeypatch):
     for code in PAGES[page]:
         if "import torchattacks" in code:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # its imports' own
+                warnings.simplefilter("ignore")  # warnings of its imports
                 pytest.importorskip("torchattacks")
         exec(compile(code, page, "exec"), names)
     assert names.keys() > {"__builtins__"}

@@ -1,4 +1,4 @@
-"""What training images are turned into: kinds of adversaries by name, and what each costs."""
+"""Adversaries of training by name: what each does to the images, and what it costs."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ class Shown:
 
 
 class Adversaries:
-    """Turns images against a model, as `adversary.*` says.
+    """Photographs or attacks training images, as `adversary.*` says.
 
     Args:
-        model: the one that is trained.
-        scene: of the shots.
+        model: the model in training.
+        scene: the scene of the shots.
         cfg: the settings.
 
     Raises:
-        ValueError: settings out of their range or that do not go together, with what is allowed.
+        ValueError: settings that are out of range or do not go together.
     """
 
     def __init__(self, model: nn.Module, scene: Scene, cfg: Adversary) -> None:
@@ -65,10 +65,10 @@ class Adversaries:
         self.attack = _attack(model, scene, cfg)
 
     def __call__(self, images: Tensor, labels: Tensor, strength: float = 1.0) -> Tensor:
-        """Turn images (B, 3, H, W) in [0, 1] into attacked ones of that shape, without gradient.
+        """Return images (B, 3, H, W) in [0, 1] as the adversary leaves them, without gradient.
 
         Args:
-            strength: share of eps that is in force, in [0, 1].
+            labels: (B,) int64. strength: share of eps that is in force, in [0, 1].
         """
         if self.cfg.kind == "none":
             return images
@@ -81,7 +81,11 @@ class Adversaries:
         return capture(images, self.scene.sample(len(images), _size(images)))
 
     def show(self, images: Tensor, labels: Tensor, strength: float = 1.0) -> Shown:
-        """Return the attacked images as `Shown`, for recipes that replay them."""
+        """Return the attacked images as `Shown`, for recipes that replay them.
+
+        Raises:
+            ValueError: an adversary without an attack, "none" or "moire".
+        """
         attack = self._attack_at(strength)
         problem, point = attack.walk(images, labels, shot=self._shot(images))
         return Shown(problem.render, point["noise"])
@@ -93,7 +97,9 @@ class Adversaries:
 
     def _attack_at(self, strength: float) -> Attack:
         if self.attack is None:
-            raise ValueError(f"the adversary {self.cfg.kind!r} has no attack.")
+            raise ValueError(
+                f"the adversary {self.cfg.kind!r} has no attack: use moire_attack or pgd."
+            )
         return replace(self.attack, eps=strength * self.cfg.eps)
 
 
@@ -114,7 +120,7 @@ def _attack(model: nn.Module, scene: Scene, cfg: Adversary) -> Attack | None:
 
 
 def check(cfg: Adversary) -> None:
-    """Refuse settings that cannot be followed.
+    """Refuse invalid settings.
 
     Raises:
         ValueError: with what was got, what is allowed and what to do.
@@ -125,8 +131,8 @@ def check(cfg: Adversary) -> None:
             raise ValueError(f"adversary.{name} must lie in [0, 1]; got {getattr(cfg, name)}.")
     if cfg.kind != "none" and cfg.share + cfg.natural > 1:
         raise ValueError(
-            "adversary.share and adversary.natural are parts of one batch and must not add to more "
-            f"than 1; got {cfg.share} and {cfg.natural}."
+            "adversary.share and adversary.natural are parts of one batch and must not add up to "
+            f"more than 1; got {cfg.share} and {cfg.natural}."
         )
     for name in ("replays", "window"):
         if getattr(cfg, name) < 1:
@@ -139,7 +145,7 @@ def check(cfg: Adversary) -> None:
 
 
 def strengthened(a: Adversary) -> Adversary:
-    """Return the same adversary with at least three steps, from a start within its ball."""
+    """Return the same adversary with at least three steps and a start within eps."""
     few = a.steps < STRONG
     return replace(
         a,
@@ -150,7 +156,7 @@ def strengthened(a: Adversary) -> Adversary:
 
 
 def passes(cfg: Adversary) -> float:
-    """Return the forward and backward passes an image of a training step."""
+    """Return the forward and backward passes per image in a training step."""
     if cfg.kind not in ("moire_attack", "pgd"):
         return 1.0
     return 1 + cfg.share * cfg.steps / cfg.replays

@@ -1,4 +1,4 @@
-"""A model attacked by a suite: how, what is left to do, and what came of it."""
+"""Attack a model with a suite: the protocol, the work left to do, and the results."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Protocol(NamedTuple):
     lpips: LPIPS | None = None
 
     def config(self) -> SuiteConfig:
-        """Return what suites are built from, without targets and further defences."""
+        """Return the configuration of suites, without targets and further defences."""
         settings = self.settings
         return SuiteConfig(scene=self.scene, eps=tuple(settings.eps), steps=settings.steps)
 
@@ -50,7 +50,7 @@ class Protocol(NamedTuple):
 
 
 def protocol_of(cfg: Config, splits: Splits) -> Protocol:
-    """Return how the models of these settings are attacked."""
+    """Return the protocol that these settings describe."""
     batches = EvalBatches(splits, cfg.reattack, cfg.data.size, device(cfg.trainer))
     return Protocol(batches, scene_of(cfg), cfg.reattack)
 
@@ -63,14 +63,14 @@ def device(trainer: Trainer) -> torch.device:
 
 @dataclass(frozen=True)
 class Attacked:
-    """A suite on one model.
+    """The results of a suite on one model.
 
     Args:
-        tables: of the suite. lines: their rates, a line a cell.
-        checks: `trust`, whether the figures can be trusted, on `trust_n` images; empty where that
-            was not asked for.
-        runner: for the pictures.
-        seconds: by phase.
+        tables: of the suite. lines: their rates, one row per cell.
+        checks: `trust`, whether the figures can be trusted, on `trust_n` images; empty if not
+            asked for.
+        runner: for the report's pictures.
+        seconds: time spent, by phase.
     """
 
     tables: list[Table]
@@ -81,12 +81,12 @@ class Attacked:
 
 
 class Plan:
-    """A suite on one model: what is to be done, and by which records it is kept.
+    """A suite on one model: the work to do, and the records that keep what is done.
 
     Args:
         model: [0, 1] images to logits. suite: its name. protocol: how the model is attacked.
         records: folder where each finished piece is kept.
-        config: what the suite is built from; None is the protocol's.
+        config: of the suite; None uses the protocol's.
         check: whether to check that the figures can be trusted.
     """
 
@@ -127,7 +127,8 @@ class Plan:
         """Do this process's share of what is not done yet: every `world`-th batch.
 
         Args:
-            title: of the model, for the progress bar.
+            title: name of the model, for the progress bar.
+            rank, world: number of this process, and how many there are.
         """
         with self.kept:
             for phase, (jobs, indices) in self.phases.items():
@@ -141,10 +142,10 @@ class Plan:
                 self.seconds[phase] = time.perf_counter() - began
 
     def results(self) -> Attacked:
-        """Return the rates and checks, out of every process's records.
+        """Return the rates and checks, from the records of all processes.
 
         Raises:
-            ValueError: records that another process did not finish.
+            ValueError: records are missing, because another process did not finish.
         """
         self.kept.read()
         require_whole(self.runner, self.phases.values())
@@ -168,12 +169,12 @@ class Plan:
 def attack(
     model: nn.Module, protocol: Protocol, records: Path, title: str, *, check: bool = True
 ) -> Attacked:
-    """Attack a model by the ladder, or by what is left of it.
+    """Attack a model with the ladder; what the records hold is not computed again.
 
     Args:
         model: [0, 1] images to logits. protocol: how it is attacked.
         records: folder where each finished piece is kept.
-        title: of the model, for the progress bar.
+        title: name of the model, for the progress bar.
         check: whether to check that the figures can be trusted.
     """
     plan = Plan(model, "ladder", protocol, records, check=check)
@@ -182,10 +183,10 @@ def attack(
 
 
 def require_whole(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> None:
-    """Refuse to make tables where records are missing.
+    """Check that no records are missing.
 
     Raises:
-        ValueError: with how many, and what to do.
+        ValueError: some are; says how many, and what to do.
     """
     missing = wanted = 0
     for jobs, indices in phases:
@@ -195,6 +196,6 @@ def require_whole(runner: Runner, phases: Iterable[tuple[list[Job], range]]) -> 
         raise ValueError(
             f"{missing} of {wanted} records are missing: other processes did not finish, or "
             f"write to a folder that "
-            "this one cannot see. Give the same command again, with runs= on a disk that all "
+            "this one cannot see. Run the same command again, with runs= on a disk that all "
             "nodes share."
         )

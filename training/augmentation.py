@@ -9,8 +9,9 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from torch import Tensor
 
-# "shift": by up to an eighth, zero padded. "affine": a small turn, shift, zoom and shear, other
-# brightness and contrast, and a part erased: signs and documents, which have a way up.
+# "shift": by up to an eighth, zero padded. "affine": a small rotation, shift, zoom and shear, a
+# change of brightness and contrast, and at times an erased part; for signs and documents, which
+# must not be flipped.
 AUGMENT = ("none", "shift", "shift_flip", "affine")
 
 

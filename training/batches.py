@@ -1,4 +1,4 @@
-"""The splits as loaders, in the same order on any number of ranks; batches that are replayed."""
+"""Loaders of the splits, in the same order on any number of ranks, and replayed batches."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from training.schema import Adversary, Train
 
 
 class Batch(NamedTuple):
-    """A batch of training.
+    """A training batch.
 
     Args:
         images: (B, 3, H, W) uint8. labels: (B,) int64.
@@ -29,9 +29,9 @@ class Batch(NamedTuple):
 
 
 class Part(DistributedSampler):
-    """Yields one part of a rank's shuffled images an epoch: `parts` epochs see each image once.
+    """Yields one part of a rank's shuffled images per epoch: `parts` epochs see each image once.
 
-    The order follows from the seed and the epoch alone, on any number of ranks.
+    The order depends on the seed and the epoch alone, whatever the number of ranks.
     """
 
     def __init__(self, data: Dataset, ranks: int, rank: int, *, seed: int, parts: int) -> None:
@@ -56,7 +56,7 @@ class Replayed:
     """Repeats each `window` batches of a loader `replays` times, one round after the other.
 
     Args:
-        loader: of (images, labels). replays: rounds. window: batches a round.
+        loader: of (images, labels). replays: rounds. window: batches per round.
     """
 
     def __init__(self, loader: DataLoader, replays: int, window: int) -> None:
@@ -82,13 +82,13 @@ class Replayed:
 class Batches(L.LightningDataModule):
     """Serves the splits as loaders.
 
-    With a recipe that replays its batches, an epoch sees one part of the images as often as there
-    are parts, so that its optimiser takes as many steps an epoch as any other's.
+    With a recipe that replays its batches n times, an epoch sees an n-th of the images n times, so
+    that the optimiser takes as many steps per epoch as with any other recipe.
 
     Args:
         splits: the images.
-        train: gives the batch size, of all devices together.
-        adversary: gives how often batches are replayed, and in which windows.
+        train: says the batch size, of all devices together.
+        adversary: says how often batches are replayed, and in which windows.
         workers: processes of each loader that read images.
         seed: of the order of the images.
         first: the epoch that training begins or resumes with.

@@ -1,4 +1,4 @@
-"""The bounds of every number of the schema, checked before time is spent."""
+"""The bounds of every number in the schema, checked before any time is spent."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ BOUNDS: dict[str, tuple[float, float | None]] = {
 
 
 def check(cfg: Config) -> None:
-    """Refuse a number out of its bounds, and devices that are not there.
+    """Refuse numbers out of bounds, and more devices than there are.
 
     Raises:
         ValueError: with what was got and what is allowed.

@@ -1,4 +1,4 @@
-r"""Hold a scene against real photos of screens, and fit it to them.
+r"""Compare a scene with real photos of screens, and fit it to them.
 
     python training/calibrate.py pairs=FILE.csv scene=screen_photo     # columns photo, original
     python training/calibrate.py pairs=DIR scene=FILE.yaml             # DIR/photo/*, DIR/original/*
@@ -7,11 +7,12 @@ r"""Hold a scene against real photos of screens, and fit it to them.
     python training/calibrate.py pairs=FILE.csv scene=screen_photo fit=true seconds=600
 
 Measures crops of the photos, and photos of the same crops by the scene: strength of the moiré by
-scale, stripes or lattice, tone, tint, sharpness, noise. With `picture`, each photo is first brought
-to the picture's frame; without originals, photos are measured alone. `fit=true` searches the
-scene's ranges so that the two agree, and writes scene.yaml, for scene=FILE of every command.
+scale, stripes or lattice, tone, tint, sharpness, noise. With `picture`, each photo is first
+registered to the picture; without originals, only the photos are measured. `fit=true` searches the
+scene's ranges so that the two agree, and writes scene.yaml, which every command takes as
+scene=FILE.
 
-Writes report.html, statistics.csv, crops.csv (a line a crop) and statistics.png into
+Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics.png into
 runs/calibrate/<scene>/, or where out=DIR says.
 """
 
@@ -57,7 +58,7 @@ MOST_SHOWN = 6  # crops
 
 @dataclass
 class Config:
-    """Hold every setting of the command."""
+    """All settings of the command."""
 
     pairs: str | None = None  # a CSV file or a folder
     photos: str | None = None  # a folder of photos of one picture, or of unknown ones
@@ -73,7 +74,7 @@ class Config:
 
 
 def calibrate(cfg: Config) -> list[Line]:
-    """Measure, fit where that is asked for, write and print; returns the table.
+    """Measure, fit if asked to, write and print; return the table.
 
     Raises:
         ValueError: settings that do not go together, or files that cannot be read.
@@ -134,7 +135,7 @@ def pictures_of(cfg: Config) -> Iterator[Shown]:
         return
     photos = find_images(Path(str(cfg.photos)))
     if not photos:
-        raise ValueError(f"no images in {cfg.photos}.")
+        raise ValueError(f"no images in {cfg.photos}: pass photos=DIR of a folder with some.")
     if cfg.picture:
         yield from registered(photos, Path(cfg.picture))
         return
@@ -145,7 +146,7 @@ def pictures_of(cfg: Config) -> Iterator[Shown]:
 def by_crop(
     crops: Crops, real: list[dict[str, float]], simulated: list[dict[str, float]] | None
 ) -> pd.DataFrame:
-    """Return a line a crop, real ones first."""
+    """Return one row per crop, real ones first."""
     tables = []
     for kind, rows in (("real", real), ("simulated", simulated)):
         if rows is not None:
@@ -185,7 +186,7 @@ def page(
     examples: list[dict[str, Any]],
     fitted: fit.Fitted | None,
 ) -> str:
-    """Return the report as a page that needs nothing but itself."""
+    """Return the report as a self-contained page."""
     paired = crops.originals is not None
     rows = []
     for line in found:
@@ -199,7 +200,7 @@ def page(
                 "apart": apart,
             }
         )
-    n = f"{len(crops.photos)} crops of {crops.photos.shape[-1]} px out of {len(crops.names)} photos"
+    n = f"{len(crops.photos)} crops of {crops.photos.shape[-1]} px from {len(crops.names)} photos"
     lead = f"{n}, without their originals: nothing is simulated."
     title = "Real photos of screens, measured"
     if paired:
@@ -228,7 +229,7 @@ def page(
 
 
 def main(argv: Sequence[str]) -> None:
-    """Read the command line, and end with a sentence where it cannot be followed."""
+    """Run the command line, or exit with a one-line error."""
     try:
         calibrate(settings.parse(argv, Config, EXAMPLE))
     except (ValueError, TypeError, OSError) as error:

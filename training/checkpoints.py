@@ -1,4 +1,4 @@
-"""Checkpoints that are whole or not there, in a folder that may be moved."""
+"""Checkpoints that are written whole or not at all, in a folder that may be moved."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from moireaug.files import write_bytes
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    """Writes a checkpoint beside the previous one, then puts it in its place.
+    """Writes a checkpoint beside the previous one, which it then replaces.
 
-    Lightning's own passes through the temporary folder, which is often another disk: a copy that
-    can be cut short.
+    Lightning's own goes through the temporary folder, often on another disk: a copy that can be
+    cut short.
     """
 
     def save_checkpoint(
@@ -27,9 +27,9 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         """Write a checkpoint, whole or not at all.
 
         Raises:
-            OSError: the disk is full or not writable; the previous checkpoint is whole.
+            OSError: the disk is full or not writable; the previous checkpoint stays whole.
         """
-        # torch hides the cause where a file that it writes itself cannot grow
+        # torch hides the cause when it writes the file itself and the disk is full
         buffer = io.BytesIO()
         torch.save(checkpoint, buffer)
         write_bytes(Path(path), buffer.getbuffer())
@@ -39,7 +39,7 @@ class RunCheckpoint(ModelCheckpoint):
     """Keeps one checkpoint under one name in a run's folder.
 
     Args:
-        folder: where it is kept. name: without the ending. settings: as of ModelCheckpoint.
+        folder: where it is kept. name: without the suffix. settings: passed to ModelCheckpoint.
     """
 
     def __init__(self, folder: Path, name: str, **settings: Any) -> None:

@@ -1,4 +1,4 @@
-"""The classifier that is trained: Lightning's loop around a model and its adversaries."""
+"""The Lightning module that trains a classifier against its adversary."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from training.tuning import tuning
 
 
 class Classifier(L.LightningModule):
-    """Trains a model on images that an adversary has turned against it.
+    """Trains a model on images that an adversary has photographed or attacked.
 
     Validation scores the mean of clean accuracy and accuracy under the recipe's own adversary, on
     draws that are the same in every epoch; an adversary of fewer than three steps is validated with
-    three, so that a model that only defeats single steps (catastrophic overfitting) is seen.
+    three, so that a model that only defeats single steps (catastrophic overfitting) is noticed.
     `guard.Guard` acts on it.
 
     Args:
         model: takes [0, 1] images (B, 3, H, W) and returns logits.
         train: how it is trained.
-        adversary: what the training images are turned into.
+        adversary: what is done to the training images.
         scene: where they are photographed.
-        seed: of every draw.
+        seed: of all random draws.
         augment: of the clean images, one of `augmentation.AUGMENT`.
-        fine: whether the model has given weights, which are fine-tuned.
+        fine: whether given weights are fine-tuned.
 
     Raises:
-        ValueError: settings of the adversary that cannot be followed.
+        ValueError: invalid settings of the adversary.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Classifier(L.LightningModule):
     def train(self, mode: bool = True) -> Classifier:
         """Switch the mode of all but batch normalisation with fixed statistics.
 
-        Fine-tuning keeps the statistics of the given weights: a few images have no better ones, and
+        Fine-tuning keeps the statistics of the given weights: few images give no better ones, and
         published weights may have theirs folded into the convolutions.
         """
         super().train(mode)
@@ -93,7 +93,7 @@ class Classifier(L.LightningModule):
 
     @property
     def few_steps(self) -> bool:
-        """Say whether a model may learn to defeat the few steps of its adversary alone."""
+        """Return whether the model may learn to defeat only the few steps of its adversary."""
         return self.threat.kind in ("moire_attack", "pgd") and self.threat.steps < STRONG
 
     @property
@@ -141,12 +141,12 @@ class Classifier(L.LightningModule):
         """Return a batch's images: its first ones attacked, those after them photographed, the rest
         clean; batches are shuffled, so that each part is random.
 
-        Where batches are replayed, all of this happens on the first visit. Later the noise moves
-        along the last visit's gradient, so that neither screen nor network is computed for the
-        noise alone. The attacked images are then still to be rendered from what is `Shown`.
+        Where batches are replayed, all of this happens on the first visit. Later ones move the
+        noise along the gradient of the visit before, so that neither exposure nor network is
+        computed for the noise alone; the caller renders the attacked images from `Shown`.
         """
         cfg, strength = self.threat, self._strength()
-        if batch.visit and batch.slot in self._kept:  # not where the share of so few is none
+        if batch.visit and batch.slot in self._kept:  # a small batch may have no attacked images
             images, shown = self._kept[batch.slot]
             step = 1.0 if cfg.step_size is None else cfg.step_size
             shown = shown.stepped(step, strength * cfg.eps)
@@ -192,7 +192,7 @@ class Classifier(L.LightningModule):
         if self.threat.kind != "none":
             try:
                 shown = self.validation_adversary(images, labels)
-            except NoAnswerError:  # wrong without an adversary
+            except NoAnswerError:  # no answer is wrong, attacked or not
                 shown = images
             self._hits["perturbed"].append((predicted(self(shown)) == labels).float())
 
@@ -224,7 +224,7 @@ class Classifier(L.LightningModule):
             weight_decay=t.weight_decay,
             nesterov=t.momentum > 0,
         )
-        # five steps would leave the rise of the rate no length, which OneCycleLR divides by
+        # with five steps the warm-up would have length 0, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
         schedule = torch.optim.lr_scheduler.OneCycleLR(
             optimizer,

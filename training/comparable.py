@@ -1,4 +1,4 @@
-"""Whether runs and their re-attacks compare: what they must share, and what a reader must know."""
+"""Whether runs and their re-attacks can be compared: what they must share, and warnings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Metrics = dict[str, Any]
 
 
 def data_name(metrics: Iterable[Metrics]) -> str:
-    """Return the data set's name; a folder goes by its own, where all runs have the same."""
+    """Return the data set's name; for a folder its own, if all runs have the same."""
     sets = [m["config"]["data"] for m in metrics]
     own = {Path(data["root"]).resolve().name for data in sets if data["name"] == "folder"}
     return own.pop() if len(own) == 1 else sets[0]["name"]
@@ -36,13 +36,13 @@ def settings(metrics: Metrics) -> Metrics:
 
 
 def attackers(again: Metrics) -> Metrics:
-    """Return whose worst a re-attack's worst case is: other versions asked others."""
+    """Return the attackers of a re-attack's worst case, which differ between versions."""
     lines = again["tables"]["worst_case"]
     return {"attackers": sorted({line["column"] for line in lines})}
 
 
 def protocol(again: Metrics) -> Metrics:
-    """Return what the re-attacks of a table must share, by the settings' names."""
+    """Return what the re-attacks of a table must share, by setting."""
     return {
         "reattack.n": again["n"],
         "reattack.steps": again["steps"],
@@ -64,8 +64,8 @@ def same(every: Mapping[Path, Metrics], what: str) -> Metrics:
         for folder, value in values.items():
             if repr(value) != usual:
                 raise ValueError(
-                    f"{what} with different {key} do not compare: {folder} has {value!r}, most "
-                    f"others have {usual}. Make it again with the same, or move it to another "
+                    f"{what} with different {key} cannot be compared: {folder} has {value!r}, most "
+                    f"others have {usual}. Repeat it with the same, or move it to another "
                     "folder."
                 )
             shared[key] = value
@@ -79,7 +79,7 @@ def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) 
     if len(machines) > 1:
         named = "; ".join(machines)
         found.append(
-            f"The runs were trained on different machines ({named}): their times do not compare."
+            f"The runs were trained on different machines ({named}): do not compare their times."
         )
     for folder, again in attacked.items():
         failed = []

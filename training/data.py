@@ -36,7 +36,7 @@ class Splits(NamedTuple):
 
 
 class Held(Dataset):
-    """Keeps the images of a data set, once read, for all epochs after the first."""
+    """Keeps the images of a data set in memory once they are read, for later epochs."""
 
     def __init__(self, data: Dataset) -> None:
         self.data = data
@@ -52,14 +52,14 @@ class Held(Dataset):
 
 
 def _held(data: Dataset, cfg: Data) -> Dataset:
-    """Hold a data set in memory where it is small, unless workers read it, who share no memory."""
+    """Keep a data set in memory if it is small and no workers, which share no memory, read it."""
     size = len(data) * 3 * cfg.size**2  # type: ignore[arg-type]
     return data if cfg.workers or size > HELD_BYTES else Held(data)
 
 
 def _resize(size: int) -> v2.Compose:
-    """Resize the shorter side to `size` and cut out the centre: what ImageNet models are evaluated
-    on, less the 256 px margin."""
+    """Resize the shorter side to `size` and cut out the centre: as ImageNet models are
+    evaluated, without the margin of the usual 256 px."""
     return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
 
 
@@ -72,13 +72,17 @@ def _take(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
 
 
 def _split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
-    """Training images and a fixed random part held out for validation."""
+    """Return the training images, and a fixed random part held out for validation.
+
+    Raises:
+        ValueError: either of them would be empty.
+    """
     total = len(data)  # type: ignore[arg-type]
-    held = cfg.val if cfg.val is not None else total // 10
+    held = cfg.val if cfg.val is not None else max(1, total // 10)
     if not 0 < held < total:
         raise ValueError(
-            f"data.val must leave training images: got {held} of {total}. "
-            "Pass data.val=N below that."
+            f"data.val must be at least 1 and leave training images; got {held} of {total}. "
+            "Pass another data.val=N."
         )
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()
     return _take(Subset(data, order[held:]), cfg.train), Subset(data, order[:held])
@@ -105,8 +109,8 @@ def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Calla
         except (RuntimeError, OSError) as error:
             raise ValueError(
                 f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
-                "Pass data.download=true to fetch it, or data.root=DIR where torchvision has put "
-                "it."
+                "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
+                "has put it."
             ) from error
         names = getattr(sets[1], "classes", None) or [str(i) for i in range(43)]
         known, seen = _held(sets[0], cfg), _held(sets[1], cfg)
@@ -128,7 +132,7 @@ def _folder(cfg: Data) -> Splits:
             f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ "
             f"inside it."
         )
-    # the latter: to attack
+    # class folders alone: all of it is test data
     halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
     try:
         sets = [ImageFolder(half, transform=_resize(cfg.size), loader=read) for half in halves]
@@ -138,7 +142,7 @@ def _folder(cfg: Data) -> Splits:
             "It must hold train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, "
             "with images inside."
         ) from error
-    # with an index of its own, a class need not be in both halves
+    # with data.class_index, a class need not be in both halves
     numbers = [_numbers(half.classes, cfg) for half in sets]
     if numbers[0] != numbers[1] and not cfg.class_index:
         odd = sorted(set(sets[0].classes) ^ set(sets[1].classes))
@@ -157,7 +161,7 @@ def _folder(cfg: Data) -> Splits:
 
 
 def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
-    """Return the class of each folder: its place, or what the CSV says."""
+    """Return the class of each folder: its place in the order, or what the CSV says."""
     if not cfg.class_index:
         return {name: i for i, name in enumerate(names)}
     known = _class_index(Path(cfg.class_index))
@@ -165,13 +169,14 @@ def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
     if lost:
         raise ValueError(
             f"{cfg.class_index} names no class_index below {IMAGENET} for the folders {lost[:5]} "
-            f"of {cfg.root!r}."
+            f"of {cfg.root!r}: add them."
         )
     return {name: known[name] for name in names}
 
 
 def _class_index(path: Path) -> dict[str, int]:
-    """Folder name to class index, from a CSV with the columns wnid (or folder) and class_index."""
+    """Return folder name to class index, from a CSV with the columns folder (or wnid) and
+    class_index."""
     try:
         with path.open(newline="") as file:
             rows = list(csv.DictReader(file))
@@ -180,7 +185,7 @@ def _class_index(path: Path) -> dict[str, int]:
         raise ValueError(
             f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV "
             f"file with a header and "
-            "the columns folder (or wnid) and class_index, one row a folder."
+            "the columns folder (or wnid) and class_index, one row per folder."
         ) from error
 
 
@@ -194,7 +199,7 @@ LOADERS: dict[str, Callable[[Data], Splits]] = {
 
 
 def load(cfg: Data) -> Splits:
-    """Load the data set of that name.
+    """Load the data set that `cfg.name` names.
 
     Raises:
         ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says

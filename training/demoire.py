@@ -2,9 +2,9 @@
 
     python training/demoire.py in=DIR out=DIR weights=FILE
 
-Weights are weights.pt of a run of fit.py recipe=demoire, or any file of
-moireaug.defenses.demoire.save. Photos are searched deeply; large ones are cleaned tile by tile.
-Those that cannot be read are named, and the command then ends with status 1, after all others. A
+`weights` is the weights.pt of a run of fit.py recipe=demoire, or any file written by
+moireaug.defenses.demoire.save. Photos are searched for in subfolders too; large ones are cleaned
+tile by tile. Photos that cannot be read are named, and the command then exits with status 1. A
 photo's colour profile and EXIF data stay with it. Every file is written whole or not at all.
 """
 
@@ -35,20 +35,20 @@ from training.messages import sentence
 from training.settings import parse
 
 EXAMPLE = "python training/demoire.py in=DIR out=DIR weights=FILE"
-JPEG = {"quality": 95, "subsampling": "4:4:4"}  # much of what is left to see is colour
+JPEG = {"quality": 95, "subsampling": "4:4:4"}  # much of the moiré that remains is colour
 LOSSLESS = {"lossless": True}
 OPTIONS: dict[str, dict[str, Any]] = {".jpg": JPEG, ".jpeg": JPEG, ".webp": LOSSLESS}
 
 
 @dataclass
 class Config:
-    """Hold every setting of the command."""
+    """All settings of the command."""
 
     in_: str = MISSING  # in=: a folder of photos
     out: str = MISSING
     weights: str = MISSING
     device: str = "auto"  # or cpu, cuda, cuda:1
-    tile: int = SIDE  # longest side that is cleaned at once, pixels; fewer need less memory
+    tile: int = SIDE  # longest side that is cleaned at once, pixels; less needs less memory
 
 
 def configure(argv: Sequence[str]) -> Config:
@@ -64,7 +64,7 @@ def configure(argv: Sequence[str]) -> Config:
     if out.is_relative_to(photos) or photos.is_relative_to(out):
         raise ValueError(
             f"in={cfg.in_} and out={cfg.out} are one folder, or one lies in the other, and photos "
-            "would be written over: name a folder outside."
+            "would be overwritten: name another folder for out=."
         )
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={cfg.out} cannot be a folder: there is a file of that name.")
@@ -87,7 +87,7 @@ def device_of(name: str) -> torch.device:
 
 
 def clean_folder(cfg: Config) -> list[str]:
-    """Clean every photo of a folder; returns why some could not be, a sentence each.
+    """Clean every photo of a folder; return a sentence for each that could not be cleaned.
 
     Raises:
         ValueError: no photos, weights that cannot be read, or no such device.
@@ -110,9 +110,9 @@ def clean_folder(cfg: Config) -> list[str]:
             write_bytes(Path(cfg.out) / name, encoded(cleaned, photo, Path(name).suffix))
     seconds = time.perf_counter() - began
     done = len(found) - len(failed)
-    print(f"{done} photos cleaned into {cfg.out} in {seconds:.1f} s.")
+    print(f"Photos cleaned into {cfg.out}: {done}, in {seconds:.1f} s.")
     if found.others:
-        print(f"{len(found.others)} other files in {cfg.in_} are no pictures by name.")
+        print(f"Files in {cfg.in_} that are not pictures by their names: {len(found.others)}.")
     return failed
 
 
@@ -128,13 +128,13 @@ def clean(network: DemoireNet, photo: Image.Image, tile: int) -> Image.Image:
 
 
 def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
-    """Return the file of a picture, of the format of a suffix, with the profile and EXIF data of
-    the photo that it was made of."""
+    """Return a picture encoded in the format of a suffix, with the profile and EXIF data of the
+    photo that it was made from."""
     options = dict(OPTIONS.get(suffix.lower(), {}))
     if exif := photo.info.get("exif"):
         options["exif"] = exif
     profile = photo.info.get("icc_profile")
-    if profile and profile[16:20] == b"RGB ":  # others are of the ink or grey that it once had
+    if profile and profile[16:20] == b"RGB ":  # a CMYK or grey profile does not fit RGB pixels
         options["icc_profile"] = profile
     form = Image.registered_extensions()[suffix.lower()]
     file = io.BytesIO()
@@ -143,7 +143,7 @@ def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
 
 
 def main(argv: Sequence[str]) -> None:
-    """Follow the command line, and end with a sentence where it cannot be followed."""
+    """Run the command line, or exit with a one-line error."""
     try:
         failed = clean_folder(configure(argv))
     except KeyboardInterrupt:

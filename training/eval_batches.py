@@ -9,7 +9,7 @@ from torch.utils.data import Subset, default_collate
 from training.data import Splits
 from training.schema import Reattack
 
-# of a batch whose size nobody gave: some gigabytes for a large network and its gradients
+# of a batch by default: a few gigabytes for a large network and its gradients
 PIXELS = 25 * 224 * 224
 MOST = 96
 
@@ -44,8 +44,8 @@ class EvalBatches:
         return images.to(self.device).float() / 255, labels.to(self.device)
 
     def others(self, splits: Splits) -> Subset:
-        """Return images that are not attacked here: those of training, or, where a folder has no
-        split, the rest."""
+        """Return images that are not attacked: the training images or, if a folder has no split,
+        the rest."""
         if splits.train is not splits.val:
             return Subset(splits.train, range(len(splits.train)))  # type: ignore[arg-type]
         return Subset(splits.test, self.rest)

@@ -9,8 +9,8 @@ from typing import Any
 import torch
 import yaml
 
-LONGEST = 1_000_000  # bytes of a config.yaml; one of ours has two thousand
-DEEPEST = 32  # levels of its lists and mappings; one of ours has four; time grows as their square
+LONGEST = 1_000_000  # bytes of a config.yaml; fit.py writes about two thousand
+DEEPEST = 32  # levels of its lists and mappings; fit.py writes four; time grows as their square
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -23,11 +23,11 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         found = torch.load(path, map_location="cpu", weights_only=True)
         found["epoch"]
         if not all(torch.is_tensor(value) for value in found["state_dict"].values()):
-            raise TypeError
+            raise TypeError("a value of its state_dict is no tensor")
         return found
     except (
         Exception
-    ) as error:  # whichever byte was hit: UnpicklingError, EOFError, RuntimeError, KeyError ...
+    ) as error:  # whichever byte is damaged: UnpicklingError, EOFError, RuntimeError, KeyError ...
         raise ValueError(
             f"The checkpoint {path} could not be read ({type(error).__name__}). "
             "It may be missing or damaged: train again with resume=false, "
@@ -68,7 +68,7 @@ def read_settings(path: Path) -> dict[str, Any]:
     if aliases or "${" in plain:
         raise ValueError(
             f"{path} holds a YAML alias or an interpolation (${{...}}). A run's settings are plain "
-            "values, as fit.py writes them: write out what is meant."
+            "values, as fit.py writes them: write the values out."
         )
     if not isinstance(values, dict):
         raise ValueError(
@@ -78,7 +78,7 @@ def read_settings(path: Path) -> dict[str, Any]:
 
 
 def _has_aliases(text: str) -> bool:
-    """Say whether a YAML text refers to itself; reads on to the first alias or a level too deep.
+    """Return whether a YAML text has aliases; stops at the first one, or at a level too deep.
 
     Raises:
         ValueError, yaml.YAMLError: too many levels, or no YAML.

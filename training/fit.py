@@ -5,7 +5,7 @@
     python training/fit.py recipe=moire_fast data=folder data.root=DIR train.epochs=30
     python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR
 
-The last trains a demoiréing network, and is a story of its own: training/demoireing/fit.py.
+The last one trains a demoiréing network: see training/demoireing/fit.py.
 
 Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with
 report.html, metrics.json, best.ckpt, last.ckpt and config.yaml; with other data or another model
@@ -13,8 +13,8 @@ than the default the folder is runs/<data>-<model>/<recipe>/seed<k>/.
 
 Most recipes start from the weights of recipe `clean` and are compared with recipe `baseline`, plain
 training that starts from the same weights and takes as many epochs. Both are trained first, with
-the same settings, or reused where they were trained before. A run that was interrupted, however it
-was, is resumed by the same command.
+the same settings, or reused if they were trained before. The same command resumes an interrupted
+run.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ Metrics = dict[str, Any]
 
 
 def fit(cfg: DictConfig | Config) -> Metrics:
-    """Train and report a run and those it is compared with, or what is left; returns its metrics.
+    """Train and report a run and those it is compared with, or what is left; return its metrics.
 
     Raises:
-        TypeError, ValueError: settings that cannot be followed, before time is spent.
+        TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_model`.
     """
     cfg = as_config(cfg)
@@ -90,7 +90,7 @@ def finished(cfg: Config) -> Metrics:
 
 
 def check(cfg: Config) -> None:
-    """Refuse settings before time is spent.
+    """Refuse invalid settings before any time is spent.
 
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
@@ -105,7 +105,7 @@ def check(cfg: Config) -> None:
 
 
 def plain_runs(cfg: Config, splits: Splits) -> tuple[Metrics | None, Metrics | None]:
-    """Return the metrics of the start and the baseline, reused or trained; None for none."""
+    """Return the metrics of the start and the baseline, reused or trained; None for neither."""
     start = baseline = None
     if wanted := runs.start_config(cfg):
         start = plain_run(wanted, splits, None, role="start")
@@ -118,7 +118,7 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
     """Return the metrics of a start or baseline: reused, or trained. A damaged one is moved aside.
 
     Args:
-        start: metrics of the run whose weights it starts from itself.
+        start: metrics of the run whose weights it starts from, if any.
         role: "start" or "baseline", for what is printed.
     """
     say = rank_zero_only(print)
@@ -160,7 +160,7 @@ def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
 
 
 def again(cfg: Config, protocol: Protocol, *, check: bool = False) -> Attacked:
-    """Attack a trained run again; what its records hold is not computed again."""
+    """Attack a trained run again, reusing what its records hold."""
     folder = runs.folder(cfg)
     model = saved.read(folder).model()
     return attack(model, protocol, folder / "records", cfg.recipe, check=check)

@@ -1,13 +1,12 @@
-"""What robustness costs: every run of a folder, attacked by suite=recipes, in one table and one
-plot.
+"""What robustness costs: every run of a folder, attacked with suite=recipes, in one table and plot.
 
     python training/fit.py -m recipe=baseline,moire_at,pgd_at seed=0,1,2
     python training/reattack.py run=runs/moire_at/seed0 suite=recipes reattack.steps=50
-    python training/frontier.py runs    # after the other runs, too
+    python training/frontier.py runs    # when all runs are attacked
 
-Writes frontier.md, frontier.csv (a line a run), frontier.json and frontier.png into runs/frontier/,
-or where out=DIR says. A run that was not attacked yet is left out, and the command that attacks it
-is printed.
+Writes frontier.md, frontier.csv (one line per run), frontier.json and frontier.png into
+runs/frontier/, or where out=DIR says. A run that was not attacked yet is left out, and the command
+that attacks it is printed.
 """
 
 from __future__ import annotations
@@ -44,11 +43,11 @@ HEADS = ("clean", "moiré", "unseen", "worst 4/255 [95 %]", "gain", "8/255", "PG
 
 
 def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
-    """Return what the figures are of, and what their intervals are."""
+    """Return the caption: what the figures and their intervals mean."""
     of = "{n} test images: {data}, {model}, scene {scene}, {steps} steps an attack".format(**shared)
     said = [
         f"Accuracy in % of {of}.",
-        "Intervals of 95 % hold the choice of seeds and of images (two-way bootstrap).",
+        "95 % intervals cover the choice of seeds and of images (two-way bootstrap).",
         "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
         "Time is of training alone, on top of the clean weights that a recipe starts from; "
         "× clean counts both.",
@@ -61,7 +60,7 @@ def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
 
 
 def markdown(recipes: Sequence[Recipe], found: Found) -> str:
-    """Return the table, its caption, what to beware of, and the commands that would complete it."""
+    """Return the table, its caption, warnings, and the commands that would complete it."""
     return (
         environment()
         .from_string(TEMPLATE.read_text("utf-8"))
@@ -102,7 +101,7 @@ def said(recipes: Sequence[Recipe], found: Found) -> list[Part]:
 
 
 def name_of(recipe: Recipe) -> str:
-    """Return a recipe's name with its signs: on the front, collapsed."""
+    """Return a recipe's name with its marks: ● on the front, † collapsed."""
     front = " ●" if recipe.front else ""
     return f"{recipe.name}{front}{' †' if recipe.collapsed else ''}"
 
@@ -111,7 +110,7 @@ def frontier(root: Path, out: Path) -> list[Recipe]:
     """Gather, write and print; returns the recipes, cheapest first.
 
     Raises:
-        ValueError: runs that are missing or do not compare.
+        ValueError: runs that are missing or cannot be compared.
     """
     found = read(root)
     recipes = summarise(found.points)
@@ -144,7 +143,7 @@ def _plain(recipe: Recipe) -> dict[str, Any]:
 
 
 def main(argv: Sequence[str]) -> None:
-    """Read the command line, and end with a sentence where it cannot be followed."""
+    """Run the command line, or exit with a one-line error."""
     folders = [a for a in argv if not a.startswith("out=")]
     if len(folders) != 1 or len(argv) > 2:
         raise SystemExit(

@@ -115,7 +115,7 @@ def _points(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
 
 
 def _front(places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the Pareto front as steps: between two recipes the cheaper one is what there is."""
+    """Return the Pareto front as steps: between two recipes the cheaper one counts."""
     on_front = set()
     for place, front in zip(places, pareto(places), strict=True):
         if front:
@@ -202,8 +202,8 @@ def _drawn(ax: Axes, recipes: Sequence[Recipe], key: str) -> list[np.ndarray]:
 
 
 def _thick(line: np.ndarray) -> list[np.ndarray]:
-    """Return the upright and lying pieces of a line, as boxes (left, bottom, right, top) of some
-    pixels."""
+    """Return the vertical and horizontal pieces of a line, as boxes (left, bottom, right, top) a
+    few pixels wide."""
     boxes = []
     for start, end in pairwise(line):
         low, high = np.minimum(start, end) - 1.5, np.maximum(start, end) + 1.5

@@ -17,7 +17,7 @@ FALL = 0.5  # share of the best accuracy that counts as a collapse
 
 
 def collapsed(perturbed: list[float]) -> bool:
-    """Say whether accuracy in the last epoch has fallen below half of the best before it.
+    """Return whether accuracy in the last epoch has fallen below half of the best before it.
 
     Args:
         perturbed: accuracy of each epoch under an attack of at least three steps, in [0, 1].
@@ -52,7 +52,7 @@ class Guard(L.Callback):
         rank_zero_only(print)(
             f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three "
             f"steps fell to {history[-1]:.0%} from {max(history):.0%}. "
-            f"Back to epoch {good['epoch']}, and on with three steps."
+            f"Back to epoch {good['epoch']}, and training continues with three steps."
         )
 
 

@@ -14,7 +14,7 @@ _NO_LOCKS = (
     errno.ENOLCK,
     errno.EOPNOTSUPP,
     errno.ENOTSUP,
-)  # of a disk that knows none
+)  # of a file system without locks
 
 
 @contextlib.contextmanager
@@ -22,11 +22,12 @@ def locked(path: Path, busy: str, wait: float = 0) -> Iterator[None]:
     """Lock a file for this command; the kernel releases it however the command ends.
 
     Args:
-        path: the lock's own file. busy: what to say where another command holds it.
+        path: the lock's own file. busy: message of the error if another command holds it.
         wait: seconds to wait for that command.
 
     Raises:
-        ValueError: another command holds it still.
+        ValueError: another command still holds it.
+        OSError: the file cannot be opened or locked.
     """
     # a soft lock would outlive a killed command
     lock = FileLock(path, timeout=wait, fallback_to_soft=False)

@@ -43,8 +43,8 @@ def _cpu() -> str:
 
 def precision(trainer: Trainer) -> Any:
     """Return the precision that a classifier is trained in: what is set, or for null "bf16-mixed"
-    where bfloat16 is multiplied in hardware, by NVIDIA's GPUs from Ampere on and CPUs with AMX, and
-    else "32-true"."""
+    on hardware that multiplies bfloat16 (NVIDIA's GPUs from Ampere on, CPUs with AMX) and
+    "32-true" on any other."""
     if trainer.precision is not None:
         return trainer.precision
     return "bf16-mixed" if _multiplies_bfloat16(trainer.accelerator) else "32-true"

@@ -7,7 +7,7 @@ from typing import Any, TextIO
 
 
 class Lines:
-    """Wraps an output stream, and knows whether its last line is complete: a bar's is not."""
+    """Wraps an output stream and knows if its last line is complete: a progress bar's is not."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self.unfinished = stream, False
@@ -22,7 +22,7 @@ class Lines:
 
 
 def complain(text: str) -> None:
-    """Print to standard error, on its own line."""
+    """Print to standard error, starting on a new line."""
     for stream in (sys.stdout, sys.stderr):
         if getattr(stream, "unfinished", False):
             print(file=stream, flush=True)

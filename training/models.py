@@ -55,7 +55,7 @@ class SmallResNet(nn.Module):
                 f"SmallResNet got num_classes={num_classes} and width={width}; both must be at "
                 "least 1. Please pass positive integers."
             )
-        # Stride 2 at once: full resolution costs most of the time, and a 48 px sign is still
+        # Stride 2 from the start: full resolution costs most of the time, and a 48 px sign is still
         # legible at 24 px.
         self.stem = nn.Conv2d(3, width, 3, 2, 1, bias=False)
         self.blocks = nn.Sequential(
@@ -78,7 +78,7 @@ class SmallResNet(nn.Module):
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
-# own models, by channels of the stem
+# the project's own models, with the channels of their stems
 WIDTHS = {"small_resnet": 16, "small_resnet_x2": 32}
 # How checkpoints name the state_dict that they hold, and what wrappers put before its names.
 _HOLDERS = ("state_dict", "model_state_dict", "model")
@@ -115,8 +115,8 @@ def build(
             "_orig_mod." before its names; or the name of torchvision weights such as
             "IMAGENET1K_V1" or "DEFAULT". When they were made for another number of classes, the
             head stays freshly initialised and all else is loaded.
-        whole: refuse weights made for another number of classes: nothing is fit to be evaluated
-            with a fresh head.
+        whole: refuse weights made for another number of classes: a model with a fresh head cannot
+            be evaluated.
 
     Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of
     another model.
@@ -186,12 +186,12 @@ def _read(name: str, path: str) -> Mapping[str, Tensor]:
         # without code
         with torch.serialization.safe_globals([argparse.Namespace]):
             state = torch.load(path, weights_only=True, map_location="cpu")
-    # A damaged file surfaces as RuntimeError, UnpicklingError, EOFError, KeyError, ... : whichever
-    # byte was hit.
+    # A damaged file raises RuntimeError, UnpicklingError, EOFError, KeyError, ..., depending on the
+    # byte.
     except Exception as error:
         raise ValueError(
             f"The weights file {path!r} could not be read ({type(error).__name__}): it is damaged, "
-            "or holds more than tensors. Please fetch it again, or save it anew with "
+            "or holds more than tensors. Please fetch it again, or save it again with "
             "torch.save(model.state_dict(), path)."
         ) from error
     return _without_prefix(_state_in(state, path))
@@ -207,7 +207,7 @@ def _state_in(content: Any, path: str) -> Mapping[str, Tensor]:
             return state
     raise ValueError(
         f"The weights file {path!r} holds something other than a state_dict (a mapping of names to "
-        f"tensors), alone or as its {', '.join(map(repr, _HOLDERS))}. Please save it anew with "
+        f"tensors), alone or as its {', '.join(map(repr, _HOLDERS))}. Please save it again with "
         "torch.save(model.state_dict(), path)."
     )
 
@@ -230,8 +230,8 @@ def _without_prefix(state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
 
 
 def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:
-    """Copy state into model, but for a head made for another number of classes; raises ValueError
-    otherwise."""
+    """Copy state into model, except for a head made for another number of classes; raise ValueError
+    if anything else differs."""
     own = model.state_dict()
     given = {key: value for key, value in state.items() if not key.startswith(_AUXILIARY)}
     # Files written before PyTorch 0.4.1 lack these counters, which matter only without a momentum.
@@ -252,7 +252,7 @@ def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: 
     if problems:
         advice = "; only the number of classes may differ."
         if whole:
-            advice = " and its classes: data.class_index maps a folder's to them."
+            advice = " and its classes; data.class_index maps a folder's classes to them."
         raise ValueError(
             f"{complaint}: of their tensors, {' and '.join(problems)}. "
             f"Please name the model that they were saved from{advice}"
@@ -268,8 +268,8 @@ def _first(names: list[str]) -> str:
 
 
 def _is_head(changed: list[str], own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> bool:
-    """Return whether the tensors that changed shape are all those of one layer, in their number of
-    outputs alone.
+    """Return whether the tensors that changed shape are those of one layer, and only in their
+    number of outputs.
 
     Any layer but the last would change the inputs of the next one too.
     """

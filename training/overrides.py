@@ -1,4 +1,4 @@
-"""What a command line may ask of an attack, and settings as a command line."""
+"""The overrides that a re-attack accepts, and settings as overrides."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
 
 
 def _has_no_effect(key: str, trainer: Trainer, suite: str) -> bool:
-    """Say whether a setting of the trainer would be ignored; giving its default is allowed."""
+    """Return whether a setting of the trainer would be ignored; giving its default is allowed."""
     if key == "accelerator" or not hasattr(Trainer, key):
         return False
     if getattr(trainer, key) == getattr(Trainer, key):

@@ -29,7 +29,7 @@ class EncodedPair:
 
     Args:
         index: its number. pictures: the files' content by name ("photo.png"). made_from: see
-            `Pair.to_dict`. skipped: why pictures were skipped that were not known to be unusable.
+            `Pair.to_dict`. skipped: why pictures were skipped, those newly found unusable.
     """
 
     index: int
@@ -128,8 +128,8 @@ def _write(path: Path, content: bytes) -> None:
 
 
 class Format(NamedTuple):
-    """How `per_shard` pairs are kept together: what follows the number in the name, and who
-    writes."""
+    """How `per_shard` pairs are kept together: the suffix after the number in the name, and the
+    function that writes."""
 
     suffix: str
     write: Callable[[Path, Iterable[EncodedPair]], None]

@@ -1,5 +1,5 @@
-"""A data set of pairs in its folder: which files it has, whose they are, and with what settings
-they are made."""
+"""A data set of pairs in its folder: which files it has, which command makes them, and with what
+settings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Share:
 
     @property
     def mark(self) -> str:
-        """Return it as a part of a file's name."""
+        """Return the share as a part of a file's name."""
         return f"{self.index}-of-{self.of}"
 
 
@@ -76,10 +76,11 @@ def share_of(shard: str) -> Share:
 
 
 def claim(out: Path, settings: dict[str, Any]) -> None:
-    """Make a folder this data set's, by its dataset.json.
+    """Claim a folder for this data set, by its dataset.json.
 
     Raises:
-        ValueError: it holds other files, or a data set with other settings.
+        ValueError: it holds other files, or a data set with other settings, or another command
+            holds it for too long.
         OSError: it cannot be written.
     """
     path = out / "dataset.json"
@@ -99,8 +100,8 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
     if other:
         told = [f"{key}: {_short(there, key)} there, {_short(settings, key)} now" for key in other]
         raise ValueError(
-            f"{out} holds a data set with other settings ({'; '.join(told)}). Give its settings, "
-            "see dataset.json, or another out=DIR."
+            f"{out} holds a data set with other settings ({'; '.join(told)}). Pass those in its "
+            "dataset.json, or another out=DIR."
         )
 
 

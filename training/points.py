@@ -1,5 +1,5 @@
 """Finished runs and their re-attacks, read from a folder of runs: a point for each run, or a
-sentence why not."""
+sentence that says why there is none."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from moireaug.evaluation.suites.scenes import OWN
 from training import comparable
 from training.files import read_metrics
 
-STEPS, N = 50, 480  # of the re-attack that a run without one is advised to have
+STEPS, N = 50, 480  # of the re-attack that is suggested for a run without one
 Metrics = dict[str, Any]
 
 MEAN, WORST = "mean of the others", "worst of the others"  # of all scenes but the own
@@ -37,12 +37,12 @@ class Point:
     """One run, attacked again in its own scene.
 
     Args:
-        outcomes: name of a rate to (n,) numbers, an image each: 1 where the run is right, 0 where
+        outcomes: name of a rate to (n,) numbers, one per image: 1 where the run is right, 0 where
             it is wrong, the mean over scenes in between. All runs see the same images.
         seconds: of this run's own training. start_seconds: of the training that made the weights it
             began with; 0 where it began with random ones. clean_seconds: of recipe `clean` with the
             same seed and settings.
-        passes: forward and backward, an image, of its own training. images_per_second: of the same.
+        passes: forward and backward, per image of its own training. images_per_second: of the same.
         collapsed: whether catastrophic overfitting was seen while it was trained.
         baseline: the recipe of plain training of equal length; None for plain training itself.
     """
@@ -90,8 +90,8 @@ def read(root: Path) -> Found:
     own scene.
 
     Raises:
-        ValueError: no run, none attacked, runs or re-attacks that do not compare, or a file that
-            lacks something.
+        ValueError: no run, none attacked, runs or re-attacks that cannot be compared, or an
+            incomplete file.
     """
     root, others = _group(root)
     trained = {}
@@ -103,7 +103,7 @@ def read(root: Path) -> Found:
         raise ValueError(
             f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as "
             f"training/fit.py writes them. "
-            "Pass the folder that runs= named, or one of other data or models in it."
+            "Pass the folder given as runs=, or the folder of one data set and model in it."
         )
     try:
         return _compared(root, trained, others)
@@ -153,11 +153,11 @@ def _seeds(root: Path) -> list[Path]:
 
 
 def _group(root: Path) -> tuple[Path, list[str]]:
-    """Return the folder whose runs are read, and a note on those of other data or models, which do
-    not compare.
+    """Return the folder whose runs are read, and a note on those of other data or models, which
+    cannot be compared with them.
 
     Raises:
-        ValueError: nothing but groups of runs, of which one must be chosen.
+        ValueError: there are only groups of runs, of which one must be chosen.
     """
     groups = [path for path in sorted(root.glob("*")) if path.is_dir() and _seeds(path)]
     if not groups:
@@ -169,14 +169,14 @@ def _group(root: Path) -> tuple[Path, list[str]]:
     if len(groups) == 1:
         return groups[0], []
     raise ValueError(
-        f"{root} holds runs of several data sets or models, which do not compare: pass one of "
-        f"{named}."
+        f"{root} holds runs of several data sets or models, which cannot be compared: pass "
+        f"one of {named}."
     )
 
 
 def _again(folder: Path, metrics: Metrics) -> Metrics | None:
-    """Return the re-attack of a run in its own scene, on its own images; of several that of the
-    most images, then of the most steps."""
+    """Return the re-attack of a run in its own scene, on its own images; of several, the one
+    with the most images, then the most steps."""
     found = []
     for path in sorted(folder.glob("reattack/*/recipes")):
         again = read_metrics(path)
@@ -188,7 +188,7 @@ def _again(folder: Path, metrics: Metrics) -> Metrics | None:
 
 
 def _command(folder: Path, metrics: Metrics, protocol: Metrics) -> str:
-    """Return what attacks a run as the others were attacked."""
+    """Return the command that attacks a run as the others were attacked."""
     wanted = protocol or {"reattack.steps": STEPS, "reattack.n": N}
     own = metrics["config"]["reattack"]
     more = ""
@@ -220,8 +220,8 @@ def _point(folder: Path, trained: Mapping[Path, Metrics], again: Metrics) -> Poi
 
 
 def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
-    """Return the outcomes of a cell, an image each; of all scenes but the own their mean, or the
-    worst."""
+    """Return the outcomes of a cell, one per image; over all scenes but the run's own, their mean
+    or those of the worst scene."""
     others = row in (MEAN, WORST)
     found = []
     for line in again["tables"][table]:

@@ -24,7 +24,7 @@ LOST = (
 )
 PERIOD = 0.5  # seconds between looks
 GRACE = 5.0  # seconds for a process to notice by itself, and clean up
-_SAID = r"gloo|DataLoader worker \(pid"  # by plain RuntimeErrors
+_SAID = r"gloo|DataLoader worker \(pid"  # in the messages of plain RuntimeErrors
 _children: list[subprocess.Popen] = []
 _ending = threading.Event()
 
@@ -38,7 +38,7 @@ def fit(
     """Train, with the processes of the run tied together.
 
     Args:
-        checkpoint: from which training is resumed; None begins it.
+        checkpoint: to resume training from; None starts it.
 
     Raises:
         ConnectionError: another process was lost.
@@ -53,13 +53,13 @@ def fit(
 
 @contextlib.contextmanager
 def together(trainer: L.Trainer) -> Iterator[None]:
-    """Tie the processes that train in it together: none outlives the others or waits for them.
+    """Tie the training processes together: none outlives the others, or waits for a lost one.
 
     Raises:
         ConnectionError: another process was lost.
     """
     _ending.clear()  # of another job of the same sweep
-    # Lightning's observer kills this process without a word
+    # Lightning's observer kills this process without a message
     subprocess_script._launch_process_observer = _observe  # type: ignore[assignment]
     environment = getattr(trainer.strategy, "cluster_environment", None)
     if trainer.local_rank > 0 and isinstance(environment, LightningEnvironment):

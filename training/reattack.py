@@ -10,8 +10,8 @@ folder of images.
 Writes report.html and metrics.json into <run>/reattack/<scene>-n<images>-steps<steps>/<suite>/, or,
 without `run=`, into runs/reattack/<model>/<data>-<scene>-n<images>-steps<steps>/<suite>/; a suite
 other than the ladder writes tables.md and results.csv too. The start and the baseline of a run are
-attacked beside it, where their folders hold them with the same settings. Every finished piece is
-kept in records/: the same command goes on where it stopped, and another suite takes what is there.
+attacked too, if their folders hold them with the same settings. Every finished piece is kept in
+records/: the same command continues where it stopped, and another suite reuses what is there.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Metrics = dict[str, Any]
 
 
 def check(cfg: Config) -> None:
-    """Refuse settings of scene and re-attack before time is spent.
+    """Refuse invalid settings of scene and re-attack before any time is spent.
 
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
@@ -71,7 +71,7 @@ def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> Metrics:
         given: the overrides on the command line, which take precedence over a run's own settings.
 
     Raises:
-        TypeError, ValueError: settings that cannot be followed, before time is spent.
+        TypeError, ValueError: invalid settings, before any time is spent.
     """
     own = as_config(cfg)
     if not isinstance(own, ReattackConfig):
@@ -111,8 +111,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
 
 
 def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
-    """Attack a run's best checkpoint, and by the ladder those of its start and of its baseline
-    beside it."""
+    """Attack a run's best checkpoint; with the ladder also those of its start and baseline."""
     found = saved.read(Path(cfg.run))  # type: ignore[arg-type]
     cfg = overrides.onto(found.cfg, cfg, given)
     check(cfg)
@@ -151,8 +150,7 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
 
 
 def beside(run: Saved, protocol: Protocol) -> tuple[Metrics, Attacked]:
-    """Attack the start or the baseline of the run that is attacked, in the same way: its metrics,
-    and what was shown."""
+    """Attack the start or the baseline of a run in the same way; return its metrics and results."""
     cfg = run.cfg
     attacked = attack(run.model(), protocol, run.folder / "records", cfg.recipe, check=False)
     known = {"recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model}
@@ -195,10 +193,10 @@ def lpips_of(cfg: ReattackConfig) -> LPIPS | None:
 
 
 def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
-    """Return the name of a folder for all that is attacked in this way.
+    """Return the name of a folder for all attacks with these settings.
 
     Args:
-        n: images. with_data: whether the data set's name and the weights belong to it.
+        n: images. with_data: whether the name includes the data set and the weights.
     """
     parts = [scene_name(cfg.scene), f"n{n}", f"steps{cfg.reattack.steps}"]
     own, usual = cfg.reattack, Reattack()

@@ -1,4 +1,4 @@
-"""What an attack found: described, compared with the runs beside it, and published."""
+"""The results of an attack: described, compared with the runs beside it, and published."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def compare(
     Args:
         described: the run's own figures. train: what its training cost, where it was trained here.
         start: metrics of the run whose weights it started from. baseline: metrics of the plainly
-            trained run, of as many epochs in all, that the gain is against.
+            trained run, of as many epochs in all, over which the gain is measured.
     """
     metrics = {
         "recipe": cfg.recipe,
@@ -84,7 +84,7 @@ def compare(
 
 
 def about(cfg: Config) -> Metrics:
-    """Return what a report says of what was run."""
+    """Return what a report says about how it was run."""
     scene, settings = scene_of(cfg), runs.settings(cfg)
     return {
         "scene_name": cfg.scene if isinstance(cfg.scene, str) else "custom",
@@ -134,7 +134,7 @@ def publish(
     was added.
 
     Args:
-        attacked: name to model, for the pictures; the run's own comes first.
+        attacked: results by name, for the pictures; the run's own come first.
         seconds: spent, by phase.
     """
     own = next(iter(attacked.values()))

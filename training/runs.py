@@ -63,13 +63,13 @@ def folder(cfg: RunConfig) -> Path:
 
     That is `runs`/<recipe>/seed<k> for the default data and model, else
     `runs`/<data>-<model>/<recipe>/seed<k> without the part that is the default: runs in different
-    groups do not compare.
+    groups cannot be compared.
     """
     return Path(cfg.runs) / group(cfg.data, cfg.model) / cfg.recipe / f"seed{cfg.seed}"
 
 
 def group(data: Data, model: str) -> str:
-    """Return the name of runs that compare with each other: "" for the default data and model."""
+    """Return the name of a group of runs that can be compared: "" for default data and model."""
     name = data.name
     if name == "folder" and data.root:
         own = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)
@@ -147,7 +147,7 @@ class Run:
     resume: bool | None
 
     def stage(self) -> str:
-        """Say how far the run has come in its folder.
+        """Return how far the run in the folder has come.
 
         Returns:
             "new"; "begun" after the first epoch; "trained"; "finished"; "other" for another run.
@@ -165,7 +165,7 @@ class Run:
         return "begun" if (path / "last.ckpt").is_file() else "new"
 
     def can_resume(self) -> bool:
-        """Say whether it can be resumed, and `resume` allows it; the same in all its processes."""
+        """Return whether it can and may be resumed; the same in all its processes."""
         return self.resume is not False and self.stage() in ("begun", "trained")
 
     def prepare(self) -> None:
@@ -202,10 +202,10 @@ def require_resumable(run: Run, *others: Run) -> None:
     if run.stage() == "other":
         raise ValueError(
             f"resume=true, but {path} was made with other settings, see {path / 'config.yaml'}: "
-            "give those, or leave resume=true out, and that run is moved aside."
+            "pass those, or leave resume=true out, and that run is moved aside."
         )
     raise ValueError(
-        f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to begin."
+        f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to start."
     )
 
 
@@ -220,7 +220,7 @@ def _mark(path: Path) -> str | None:
 
 
 def _free_name(path: Path) -> Path:
-    """Return the path, with a number behind its name where it exists."""
+    """Return the path, with a number appended if it exists."""
     numbered = (path.with_name(f"{path.name}-{number}") for number in itertools.count(2))
     return next(name for name in itertools.chain([path], numbered) if not name.exists())
 
@@ -236,6 +236,6 @@ def held(path: Path) -> Iterator[None]:
         yield
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    busy = f"another command is at work in {path}: wait for it, or give another seed=N or runs=DIR."
+    busy = f"another command is at work in {path}: wait for it, or pass another seed=N or runs=DIR."
     with locked(path.with_name(f".{path.name}.lock"), busy):  # the folder itself may be moved
         yield

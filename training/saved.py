@@ -75,11 +75,11 @@ class Saved(NamedTuple):
         )
         if splits.num_classes != self.num_classes:
             raise ValueError(
-                f"{self.folder} tells {self.num_classes} classes apart, "
+                f"{self.folder} was trained on {self.num_classes} classes, "
                 f"and the data {data.name} has "
                 f"{splits.num_classes}. {hint}"
             )
-        # then any of the 1000 will do
+        # any of the 1000 published classes will do
         among_published = self.cfg.data.class_index and data.class_index
         if self.classes is None or among_published or self.classes == splits.classes:
             return
@@ -113,9 +113,9 @@ def read(folder: Path) -> Saved:
 
 
 def damage(run: runs.Run) -> str | None:
-    """Say what is wrong with the files of a run that would be reused or resumed.
+    """Return what is wrong with the files of a run that would be reused or resumed.
 
-    None where they are whole, or there are none.
+    None if they are whole, or if there are none.
     """
     folder, at = run.folder, run.stage()
     if at == "new" or (at == "other" and not (folder / "best.ckpt").is_file()):
@@ -198,7 +198,7 @@ def _beside(run: Saved, wanted: Config | None, role: str) -> Saved | None:
 
 
 def trained(folder: Path) -> dict[str, Any] | None:
-    """Read what a run's metrics say of its training; None if they are missing or damaged."""
+    """Read what a run's metrics say about its training; None if they are missing or damaged."""
     train = (read_metrics(folder) or {}).get("train")
     if not isinstance(train, dict) or not isinstance(train.get("history"), list):
         return None

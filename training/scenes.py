@@ -15,7 +15,7 @@ SUFFIXES = (".yaml", ".yml")
 def inlined(scene: Any) -> Any:
     """Return a command line's scene with the content of a YAML file in place of its name.
 
-    A run's settings so hold the scene itself, and name no file that is read again.
+    A run's settings thus hold the scene itself, and no file is read again.
 
     Args:
         scene: a preset's name, a file's name that ends with .yaml or .yml, or a mapping.

@@ -1,6 +1,6 @@
 """Every setting of a run, its type and its default; recipes in `recipes/` hold what differs.
 
-Lengths of time are epochs, eps is in [0, 1] units, sizes are pixels.
+Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Settings = TypeVar("Settings", bound="RunConfig")
 
 @dataclass
 class Data:
-    """Say which images, of what size, and how many."""
+    """Which images, of what size, and how many."""
 
     name: str = MISSING
     # folder: holds train/ and test/, or class folders alone (then all of it is test data)
@@ -48,7 +48,7 @@ DATA = {
 
 @dataclass
 class Adversary:
-    """Says what training images are turned into; `adversaries.passes` gives its cost."""
+    """What is done to the training images; `adversaries.passes` gives the cost."""
 
     # none, moire (random), moire_attack (adversarial noise on it) or pgd (noise on pixels)
     kind: str = "none"
@@ -59,7 +59,7 @@ class Adversary:
     step_size: float | None = None  # in units of eps; null is min(1, 2.5 / steps)
     warmup: float = 0.0  # share of training over which eps rises from 0
     random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
-    # times that a batch is trained on, its noise moved by the gradient of the time before
+    # times that a batch is trained on, its noise moved along the gradient of the time before
     replays: int = 1
     # batches that are replayed in turn, held in memory with their photographs and noise
     window: int = 16
@@ -67,21 +67,21 @@ class Adversary:
 
 @dataclass
 class Train:
-    """Say how the weights are trained."""
+    """How the weights are trained."""
 
     epochs: int = 12
     batch_size: int = 64  # of all devices together
     # null: 0.1; with `weights`, 0.002 for a batch of 128, in proportion (tuning.py)
     lr: float | None = None
-    # the greatest of the one-cycle schedule, which runs from it to 0.1 less and back
+    # the peak of the one-cycle schedule, which falls by 0.1 and rises back
     momentum: float = 0.95
     weight_decay: float = 5e-4
     label_smoothing: float = 0.0
     # "random", or "clean": start from the weights of recipe clean, trained with the same settings
     init: str = "random"
-    # decay of the averaged weights a step, which are validated and kept; null: 0.98
+    # decay per step of the averaged weights, which are validated and kept; null: 0.98
     ema: float | None = None
-    # in batch normalisation; null: unless `weights` are given, whose own stay
+    # used and updated by batch normalisation; null: unless `weights` are given, whose own stay
     batch_statistics: bool | None = None
     channels_last: bool = True
     compile: bool = False  # torch.compile of the model
@@ -89,7 +89,7 @@ class Train:
 
 @dataclass
 class Trainer:
-    """Passed to lightning.Trainer as they are, but for null."""
+    """Passed to lightning.Trainer unchanged, except for null."""
 
     accelerator: str = "auto"
     devices: Any = 1
@@ -104,7 +104,7 @@ class Trainer:
 
 @dataclass
 class Reattack:
-    """Say how a trained model is attacked again."""
+    """How a trained model is attacked again."""
 
     n: int = 480  # test images
     batch_size: int | None = None  # null is 96, or fewer large images
@@ -115,7 +115,7 @@ class Reattack:
 
 @dataclass
 class RunConfig:
-    """Hold the settings that every run has, whatever it trains."""
+    """The settings that every run has, whatever it trains."""
 
     recipe: str = MISSING
     seed: int = 0
@@ -133,7 +133,7 @@ class RunConfig:
 
 @dataclass
 class Config(RunConfig):
-    """Hold every setting of a run that trains a classifier."""
+    """All settings of a run that trains a classifier."""
 
     model: str = "small_resnet"  # or small_resnet_x2, or any torchvision classifier
     adversary: Adversary = field(default_factory=Adversary)
@@ -143,7 +143,7 @@ class Config(RunConfig):
 
 @dataclass
 class ReattackConfig(Config):
-    """Hold every setting of an attack on a run or on given weights."""
+    """All settings of an attack on a run or on given weights."""
 
     recipe: str = "pretrained"
     # a run's folder; its own settings hold, except for those on the command line
@@ -200,7 +200,7 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
     """Refuse an unknown key, recipe or data set of a command line, with the nearest known one.
 
     Raises:
-        SystemExit: with a sentence.
+        SystemExit: an unknown name; says which are known.
     """
     try:
         for override in overrides:
@@ -245,7 +245,7 @@ def register() -> None:
 
 
 def store_recipes(folder: Path) -> None:
-    """Register the recipes that lie in a folder itself with Hydra."""
+    """Register the recipes of a folder, not of its subfolders, with Hydra."""
     for path in sorted(folder.glob("*.yaml")):
         recipe = OmegaConf.merge({"recipe": path.stem}, OmegaConf.load(path))
         ConfigStore.instance().store(

@@ -18,12 +18,13 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str) -> Schema:
 
     Args:
         argv: key=value each.
-        schema: a dataclass with every key, its type and its default. A key that is a word of
-            Python's has an underscore behind it there: in_ is in=.
-        example: a command that works, for who gave none.
+        schema: a dataclass with every key, its type and its default. A key that is a
+            Python keyword has an underscore appended there: in_ is in=.
+        example: a valid command, for the error messages.
 
     Raises:
-        ValueError: an unknown key, with the closest known one, or a value of another type.
+        ValueError: an unknown key, with the closest known one, a missing key, or a value of
+            another type.
     """
     cfg = OmegaConf.structured(schema)
     fields = {str(field).removesuffix("_"): str(field) for field in cfg}

@@ -1,4 +1,4 @@
-"""What signs hang before: streets, and clutter in the colours of signs.
+"""Backgrounds of the signs: streets, and clutter in the colours of signs.
 
 Pictures are float32 (side, side, 3) arrays, 0 to 1, at the final resolution; shapes are drawn at
 twice that.
@@ -14,8 +14,8 @@ from training.sign_faces import SIGN_COLOURS, Pen, polygon
 
 @cache
 def noise_tile(slope: float) -> Image.Image:
-    """Fractal noise with amplitude 1 / frequency^slope, 512 x 512, every value of [0, 1] equally
-    frequent."""
+    """Return fractal noise with amplitude 1 / frequency^slope, 512 x 512, with all values in [0, 1]
+    equally frequent."""
     frequency = np.hypot(np.fft.fftfreq(512)[:, None], np.fft.rfftfreq(512))
     frequency[0, 0] = 1.0
     white = np.fft.rfft2(np.random.default_rng(7).standard_normal((512, 512)))
@@ -43,7 +43,7 @@ def noise(
 def _colour(
     rng: np.random.Generator, low: tuple[float, ...], high: tuple[float, ...]
 ) -> np.ndarray:
-    """Mix a colour between two, (3,), with a little of its own in every channel."""
+    """Draw a colour between two, (3,), with a little noise in every channel."""
     return (np.array(low) + rng.random() * np.subtract(high, low) + rng.normal(0, 0.03, 3)).astype(
         np.float32
     )
@@ -130,8 +130,8 @@ def scene(rng: np.random.Generator, side: int) -> np.ndarray:
 
 
 def clutter(pen: Pen, rng: np.random.Generator, side: int) -> None:
-    """Plates, posters, lamps in the colours of signs, so that a colour alone says little about the
-    class."""
+    """Draw plates, posters and lamps in the colours of signs, so that a colour alone says little
+    about the class."""
     for _ in range(rng.integers(0, 5)):
         # Farther off than the sign, so duller.
         dull, grey = rng.uniform(0.3, 0.9), rng.uniform(40, 160)

@@ -41,7 +41,7 @@ def _disc(pen: Pen, radius: float, fill: Colour, x: float = 256, y: float = 256)
 
 
 def polygon(sides: int, radius: float, turn: float, x: float = 256, y: float = 256) -> Box:
-    """Corners of a regular polygon; the first lies turn degrees clockwise from the top."""
+    """Return the corners of a regular polygon; the first is `turn` degrees clockwise of the top."""
     angles = np.radians(turn - 90 + 360 / sides * np.arange(sides))
     return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
 

@@ -22,8 +22,8 @@ _FINE = 2  # supersampling of a picture; the faces are filtered to match beforeh
 
 
 def _pose(rng: np.random.Generator, side: int) -> tuple[np.ndarray, float]:
-    """Where the sign hangs: the homography (3, 3) from the face, [-1, 1] each way, to picture
-    pixels; its radius."""
+    """Draw where the sign hangs: the homography (3, 3) from the face, [-1, 1] along each axis, to
+    picture pixels, and the sign's radius in pixels."""
     radius = side * rng.uniform(0.26, 0.52)
     x, y = side * (0.5 + np.clip(rng.normal(0, 0.07, 2), -0.2, 0.2))
     roll, yaw, pitch = np.radians(rng.normal(0, (7, 22, 10)).clip(-48, 48))
@@ -48,7 +48,7 @@ def _warp(face: Image.Image, pose: np.ndarray, side: int) -> Image.Image:
 
 
 def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Premultiplied paint (side, side, 3) after years: bleached by the sun, grimy in patches."""
+    """Return premultiplied paint (side, side, 3) after years: bleached by the sun, partly grimy."""
     paint = paint + rng.uniform(0, 0.45) * rng.random() * (0.62 * alpha - paint)
     if rng.random() < 0.5:
         return paint
@@ -57,8 +57,8 @@ def _wear(rng: np.random.Generator, paint: np.ndarray, alpha: np.ndarray) -> np.
 
 
 def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float) -> None:
-    """Draw what comes between sign and camera: a sticker, a scribble, a twig with leaves from
-    beyond the rim."""
+    """Draw what hides parts of the sign: a sticker, a scribble, a twig with leaves from beyond the
+    rim."""
     if rng.random() < 0.2:
         x, y = middle + rng.uniform(-0.6, 0.6, 2) * radius
         sticker = polygon(
@@ -88,8 +88,8 @@ def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float
 
 
 def _light(rng: np.random.Generator, side: int) -> np.ndarray:
-    """Illumination (side, side, 3): exposure, a slope across the picture, the colour of the day,
-    cast shadows."""
+    """Draw the illumination (side, side, 3): exposure, a gradient across the picture, a colour cast
+    and shadows."""
     ramp = np.linspace(-1, 1, side, dtype=np.float32)
     slope = rng.normal(0, 0.22, 2).astype(np.float32)
     light = 1 + (slope[0] * ramp[:, None] + slope[1] * ramp).clip(-0.6, 0.6)[..., None]
@@ -104,7 +104,7 @@ def _light(rng: np.random.Generator, side: int) -> np.ndarray:
 
 
 def _photograph(rng: np.random.Generator, picture: np.ndarray) -> np.ndarray:
-    """Haze, blur, sensor noise and rounding: float (side, side, 3) to uint8 of the same shape."""
+    """Add haze, blur, sensor noise and rounding: float (side, side, 3) to uint8 of that shape."""
     if rng.random() < 0.2:
         picture = picture + rng.uniform(0.1, 0.5) * (rng.uniform(0.5, 0.85) - picture)
     image = Image.fromarray(_uint8(picture))
@@ -122,8 +122,8 @@ def _uint8(picture: np.ndarray) -> np.ndarray:
 
 
 def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
-    """One photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all its chance comes
-    from rng.
+    """Draw one photograph, uint8 (size, size, 3), sRGB, of the sign CLASSES[label]; all randomness
+    comes from rng.
 
     Raises ValueError for a label that is no class and for a size below 16.
     """
@@ -158,7 +158,7 @@ def render(label: int, rng: np.random.Generator, size: int) -> np.ndarray:
     light = _light(rng, size)
     picture = np.asarray(canvas.reduce(_FINE)) / np.float32(255) * (1 - alpha)
     if shines:
-        # Its light is its own: neither shade nor exposure dims it, and it spills over.
+        # It emits its own light, which neither shade nor exposure dims and which spills over.
         glow = np.asarray(
             Image.fromarray(_uint8(paint)).filter(ImageFilter.GaussianBlur(0.04 * size))
         )
@@ -185,7 +185,8 @@ def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[torch.Tenso
 
     Args:
         split: "train", "val" or "test"; they share no randomness.
-        n: any prefix of a longer set is the shorter set; classes are balanced to within one image.
+        n: number of images; a longer set begins with the shorter one, and classes are balanced to
+            within one image.
         size: side in pixels, at least 16.
         seed: not negative; another seed is another data set.
 

@@ -1,5 +1,5 @@
-"""What a suite needs beside the model: processes to share it, targets to transfer to, defences that
-are learned."""
+"""What a suite needs besides the model: processes to share it, targets to transfer to, and learned
+defences."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BANK, DONORS = 50_000, 500  # patches of the image quilting, and images that the
 
 
 def fabric_of(trainer: Trainer) -> L.Fabric:
-    """Return the processes that share the work: Lightning's own, by the same settings as
+    """Launch the processes that share the work: Lightning's own, with the same settings as in
     training."""
     kind = trainer.accelerator
     if kind == "auto" and not torch.cuda.is_available():
@@ -53,7 +53,7 @@ def suite_config(
     """Return what the suite of these settings is built from.
 
     Raises:
-        ValueError: a target or defence that cannot be had.
+        ValueError: a target or defence that cannot be loaded.
     """
     targets: Mapping[str, nn.Module | None] = {}
     if cfg.suite in USES["targets"]:
@@ -81,9 +81,7 @@ def suite_config(
             fabric.barrier()
             defences["quilting"] = quilting(donors, cache)
         else:
-            without["quilting"] = (
-                "there are no images to make its patch bank from beside those attacked"
-            )
+            without["quilting"] = "there are no images for its patch bank besides those attacked"
     return dataclasses.replace(config, defences=defences, networks=networks, without=without)
 
 
@@ -124,7 +122,7 @@ def targets_of(
 
 
 def quilting(images: Subset, cache: Path) -> Quilting:
-    """Return an image quilting with patches of some images, whose bank is kept in a file."""
+    """Return an image quilting with patches from these images; its bank is cached in a file."""
     some = []
     for i in range(min(len(images), DONORS)):
         some.append(images[i][0])
@@ -138,8 +136,8 @@ def networks_of(given: Any, device: torch.device) -> dict[str, Defence]:
     names, or those named, by a file of weights or a run's folder.
 
     Raises:
-        ValueError: no such file or folder, a file that is damaged or holds no network, or one that
-            is named after another network than it holds.
+        ValueError: no such file or folder, a file that is damaged or holds no network, or one
+            that is named after a network other than the one it holds.
     """
     places = given
     if isinstance(given, str):
@@ -158,14 +156,14 @@ def networks_of(given: Any, device: torch.device) -> dict[str, Defence]:
         if name in demoire.NETWORKS and name != network.name:
             raise ValueError(
                 f"networks: {name!r} names another network than {str(file)!r} holds, "
-                f"{network.name}: its row would stand beside that network's figures. Rename it."
+                f"{network.name}: its row would show that network's published figures. Rename it."
             )
         found[name] = Demoire(network.to(device))
     return found
 
 
 def callable_of(name: str, device: torch.device) -> Defence:
-    """Return what `package.module:name` names.
+    """Import what `package.module:name` names.
 
     Raises:
         ValueError: nothing of that name, or nothing that can be called.

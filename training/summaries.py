@@ -1,4 +1,4 @@
-"""Recipes summarised over their seeds: means, intervals, and who is on the Pareto front."""
+"""Recipes summarised over their seeds: means, intervals, and which are on the Pareto front."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ class Recipe:
 
 
 def rate(points: Sequence[Point], name: str) -> Estimate:
-    """Return a mean accuracy, with an interval of both choices, of seeds and of images; of one
-    seed, what its images can tell (Wilson)."""
+    """Return a mean accuracy with an interval over seeds and images; for a single seed, over its
+    images alone (Wilson)."""
     outcomes = np.stack([point.outcomes[name] for point in points])
     mean = float(outcomes.mean())
     if len(outcomes) == 1:
@@ -73,8 +73,7 @@ def gain(points: Sequence[Point], plain: Sequence[Point], name: str) -> Estimate
 
 
 def ratio(values: Sequence[float]) -> Estimate:
-    """Return a mean cost, with Student's interval over seeds; one seed's says nothing of its
-    scatter."""
+    """Return a mean cost with Student's interval over seeds; for a single seed it has no width."""
     if len(values) == 1:
         return Estimate(values[0], values[0], values[0])
     low, high = t_interval(values)
@@ -82,8 +81,7 @@ def ratio(values: Sequence[float]) -> Estimate:
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Return which of (cost, gain) no other beats: in one of both, without being worse in the
-    other."""
+    """Return which (cost, gain) no other beats, better in one of both and no worse in the other."""
     found = []
     for cost, gained in points:
         beaten = False
@@ -135,8 +133,8 @@ def gains(own: Sequence[Point], by_name: dict[str, list[Point]]) -> dict[str, Es
 
 
 def clean_seconds(points: Sequence[Point]) -> float:
-    """Return the mean training time of recipe `clean`; what a clean run says of itself goes before
-    a copy."""
+    """Return the mean training time of recipe `clean`; a clean run's own figure takes precedence
+    over a copy."""
     by_seed: dict[int, float] = {}
     for point in points:
         if point.recipe == "clean":

@@ -5,14 +5,14 @@ machines.
     python training/synthesise.py images=DIR out=DIR n=100000 scene=FILE.yaml twin=true
     python training/synthesise.py ... shard=0/16        # the first of 16 commands; counts from 0
 
-Every picture is a crop of `size` pixels of a picture in `images`, searched deeply; those that are
+Every picture is a crop of `size` pixels from a picture in `images`, at any depth; those that are
 damaged or smaller are named and skipped. A pair is `photo`, `original`, with twin=true `twin` (the
 same shot without moiré), and the numbers of its shot, which replay it. They lie in 000000.tar,
 000001.tar, ... (WebDataset), or with format=imagefolder in folders of these numbers with a
 metadata.csv (Hugging Face datasets), `per_shard` pairs in each. What is in a file depends on the
 settings in dataset.json alone: not on the commands, machines or processes that share the work.
 
-However a command is cut short, the same command goes on after the last whole file.
+If a command is interrupted, the same command continues after the last whole file.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_a
 
 LOST = (
     "a worker process was lost: it was killed, or ran out of memory. Every whole file is kept, and "
-    "the same command goes on; with fewer workers=N it needs less memory."
+    "the same command continues; with fewer workers=N it needs less memory."
 )
 
 
 @dataclass
 class Config:
-    """Hold every setting of the command."""
+    """All settings of the command."""
 
     images: str = MISSING  # a folder of pictures
     out: str = MISSING
@@ -83,7 +83,7 @@ def configure(argv: Sequence[str]) -> Config:
 
 
 def check(cfg: Config) -> None:
-    """Refuse what `Pairs` does not look at.
+    """Refuse invalid settings that `Pairs` does not check.
 
     Raises:
         ValueError: with what was got and what is allowed.
@@ -102,7 +102,7 @@ def check(cfg: Config) -> None:
     if out.is_relative_to(images):
         raise ValueError(
             f"out={cfg.out} lies in images={cfg.images}, and what is written would be taken for "
-            "pictures: name a folder outside of it."
+            "pictures: name a folder outside it."
         )
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={cfg.out} cannot be a folder: there is a file of that name.")
@@ -129,7 +129,7 @@ def synthesise(cfg: Config) -> None:
     """Make the pairs of this command that are not there yet.
 
     Raises:
-        TypeError, ValueError: settings that cannot be followed, or no usable picture.
+        TypeError, ValueError: invalid settings, or no usable picture.
         OSError: the disk is full or not writable.
     """
     share = share_of(cfg.shard)
@@ -144,7 +144,10 @@ def synthesise(cfg: Config) -> None:
         make(cfg, pairs, found, share)
     others = pairs.pictures.others
     if others:
-        print(f"{len(others)} files in {cfg.images} are no pictures by name: {_some(others)}.")
+        print(
+            f"Files in {cfg.images} that are not pictures by their names: {len(others)}, "
+            f"{_some(others)}."
+        )
     left, whole = len(found.missing(Share(0, 1))), len(found.numbers(Share(0, 1)))
     print(f"{found.folder} holds {whole - left} of its {whole} files of {cfg.per_shard} pairs.")
 
@@ -168,7 +171,7 @@ def make(cfg: Config, pairs: Pairs, found: PairSet, share: Share) -> None:
 
 
 def loader(encoded: EncodedPairs, wanted: Iterable[int], workers: int) -> DataLoader:
-    """Return pairs in the order of their numbers, made by processes of one thread each."""
+    """Return a loader of pairs in the order of their numbers, from single-threaded processes."""
     return DataLoader(
         encoded,
         batch_size=None,
@@ -187,7 +190,7 @@ def _noted(pairs: Iterable[EncodedPair], bar: tqdm, skipped: set[str]) -> Iterat
     """Pass pairs on, count them, and say which pictures were skipped, each once."""
     for pair in pairs:
         for reason in pair.skipped:
-            if reason not in skipped:  # every process finds out by itself
+            if reason not in skipped:  # every process finds the same ones
                 skipped.add(reason)
                 bar.write(f"skipped: {reason}", file=sys.stderr)
         bar.update()
@@ -207,7 +210,7 @@ def write(path: Path, pairs: Iterable[EncodedPair], form: str, share: Share) -> 
         free = shutil.disk_usage(path.parent).free / 1e6
         raise OSError(
             f"{path} could not be written ({error.strerror or error}), and {free:.1f} MB are free. "
-            "Every whole file is kept. Make room, and give the same command again."
+            "Every whole file is kept. Make room, and run the same command again."
         ) from error
 
 
@@ -225,12 +228,14 @@ def _some(names: Sequence[str]) -> str:
 
 
 def main(argv: Sequence[str]) -> None:
-    """Follow the command line, and end with a sentence where it cannot be followed."""
+    """Run the command line, or exit with a one-line error."""
     torch.set_num_threads(1)
     try:
         synthesise(configure(argv))
     except KeyboardInterrupt:
-        print("\nInterrupted. Every whole file is kept; the same command goes on.", file=sys.stderr)
+        print(
+            "\nInterrupted. Every whole file is kept; the same command continues.", file=sys.stderr
+        )
         raise SystemExit(130) from None
     except (ValueError, TypeError, OSError) as error:
         raise SystemExit(f"error: {sentence(error)}") from None

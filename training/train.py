@@ -115,7 +115,7 @@ def cost(classifier: Classifier, images: int) -> dict[str, Any]:
 
 
 def with_totals(train: Mapping[str, Any], before: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Add the epochs and seconds of a training and its start together.
+    """Return `train` with the epochs and seconds of a training and its start together.
 
     Args:
         train: `train` of a run's metrics.
@@ -134,7 +134,7 @@ def trainer_of(
     """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
 
     Args:
-        settings: passed on as they are, but for a precision of null. tuning: how the weights are
+        settings: passed on unchanged, except for a precision of null. tuning: how the weights are
             averaged.
         out: the run's folder. classes: the name of each logit.
     """

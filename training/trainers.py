@@ -1,4 +1,4 @@
-"""Lightning's trainer, with what is the same for every run."""
+"""Lightning's trainer, with the settings that all runs share."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ class EpochLines(L.Callback):
 
 def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]) -> L.Trainer:
     """Return a trainer that writes checkpoints whole or not at all, and shows a progress bar, or
-    prints a line per epoch where the output is no terminal.
+    prints a line per epoch if the output is not a terminal.
 
     Args:
-        settings: passed on as they are. callbacks: what keeps and averages the weights.
+        settings: passed on; a null precision is "32-true".
+        callbacks: what keeps and averages the weights.
     """
     given = asdict(settings)
     if given["precision"] is None:
@@ -64,7 +65,7 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
 # Lightning's warnings at every start that a user of these recipes cannot act on
 KNOWN = (
     ".*does not have many workers.*",
-    ".*in eval mode at the start of training.*",  # what fine-tuning keeps
+    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
     ".*Checkpoint directory .* exists and is not empty.*",
     ".*sync_dist=True.*",  # what is logged is the mean of all devices already
     ".*smaller than the logging interval.*",

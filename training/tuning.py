@@ -17,10 +17,10 @@ CLIP = 1.0  # norm of a fine-tuning step's gradient: any network's, also one wit
 
 
 class Tuning(NamedTuple):
-    """How the weights move.
+    """How the weights are updated.
 
     Args:
-        lr: the greatest learning rate of the schedule. clip: bound of the gradient's norm, or None.
+        lr: the peak learning rate of the schedule. clip: bound of the gradient's norm, or None.
         ema: decay of the averaged weights a step.
         rising: whether the decay rises from zero over the first steps.
     """
@@ -32,7 +32,7 @@ class Tuning(NamedTuple):
 
 
 def tuning(train: Train, *, fine: bool) -> Tuning:
-    """Return the settings that `train.lr` and `train.ema` stand for; null is chosen here.
+    """Return the tuning for `train.lr` and `train.ema`; null is replaced by these defaults.
 
     From scratch: lr 0.1, ema 0.98. Fine-tuning: lr 0.002 for a batch of 128, in proportion to the
     batch; gradients clipped to norm 1; and an average whose decay rises to 0.98, so that it follows

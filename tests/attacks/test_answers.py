@@ -1,4 +1,4 @@
-"""Models that do not answer as they should: every attack says so in a sentence, and no answer is a
+"""Models that give no valid answer: every attack says so in a sentence, and no answer counts as a
 wrong one."""
 
 import math
@@ -97,7 +97,7 @@ def broken_on(rows, model):
 def test_an_image_without_an_answer_is_fooled_and_never_at_its_target(door, targeted, model, batch):
     images, _ = batch
     model.eval()
-    labels = torch.zeros(6, dtype=torch.long)  # where argmax of NaN lies
+    labels = torch.zeros(6, dtype=torch.long)  # what argmax of NaN returns
     targets = torch.full((6,), 1)
     whole = ATTACKS[door](model)(
         images, labels, targets if targeted else None, generator=torch.Generator()

@@ -267,8 +267,8 @@ def test_normalized_puts_the_normalisation_inside(model, batch):
 
 
 def test_saturated_and_black_pixels_are_reached(model):
-    """A white screen that overexposes, and a black one under read noise: no site hides from the
-    attack."""
+    """A white screen that overexposes, and a black one under read noise: the attack reaches
+    every site."""
     scene = Scene(lens=Lens(blur=3.0), sensor=Sensor(gain=4.0, read_noise=0.01))
     for level in (0.0, 1.0):
         images = torch.full((2, 3, 12, 12), level)

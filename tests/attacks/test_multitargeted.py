@@ -1,5 +1,5 @@
-"""APGD and APGD-T: as strong as an independent implementation, right about what they give back,
-calm in hard cases."""
+"""APGD and APGD-T: as strong as an independent implementation, right about what they return,
+and stable in hard cases."""
 
 import warnings
 
@@ -18,7 +18,7 @@ PLAIN = Scene(sensor=Sensor(cfa="none", exposure="mean", gain=3.0))  # its photo
 @pytest.fixture
 def theirs():
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # its imports' own
+        warnings.simplefilter("ignore")  # warnings of its imports
         return pytest.importorskip("torchattacks")
 
 

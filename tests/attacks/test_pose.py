@@ -93,7 +93,7 @@ def test_turning_the_camera_adds_to_the_noise(model, batch):
 
 
 def test_brightness_goes_to_its_end():
-    """A closed form: a model that only wants light gets the greatest gain and the most added."""
+    """A closed form: a model that rewards brightness gets the greatest gain and brighten."""
     scene = Scene(
         sensor=Sensor(gain=(1.0, 2.0)), lens=Lens(blur=0.5), develop=Develop(brighten=(-0.1, 0.1))
     )

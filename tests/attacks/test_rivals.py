@@ -19,7 +19,7 @@ EPS = 8 / 255
 @pytest.fixture
 def theirs():
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # its imports' own
+        warnings.simplefilter("ignore")  # warnings of its imports
         return pytest.importorskip("torchattacks")
 
 

@@ -1,5 +1,5 @@
-"""Images that are fooled take no further step: as many are fooled, the model is asked less, and one
-that answers at random is attacked in every step."""
+"""Fooled images take no further step: as many are fooled with fewer queries, and a model that
+answers at random is attacked in every step."""
 
 import copy
 

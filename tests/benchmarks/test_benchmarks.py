@@ -168,7 +168,7 @@ def test_attack_budget(ran):
     assert (
         best["accuracy"] <= min(row["accuracy"] for row in rows) + 0.25 + 1e-9
     )  # an image of four
-    assert f"Within a point of the least for the least time: {best['attacker']}" in out
+    assert f"Cheapest within a point of the lowest accuracy: {best['attacker']}" in out
 
 
 def test_synthesis(tmp_path):

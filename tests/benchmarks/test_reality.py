@@ -1,5 +1,5 @@
 """The benchmark against real photos: figures of pairs that the scene itself made, and its parts on
-what they must tell, or must not."""
+what they must tell apart, or must not."""
 
 import json
 import runpy

@@ -82,8 +82,8 @@ def check_bands(dtype):
 
 
 def check_vignetting(dtype):
-    """Of a ray's light its cosine to the fourth is left: 1 in the centre, and in the corner all but
-    its loss."""
+    """A ray keeps the fourth power of its cosine of its light: all in the centre, and 1 - loss in
+    the corner."""
     (h, w), loss = (5, 9), 0.4
     for scale in (1, 3):  # without colour filters and with
         sensor = Sensor(scale=scale, cfa="none" if scale == 1 else "rggb")

@@ -86,7 +86,7 @@ def check_whole_pitches(dtype):
 
 
 def check_low_pass_filter(dtype):
-    """One that parts its pictures by half a pitch removes the first harmonic and leaves the
+    """One that shifts its copies by half a pitch removes the first harmonic and leaves the
     second."""
     n = 64
     for share, gone in ((1 / 2, True), (1 / 3, False)):  # of the pitch, 2 n / 95 sensor pixels

@@ -1,4 +1,4 @@
-"""The whole chain against closed forms, and beside each what must make it fail.
+"""The whole chain against closed forms, each with a fault that must make it fail.
 
 Each check runs once in float64 and once in float32. `BROKEN` spoils one effect at a time: the check
 that is named beside it must notice.

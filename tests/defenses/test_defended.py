@@ -49,7 +49,7 @@ SIZES = [(1, 1), (1, 7), (2, 1), (3, 3), (6, 5), (17, 33)]
 
 
 class Mean(nn.Module):
-    """Logits that a hand can follow, and noise in training mode."""
+    """Logits that can be checked by hand, and noise in training mode."""
 
     def __init__(self):
         super().__init__()

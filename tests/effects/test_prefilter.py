@@ -12,8 +12,8 @@ from moireaug.geometry import grids
 
 
 def variance_of(blur):
-    """Of a point of light along x and y, in squared pixels, the mean over the places that it may
-    have."""
+    """Return a blur's variance along x and y, in squared pixels, for a point of light, as the mean
+    over its places."""
     n, places = 64, range(24, 40)
     image = torch.zeros(len(places), 3, n, n, dtype=torch.float64)
     for row, at in zip(image, places, strict=True):

@@ -1,5 +1,5 @@
-"""What the tests of evaluations share: a small model that has every image of two batches right, so
-that all of them count, and the metrics and pictures of a run to report."""
+"""What the tests of evaluations share: a small model that is right about every image of two
+batches, so that all of them count, and the metrics and pictures of a run to report."""
 
 import numpy as np
 import pytest

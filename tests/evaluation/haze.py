@@ -1,4 +1,4 @@
-"""A small evaluation, run: four conditions before a model, and before it in haze."""
+"""A small evaluation that was run: four conditions, of a model and of the model behind haze."""
 
 import torch
 

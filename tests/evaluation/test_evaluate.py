@@ -86,7 +86,7 @@ class Tinted(torch.nn.Module):
 
 
 def test_another_defence_of_one_name_is_another(known, tmp_path):
-    """What is kept of one is not shown of the other."""
+    """The records of one are not taken for the other."""
     model, batches = known
     found = []
     for channel in range(3):

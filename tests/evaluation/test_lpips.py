@@ -1,5 +1,5 @@
-"""LPIPS: torchmetrics' own figures from a file of weights, for attacks alone, and nothing from a
-file of others."""
+"""LPIPS: torchmetrics' own figures from a file of weights, for attacks alone; other weights are
+refused."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The runner: the same figures however the work is cut, and nothing computed twice."""
+"""The runner: the same figures however the work is split, and nothing computed twice."""
 
 from dataclasses import dataclass
 

@@ -38,8 +38,8 @@ SETTLED, ROOM = "the model answers the same twice", "the photo leaves something 
 
 
 class Pooled(nn.Module):
-    """Weighs the colours of sixteen fields: each image has its own margin, and every pixel has a
-    say."""
+    """Weighs the colours of sixteen fields: each image has its own margin, and every pixel
+    counts."""
 
     def __init__(self, seed=1):
         super().__init__()
@@ -136,7 +136,7 @@ def test_an_attack_that_cannot_win_is_noticed():
 
 def test_a_scene_that_fools_by_itself_leaves_no_room():
     class Contrast(nn.Module):
-        """Any texture turns its answer."""
+        """Any texture changes its answer."""
 
         def forward(self, x):
             rough = (x[..., 1:] - x[..., :-1]).abs().mean((1, 2, 3))

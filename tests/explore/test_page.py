@@ -16,7 +16,7 @@ from PIL import Image
 from moireaug import Scene
 from moireaug.explore.controls import shown
 
-# Gradio and what it imports warn of their own matters
+# Gradio and its imports issue warnings of their own
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 with warnings.catch_warnings():

@@ -26,11 +26,11 @@ def test_taps_are_as_many_as_are_seen(scene, taps):
 
 
 def error(problem, fewer, more):
-    """Of what "auto" chooses, relative to brute force: root mean square of the raw reading, in per
-    cent.
+    """Return the error of what "auto" chooses against brute force: root mean square of the raw
+    reading, in per cent.
 
-    Brute force is off by itself, with each number of points another way: the product of the
-    distances from two of them holds none of that.
+    Brute force has an error of its own, another one for each number of points: it cancels in the
+    product of the distances from two of them.
     """
     side = problem.side(16)
     image = problems.images(problem.picture, 1, side).double()

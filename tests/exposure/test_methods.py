@@ -75,8 +75,8 @@ def test_a_rectangle_given_as_a_parallelogram_is_the_rectangle(exposure, dtype, 
 
 
 def distance(layout, n):
-    """Of the series from brute force, both on a white screen near enough for its subpixels to be
-    seen."""
+    """Return how far the series is from brute force, on a white screen so near that its subpixels
+    are seen."""
     white = torch.ones(1, 3, 8, 8, dtype=torch.float64)
     brute = seen(SLANTED, f"supersample:{n}", white, scale=0.6)
     series = seen(layout, "spectral", white, scale=0.6)

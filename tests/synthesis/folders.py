@@ -16,7 +16,7 @@ def put(folder, sizes=((60, 40), (44, 50), (40, 90))):
 
 
 def spoil(folder):
-    """Add what is no usable picture: torn, too small, no image, and no image by name."""
+    """Add files that are no usable pictures: truncated, too small, no image, not named as one."""
     whole = (folder / "class0/0.png").read_bytes()
     (folder / "torn.png").write_bytes(whole[: len(whole) // 2])
     (folder / "words.jpg").write_text("no picture")

@@ -10,8 +10,8 @@ from tests.training.frontier_runs import put
 
 @pytest.fixture
 def as_the_command_is():
-    """Warnings are no errors, and an interruption is Python's own again when Lightning has taken
-    it."""
+    """Warnings are not errors, and Python's own handler of interruptions, which Lightning replaces,
+    is put back."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

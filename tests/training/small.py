@@ -37,7 +37,7 @@ BRIEF = [
     "reattack.n=6",
     "reattack.eps=[0.02]",
     "reattack.steps=1",
-]  # after TINY, where the attack is beside the point
+]  # after TINY, where the attack does not matter
 MAINS = {"fit.py": (fit.main, Config), "reattack.py": (reattack.main, ReattackConfig)}
 LONG = 240  # seconds, for a busy machine
 
@@ -93,7 +93,7 @@ def epoch(path):
 
 
 def wait(process, last, at_least):
-    """Until a running command has kept that epoch."""
+    """Wait until a running command has kept that epoch."""
     deadline = time.monotonic() + LONG
     while epoch(last) < at_least:
         assert process.poll() is None, process.communicate()

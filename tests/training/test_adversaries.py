@@ -197,7 +197,7 @@ REFUSED = [
     ({"kind": "pdg"}, "Did you mean 'pgd'?"),
     ({"share": 1.5}, "adversary.share must lie in"),
     ({"natural": -1.0}, "adversary.natural must lie in"),
-    ({"kind": "pgd", "share": 0.75, "natural": 0.5}, "must not add to more than 1"),
+    ({"kind": "pgd", "share": 0.75, "natural": 0.5}, "must not add up to more than 1"),
     ({"replays": 0}, "adversary.replays must be at least 1"),
     ({"kind": "moire", "replays": 2}, "Use moire_attack or pgd"),
 ]

@@ -1,4 +1,4 @@
-"""The order of images in training: windows that come again, parts of an epoch, and any number of
+"""The order of images in training: windows that are replayed, parts of an epoch, and any number of
 ranks."""
 
 import pytest

@@ -1,5 +1,5 @@
 """The command that cleans a folder: names, formats, profiles and sizes stay, what cannot be read is
-named, and nothing is written over."""
+named, and nothing is overwritten."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_the_command_cleans_what_can_be_read_and_names_the_rest(photos, weights,
     assert done.returncode == 1
     assert "torn.png could not be read" in done.stderr
     assert done.stderr.splitlines()[-1] == "error: 1 photos could not be cleaned, see above."
-    assert done.stdout.startswith(f"5 photos cleaned into {tmp_path / 'out'}")
+    assert done.stdout.startswith(f"Photos cleaned into {tmp_path / 'out'}: 5")
     assert "1 other files" in done.stdout
     out = tmp_path / "out"
     written = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}

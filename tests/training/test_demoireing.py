@@ -272,10 +272,10 @@ SENTENCES = [
     (["scene=[]"], "name at least one"),
     (["scene=paper"], "registered"),
     (["scene=screen_foto"], "Did you mean 'screen_photo'?"),
-    (["test.unseen=[screen_photo]"], "which is trained in"),
+    (["test.unseen=[screen_photo]"], "which is trained on too"),
     (["weights=nowhere.pt"], "no weights file 'nowhere.pt'"),
     (["pairs=nowhere"], "neither a CSV file nor a folder"),
-    (["resume=true"], "leave it out to begin"),
+    (["resume=true"], "leave it out to start"),
 ]
 
 
@@ -290,7 +290,7 @@ def test_wrong_settings_get_a_sentence(given, sentence, tmp_path):
 def test_recipes_of_two_kinds_go_to_two_commands():
     assert demoireing.asked_for(["seed=1", "recipe=demoire"])
     assert not demoireing.asked_for(["recipe=moire_at"]) and not demoireing.asked_for([])
-    with pytest.raises(SystemExit, match="Give them to two commands"):
+    with pytest.raises(SystemExit, match="Use two commands"):
         demoireing.asked_for(["-m", "recipe=demoire,moire_at"])
     with pytest.raises(SystemExit, match="Did you mean 'check_every'"):
         check_keys(["train.chekc_every=2"], demoireing.DemoireConfig)

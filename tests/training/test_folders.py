@@ -39,7 +39,7 @@ def test_a_frontier_is_of_one_group_of_runs(tmp_path):
     assert len(read(tmp_path).points) == 1, "the only group is meant"
     put_point(tmp_path / "cifar10", "clean", 0)
     with pytest.raises(
-        ValueError, match=r"which do not compare: pass one of \S+/cifar10, \S+/resnet18"
+        ValueError, match=r"which cannot be compared: pass one of \S+/cifar10, \S+/resnet18"
     ):
         read(tmp_path)
     put_point(tmp_path, "clean", 0)

@@ -54,7 +54,7 @@ def test_intervals_hold_seeds_and_images(root):
     assert rate(clean, "worst_8").low == 0  # no accuracy is below 0
     shared = {k: 1 for k in ("n", "data", "model", "scene", "steps")}
     words = command.caption(summarise(points), shared)
-    assert "hold the choice of seeds and of images" in words and "lone in 1 of 1 seeds" in words
+    assert "cover the choice of seeds and of images" in words and "lone in 1 of 1 seeds" in words
 
 
 def test_gains_are_over_plain_training_of_equal_length(tmp_path):

@@ -1,4 +1,5 @@
-"""Runs as the frontier reads them: which count, which compare, and what is said of the others."""
+"""Runs as the frontier reads them: which count, which can be compared, and what is said of the
+others."""
 
 import json
 from pathlib import Path
@@ -64,7 +65,7 @@ def test_worst_cases_of_other_attackers_do_not_compare(tmp_path):
     again = json.loads(path.read_text())
     again["tables"]["worst_case"].append(cell("eps_4", "adaptive", 0.2, again["n"]))
     path.write_text(json.dumps(again))
-    with pytest.raises(ValueError, match=r"different attackers do not compare: \S+good/seed2 has"):
+    with pytest.raises(ValueError, match=r"attackers cannot be compared: \S+good/seed2 has"):
         read(tmp_path)
 
 
@@ -73,23 +74,23 @@ def test_worst_cases_of_other_attackers_do_not_compare(tmp_path):
     [
         (
             {"data": "cifar10"},
-            r"runs with different data.name do not compare: \S+odd/seed0 has 'cifar10', most "
+            r"runs with different data.name cannot be compared: \S+odd/seed0 has 'cifar10', most "
             r"others",
         ),
         (
             {"size": 32},
-            "runs with different data.size do not compare: .* has 32, most others have 48",
+            "runs with different data.size cannot be compared: .* has 32, most others have 48",
         ),
         (
             {"scene": "phone_at_laptop"},
-            "different scene do not compare: .*'phone_at_laptop', .* have 'screen_photo'",
+            "different scene cannot be compared: .*'phone_at_laptop', .* have 'screen_photo'",
         ),
         (
             {"steps": 20},
-            "re-attacks with different reattack.steps do not compare: .* has 20, most others "
+            "re-attacks with different reattack.steps cannot be compared: .* has 20, most others "
             "have 50",
         ),
-        ({"n": 480}, r"re-attacks with different reattack.n do not compare: \S+odd/seed0 has 480"),
+        ({"n": 480}, r"different reattack.n cannot be compared: \S+odd/seed0 has 480"),
     ],
 )
 def test_what_does_not_compare_is_named(root, odd, message):

@@ -1,4 +1,4 @@
-"""What cuts a run short, and that the same command goes on from the last whole epoch to the same
+"""What interrupts a run, and that the same command continues from the last whole epoch to the same
 weights."""
 
 import errno

@@ -1,4 +1,4 @@
-"""Settings of a run: what they mean, and sentences for those that mean nothing."""
+"""Settings of a run: what they mean, and sentences for invalid ones."""
 
 import pytest
 import torch

@@ -1,5 +1,5 @@
-"""A run's folder from a stranger is data; and what an attack on it cannot obey is refused before it
-begins."""
+"""A run's folder from a stranger is data, and settings that an attack on it would ignore are
+refused before it begins."""
 
 import json
 import os
@@ -260,7 +260,7 @@ def test_weights_are_attacked_without_settings_of_training(given, nothing_attack
 @pytest.mark.parametrize(
     ("trained_on", "classes", "message"),
     [
-        ("ab", "abc", "tells 2 classes apart, and the data folder has 3"),
+        ("ab", "abc", "was trained on 2 classes, and the data folder has 3"),
         ("abc", "abd", "class 2 of .* is 'c', and 'd' in the data folder"),
         ("abc", "abc", None),
     ],

@@ -245,7 +245,7 @@ def test_a_smoke_test_leaves_a_long_evaluation_alone(whole, weights):
 
 
 def test_the_checks_look_at_as_many_images_as_are_asked_for(weights, tmp_path, monkeypatch):
-    """Beside another suite at no more than they need."""
+    """With another suite they take no more than they need."""
     monkeypatch.setattr(attacking, "TRUST_N", 2)
     given = ("reattack.n=4", "reattack.batch_size=2")
     found = suite("trust", weights, tmp_path, *given)

@@ -1,5 +1,5 @@
-"""The command that makes pairs: the same bytes however the work is shared or cut short, files that
-the usual libraries read, and sentences for what cannot be followed."""
+"""The command that makes pairs: the same bytes however the work is shared or interrupted, files
+that the usual libraries read, and sentences for invalid settings."""
 
 import csv
 import errno
@@ -234,7 +234,7 @@ def test_an_interruption_keeps_whole_files_and_says_so(tmp_path, monkeypatch, ca
     monkeypatch.setattr(pair_files, "encode", interrupt)
     with pytest.raises(SystemExit) as end:
         made(out)
-    assert end.value.code == 130 and "the same command goes on" in capsys.readouterr().err
+    assert end.value.code == 130 and "the same command continues" in capsys.readouterr().err
     assert not leftovers(out) and [p.name for p in out.glob("0*")] == ["000000.tar"]
 
 
@@ -243,7 +243,7 @@ def test_skipped_pictures_are_named_and_counted(tmp_path, folder, capsys):
     made(tmp_path / "out", "n=40", "per_shard=40", "twin=false")
     said = capsys.readouterr()
     assert "3 pictures were skipped, see above; others were drawn instead." in said.out
-    assert "1 files in pictures are no pictures by name: notes.txt." in said.out
+    assert "Files in pictures that are not pictures by their names: 1, notes.txt." in said.out
     assert "40 pairs in " in said.out and " pairs a second." in said.out
     for name in ("torn.png", "words.jpg", "low.png"):
         assert said.err.count(name) == 1

@@ -47,7 +47,7 @@ class Line:
 
 
 def measured(photos: Tensor, originals: Tensor | None) -> list[dict[str, float]]:
-    """Measure crops (N, 3, S, S) uint8."""
+    """Return the statistics of each crop; `photos` and `originals` are (N, 3, S, S) uint8."""
     rows: list[dict[str, float]] = []
     for photo, original in zip(photos.split(BATCH), _parts(originals, len(photos)), strict=True):
         rows += measure(photo.float() / 255, original)
@@ -84,7 +84,7 @@ def distance(found: Sequence[Line]) -> float:
     """Return how far a scene is from reality: the mean over all compared statistics, and their
     10th percentiles, medians and 90th percentiles, of the absolute logarithm of their ratio.
 
-    0.7 is a factor of two. What is about nothing counts by its difference, see
+    0.7 is a factor of two. Values near zero count by their difference, see
     `moireaug.synthesis.statistics.compare`.
     """
     return fmean(line.distance for line in found if line.distance is not None)
@@ -122,7 +122,7 @@ def shown(values: Span | None) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number with as many digits as tell something."""
+    """Return a number with as many digits as are meaningful."""
     size = abs(value)
     if size >= 99.5:
         digits = 0

@@ -1,8 +1,8 @@
 """Search the ranges of a scene so that its photos have the statistics of real ones.
 
-The search is CMA-ES (Hansen and Ostermeier, 2001) as `cma` has it: it takes some hundred
-evaluations for some tens of numbers that depend on one another, where differential evolution wants
-thousands, and does not mind that the distance has steps. Every evaluation draws its shots from the
+The search is CMA-ES (Hansen and Ostermeier, 2001) from the package `cma`: it takes a few hundred
+evaluations for a few dozen numbers that depend on one another, where differential evolution needs
+thousands, and copes with the steps in the distance. Every evaluation draws its shots from the
 same seed (common random numbers), so that the distance is a function of the ranges alone.
 """
 
@@ -23,9 +23,9 @@ from moireaug.scene.fields import bounds
 from training.calibration.compare import Rows, distance, lines, measured
 from training.calibration.pairs import Crops, photographed
 
-CROPS = 24  # that are looked at in an evaluation
+CROPS = 24  # that an evaluation compares
 STEP = 0.15  # of the first draws, as a share of each field's limits
-NARROWEST = 1e-6  # share of its limits: a range of no width would draw no number, and shift others'
+NARROWEST = 1e-6  # share of its limits: without width a range draws no number and shifts others'
 POINT = 5e-3  # share of its limits: a range this narrow is written as a number
 REFUSED = 10.0  # the distance of ranges that no scene can have
 
@@ -38,8 +38,8 @@ class Searched(NamedTuple):
     high: float
 
 
-# A new field takes one line. A scene whose own range is wider widens these limits. No JPEG is a
-# quality of 0 and the worst one 1: no search crosses that, so that it stays as the scene has it.
+# A new field takes one line. A scene whose own range is wider widens these limits. JPEG quality is
+# not searched: 0 is no JPEG and 1 the worst one, a jump that no search crosses.
 SEARCHED = (
     Searched("panel.scale", 0.4, 2.0),
     Searched("panel.lit", 0.3, 1.0),
@@ -68,7 +68,7 @@ class Fitted:
 
     Args:
         before, after: distances, see `compare.distance`, on the crops that were looked at.
-        searched: with the limits as they were used. start: the scene from which the search began.
+        searched: the fields, with the limits that were used. start: where the search began.
     """
 
     scene: Scene
@@ -108,7 +108,7 @@ def fit(
     tell: Callable[[str], None],
     searched: Sequence[Searched] = SEARCHED,
 ) -> Fitted:
-    """Search the ranges of a scene, from its own; Ctrl-C ends the search and keeps the best so far.
+    """Search the ranges of a scene, from its own on; Ctrl-C ends the search, the best is kept.
 
     Args:
         start: the scene to begin with; what is not searched stays as it is.
@@ -192,7 +192,7 @@ def encode(scene: Scene, limits: Sequence[Searched]) -> NDArray[np.float64]:
 
 
 def decode(scene: Scene, limits: Sequence[Searched], point: NDArray[np.float64]) -> Scene | None:
-    """Return a scene with the ranges that these numbers say; None where no scene can have them."""
+    """Return the scene that these numbers encode; None if no scene can have its ranges."""
     ranges = {}
     for (field, low, high), (begin, width) in zip(limits, point.reshape(-1, 2), strict=True):
         first = low + (high - low) * min(float(begin), 1 - NARROWEST)
@@ -207,8 +207,8 @@ def decode(scene: Scene, limits: Sequence[Searched], point: NDArray[np.float64])
 
 
 def tidy(scene: Scene, limits: Sequence[Searched]) -> Scene:
-    """Return a scene with its searched ranges rounded to four digits, and those that are narrow
-    as one number."""
+    """Return a scene with its searched ranges rounded to four digits, and narrow ones replaced by
+    one number."""
     ranges = {}
     for field, low, high in limits:
         first, last = get(scene, field)

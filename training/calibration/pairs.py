@@ -55,7 +55,7 @@ class Crops:
 
 def find_pairs(source: Path) -> list[Pair]:
     """Find the pairs of a CSV file with the columns photo and original, of a folder with such a
-    file pairs.csv, or of one with the folders `photo` and `original`, whose files have equal names.
+    file pairs.csv, or of one with the folders `photo` and `original`, paired by the files' stems.
 
     A CSV's relative paths are relative to its own folder.
 
@@ -72,8 +72,8 @@ def find_pairs(source: Path) -> list[Pair]:
         raise ValueError(f"{source} is neither a CSV file nor a folder: name one that exists.")
     if not pairs:
         raise ValueError(
-            f"no pairs in {source}. A CSV file has the columns photo and original and a line a "
-            "pair; a folder holds the folders photo and original with files of equal names."
+            f"no pairs in {source}. A CSV file has the columns photo and original and one line per "
+            "pair; a folder holds the folders photo and original with files of the same names."
         )
     for pair in pairs:
         for path in (pair.photo, pair.original):
@@ -127,7 +127,7 @@ def read_pairs(pairs: Iterable[Pair]) -> Iterator[Shown]:
     """Read pairs one by one.
 
     Raises:
-        ValueError: a pair of two sizes.
+        ValueError: a photo and its original differ in size.
     """
     for pair in pairs:
         photo, original = read_picture(pair.photo), read_picture(pair.original)
@@ -179,8 +179,8 @@ def _size(picture: Tensor) -> str:
 
 @torch.no_grad()
 def photographed(scene: Scene, originals: Tensor, seed: int = 0) -> Tensor:
-    """Photograph crops (N, 3, S, S) uint8 by a scene; returns the photos as 8-bit codes, of the
-    same shape, as files keep them."""
+    """Photograph crops (N, 3, S, S) uint8 in a scene; return the photos as 8-bit codes of the same
+    shape, as files hold them."""
     generator = torch.Generator().manual_seed(seed)
     height, width = originals.shape[-2:]
     shot = scene.sample(len(originals), (height, width), generator)
@@ -192,8 +192,8 @@ def photographed(scene: Scene, originals: Tensor, seed: int = 0) -> Tensor:
 
 
 def registered(photos: Iterable[Path], picture: Path) -> Iterator[Shown]:
-    """Read photos of a screen that shows a picture, and bring each to the picture's frame; what a
-    photo does not show of the picture is cut off both.
+    """Read photos of a screen that shows a picture, and register each to the picture; the parts of
+    the picture that a photo does not show are cut off both.
 
     Raises:
         ValueError: a photo in which the picture was not found.

@@ -14,11 +14,11 @@ from training.calibration.compare import Line, Span
 SIZE, DPI = (10.4, 6.4), 100
 MAIN = "codes RMS"  # the unit of most, on the left
 APART = 0.17  # between the two marks of a line, in lines
-LEAST = 0.05  # codes, of an axis that is logarithmic
+LEAST = 0.05  # codes, on the logarithmic axis
 
 
 def draw(lines: Sequence[Line], name: str) -> bytes:
-    """Return the plot as a PNG: a panel a unit, a row a statistic.
+    """Return the plot as a PNG: one panel per unit, one row per statistic.
 
     Args:
         name: of the scene.

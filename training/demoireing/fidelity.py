@@ -1,4 +1,4 @@
-"""How near pictures are to others: PSNR and SSIM, as they are or after the best colour map."""
+"""How close two pictures are: PSNR and SSIM, as they are or after the best colour map."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def mapped(picture: Tensor, wanted: Tensor) -> Tensor:
 
 
 def fidelity(picture: Tensor, wanted: Tensor) -> dict[str, float]:
-    """Return `psnr` and `ssim` of one picture (3, H, W), and with `mapped_` before them those after
-    the best global colour map."""
+    """Return `psnr` in dB and `ssim` of a picture (3, H, W) in [0, 1] against another, and with the
+    prefix `mapped_` those after the best global colour map."""
     found = {}
     for prefix, shown in (("", picture), ("mapped_", mapped(picture, wanted))):
         found[f"{prefix}psnr"] = float(psnr(shown[None], wanted[None]))

@@ -5,12 +5,11 @@
     python training/fit.py recipe=demoire scene=phone_at_monitor demoire.target=original
 
 DIR holds pictures at any depth, of which a tenth validates and a tenth tests, or the folders train
-and test. `pairs` names real photos and what was on the screen, for the report alone; a finished run
-is tested on other pairs by the same command. Settings: training/demoireing/schema.py. Writes
-weights.pt (for training/demoire.py and moireaug.defenses.demoire.load), report.html, scores.csv (a
-line a pair), metrics.json, best.ckpt, last.ckpt and config.yaml into
-runs/<data>-<model>/demoire/seed<k>/. A run that was interrupted, however it was, is resumed by the
-same command.
+and test. `pairs` names real photos and what was on the screen, for the report alone; with other
+pairs, a finished run is only tested again. Settings: training/demoireing/schema.py. Writes
+weights.pt (for training/demoire.py and moireaug.defenses.demoire.load), report.html, scores.csv
+(the figures of each pair), metrics.json, best.ckpt, last.ckpt and config.yaml into
+runs/<data>-<model>/demoire/seed<k>/. The same command resumes an interrupted run.
 """
 
 from __future__ import annotations
@@ -48,10 +47,10 @@ UNUSED = {"train": None, "class_index": None, "augment": "none", "download": Fal
 
 
 def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
-    """Train, test and report a run, or what is left of it; returns its metrics.
+    """Train, test and report a run, or what is left of it; return its metrics.
 
     Raises:
-        TypeError, ValueError: settings that cannot be followed, before time is spent.
+        TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_network`.
     """
     cfg = as_config(cfg)
@@ -77,7 +76,7 @@ def inlined(scene: Any) -> Any:
 
 
 def check(cfg: DemoireConfig) -> None:
-    """Refuse settings before time is spent.
+    """Refuse invalid settings before any time is spent.
 
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
@@ -113,7 +112,7 @@ def check(cfg: DemoireConfig) -> None:
         check_aligned(as_scene(name))
         if name in seen:
             raise ValueError(
-                f"test.unseen names {name}, which is trained in: leave it out of either."
+                f"test.unseen names {name}, which is trained on too: leave it out of one of them."
             )
     if cfg.pairs:
         find_pairs(Path(cfg.pairs))

@@ -1,4 +1,4 @@
-"""The demoiréing network that is trained: Lightning's loop around it."""
+"""The Lightning module that trains a demoiréing network."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def scenes_of(cfg: DemoireConfig) -> dict[str, Scene]:
     """
     given = cfg.scene if isinstance(cfg.scene, (list, tuple)) else [cfg.scene]
     if not given:
-        raise ValueError("scene=[] trains in none: name at least one.")
+        raise ValueError("scene=[] names no scene: name at least one.")
     found = {}
     for number, one in enumerate(given, 1):
         name = one if isinstance(one, str) else f"scene {number}"
@@ -55,7 +55,7 @@ class SimulatedPairs(Dataset):
         self.target, self.seed = target, seed
 
     def pair(self, k: int) -> Pair:
-        """Return a pair with all that is known of it, the twin always."""
+        """Return a pair with all that is known of it, always with its twin."""
         return self._made(k, twin=True)
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
@@ -70,18 +70,19 @@ class SimulatedPairs(Dataset):
 
 
 def toned(original: Tensor, photo: Tensor) -> Tensor:
-    """Return the original under the linear colour map that brings it nearest to its photo: neither
-    moiré, noise, blur nor shading, at the photo's exposure and tint; (3, H, W) uint8 all."""
+    """Return the original under the linear colour map that brings it closest to its photo: without
+    moiré, noise, blur and shading, but with the photo's exposure and tint. All are (3, H, W) uint8.
+    """
     codes, wanted = original.numpy().astype(np.float32), photo.numpy().astype(np.float32)
     mapped = ColourMap.fit(codes, wanted, squares=False)(codes)
     return torch.from_numpy(mapped.round().astype(np.uint8))
 
 
 class Numbers(Sampler[int]):
-    """The numbers of one rank's pairs in an epoch: every epoch has others.
+    """The numbers of one rank's pairs in an epoch, different in every epoch.
 
     Args:
-        count: pairs of all ranks together, an epoch.
+        count: pairs per epoch, of all ranks together.
     """
 
     def __init__(self, count: int, ranks: int, rank: int) -> None:
@@ -100,7 +101,7 @@ class Numbers(Sampler[int]):
 
 
 class PairBatches(L.LightningDataModule):
-    """Serves pairs as loaders; those that validate are made once.
+    """Serves pairs as loaders; the validation pairs are made once.
 
     Args:
         cfg: the run's settings. splits: its pictures. first: the epoch that training begins or

@@ -14,7 +14,7 @@ from moireaug.synthesis.pictures import Pictures, Source
 from training import signs
 from training.demoireing.schema import PICTURES, DemoireConfig
 
-HELD_OUT = 10  # one in so many pictures validates, and as many test
+HELD_OUT = 10  # one picture in ten validates, and one in ten tests
 FEWEST = 3  # pictures of a folder: one of each split
 
 
@@ -27,7 +27,7 @@ class Splits(NamedTuple):
 
 
 class DrawnSigns:
-    """The project's own signs, drawn anew for every pair.
+    """The project's own signs, a new one for every pair.
 
     Args:
         side: of a picture, in pixels.
@@ -46,7 +46,7 @@ def load(cfg: DemoireConfig) -> Splits:
     """Find the pictures of a run's data set.
 
     Raises:
-        ValueError: data that is not fit to be photographed, no folder, or too few pictures in it.
+        ValueError: an unsuitable data set, no folder, or too few pictures in it.
     """
     one_of("data", cfg.data.name, PICTURES)
     side, test_side = cfg.data.size, cfg.test.size

@@ -1,4 +1,4 @@
-"""What a test found, for people: a page, a plot of the training, and lines for the terminal."""
+"""The report of a test: a page, plots of the training, and lines for the terminal."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from training.demoireing.testing import GroupedPair
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
 PICTURE = 300  # pixels of a picture that the page shows
-STRONGER = 4  # times, of what was removed
+STRONGER = 4  # factor by which what was removed is amplified
 Row = Mapping[str, Any]
 
-# what a photo is held against: the reference, and what stands before its measures' names
+# what a photo is compared with: the reference, and the prefix of its measures' names
 COLUMNS = {
     "the twin": ("twin", ""),
     "the original": ("original", ""),
@@ -32,7 +32,7 @@ COLUMNS = {
 
 
 def page(metrics: Mapping[str, Any], shown: Sequence[tuple[GroupedPair, Tensor]]) -> str:
-    """Return the report of a run as a page that needs nothing but itself.
+    """Return the report of a run as a self-contained page.
 
     Args:
         metrics: what metrics.json holds. shown: pairs and their cleaned photos.
@@ -95,8 +95,8 @@ def main_figure(metrics: Mapping[str, Any], kind: str) -> tuple[str, str]:
 
 
 def table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return a row a group, with a cell for PSNR and SSIM under each of `COLUMNS`; None where there
-    is no such reference."""
+    """Return one row per group, with a cell for PSNR and SSIM under each of `COLUMNS`; None where
+    there is no such reference."""
     found: dict[str, dict[str, Any]] = {}
     for row in rows:
         about = {k: row[k] for k in ("group", "kind", "n", "milliseconds", "megapixels")}

@@ -1,6 +1,6 @@
 """Every setting of a run that trains a demoiréing network; recipes in `recipes/demoireing/`.
 
-Lengths of time are steps, sizes are pixels.
+Durations are in steps, sizes in pixels.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from hydra.core.config_store import ConfigStore
 from training.schema import QUIET, RECIPES, SILENT, RunConfig, store_recipes
 
 OWN = RECIPES / "demoireing"
-PICTURES = ("signs", "folder")  # data that can be had at any size
+PICTURES = ("signs", "folder")  # data sets that come in any size
 
 # what phones in front of LCDs and OLEDs take
 SEEN = ("screen_photo", "phone_at_monitor", "phone_at_laptop", "phone_at_phone")
@@ -23,10 +23,10 @@ UNSEEN = ("phone_at_television", "webcam_at_phone", "phone_at_led_wall")
 
 @dataclass
 class Demoire:
-    """Say what the network is, and what it learns."""
+    """What the network is, and what it learns."""
 
-    # "twin": the same shot without moiré. "original": what the screen showed. "toned": the same
-    # under the linear colour map that brings it nearest to the photo, whose exposure thus stays
+    # "twin": the same shot without moiré. "original": what the screen showed. "toned": the original
+    # under the linear colour map that brings it closest to the photo, so that the exposure stays
     target: str = "twin"
     width: float = 0.25  # factor of the published numbers of channels
     # a state_dict of torchvision's vgg16, for the perceptual part of a published loss; null: none
@@ -35,20 +35,20 @@ class Demoire:
 
 @dataclass
 class Train:
-    """Say how the weights are trained."""
+    """How the weights are trained."""
 
     steps: int = 600
     check_every: int = 50  # steps from one validation to the next; each can be resumed from
     batch_size: int = 4  # of all devices together
-    lr: float = 1e-3  # the greatest; falls to nothing along half a cosine
+    lr: float = 1e-3  # the peak; falls to 0 along half a cosine
     warmup: int = 50  # steps over which it rises
-    ema: float = 0.99  # decay of the averaged weights a step, which are validated and kept
+    ema: float = 0.99  # decay per step of the averaged weights, which are validated and kept
     channels_last: bool = True
 
 
 @dataclass
 class HeldOut:
-    """Say what the trained network is tested on."""
+    """What the trained network is tested on."""
 
     size: int = 256  # side of the pairs
     unseen: list[str] = field(default_factory=lambda: list(UNSEEN))  # scenes not trained in
@@ -56,8 +56,8 @@ class HeldOut:
 
 @dataclass
 class DemoireConfig(RunConfig):
-    """Hold every setting of a run. Of `data`, `size` is the side of the crops that are trained on,
-    `val` the pairs that validate, and `test` those of each scene that test."""
+    """All settings of a run. In `data`, `size` is the side of the training crops, `val` the number
+    of validation pairs, and `test` the number of test pairs per scene."""
 
     # one scene, or several that take turns: as in `Config`, or a list of them
     scene: Any = field(default_factory=lambda: list(SEEN))
@@ -76,10 +76,10 @@ def names() -> list[str]:
 
 
 def asked_for(overrides: Sequence[str]) -> bool:
-    """Say whether a command line names such a recipe.
+    """Return whether a command line names such a recipe.
 
     Raises:
-        SystemExit: it names others, too.
+        SystemExit: it also names recipes of classifiers.
     """
     given: list[str] = []
     for override in overrides:
@@ -90,7 +90,7 @@ def asked_for(overrides: Sequence[str]) -> bool:
     if ours and len(ours) < len(given):
         raise SystemExit(
             f"error: recipe={','.join(given)} mixes recipes of two kinds: {', '.join(ours)} trains "
-            "a demoiréing network. Give them to two commands."
+            "a demoiréing network. Use two commands."
         )
     return bool(ours)
 

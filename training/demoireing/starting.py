@@ -1,4 +1,4 @@
-"""Where training starts: a short one should not first have to learn what an image is."""
+"""Initial weights: a short training should not have to learn first what an image is."""
 
 from __future__ import annotations
 

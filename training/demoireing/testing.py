@@ -1,4 +1,4 @@
-"""A trained network on pairs that it was not trained on: simulated ones, and real ones."""
+"""Test a trained network on pairs that it was not trained on, simulated and real."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MEASURES = ("psnr", "ssim", "mapped_psnr", "mapped_ssim")
 
 
 class GroupedPair(NamedTuple):
-    """A photo and what it is of, (3, H, W) uint8 each.
+    """A photo and the picture that it shows, (3, H, W) uint8 each.
 
     Args:
         group: its scene's name, or "real photos". kind: "seen" or "unseen" scene, or "real".
@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
     """A test's figures and pictures.
 
     Args:
-        scores: a line a pair, reference ("twin" or "original") and state ("photo", "cleaned" or,
+        scores: one row per pair, reference ("twin" or "original") and state ("photo", "cleaned" or,
             against the original, "twin"), with `MEASURES`, and the seconds and pixels of the
             cleaning.
         shown: the first pair of every group, and every real one, with its cleaned photo.
@@ -55,7 +55,7 @@ class Outcome(NamedTuple):
 
 
 def simulated(cfg: DemoireConfig, splits: Splits) -> Iterator[GroupedPair]:
-    """Make the simulated pairs of every scene that is tested in."""
+    """Make the simulated pairs of every scene that the network is tested on."""
     for name, pairs in test_pairs(cfg, splits).items():
         kind = "unseen" if name in cfg.test.unseen else "seen"
         for k in range(cfg.data.test or 0):
@@ -103,9 +103,8 @@ def test(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Outcome:
 
 
 def compared(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
-    """Yield the photo's and the cleaned photo's likeness to each reference there is; and the
-    twin's to the original, which is what a network that removes all moiré and nothing else would
-    reach."""
+    """Yield how close the photo and the cleaned photo are to each reference there is, and the twin
+    to the original: what a network that removes all moiré and nothing else would reach."""
     about = {"group": pair.group, "kind": pair.kind, "picture": pair.name}
     for reference in ("twin", "original"):
         wanted = getattr(pair, reference)
@@ -120,9 +119,9 @@ def compared(pair: GroupedPair, cleaned: Tensor) -> Iterator[dict[str, Any]]:
 
 
 def summary(scores: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return a row a group, reference and measure: the means before and after, the twins' mean
-    (None where there are none), and the mean gain with its 95 % interval (Student's t over the
-    pairs; None of a single one), and how many of the pairs gained."""
+    """Return one row per group, reference and measure: the means before and after, the twins' mean
+    (None where there are none), the mean gain with its 95 % interval (Student's t over the pairs;
+    None for a single one), and how many of the pairs gained."""
     rows = []
     for (group, kind, reference), lines in scores.groupby(
         ["group", "kind", "reference"], sort=False
