@@ -25,21 +25,21 @@ class Panel(Part):
     Args:
         scale: panel pixels per image pixel, along each axis (the paper's alpha). A range. A panel
             of fewer pixels than the picture shows it antialiased.
-        layout: how a panel pixel is made of subpixels: a key of `moireaug.scene.layout.LAYOUTS`, or
-            a `Layout`, a unit cell of your own.
-        lit: share of each subpixel's area that emits, the rest being black matrix on both axes
-            alike. A range.
-        lit_x, lit_y: shares of its width and of its height that emit besides: `lit_y=0.8` is a
-            panel whose rows have gaps. Ranges.
-        pwm: frequency of the pulse-width modulation that dims it, in hertz; 0 is a steady light. A
-            range. Seen where the sensor has a `shutter`.
-        duty: share of a pulse's cycle during which the panel is on. A range.
-        phase: of the pulses when the first row begins to expose, in cycles. A range.
-        black: light of a black pixel, as a share of a white one's. A range.
+        layout: arrangement of the subpixels in a panel pixel: a key of
+            `moireaug.scene.layout.LAYOUTS`, or a `Layout` with a unit cell of your own.
+        lit: share of each subpixel's area that emits light; the rest is black matrix, the same
+            along both axes. A range.
+        lit_x, lit_y: further shares of each subpixel's width and height that emit light:
+            `lit_y=0.8` leaves gaps between the rows. Ranges.
+        pwm: frequency of the backlight's pulse-width modulation, in hertz; 0 is steady light. A
+            range. It shows only where the sensor has a `shutter`.
+        duty: share of each pulse-width cycle during which the panel is on. A range.
+        phase: phase of the pulses when the first sensor row starts to expose, in cycles. A range.
+        black: light of a black pixel, as a share of a white pixel's. A range.
         glare: light that the glass reflects, as a share of a white screen's. A range. It has no
-            subpixels, so it pales picture and moiré alike.
-        glare_x, glare_y: by how much of itself that light grows from the middle of the photo to its
-            right and to its lower edge. Ranges.
+            subpixels, so it washes out picture and moiré alike.
+        glare_x, glare_y: relative increase of the glare from the photo's centre to its right and
+            lower edges. Ranges.
     """
 
     scale: Range = ranged(1.0, 1e-3, 1000.0, "panel pixels per image pixel")
@@ -80,9 +80,10 @@ class View(Part):
         zoom: magnification of the picture in the photo; 1 is edge to edge when frontal.
         shift_x, shift_y: shift of the picture in the photo, as a fraction of the photo's width and
             height.
-        fov: degrees of view that the picture's diagonal spans from the camera: a small value is a
-            far camera.
-        fit: step back until the whole picture is in the photo, before `zoom` and the shifts apply.
+        fov: angle that the picture's diagonal spans as seen from the camera, in degrees: a small
+            value is a distant camera.
+        fit: move the camera back until the whole picture is in the photo, before `zoom` and the
+            shifts apply.
         pose: "camera" is a pinhole camera as described; "released" is the homography of the paper's
             released code: whole degrees, focal length tied to the roll (`fov`, `zoom` and the
             shifts are not read).
@@ -111,17 +112,16 @@ class Lens(Part):
 
     Args:
         k1, k2: radial distortion. Ranges.
-        blur: standard deviation of the Gaussian point spread, in sensor pixels; defocus adds to it.
-            A range.
-        motion_x, motion_y: standard deviation of the spread that a moving hand adds, along both
-            axes of the sensor, in sensor pixels: a line, along a diagonal where both are given, the
-            other diagonal where their signs differ. The moiré has it exactly; the picture has while
-            the spread stays within seven panel pixels, and is blurred alike in all directions
-            beyond. Ranges.
-        olpf: how far the sensor's optical low-pass filter parts the four pictures that it makes of
-            one, along both axes, in sensor pixels; 0 is no filter. A range.
-        vignetting: share of the light that is lost in the photo's corners, by the cosine to the
-            fourth. A range.
+        blur: standard deviation of the Gaussian point spread function, in sensor pixels, defocus
+            included. A range.
+        motion_x, motion_y: standard deviation of the motion blur of a moving hand along the
+            sensor's axes, in sensor pixels. If both are given, the blur runs along a diagonal; if
+            their signs differ, along the other one. It is exact for the moiré; for the picture, it
+            is exact up to seven panel pixels and isotropic beyond. Ranges.
+        olpf: distance between the four copies of the picture that an optical low-pass filter makes,
+            along both axes, in sensor pixels; 0 is no filter. A range.
+        vignetting: share of the light that is lost in the photo's corners; it falls off with the
+            fourth power of the cosine. A range.
     """
 
     k1: Range = ranged(0.0, -1.0, 1.0)
@@ -159,25 +159,25 @@ class Sensor(Part):
         scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the
             raw reading.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
-        crosstalk: share of its light that a colour filter gets from its neighbours in the spectrum:
-            red's from green, blue's from green, green's from both. The colour matrix takes it out
-            of the colours again, but not out of what aliases in each colour apart. A range.
-        fill: width of the light-sensitive aperture as a share of the pixel pitch. A range.
+        crosstalk: share of its light that a colour filter receives from its neighbours in the
+            spectrum: red and blue from green, green from both. The colour matrix undoes it for
+            colours, but not for what aliases in each channel separately. A range.
+        fill: width of the light-sensitive aperture, as a share of the pixel pitch. A range.
         exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the
             panel's harmonics; "box", the overlap of subpixel and aperture; "supersample:n" (n * n
-            samples a pixel); "point" (as the paper does); "mean" (the panel's mean light alone: a
-            screen without moiré, the control of every experiment); or "auto": "spectral" where
-            harmonics of up to order 32 carry all contrast above the scene's tolerance and there are
-            no more than 1024 of them, else "box".
-        gain: what the raw reading is multiplied by before it saturates at 1. A range.
-        shutter: seconds for which each row exposes; 0 where a panel's flicker is not to be seen. A
-            range.
-        readout: seconds from the first row's exposure to the last row's, of a rolling shutter. A
-            range.
+            samples per pixel); "point" (as the paper does); "mean" (only the panel's mean light: a
+            screen without moiré, the control of every experiment); or "auto": "spectral" if
+            harmonics of up to order 32, and at most 1024 of them, carry all contrast above the
+            scene's tolerance, else "box".
+        gain: factor on the raw reading before it saturates at 1. A range.
+        shutter: exposure time of each row in seconds; 0 hides a panel's flicker. A range.
+        readout: time from the first row's exposure to the last row's in a rolling shutter, in
+            seconds. A range.
         read_noise: standard deviation of the Gaussian read noise, in raw units [0, 1]. A range.
-        shot_noise: standard deviation of the photon noise at full scale; it goes with the root of
-            the reading. A full well of N electrons has N^-1/2. A range.
-        bits: of the converter, 1 to 16; None does not round. The gradient passes straight through.
+        shot_noise: standard deviation of the photon noise at full scale; it grows with the square
+            root of the reading. A full well of N electrons has N^-1/2. A range.
+        bits: bit depth of the converter, 1 to 16; None does not round. The gradient passes straight
+            through.
     """
 
     scale: float = 1.0
@@ -223,29 +223,32 @@ class Develop(Part):
     Args:
         demosaic: "bilinear" (as in the paper) or "malvar" (Malvar, He and Cutler, 2004: sharper,
             and with the false colours of a real camera).
-        red, blue: white balance, what red and blue are multiplied by. Ranges.
-        saturation: of the colour matrix, which also undoes the filters' crosstalk: 0 is grey, 1
-            the sensor's own colours. A range.
-        shoulder: of the tone curve (1 + shoulder) x / (1 + shoulder x) on codes x, by which a
-            camera lifts the middle and rolls off the highlights: 0 is a straight line. A range.
-        contrast: of the tone curve x + contrast (2 x - 1) x (1 - x) on the codes after it: 1 is the
-            smoothstep, 0 a straight line. A range.
+        red, blue: white-balance factors on red and blue. Ranges.
+        saturation: saturation of the colour matrix, which also undoes the filters' crosstalk: 0 is
+            grey, 1 the sensor's own colours. A range.
+        shoulder: strength of the tone curve (1 + shoulder) x / (1 + shoulder x) on codes x, with
+            which a camera lifts the midtones and rolls off the highlights; 0 is a straight line. A
+            range.
+        contrast: strength of the tone curve x + contrast (2 x - 1) x (1 - x), applied next: 1 is
+            the smoothstep, 0 a straight line. A range.
         brighten: added to the encoded photo before it is clipped to [0, 1]. A range.
         denoise: None, "nlm" (OpenCV's non-local means, as in the paper; its gradient passes
-            straight through) or "bilateral" (differentiable). Works on codes, on every pixel of the
-            sensor.
-        chroma_blur: standard deviation of the Gaussian by which a camera smooths colour, but not
-            brightness, against noise, in sensor pixels. A range.
-        sharpen: amount of the unsharp mask on brightness; 0 is none, below 0 smooths it, as against
-            noise. A range.
-        sharpen_radius: standard deviation of its Gaussian, in sensor pixels. A range.
+            straight through) or "bilateral" (differentiable). It works on codes, on every sensor
+            pixel.
+        chroma_blur: standard deviation of the Gaussian with which a camera smooths colour, but not
+            brightness, to reduce noise, in sensor pixels. A range.
+        sharpen: amount of the unsharp mask on brightness; 0 is none, and negative values smooth. A
+            range.
+        sharpen_radius: standard deviation of the unsharp mask's Gaussian, in sensor pixels. A
+            range.
         resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias"
             (triangle filter) or "point" (bilinear without a prefilter, as the paper's code does).
-        registered: bring the photo back to the image's frame, so that labels, boxes and masks stay
+        registered: warp the photo back to the image's frame, so that labels, boxes and masks stay
             valid.
-        linear_light: the panel turns sRGB codes into light and the camera light into sRGB codes.
-        jpeg: quality of a JPEG file that the photo goes through, 1 to 100; 0 is no JPEG. A range.
-            libjpeg's picture, with the gradient of a differentiable codec.
+        linear_light: the panel decodes sRGB codes into light, and the camera encodes light into
+            sRGB codes.
+        jpeg: quality at which the photo is compressed to JPEG, 1 to 100; 0 is no JPEG. A range.
+            The values are libjpeg's, with the gradient of a differentiable codec.
     """
 
     demosaic: str = "bilinear"
