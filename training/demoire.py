@@ -152,7 +152,9 @@ def main(argv: Sequence[str]) -> None:
     except (ValueError, TypeError, OSError) as error:
         raise SystemExit(f"error: {sentence(error)}") from None
     if failed:
-        raise SystemExit(f"error: {len(failed)} photos could not be cleaned, see above.")
+        raise SystemExit(
+            f"error: not every photo could be cleaned: {len(failed)} failed, see above."
+        )
 
 
 if __name__ == "__main__":

@@ -58,9 +58,11 @@ def test_the_command_cleans_what_can_be_read_and_names_the_rest(photos, weights,
     done = command("demoire.py", *given, cwd=tmp_path)
     assert done.returncode == 1
     assert "torn.png could not be read" in done.stderr
-    assert done.stderr.splitlines()[-1] == "error: 1 photos could not be cleaned, see above."
+    assert done.stderr.splitlines()[-1] == (
+        "error: not every photo could be cleaned: 1 failed, see above."
+    )
     assert done.stdout.startswith(f"Photos cleaned into {tmp_path / 'out'}: 5")
-    assert "1 other files" in done.stdout
+    assert "not pictures by their names: 1." in done.stdout
     out = tmp_path / "out"
     written = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
     assert written == {"a.jpg", "deep/B.PNG", "grey.bmp", "line.webp", "c.tiff"}
