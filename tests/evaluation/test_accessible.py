@@ -196,7 +196,8 @@ def demoireing_page(folder, metrics, pictures):
     for measure, before, after in (("psnr", 28.0, 30.0), ("ssim", 0.8, 0.9)):
         row = {"group": "screen_photo", "kind": "seen", "reference": "twin", "measure": measure}
         row |= {"before": before, "after": after, "gain": after - before, "gain_interval": None}
-        tested.append(row | {"n": 4, "gained": 3, "milliseconds": 12.0, "megapixels": 0.1})
+        row |= {"n": 4, "gained": 3, "twin": None, "milliseconds": 12.0, "megapixels": 0.1}
+        tested.append(row)
     metrics |= {"width": 0.25, "target": "twin", "test": tested}
     metrics["train"] = {"history": history, "best_steps": 20}
     picture = torch.zeros(3, 8, 8, dtype=torch.uint8)
