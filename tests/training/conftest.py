@@ -4,8 +4,14 @@ import signal
 import warnings
 
 import pytest
+import torch
 
 from tests.training.frontier_runs import put
+from tests.training.tiny_suites import configured
+from training import models
+from training.attacking import protocol_of
+from training.data import load
+from training.schema import as_config
 
 
 @pytest.fixture
@@ -29,3 +35,21 @@ def root(tmp_path):
         )
     put(tmp_path, "lone", 0, worst=(0.5, 0.25), seconds=100.0, collapsed=4)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def weights(tmp_path_factory):
+    """Return the weights of a small network that was never trained, but has the first image of the
+    test right, so that one counts."""
+    torch.manual_seed(0)
+    path, model = (
+        tmp_path_factory.mktemp("weights") / "small.pt",
+        models.build("small_resnet", 16).eval(),
+    )
+    cfg = configured()
+    images, labels = protocol_of(as_config(cfg), load(cfg.data)).batches[0]
+    with torch.no_grad():
+        logits, label = model(images)[0], labels[0]
+        model.head.bias[label] += logits.max() - logits[label] + 1e-3
+    torch.save(model.state_dict(), path)
+    return path
