@@ -27,7 +27,7 @@ __all__ = [
     "expose",
 ]
 
-# packages that are imported when first asked for
+# subpackages imported on first use
 LAZY = ("attacks", "defenses", "evaluation", "synthesis", "transforms")
 
 

@@ -1,20 +1,20 @@
-"""The check of every input: what is taken as pictures and raw readings, and what is refused.
+"""Checks of every input: which pictures, shots and raw readings are accepted.
 
 A float image may lie a little outside [0, 1]: resizing and blurring round white to 1.0000002,
-bicubic and Lanczos kernels overshoot at edges, noise is not always clipped. All of them leave most
-of a picture where it was, and its mean, too. Normalisation does neither. So an image is taken, and
-clipped, where
+bicubic and Lanczos kernels overshoot at edges, noise is not always clipped. All of these
+leave most pixels and the mean nearly unchanged; normalisation changes both. So an image is
+accepted, and clipped, if
 
 - clipping changes its values by at most `MOST_CLIPPED`, root mean square, and
 - the mean of each channel lies at most `FAR_MEAN` outside [0, 1],
 
-and refused otherwise, image by image. The largest change that was measured on photographs, and on
-pictures of random black and white pixels of 9 x 12 to 64 x 64: rounding 2e-7 on either; bicubic
-0.05 and 0.08, Lanczos 0.04 and 0.145; Gaussian noise of standard deviation 0.1, 0.07 and 0.08, of
-0.2, 0.14 and 0.16. Photographs normalised by the statistics of ImageNet or CIFAR-10 change by 0.8
-(median), and 996 of 1000 are refused; those on [-1, 1] by 0.39, and 94 of 100 are refused: the
-others are bright, and in a batch of 16 one such image that is darker gives them all away. No rule
-finds a flat grey that is in [0, 1] after it was normalised, too.
+and refused otherwise, image by image. The largest changes measured on photographs, and on random
+black and white pixels of 9 x 12 to 64 x 64: rounding, 2e-7 on both; bicubic, 0.05 and 0.08;
+Lanczos, 0.04 and 0.145; Gaussian noise of standard deviation 0.1, 0.07 and 0.08, and of 0.2, 0.14
+and 0.16. Photographs normalised by the statistics of ImageNet or CIFAR-10 change by 0.8 (median),
+and 996 of 1000 are refused; those scaled to [-1, 1] change by 0.39, and 94 of 100 are refused. The
+others are bright, and one darker image is enough to have a batch of 16 refused. No rule can find a
+flat grey that still lies in [0, 1] after normalisation.
 """
 
 from __future__ import annotations
@@ -34,13 +34,12 @@ FAR_MEAN = 0.1
 
 
 def check_images(image: Tensor) -> Tensor:
-    """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `clip`; the very tensor
-    if it lies there.
+    """Return a float batch (B, 3, H, W) clipped to [0, 1], gradient as in `clip`; the same tensor
+    if it already lies there.
 
     Raises:
-        TypeError, ValueError: another type or shape, NaN, infinity, and images that cannot be
-            pictures in [0, 1], by the rule above; with what was got, what is allowed and what to
-            do.
+        TypeError: not a tensor, or not floating point.
+        ValueError: another shape, NaN, infinity, or an image that the rule above refuses.
     """
     if not isinstance(image, Tensor):
         raise TypeError(
@@ -58,7 +57,7 @@ def check_images(image: Tensor) -> Tensor:
             f"{tuple(image.shape)}.{channels_last(image)}"
         )
     if torch.compiler.is_compiling():
-        return clip(image)  # a graph cannot ask for values
+        return clip(image)  # values are unknown while a graph is traced
     if not image.numel():
         return image
     low, high = (v.item() for v in image.detach().aminmax())
@@ -69,8 +68,8 @@ def check_images(image: Tensor) -> Tensor:
 
 
 def channels_last(image: Tensor) -> str:
-    """Return a sentence that says how to put the channels first where they seem to be last, else
-    nothing."""
+    """Return a sentence on how to put the channels first if they seem to be last, else an empty
+    string."""
     orders = {3: "permute(2, 0, 1)", 4: "permute(0, 3, 1, 2)"}
     if image.shape[-1:] not in ((1,), (3,), (4,)) or image.ndim not in orders:
         return ""
@@ -78,7 +77,7 @@ def channels_last(image: Tensor) -> str:
 
 
 def _check_pictures(images: Tensor) -> None:
-    """Refuse a batch of which some image cannot be a picture in [0, 1]."""
+    """Refuse a batch with an image that cannot be a picture in [0, 1]."""
     images = images if images.dtype == torch.float64 else images.float()
     outside = images - images.clamp(0, 1)
     change = outside.square().mean((1, 2, 3)).sqrt()
@@ -94,28 +93,28 @@ def _check_pictures(images: Tensor) -> None:
 
 
 def _looks_like(image: Tensor, row: int) -> str:
-    """Say what an image that is no picture in [0, 1] looks like, and what to do."""
+    """Say what a refused image looks like, and what to do."""
     if image.isnan().any():
-        return f"NaN in image {row}. Look for it in what made the images"
+        return f"NaN in image {row}. Check the code that made the images"
     if image.isinf().any():
-        return f"infinity in image {row}. Look for it in what made the images"
+        return f"infinity in image {row}. Check the code that made the images"
     low, high = (v.item() for v in image.aminmax())
     got = f"values from {low:.9g} to {high:.9g} in image {row}"
     if high > 3 and low > -high / 4:  # no usual normalisation reaches 3
         full = 255 if high < 400 else 65535
         return f"{got}, which look like 0 to {full}. Divide them by {full}"
     return (
-        f"{got}, which look normalised, or noisier than by a standard deviation of 0.2. Undo the "
+        f"{got}, which look normalised, or noisier than a standard deviation of 0.2. Undo the "
         "normalisation first: put it into the model with attacks.Normalized"
     )
 
 
 def check_shot(image: Tensor, shot: ShotRecord) -> None:
-    """Refuse a batch of another number or size of images than a shot was drawn for, and a shot
-    whose fields are not one finite number an image.
+    """Refuse a batch (B, 3, H, W) that a shot was not drawn for, and a shot whose fields are not
+    (B,) finite numbers.
 
     Raises:
-        ValueError: with what was got and what to do.
+        ValueError: another number or size of images, or other fields.
     """
     if len(shot) != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(
@@ -127,7 +126,7 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
     for name, values in numbers.items():
         if values.shape != (len(shot),):
             raise ValueError(
-                f"a shot's fields must hold one number an image, here of the shape ({len(shot)},); "
+                f"a shot's fields must hold one number per image, here of shape ({len(shot)},); "
                 f"got {tuple(values.shape)} as shot.{name}."
             )
     if is_transformed():
@@ -142,10 +141,11 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:
-    """Refuse a raw reading that is not of this shot: `shot.raw_shape()`, floating point.
+    """Refuse a raw reading that is not floating point, or not of the shape `shot.raw_shape()`.
 
     Raises:
-        TypeError, ValueError: with what was got, what is allowed and what to do.
+        TypeError: not a floating point tensor.
+        ValueError: another shape.
     """
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
         raise TypeError(
@@ -156,5 +156,5 @@ def check_raw(raw: Tensor, shot: ShotRecord) -> None:
     if tuple(raw.shape) != expected:
         raise ValueError(
             f"raw must have the shape {expected} of this shot's reading, see Shot.raw_shape(); got "
-            f"{tuple(raw.shape)}. Take the shot's own rows: develop(raw[rows], shot[rows])."
+            f"{tuple(raw.shape)}. To develop some rows, index both: develop(raw[rows], shot[rows])."
         )

@@ -1,10 +1,10 @@
-"""Optional dependencies: one sentence that says what to install, wherever one is missing."""
+"""Optional dependencies: where one is missing, an error that says what to install."""
 
 from __future__ import annotations
 
 import importlib.util
 
-# extra of pyproject.toml to the modules that its part of the package imports
+# the modules that the package needs from each extra of pyproject.toml
 MODULES = {
     "eval": (
         "jinja2",
@@ -19,19 +19,19 @@ MODULES = {
     "train": ("cma", "hydra", "lightning", "omegaconf", "yaml"),
     "explore": ("gradio",),
 }
-# extras that an extra brings with it
+# the extras that each extra includes
 INCLUDED = {"eval": (), "train": ("eval",), "explore": ("eval", "train")}
 
 
 def require(extra: str, what: str) -> None:
-    """Refuse to go on where a module of an extra is not installed; imports none of them.
+    """Raise if a module of an extra is not installed; import none of them.
 
     Args:
         extra: "eval", "train" or "explore".
-        what: what needs it, as the sentence's subject: "moireaug.evaluation".
+        what: what needs the extra, as the subject of the message: "moireaug.evaluation".
 
     Raises:
-        ModuleNotFoundError: with the modules that are missing and the command that installs them.
+        ModuleNotFoundError: names the missing modules and the command that installs them.
     """
     missing = []
     for name in (extra, *INCLUDED[extra]):

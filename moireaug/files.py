@@ -14,7 +14,7 @@ def write_text(path: Path, text: str) -> None:
 
     Args:
         path: its folder is made where it is missing.
-        text: characters that UTF-8 cannot encode, as in the name of a strange folder, become "?".
+        text: characters that UTF-8 cannot encode, as from an undecodable file name, become "?".
 
     Raises:
         OSError: as `write_bytes`.
@@ -25,7 +25,7 @@ def write_text(path: Path, text: str) -> None:
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file whole or not at all: beside the old one, synced to the disk, then in its place.
 
-    Whatever interrupts it, `path` holds either the old content or the new one. A process that is
+    However it is interrupted, `path` holds either the old content or the new one. A process that is
     killed while it writes leaves a `.<name>.<pid>.tmp` behind, and nothing else.
 
     Args:
@@ -50,11 +50,11 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
 @contextlib.contextmanager
 def unfinished(path: Path, mark: str) -> Iterator[Path]:
     """Yield a hidden path beside `path`, for a file or a folder that takes its place when the block
-    ends, and is removed when it fails.
+    ends, and is removed if the block fails.
 
     Args:
-        path: a file is replaced; a folder that is there by then is kept, and the new one dropped.
-        mark: tells apart those who write the same path at once.
+        path: a file is replaced; a folder that exists by then is kept, and the new one dropped.
+        mark: distinguishes processes that write the same path at once.
     """
     beside = path.with_name(f".{path.name}.{mark}.tmp")
     try:
@@ -66,7 +66,7 @@ def unfinished(path: Path, mark: str) -> Iterator[Path]:
 
 
 def remove(path: Path) -> None:
-    """Remove a file, or a folder with all that is in it, where that is possible."""
+    """Remove a file, or a folder with its contents, if possible; never raises OSError."""
     with contextlib.suppress(OSError):
         if path.is_dir():
             shutil.rmtree(path)
@@ -75,12 +75,12 @@ def remove(path: Path) -> None:
 
 
 def _sentence(path: Path, size: int, error: OSError) -> str:
-    """Say what a file of `size` bytes needs, and what is left of the old one."""
+    """Say how much space a file of `size` bytes needs, how much is free, and what to do."""
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     free = shutil.disk_usage(folder).free / 1e6
     return (
         f"{path} could not be written ({error.strerror or error}): it needs {size / 1e6:.1f} MB, "
         f"and "
-        f"{free:.1f} MB are free. An older file there is still whole. Make room, and give the same "
+        f"{free:.1f} MB are free. An older file there is still whole. Make room, and run the same "
         "command again."
     )

@@ -1,4 +1,4 @@
-"""Read image files: one right RGB picture, or a sentence that names the file."""
+"""Read image files as RGB, with errors that name the file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-DEEP = ("I;16", "I;16L", "I;16B")  # grey of 16 bits
+DEEP = ("I;16", "I;16L", "I;16B")  # 16-bit grey
 AS_RGB = (
     "1",
     "L",
@@ -16,26 +16,26 @@ AS_RGB = (
     "CMYK",
     "YCbCr",
     "HSV",
-)  # what PIL turns into RGB without loss or doubt
+)  # modes that PIL converts to RGB unambiguously
 
 
 def read(path: str) -> Image.Image:
     """Return the picture in a file, in mode RGB.
 
-    Grey of 16 bits keeps its high byte, as PIL does with 16-bit RGB. Transparent pixels show white,
-    as on a page.
+    16-bit grey keeps its high byte, as PIL does with 16-bit RGB. Transparent pixels are put on
+    white, as on a page.
 
     Raises:
-        ValueError: a file that is damaged, no image, too large (`PIL.Image.MAX_IMAGE_PIXELS`), or
-            of a mode whose black and white nobody knows, such as 32-bit numbers; names the file.
+        ValueError: the file is missing, damaged, not an image, too large
+            (`PIL.Image.MAX_IMAGE_PIXELS`), or of a mode whose black and white are not known, such
+            as 32-bit numbers.
     """
     try:
         with open(path, "rb") as file, warnings.catch_warnings():
-            # PIL warns of a size that it suspects, and opens the file all the same
+            # PIL only warns of a suspicious size, and opens the file all the same
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             return _rgb(Image.open(file))
-    # a damaged file surfaces as OSError, SyntaxError, struct.error, EOFError, ...: whichever byte
-    # was hit
+    # depending on the damaged byte: OSError, SyntaxError, struct.error, EOFError, ...
     except Exception as error:
         raise ValueError(
             f"The image {path} could not be read ({_why(error)}). Remove or replace the file."
@@ -43,7 +43,7 @@ def read(path: str) -> Image.Image:
 
 
 def _rgb(image: Image.Image) -> Image.Image:
-    # PGM files of 16 bits come as 32-bit numbers, stretched to 65535
+    # PIL opens 16-bit PGM files as 32-bit numbers, stretched to 65535
     if image.mode in DEEP or (image.mode == "I" and image.format == "PPM"):
         return _high_byte(image)
     if image.has_transparency_data:
@@ -68,8 +68,8 @@ def _on_white(image: Image.Image) -> Image.Image:
 
 
 def _why(error: Exception) -> str:
-    if isinstance(error, UnidentifiedImageError):  # its own words are of a Python object
-        return "it is empty, or no image of a known format"
+    if isinstance(error, UnidentifiedImageError):  # its own message names a Python object
+        return "it is empty, or not an image of a known format"
     if isinstance(error, (Image.DecompressionBombWarning, Image.DecompressionBombError)):
         most = Image.MAX_IMAGE_PIXELS
         return f"it has more than {most} pixels, PIL's limit against decompression bombs"

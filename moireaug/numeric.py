@@ -11,8 +11,8 @@ from torch import Tensor
 def clip(x: Tensor) -> Tensor:
     """Clip to [0, 1] with gradient 1 on both bounds and 0 outside.
 
-    `torch.clamp` passes no gradient at its bounds since torch 2.14: black and white pixels would
-    hide from an attack.
+    Since torch 2.14, `torch.clamp` passes no gradient at its bounds, which would hide black and
+    white pixels from an attack.
     """
     if not x.requires_grad:
         return x.clamp(0, 1)
@@ -37,6 +37,6 @@ def sinc(x: Tensor) -> Tensor:
 
 
 def is_transformed() -> bool:
-    """Whether a graph is traced, or a transform of torch.func at work: then values are not
-    known."""
+    """Return whether values are unknown: a graph is traced, or a torch.func transform is at
+    work."""
     return torch.compiler.is_compiling() or torch._C._functorch.peek_interpreter_stack() is not None

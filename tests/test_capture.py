@@ -236,6 +236,6 @@ def test_a_field_that_is_not_one_number_an_image_is_named(value, images):
     shot = Scene(view=View(yaw=(0.0, 9.0))).sample(4, (24, 32))
     shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=value))
     with pytest.raises(
-        ValueError, match=r"one number an image, here of the shape \(4,\); got .* as shot.view.yaw"
+        ValueError, match=r"one number per image, here of shape \(4,\); got .* as shot.view.yaw"
     ):
         capture(images, shot)

@@ -1,10 +1,10 @@
-"""The engine: `expose` and `develop` as fused CPU kernels, a sensor row at a time; the same numbers
-as the reference's.
+"""The engine: `expose` and `develop` as fused CPU kernels, which work on a sensor row at a time and
+compute the same numbers as the reference.
 
-It runs on the CPU, on float32, half precision (computed in float32) and bytes, for the exposures
-"spectral", "mean" and "point", where no gradient is asked of the image or the shot; `develop` has a
-gradient in the raw reading. All else is the reference's: `moireaug.pipeline`. `explain(scene)` says
-which a scene gets. `reference()` turns the engine off.
+It runs on the CPU, on float32, half precision (computed in float32) and uint8, for the exposures
+"spectral", "mean" and "point", unless a gradient in the image or the shot is needed; `develop` is
+differentiable in the raw reading. The reference, `moireaug.pipeline`, does the rest.
+`explain(scene)` says which one a scene gets. `reference()` turns the engine off.
 
 Importing this package does not import numba; the first photo does.
 """

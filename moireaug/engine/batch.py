@@ -1,5 +1,5 @@
-"""The kernels that Python calls: some images of a batch each. All else in this package is compiled
-into them."""
+"""The kernels that Python calls, each on a range of a batch's images. The other modules' loops are
+compiled into them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from moireaug.engine.record import Camera
 from moireaug.engine.register import register as resample
 from moireaug.engine.register import room
 
-MOST_PANEL = 16  # panel pixels for each sensor pixel: what is worth building a panel for
-SMALL_PANEL = 2**20
+MOST_PANEL = 16  # panel pixels per sensor pixel, up to which building the panel pays off
+SMALL_PANEL = 2**20  # panel pixels that are never too many
 ZERO = np.float32(0)
 
 
@@ -34,9 +34,10 @@ def _camera(row):
 
 @kernel
 def fits(e):
-    """Return for each image whether `expose` follows its view, (B,) bool; e: see `record.Exposure`.
+    """Return for each image whether `expose` can follow its view, (B,) bool; e: see
+    `record.Exposure`.
 
-    Views near the horizon, and panels of far more pixels than the sensor, are the reference's.
+    The reference takes views near the horizon, and panels of far more pixels than the sensor.
     """
     out = np.empty(len(e.cameras), np.bool_)
     most = max(MOST_PANEL * len(e.sites.rows) * len(e.sites.cols), SMALL_PANEL)
@@ -51,8 +52,8 @@ def fits(e):
 
 @loop
 def _light(light, floats, codes, i, e):
-    """Return the light of picture i, (3, H, W) float32: the picture itself where it is light, else
-    `light`, filled."""
+    """Return the light of picture i, (3, H, W) float32: the picture itself if it is light already,
+    else `light`, filled from it."""
     if len(codes):
         picture.show(light, codes[i], e.coded, e.black[i], e.share[i])
         return light
@@ -105,7 +106,7 @@ def expose(raw, floats, codes, e, first, last):
 
 @kernel
 def expose_points(raw, floats, codes, e, first, last):
-    """Do as `expose`, for an exposure of points."""
+    """Do the same as `expose`, for a point exposure."""
     light = np.empty((3, e.size[0], e.size[1]), np.float32)
     for i in range(first, last):
         expose_point(
@@ -145,8 +146,8 @@ def register(registered, photos, registration, first, last):
 
 @kernel
 def register_back(photo_grad, grad, registration, first, last):
-    """Fill photo_grad (B, 3, H, W) with the gradient in the photos, from that of the registered
-    ones."""
+    """Fill photo_grad (B, 3, H, W) with the gradient in the photos, from that in the
+    registered ones."""
     _, _, h, w = grad.shape
     planes = np.empty(room(h, w), np.float32)
     for i in range(first, last):
@@ -157,7 +158,8 @@ def register_back(photo_grad, grad, registration, first, last):
 
 @loop
 def _gaussians(d, i):
-    """Return the Gaussians of image i's colour and unsharp mask; of that, 1 where there is none."""
+    """Return the Gaussians of image i's colour blur and unsharp mask; the latter is a single 1
+    where nothing is sharpened."""
     sharp_size = d.sharp_size if d.amount[i] != 0 else 1
     return detail.gaussian(d.chroma[i], d.chroma_size), detail.gaussian(d.sharp[i], sharp_size)
 
@@ -168,7 +170,7 @@ def finish(finished, inside, photos, d, first, last):
     of every sensor pixel.
 
     Args:
-        inside: (B, 3, h, w) uint8, see `detail.finish`; (0, 3, h, w) where nobody asks.
+        inside: (B, 3, h, w) uint8, see `detail.finish`; (0, 3, h, w) if not needed.
         d: see `record.Detail`.
     """
     for i in range(first, last):

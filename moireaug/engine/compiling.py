@@ -15,15 +15,15 @@ from numba import njit
 
 # divisions by zero give infinity and need no branch
 loop = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-# a loop that neither makes nor returns an array: its callers hold all that it works on, so it need
-# not count references, which took a quarter of a kernel's time
+# for loops that neither allocate nor return arrays: their callers hold all that they work on, so
+# they need not count references, which took a quarter of a kernel's time
 inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)
 
 
 @functools.lru_cache(maxsize=1)
 def _folder() -> str | None:
-    """Return where compiled kernels are kept, by all of the engine's sources and versions; None
-    where nowhere."""
+    """Return the folder of compiled kernels, named by a hash of the sources and of numba's and
+    llvmlite's versions; None if no place is writable."""
     here = Path(__file__).parent
     sources = [*sorted(here.glob("*.py")), here.parent / "effects" / "random_numbers.py"]
     text = b"".join(source.read_bytes() for source in sources)
@@ -44,16 +44,16 @@ def _folder() -> str | None:
 
 
 def cold() -> bool:
-    """Return whether this machine has not compiled these kernels yet."""
+    """Return whether these kernels are yet to be compiled on this machine."""
     folder = _folder()
     return folder is None or not any(Path(folder).rglob("*.nbi"))
 
 
 def kernel(function):
-    """Compile a function that a thread calls for a whole image, without the GIL and once per
-    machine: of processes that start together, such as workers, one compiles and the others wait.
+    """Compile a function that threads call for whole images, without the GIL and once per machine:
+    of processes that start together, such as workers, one compiles and the others wait.
 
-    Numba's own cache looks at the function's file alone, and would miss a change in what the
+    Numba's own cache checks only the function's own file, and would miss a change in what the
     function calls.
     """
     folder, before = _folder(), numba.config.CACHE_DIR
@@ -69,12 +69,12 @@ def kernel(function):
 
 
 def _locked(compile_, path):
-    """Return a dispatcher's `compile` that one process at a time enters: the next one finds in
-    numba's cache what the first has kept there."""
+    """Return a dispatcher's `compile` behind a file lock: one process compiles, and the next one
+    finds the result in numba's cache."""
 
     def locked(signature):
         with contextlib.ExitStack() as held:
-            with contextlib.suppress(OSError):  # a disk without locks
+            with contextlib.suppress(OSError):  # a file system without locks
                 held.enter_context(FileLock(path, fallback_to_soft=False))
             return compile_(signature)
 
@@ -83,13 +83,13 @@ def _locked(compile_, path):
 
 @inner
 def fill(out, value):
-    """Fill a row; numba compiles an assignment to a slice for seconds, for its error messages."""
+    """Fill a row; numba takes seconds to compile a slice assignment, for its error messages."""
     for i in range(len(out)):
         out[i] = value
 
 
 @inner
 def copy(out, row):
-    """Copy what both rows have room for."""
+    """Copy as many values as both rows have room for."""
     for i in range(min(len(out), len(row))):
         out[i] = row[i]

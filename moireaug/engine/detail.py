@@ -1,5 +1,5 @@
-"""From the codes of every sensor pixel to a photo, one image a call, a row at a time: colour
-smoothed, brightness sharpened, overshoots clipped, and resized; and the gradient's way back."""
+"""From the codes of every sensor pixel to a photo, one image per call, a row at a time: smooth
+colour, sharpen brightness, clip overshoots, and resize; and the backward pass."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class _Filter(NamedTuple):
 
     Args:
         chroma, sharp: the Gaussians of colour and of the unsharp mask, from `gaussian`.
-        amount: float32, of the mask. back: it is the filter's transpose.
-        padded: (3, lanes + ends) float32, a row's red, blue and brightness between what lies beyond
-            its ends. full: a row blurred with its ends.
-        ring: (3, rows, lanes) float32, rows that are blurred along themselves. place: (h,), where
-            each row begins in a plane of the ring.
+        amount: float32, strength of the mask. back: whether this is the filter's transpose.
+        padded: (3, lanes + ends) float32, a row's red, blue and brightness, padded at both ends.
+            full: a blurred row with its padding.
+        ring: (3, rows, lanes) float32, horizontally blurred rows. place: (h,), where each row
+            begins in a plane of the ring.
         soft: (3, lanes) float32, one row blurred both ways.
         steps: 0, 1, 2, ... int64. weight, offset: (rows,), the ring's rows that a row is made from.
     """
@@ -48,8 +48,8 @@ class _Filter(NamedTuple):
 
 @loop
 def gaussian(sigma, size):
-    """Return a Gaussian's weights, float32, that sum to 1: `size`, which is odd, or fewer where the
-    outermost do not matter."""
+    """Return a Gaussian's weights, float32, which sum to 1: `size`, which is odd, or fewer if the
+    outermost are negligible."""
     sigma = max(sigma, SMALLEST)
     half = min(size // 2, math.ceil(FARTHEST * sigma))
     weights, total = np.empty(2 * half + 1, np.float64), 0.0
@@ -100,8 +100,8 @@ def _split(red, blue, grey, photo, y):
 
 @inner
 def _along(out, padded, kernel, f, w):
-    """Fill out (lanes,) with a row of w pixels blurred, its ends going on past it; it begins half a
-    kernel into `padded`."""
+    """Fill out (lanes,) with a blurred row of w pixels, padded with its end pixels; the row begins
+    half a kernel into `padded`."""
     half = len(kernel) // 2
     first, last = padded[half], padded[half + w - 1]
     for i in range(half):
@@ -112,8 +112,8 @@ def _along(out, padded, kernel, f, w):
 
 @inner
 def _along_back(out, padded, kernel, f, w):
-    """Do the transpose of `_along`: what a row gave to what lies past its ends comes back. The row
-    begins a whole kernel into `padded`, which is 0 elsewhere."""
+    """Apply the transpose of `_along`: what falls into the padding is added to the end pixels. The
+    row begins a whole kernel, less one, into `padded`, which is 0 elsewhere."""
     size, half = len(kernel), len(kernel) // 2
     lanes = (w + size - 1 + LANES - 1) // LANES * LANES
     fill(f.full, ZERO)
@@ -126,7 +126,7 @@ def _along_back(out, padded, kernel, f, w):
 
 @inner
 def _enter(f, photo, y):
-    """Blur row y of a photo along itself, into the ring."""
+    """Blur row y of a photo horizontally, into the ring."""
     w = photo.shape[2]
     # the transpose reads a row half a kernel further on
     halves = 2 if f.back else 1
@@ -161,8 +161,8 @@ def _rows_of(f, kernel, y):
 
 @inner
 def _rows_back(weight, kernel, y, h):
-    """Turn the weights of row y of h into the transpose's: none of a row past the ends, and for
-    the outermost row what all past it were given."""
+    """Turn the weights of row y of h into the transpose's: none of a row past the ends, and in the
+    outermost rows those of the padding, too."""
     size, half = len(kernel), len(kernel) // 2
     before = after = ZERO
     for k in range(size):
@@ -180,8 +180,8 @@ def _rows_back(weight, kernel, y, h):
 
 @inner
 def _join(out, photo, y, soft, amount):
-    """Fill out (3, w) with row y of a photo, its colours soft, and its brightness sharpened by its
-    difference to what is soft."""
+    """Fill out (3, w) with row y of a photo, its colours smoothed, and its brightness sharpened by
+    its difference from the blurred one."""
     r, g, b = photo[0, y], photo[1, y], photo[2, y]
     red, green, blue = out[0], out[1], out[2]
     soft_red, soft_blue, soft_grey = soft[0], soft[1], soft[2]
@@ -196,7 +196,7 @@ def _join(out, photo, y, soft, amount):
 @inner
 def _filter_row(out, photo, y, entered, f):
     """Fill out (3, w) with row y of a photo (3, h, w), filtered; return how many of its rows have
-    entered the ring, which are `entered` before."""
+    entered the ring, `entered` of them before this call."""
     while entered < min(y + f.ring.shape[1] // 2 + 1, photo.shape[1]):
         _enter(f, photo, entered)
         entered += 1
@@ -221,7 +221,7 @@ def _note(inside, row, y):
 
 @inner
 def _resize_row(out, row, y, line, rows, cols):
-    """Add a photo's row y (3, w), clipped, to out (3, H, W); line: (W,) to work in."""
+    """Add a photo's row y (3, w), clipped, to out (3, H, W); line: (W,) workspace."""
     for c in range(3):
         for i in range(row.shape[1]):
             row[c, i] = min(max(row[c, i], ZERO), ONE)
@@ -249,7 +249,7 @@ def finish(out, inside, photo, chroma, amount, sharp, rows, cols):
 
     Args:
         inside: (1, 3, h, w) uint8, filled with which codes the clip lets through, for
-            `finish_back`; (0, 3, h, w) where nobody asks.
+            `finish_back`; (0, 3, h, w) if not needed.
         chroma, amount, sharp: see `_Filter`. rows, cols: see `record.Resize`.
     """
     _, h, w = photo.shape

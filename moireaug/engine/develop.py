@@ -1,4 +1,4 @@
-"""Raw to photo, one image a call, a cell row at a time: saturation, demosaicing, encoding and
+"""Raw to photo, one image per call, a cell row at a time: saturation, demosaicing, encoding and
 resizing."""
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ SITES = 4
 
 @inner
 def _prepare(out, raw, saturates, levels):
-    """Copy a plane's row (w,) to out (w + 2,), its ends twice: saturated, and rounded where levels
-    > 0."""
+    """Copy a plane's row (w,) to out (w + 2,), its end values repeated: saturated if `saturates`,
+    and rounded if levels > 0."""
     w = len(raw)
     for i in range(w):
         value = raw[i]
@@ -123,7 +123,7 @@ def _colours(colours, ring, y, h, lanes, stencil, rows):
 
 @inner
 def _fill(ring, held, raw, y, saturates, levels, wide):
-    """Prepare cell row y of the packed planes in the ring, unless it is there."""
+    """Prepare cell row y of the packed planes in the ring, unless it is there already."""
     if held[y % 3] == y:
         return
     w = raw.shape[2]
@@ -168,7 +168,7 @@ def develop(photo, raw, d, image):
     """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
 
     Args:
-        d: see `record.Development`. image: which of its batch this is.
+        d: see `record.Development`. image: index in the batch.
     """
     _, h, w = raw.shape
     matrix = d.matrix[image]

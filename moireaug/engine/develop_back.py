@@ -1,5 +1,5 @@
-"""The gradient's way back from a photo to its raw reading, one image a call, a cell row at a time;
-it computes the colours of `develop` again."""
+"""The backward pass from a photo to its raw reading, one image per call, a cell row at a time; it
+recomputes the colours of `develop`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ TWO, SIX = np.float32(2), np.float32(6)
 
 @inner
 def _code_slope(out, light, gain, d, image):
-    """Multiply a gradient by the slope of `_code` at `light`: 1 on a clip's bounds, 0 beyond."""
+    """Multiply a gradient by the slope of `_code` at `light`; a clip's is 1 at its bounds, 0
+    beyond."""
     shoulder, contrast, brighten = d.shoulder[image], d.contrast[image], d.brighten[image]
     for i in range(len(out)):
         x = light[i] * gain
@@ -45,8 +46,8 @@ def _halves(even, odd, row):
 
 @inner
 def _fold_back(raw_grad, total, raw, y, wide, saturates):
-    """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is left at
-    0."""
+    """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is reset
+    to 0."""
     w = raw.shape[2]
     for plane in range(SITES):
         line = total[plane * wide : plane * wide + w + 2]
@@ -121,7 +122,7 @@ def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass
                             grads[start : start + w],
                             stencil.weight[tap],
                         )
-        # nothing below adds to the row above any more
+        # no later row adds to the row above
         if y > 0:
             _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, wide, saturates)
     if mosaic:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
 
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
-FINISH = ("chroma_blur", "sharpen", "clip_detail", "resize")  # one kernel is all of them
+FINISH = ("chroma_blur", "sharpen", "clip_detail", "resize")  # one kernel does them all
 EXPOSURES = ("spectral", "mean", "point")
 _forced_off = False
 
@@ -43,7 +43,7 @@ def reference() -> Iterator[None]:
 
 def explain(scene: Scene) -> str:
     """Return which execution a scene gets on the CPU without a gradient in image or shot, and why:
-    a line each for exposing and developing."""
+    one line for exposing and one for developing."""
     lines = []
     for stage, reason in (("expose", _no_exposing(scene)), ("develop", _no_developing(scene))):
         reason = _unavailable() or reason
@@ -54,13 +54,13 @@ def explain(scene: Scene) -> str:
 
 
 def exposes(light: Tensor, shot: ShotRecord) -> bool:
-    """Whether the engine takes the exposure of these images (B, 3, H, W)."""
+    """Return whether the engine can expose these images (B, 3, H, W)."""
     asks = torch.is_grad_enabled() and (light.requires_grad or shot.requires_grad)
     return not asks and _runs(light) and not _no_exposing(shot.scene)
 
 
 def develops(raw: Tensor, shot: ShotRecord) -> bool:
-    """Whether the engine takes the development of these readings."""
+    """Return whether the engine can develop these readings."""
     asks = torch.is_grad_enabled() and shot.requires_grad
     return not asks and _runs(raw) and not _no_developing(shot.scene)
 
@@ -68,10 +68,10 @@ def develops(raw: Tensor, shot: ShotRecord) -> bool:
 @torch.no_grad()
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
-    does of float32."""
+    does for float32."""
     from moireaug.engine import from_shot, run
 
-    varies = shot.plan.prefilter > SMALL  # from place to place: that blur is the reference's
+    varies = shot.plan.prefilter > SMALL  # over the image: the reference does that blur
     exposure = from_shot.exposure_of(shot, decoded=varies)
     fits = torch.from_numpy(run.fits(exposure))
     if not fits.any():
@@ -95,7 +95,7 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     the readings."""
     from moireaug.engine import from_shot, run
 
-    if not math.isfinite(raw.detach().sum()):  # has no place in the kernels' tables
+    if not math.isfinite(raw.detach().sum()):  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
     photo = run.develop(raw, from_shot.development_of(shot))
     finished = False
@@ -110,7 +110,7 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def as_float(images: Tensor) -> Tensor:
-    """Return images of bytes as float32 in [0, 1], others as they are."""
+    """Return uint8 images as float32 in [0, 1], others unchanged."""
     return images.float() / 255 if images.dtype == torch.uint8 else images
 
 
@@ -122,7 +122,7 @@ def _runs(tensor: Tensor) -> bool:
 
 
 def _unavailable() -> str:
-    """Why no scene gets the engine, or an empty string."""
+    """Return why no scene gets the engine, or an empty string."""
     if _forced_off or os.environ.get(SWITCH) == "off":
         return "the engine is turned off"
     return _without_numba()
@@ -140,11 +140,11 @@ def _no_exposing(scene: Scene) -> str:
     if "exposure" not in scene.plan():
         return "nothing is exposed"
     if method.name not in EXPOSURES:
-        return f"exposure {method.name!r} is the reference's alone"
+        return f"the engine has no exposure {method.name!r}"
     return ""
 
 
 def _no_developing(scene: Scene) -> str:
     if not any(step in scene.plan() for step in ("demosaic", "resize", "register", "encode")):
-        return "a few sums are as fast"
+        return "the engine would be no faster"
     return ""

@@ -1,5 +1,5 @@
-"""Screen to raw, one image a call: from the panel's light to the clipped reading, a sensor row at a
-time."""
+"""Screen to raw, one image per call: from the panel's light to the clipped reading, a sensor row at
+a time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from moireaug.engine.vectors import add
 from moireaug.engine.view import look
 
 ZERO, ONE = np.float32(0), np.float32(1)
-BANDS = 224  # of rows, if a photo has so many, whose weights are the same
+BANDS = 224  # at least so many, if a photo has the rows; rows of a band share their weights
 
 
 @inner
@@ -31,8 +31,8 @@ def _columns(u, column, share, cols, first, step, node_step, count, to_next):
 
 @inner
 def _sites(first, asked, sites, filters):
-    """Fill for each plane the first plane (planes,) of the same site, and for that the colours of
-    light (planes, 3) that any of the site's filters passes."""
+    """Fill first (planes,) with the first plane of each plane's site, and asked (planes, 3), in the
+    rows of those planes, with the colours of light that any of the site's filters passes."""
     for plane in range(len(first)):
         first[plane] = plane
         if plane > 0:
@@ -75,10 +75,10 @@ def expose(  # noqa: C901  # one pass, row by row
         size: (height, width) of the panel in panel pixels, rounded up.
         camera, cell, nodes, sites: see `record`.
         filters, white: (3, 3) and (planes,) float64, see `record.Exposure`.
-        flicker: (rows,) float64, what each sensor row gets of the mean light; empty without
+        flicker: (rows,) float64, each sensor row's light relative to the mean; empty without
             flicker.
-        noise: whether there is any. seed: int64, of it.
-        clips: whether the reading ends at 0 and 1.
+        noise: whether there is any. seed: int64, of the noise.
+        clips: whether the reading is clipped to [0, 1].
     """
     planes, h, w = raw.shape
     rows, cols, step = sites.rows, sites.cols, sites.step

@@ -1,5 +1,5 @@
-"""From a Shot to what the kernels are told. What a scene and a size alone decide is kept; the rest
-is drawn anew for every photo, so it is worked out in numpy."""
+"""From a Shot to the kernels' records. What depends only on the scene and the size is cached; the
+rest changes with every photo, and is mostly computed in numpy."""
 
 from __future__ import annotations
 
@@ -40,12 +40,14 @@ from moireaug.scene.shot import REACH, ShotRecord, sampled_by
 if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
 
-KEPT = 64  # scenes and sizes whose tables are held
+KEPT = 64  # scenes and sizes whose tables are cached
 
 
 def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
-    """Return the exposure of a shot; `decoded` pictures hold the light that its decoding and
-    prefilter make of them."""
+    """Return a shot's Exposure.
+
+    decoded: the pictures have already been decoded, raised to the black level and prefiltered.
+    """
     plan, drawn = shot.plan, _numbers_of(shot)
     share = np.zeros(len(shot), np.float32)
     if "prefilter" in plan and not decoded:
@@ -80,8 +82,8 @@ def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
 
 
 def development_of(shot: ShotRecord) -> Development:
-    """Return the development of a shot, all but the filters on every sensor pixel and JPEG; with
-    such filters, that of the sensor's pixels to codes alone."""
+    """Return a shot's Development, without `pipeline.FILTERS` and JPEG; if any of these filters is
+    planned, it ends at the codes of every sensor pixel."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, _numbers_of(shot)
     stencil, rows, cols = _resampling(shot.scene, shot.size)
     matrix = np.eye(3)[None].repeat(len(shot), 0)
@@ -127,7 +129,7 @@ def development_of(shot: ShotRecord) -> Development:
 
 
 def registration_of(shot: ShotRecord) -> Registration:
-    """Return the way back to the image's frame."""
+    """Return a shot's Registration."""
     views, lens = np.empty((0, 3, 3)), np.empty((0, 2))
     if "register" in shot.plan:
         drawn = _numbers_of(shot)
@@ -137,8 +139,7 @@ def registration_of(shot: ShotRecord) -> Registration:
 
 
 def detail_of(shot: ShotRecord) -> Detail:
-    """Return what is smoothed, sharpened and resized; an effect that is not called for at its
-    identity."""
+    """Return a shot's Detail; neutral values for effects that are not planned."""
     plan, how, drawn = shot.plan, shot.scene.develop, _numbers_of(shot)
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
@@ -237,7 +238,8 @@ def _white_of(shot: ShotRecord) -> np.ndarray:
 
 
 def _flicker_of(shot: ShotRecord) -> np.ndarray:
-    """Return what each sensor row gets of the mean light, (B, rows) float64, or (B, 0)."""
+    """Return each sensor row's light relative to the mean, (B, rows) float64; (B, 0) without
+    flicker."""
     if "flicker" not in shot.plan:
         return np.empty((len(shot), 0))
     drawn = shot.numbers()

@@ -13,7 +13,7 @@ import numpy as np
 from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.vectors import peek, poke
 
-FAINT = 2e-5  # of full scale: what a term must exceed somewhere on the photo
+FAINT = 2e-5  # of full scale: terms that nowhere exceed it are left out
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
 # sin and cos of 2 pi d for d in [-1/2, 1/2], by Taylor's series of s(t) = sin(t) and c(t) = cos(t)
@@ -39,8 +39,8 @@ def lagrange(out, t):
 @loop
 def fold(amplitude):
     """Turn amplitudes (..., m) of l = -L ... L, m = 2 L + 1, into those of cos(l y) for l = 0 ... L
-    and of sin(l y) behind, so that sum_l A_l cos(k x + l y) = cos(k x) sum_l B_l cos(l y) + sin(k
-    x) sum_l C_l sin(l y)."""
+    followed by those of sin(l y), so that sum_l A_l cos(k x + l y) = cos(k x) sum_l B_l cos(l y) +
+    sin(k x) sum_l C_l sin(l y)."""
     m = amplitude.shape[-1]
     half, rows = m // 2, amplitude.reshape(-1, m)
     line = np.empty(m, np.float32)
@@ -68,7 +68,7 @@ def terms_of(amplitude):
                     for c in range(cols):
                         most = max(most, abs(amplitude[r, c, kind, k, l]))
                 sine = l > half
-                if most > FAINT and not (sine and k == 0):  # sin(0 x) is none
+                if most > FAINT and not (sine and k == 0):  # sin(0 x) is 0
                     out[count, KIND], out[count, K] = kind, k
                     out[count, L], out[count, SINE] = l - half if sine else l, 1 if sine else 0
                     count += 1
@@ -128,7 +128,7 @@ def waves(cos, sin, d):
 
 @inner
 def _add(out, first, second, third, fourth, weight, wave):
-    """Add a wave to out, (n,) each, times its amplitude: four rows of nodes, weighted."""
+    """Add a wave (n,) to out (n,), times its amplitude, weighted from four rows of nodes."""
     wa, wb, wc, wd = weight
     for i in range(len(out)):
         amplitude = wa * peek(first, i) + wb * peek(second, i)
@@ -171,8 +171,8 @@ def _turn(here, beside, even, odd, cos, sin):
 
 @inner
 def turn(here, beside, even, odd, cx, sx):
-    """Fill here and beside (K + 1, n) with the harmonics of amplitudes from `across`, and with what
-    they are a quarter of a period on; cx, sx: (K + 1, n), from `waves`."""
+    """Fill here and beside (K + 1, n) with the harmonics of amplitudes from `across`, and with the
+    same shifted by a quarter of a period; cx, sx: (K + 1, n), from `waves`."""
     for k in range(len(here)):
         _turn(here[k], beside[k], even[k], odd[k], cx[k], sx[k])
 
@@ -185,11 +185,12 @@ def _add_shifted(out, here, beside, cos, sin):
 
 @inner
 def shine(light, content, here, beside, cos, sin, through):
-    """Add the content (n,) of one subpixel, as its harmonics let it through, to light (n,).
+    """Add the content (n,) of one subpixel, times the sum of its harmonics, to light (n,).
 
     Args:
-        here, beside: from `turn`. cos, sin: (K + 1,) float32, of its place in the cell, times k.
-        through: (n,) to work in.
+        here, beside: from `turn`. cos, sin: (K + 1,) float32, of k times the angle of its place in
+            the cell.
+        through: (n,) workspace.
     """
     fill(through, ZERO)
     for k in range(len(here)):

@@ -25,7 +25,7 @@ NARROW, WIDE = 4, 8  # cells along each axis that a pixel's content is taken fro
 @inner
 def cells(d, n, x, centre, period, low, high):
     """Split panel coordinates x (n,) into whole cells n, int32 between `low` and `high`, and the
-    rest d, float32."""
+    remainder d, float32 in cells."""
     scale = 1 / period
     for i in range(len(x)):
         q = (peek(x, i) - centre) * scale
@@ -40,8 +40,9 @@ def windows(start, place, between, d, n, column, phases, width):
     `optics.weights`.
 
     Args:
-        start: (n,) int32, filled with the cell. place: (n,) int32, filled with where on the table
-            the weights of the phase before are; between: (n,) float32, how far it is to the next.
+        start: (n,) int32, filled with the cell. place: (n,) int32, filled with where in the table
+            the weights of the phase before are; between: (n,) float32, filled with how far the
+            pixel is towards the next phase.
         d, n: from `cells`. column: (n,) int32, where the left node's weights along this axis begin.
     """
     scale, last = np.float32(phases), np.int32(phases - 1)
@@ -70,7 +71,8 @@ def down(out, table, to_next, place, between, share, width):
     Args:
         table: flat, from `optics.weights`. to_next: int32, from a node's weights to the next
             node's.
-        place, between: (n,), from `windows`. share: (n,) float32, how far it is to the next node.
+        place, between: (n,), from `windows`. share: (n,) float32, how far the pixel is towards the
+            next node.
     """
     if width == NARROW:
         for i in range(len(share)):

@@ -16,7 +16,7 @@ def lower_cameras(
     scales: tuple[float, float],
     fields: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return the fields of one Camera an image, (B, 27).
+    """Return the fields of one Camera per image, (B, 27).
 
     Args:
         inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image
@@ -24,7 +24,7 @@ def lower_cameras(
         size: height and width of photo and image. scales: sensor pixels per photo pixel, along rows
             and columns.
         fields: (B,) each: k1, k2, alpha, fill, blur, olpf, gain, read, shot, vignetting, motion_x,
-            motion_y, glare, glare_x and glare_y; an effect that is not called for at its identity.
+            motion_y, glare, glare_x and glare_y; neutral values for effects that are not planned.
     """
     h, w = size
     columns = np.empty((len(inverse), len(Camera._fields)))

@@ -1,4 +1,5 @@
-"""What is smooth over a photo, on a grid of nodes: as many as the view's change of scale needs."""
+"""What varies slowly over a photo, on a grid of nodes: as many as the view's change of scale
+needs."""
 
 from __future__ import annotations
 
@@ -11,20 +12,20 @@ from moireaug.engine.compiling import inner, loop
 from moireaug.engine.record import Nodes
 from moireaug.engine.view import jacobian
 
-FLAT = 5e-4  # the logarithm of the view's scale changes by less: four nodes and two say it all
+FLAT = 5e-4  # if the logarithm of the view's scale changes by less, 4 and 2 nodes are enough
 MOST = 65
 SAMPLES = 5
-# between two nodes of the amplitudes and of the weights, the logarithm of the view's scale changes
-# by at most
+# how much the logarithm of the view's scale may change between two nodes of the amplitudes, and of
+# the weights
 STEP, STEP_OF_WEIGHTS = 0.15, 0.06
-CYCLES = 0.12  # and the highest frequency by so many cycles a sensor pixel
+CYCLES = 0.12  # and how much the highest frequency may, in cycles per sensor pixel
 PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes less than 1e-5
 
 
 @loop
 def _counts(rows, cols, camera, period, n, m):
-    """Return how many nodes along columns and rows the amplitudes need, and how many the weights:
-    (2, 2) int64, more than MOST where too many.
+    """Return how many nodes the amplitudes and the weights (first axis) need along u and v (second
+    axis): (2, 2) int64, MOST + 1 where they need more than MOST.
 
     n, m: K + 1 and 2 L + 1.
     """
@@ -35,7 +36,7 @@ def _counts(rows, cols, camera, period, n, m):
         u = cols[(len(cols) - 1) * (i % SAMPLES) // (SAMPLES - 1)]
         xu, xv, yu, yv = jacobian(u, v, camera)
         cells[i, 0], cells[i, 1] = math.hypot(xu, xv) / period[0], math.hypot(yu, yv) / period[1]
-    # how fast that changes where it does so fastest, as if over the whole photo
+    # the fastest change of that, extrapolated to the whole photo
     change, cycles, passed = np.zeros(2), np.zeros(2), PASSED / max(camera.blur, 1e-6)
     for i in range(len(cells)):
         for k in range(2):
@@ -64,7 +65,8 @@ def _counts(rows, cols, camera, period, n, m):
 
 @loop
 def _narrowed(rows, cols, camera, period, taps, widths, skew):
-    """Return whether a sensor pixel ever sees more cells than are looked at."""
+    """Return whether any of a few sensor pixels over the photo sees more cells than are looked
+    at."""
     spread = np.empty((2, 2), np.float64)
     for i in range(SAMPLES * SAMPLES):
         v = rows[(len(rows) - 1) * (i // SAMPLES) // (SAMPLES - 1)]
@@ -77,9 +79,9 @@ def _narrowed(rows, cols, camera, period, taps, widths, skew):
 
 @loop
 def fits(camera, cell, coefficients, widths, skew, sites, dark):
-    """Return whether the kernels can follow a view: not one that comes near the horizon, nor past
-    the end of a picture from so far away that cells are left out. Arguments as in `expose.expose`
-    and `panel.show`."""
+    """Return whether the kernels can follow a view: not one near the horizon, nor, if `dark`, one
+    from so far away that a pixel sees more cells than are looked at. Arguments as in
+    `expose.expose` and `panel.show`."""
     _, n, m = coefficients.shape
     if dark and _narrowed(sites.rows, sites.cols, camera, cell.period, cell.taps, widths, skew):
         return False
@@ -91,7 +93,7 @@ def fits(camera, cell, coefficients, widths, skew, sites, dark):
 
 @loop
 def _line(positions, count):
-    """Return `count` nodes from the first to the last position, and the way between two."""
+    """Return `count` nodes from the first to the last position, and the step between two."""
     first, last = positions[0], positions[len(positions) - 1]
     step = (last - first) / (count - 1) if last > first else 1.0
     out = np.empty(count, np.float64)
@@ -102,8 +104,8 @@ def _line(positions, count):
 
 @inner
 def bracket(at, first, step, count, most):
-    """Return the first of `most` + 1 neighbouring nodes around a position, and where from it the
-    position is.
+    """Return the first of `most` + 1 neighbouring nodes around a position, and how many steps
+    past it the position is.
 
     first, step, count: the line of nodes.
     """

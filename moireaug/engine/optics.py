@@ -21,8 +21,8 @@ from moireaug.exposure.content import TAIL
 NARROWEST = 1e-12  # variance in cells
 GUARD = 1e-9
 FEWEST_PHASES, MOST_PHASES = 64, 512
-SMOOTH = 2e-3  # how well straight lines between phases follow a weight
-FAINT = 1e-5  # of a pixel's light: what cells must give to be looked at
+SMOOTH = 2e-3  # error of a weight that is interpolated linearly between phases
+FAINT = 1e-5  # of a pixel's light: cells that give less are not looked at
 STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 
 
@@ -30,7 +30,7 @@ STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 def spreads(out, u, v, camera, period, width, skew, taps):
     """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in
     cells, at a photo point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted`
-    does. Return whether any was."""
+    does. Return whether any was narrowed."""
     narrowed = False
     xu, xv, yu, yv = jacobian(u, v, camera)
     beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
@@ -97,10 +97,10 @@ def _add_two(total, light, middle):
 @inner
 def _shares(out, box, sigma, width, taps, phases, light, total):
     """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to
-    1/2 from the nearest cell's centre. In the middle, where the first of the cells is another, are
-    both.
+    1/2 from the nearest cell's centre. Distance 0 is there twice, as the first of the cells changes
+    there.
 
-    light, total: (2 taps + 1) phases / 2 + 1 and phases / 2 + 1 numbers to work in.
+    light, total: workspaces of (2 taps + 1) phases / 2 + 1 and phases / 2 + 1 numbers.
     """
     half, cells = phases // 2, out.shape[1]
     seen = min(int(((box + width) / 2 + TAIL_END * sigma) * phases) + 2, len(light))
@@ -122,7 +122,7 @@ def _shares(out, box, sigma, width, taps, phases, light, total):
     for j in range(cells):
         k = j - cells // 2
         for q in range(half + 1):
-            # a pixel q phases before the nearest cell's centre; as far behind it all is reversed
+            # a pixel q phases before the nearest cell's centre; as far behind, weights are mirrored
             at = abs(k) * phases + (q if k >= 0 else -q)
             share = np.float32(
                 (light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= taps else 0.0
@@ -170,7 +170,7 @@ def weights(us, vs, camera, period, taps, widths, skew):
 
 @inner
 def blend(out, low, high, f):
-    """Fill out (n,) with what lies f of the way between two rows of nodes."""
+    """Fill out (n,) with the values f of the way from one row of nodes to the next."""
     for i in range(len(out)):
         a = peek(low, i)
         poke(out, i, a + f * (peek(high, i) - a))
@@ -178,8 +178,8 @@ def blend(out, low, high, f):
 
 @loop
 def _transfer_table(camera, most, steps):
-    """Return the modulation transfer along one axis at steps + 2 frequencies from 0 to `most`
-    cycles a sensor pixel."""
+    """Return the modulation transfer along one axis at steps + 2 frequencies in cycles per sensor
+    pixel, from 0 to `most` and one step beyond."""
     out = np.empty(steps + 2, np.float64)
     for i in range(steps + 2):
         f = i * most / steps

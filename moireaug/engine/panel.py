@@ -10,7 +10,7 @@ import numpy as np
 from moireaug.engine.compiling import inner, loop
 from moireaug.engine.vectors import peek, poke
 
-AROUND = 5  # cells on each side of the farthest that a pixel is nearest to, and one
+AROUND = 5  # cells of margin beyond `taps`: half of the widest window, and one
 
 
 @inner
@@ -24,17 +24,17 @@ def shape(size, alpha, period, taps):
 
 @inner
 def margin(taps):
-    """Return the cells ahead of the panel's first."""
+    """Return how many cells of margin lie ahead of the panel's first."""
     return taps + AROUND
 
 
 @inner
 def _axis(n, size, alpha, period, lead, together, first, share, seen):
-    """Where each of n panel pixels lies between two picture pixels, and whether it is on the
+    """Find where each of n panel pixels lies between two picture pixels, and whether it is on the
     picture.
 
-    lead: panel pixels ahead of the picture. together: pixels that have the same place in their
-    cells are neighbours.
+    lead: panel pixels ahead of the picture. together: pixels with the same place in their
+    cells are stored as neighbours.
     """
     cells = n // period
     for i in range(n):
@@ -48,7 +48,7 @@ def _axis(n, size, alpha, period, lead, together, first, share, seen):
 
 @inner
 def _between(out, first, second, f):
-    """Fill out (w + 1,) with a row between two, (w,), its last pixel twice."""
+    """Fill out (w + 1,) with a row interpolated between two (w,), its last pixel repeated."""
     w = len(first)
     for i in range(w):
         out[i] = first[i] + f * (second[i] - first[i])
@@ -67,9 +67,9 @@ def _across(out, row, first, share):
 def show(panel, light, alpha, period, taps, dark):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 
-    A row holds the first pixel of each cell, then the second, and so on: what a look-up reads lies
-    together. Bilinear between pixel centres; beyond the border the outermost pixel or, if `dark`,
-    black.
+    A row holds the first pixel of each cell, then the second, and so on, so that look-ups read
+    contiguous memory. Bilinear between pixel centres; beyond the border the outermost pixel or, if
+    `dark`, black.
     """
     (h, w), (_, n, m) = light.shape[1:], panel.shape
     x, fx, seen_x = np.empty(m, np.int32), np.empty(m, np.float32), np.empty(m, np.bool_)

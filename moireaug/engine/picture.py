@@ -12,7 +12,7 @@ HALF, ONE = np.float32(0.5), np.float32(1)
 
 @inner
 def _decoded(out, row, byte, coded, black):
-    """Fill out (w + 2,) with the light of a row (w,) of the picture, its ends twice."""
+    """Fill out (w + 2,) with the light of a row (w,) of the picture, its end values repeated."""
     w = len(row)
     if byte and coded:
         for i in range(w):
@@ -47,8 +47,8 @@ def show(light, picture, coded, black, share):
     Args:
         coded: the picture holds sRGB codes.
         black: float32, light of a black pixel as a share of a white one's.
-        share: float32, of a pixel's light that comes from its neighbours along each axis; see
-            `prefilter.spread`.
+        share: float32, share of a pixel's light that comes from its neighbours along each axis;
+            see `prefilter.spread`.
     """
     _, h, w = picture.shape
     byte = picture.itemsize == 1

@@ -1,5 +1,5 @@
 """Screen to raw by the panel's light at each sensor pixel's centre, as in the paper's code: one
-image a call."""
+image per call."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ ONE32 = np.int32(1)
 @inner
 def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
     """Along one axis, find the light at panel coordinates `at` that comes from a rectangle, `low`
-    to `high` in panel pixels, by way of the two nearest of n raster subpixels a panel pixel; and
-    where on the picture it comes from.
+    to `high` in panel pixels, interpolated between the two nearest of n raster subpixels per panel
+    pixel; and where on the picture it comes from.
     """
     whole = low == 0 and high == period
     low, high, around, end = low * n, high * n, n * period, alpha * size

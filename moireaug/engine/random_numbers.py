@@ -7,8 +7,8 @@ import numpy as np
 from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, WEYL, quantiles
 from moireaug.engine.compiling import inner
 
-# constants of the compiled code, which then knows that no row it writes overlaps them, and works on
-# 16 at once
+# compile-time constants: the compiler then knows that no row it writes overlaps them, and
+# vectorises
 LOW, STEP = (table.numpy() for table in quantiles())
 ONE, TWO = np.uint32(MIX[0]), np.uint32(MIX[1])
 SHIFT = np.uint32(PLACES.bit_length() - 1)
@@ -37,8 +37,8 @@ def keys(seed):
 
 @inner
 def normal_row(out, start, first, second):
-    """Fill out (n,) float32 with the numbers `start`, `start` + 1, ... of an image whose keys are
-    two uint32."""
+    """Fill out (n,) float32 with the standard normal numbers `start`, `start` + 1, ... of an image,
+    from its two keys, uint32."""
     for i in range(len(out)):
         bits = mix(np.uint32(mix(np.uint32(np.uint32(start + i) + first)) ^ second))
         interval = (bits >> SHIFT) & UPPER

@@ -1,5 +1,5 @@
-"""What the kernels are told: plain numbers and arrays, one `Camera` an image and one `Cell` and
-`Sites` a batch."""
+"""The kernels' inputs: plain numbers and arrays, one `Camera` per image and one `Cell` and one
+`Sites` per batch."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-LANES = 16  # pixels that kernels work on at once; rows are padded to whole numbers of them
+LANES = 16  # pixels that kernels work on at once; rows are padded to a multiple
 
 
 class Camera(NamedTuple):
     """One image's drawn numbers, floats.
 
     h00 ... h22 is the homography from ideal photo coordinates about the photo's centre to image
-    coordinates; `bend` is 4 / (H^2 + W^2), by which the lens's k1 and k2 count.
+    coordinates; `bend` is 4 / (H^2 + W^2), which scales squared radii for the lens's k1 and k2.
     """
 
     h00: float
@@ -67,9 +67,14 @@ class Cell(NamedTuple):
 
 
 class Sites(NamedTuple):
-    """Where the sensor's planes lie: float64 photo coordinates about the photo's centre of its rows
-    and columns, `step` of them to the next pixel of a plane; (planes,) int64 row, column and
-    channel of each plane's first pixel."""
+    """Where the pixels of the sensor's planes lie.
+
+    Args:
+        rows, cols: float64 photo coordinates, about the photo's centre, of the sensor's rows and
+            columns.
+        step: rows or columns from one pixel of a plane to the next.
+        row, col, channel: (planes,) int64, of each plane's first pixel.
+    """
 
     rows: np.ndarray
     cols: np.ndarray
@@ -99,7 +104,7 @@ class Exposure(NamedTuple):
 
     Args:
         size: height and width of the pictures.
-        cameras: (B, 27) float64, the fields of a `Camera` an image.
+        cameras: (B, 27) float64, the fields of one `Camera` per image.
         filters: (B, 3, 3) float64, what each filter passes of red, green and blue light.
         white: (B, planes) float64, what each plane reads of a white screen on average.
         black: (B,) float32, light of a black pixel as a share of a white one's.
@@ -107,13 +112,13 @@ class Exposure(NamedTuple):
             of each kind's mask.
         widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: the variance that
             its slant adds.
-        flicker: (B, rows) float64, or (B, 0).
+        flicker: (B, rows) float64, each sensor row's light relative to the mean; or (B, 0).
         seeds: (B,) int64, of the noise. noise: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
-        share: (B,) float32, of a picture pixel's light that comes from its neighbours; see
+        share: (B,) float32, share of a picture pixel's light that comes from its neighbours; see
             `picture.show`.
-        dark: what lies off the picture is black, and not the outermost pixel.
-        clips: the reading ends at 0 and 1.
+        dark: the panel is black beyond the picture, else it repeats the outermost pixel.
+        clips: the reading is clipped to [0, 1].
         point: for a point exposure, which reads no coefficients, widths and skew; else None.
     """
 
@@ -170,7 +175,7 @@ class Stencil(NamedTuple):
     weight: np.ndarray
     offset: np.ndarray
     first: np.ndarray
-    count: np.ndarray  # type: ignore[assignment]  # nobody asks a stencil how often it holds a value
+    count: np.ndarray  # type: ignore[assignment]  # hides tuple.count: not called
 
 
 class Resize(NamedTuple):
@@ -179,11 +184,12 @@ class Resize(NamedTuple):
     Args:
         start: (m,) int64, the first sensor pixel of each photo pixel.
         taps: (m, T) float32, the weights from there on.
-        first, last: (n,) int64, the photo pixels that each sensor pixel counts in; none where last
-            < first.
+        first, last: (n,) int64, the photo pixels that each sensor pixel contributes to; none where
+            last < first.
         index, weight: (T, m) int32 and float32, the same in the order in which `develop` holds a
             row's colours.
-        back_index, back_weight: (1 or 2, T', n / 1 or 2), its transpose, for even and odd columns.
+        back_index, back_weight: (p, T', n / p), the transpose; p is 2 if even and odd columns are
+            held apart, else 1.
         cells: each photo pixel is the mean of its own cell's two columns.
     """
 
@@ -191,7 +197,7 @@ class Resize(NamedTuple):
     taps: np.ndarray
     first: np.ndarray
     last: np.ndarray
-    index: np.ndarray  # type: ignore[assignment]  # nobody asks a resize where it holds a value
+    index: np.ndarray  # type: ignore[assignment]  # hides tuple.index: not called
     weight: np.ndarray
     back_index: np.ndarray
     back_weight: np.ndarray
@@ -199,8 +205,8 @@ class Resize(NamedTuple):
 
 
 class Registration(NamedTuple):
-    """A batch's way back to the image's frame, as `run.register` takes it; without images where no
-    photo comes back.
+    """A batch's way back to the image's frame, as `run.register` takes it; of length 0 if nothing
+    is registered.
 
     Args:
         views: (B, 3, 3) float64, see `register.register`.
@@ -212,14 +218,13 @@ class Registration(NamedTuple):
 
 
 class Detail(NamedTuple):
-    """What a batch goes through from the codes of every sensor pixel to photos, as `run.finish`
-    takes it.
+    """A batch's way from the codes of every sensor pixel to photos, as `run.finish` takes it.
 
     Args:
         size: height and width of the photos. rows, cols: the resize along both axes.
         chroma, sharp: (B,) float64, standard deviations in pixels of the Gaussians of colour and of
             the unsharp mask. chroma_size, sharp_size: pixels along their kernels.
-        amount: (B,) float32, of the mask.
+        amount: (B,) float32, strength of the mask.
     """
 
     size: tuple[int, int]
@@ -238,7 +243,7 @@ class Development(NamedTuple):
     Args:
         size: height and width of the photos.
         mosaic: the readings are packed planes.
-        saturates: a reading above 1 is 1. levels: the converter's 2^bits - 1, or 0. coded: light
+        saturates: readings above 1 become 1. levels: the converter's 2^bits - 1, or 0. coded: light
             becomes sRGB codes.
         matrix: (B, 3, 3) float32, from the filters' colours to the photo's. mixes: whether it is
             more than a gain for each colour.

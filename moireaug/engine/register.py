@@ -1,4 +1,4 @@
-"""The photo brought back to the image's frame, and the gradient's way back."""
+"""The photo brought back to the image's frame, and the backward pass."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ONE32 = np.int32(1)
 @loop
 def undistortion(k1, k2):
     """Return the factor that takes ideal points to photo points, at STEPS + 2 squares of the ideal
-    radius from 0 to that of the photo's corners; and how many steps a square of 1 has."""
+    radius from 0 to that of the photo's corners; and how many steps there are to 1."""
     edge = (1 + k1 + k2) ** 2
     out = np.empty(STEPS + 2)
     for i in range(STEPS + 2):
@@ -35,8 +35,8 @@ def undistortion(k1, k2):
 
 @inner
 def _place(at, fx, fy, weight, v, view, factor, per_square, h, w):
-    """Fill the index of the upper left pixel, the way to the lower right one, and 1 inside of the
-    photo, 0 outside."""
+    """Fill the index of the upper left pixel, the fractions towards the lower right one, and the
+    weight: 1 inside the photo, 0 outside."""
     half_w, half_h = w / 2, h / 2
     bend, last = 4.0 / (h * h + w * w), STEPS + 0.5
     ax, bx, ay, by, az, bz = (
@@ -90,8 +90,8 @@ def _scatter(photo, grad, at, fx, fy, weight, right, down):
 
 @inner
 def room(h, w):
-    """Return how long the planes of a photo are, with what a bilinear look-up of the last pixel
-    reads beyond it, where its share is 0."""
+    """Return the length of a photo's flattened planes, with the values beyond them that a bilinear
+    look-up at the last pixel reads with weight 0."""
     return 3 * h * w + w + 1
 
 
@@ -105,8 +105,8 @@ def register(out, photo, view, k1, k2, back):
         view: (3, 3) float64, homography from image coordinates about the centre to ideal photo
             coordinates about it.
         k1, k2: of the lens.
-        back: instead, add the gradient `out` of the registered photo to the gradient `photo` of the
-            photo.
+        back: instead, add the gradient in the photo to `photo`, from `out`, that in the registered
+            one.
     """
     _, h, w = out.shape
     factor, per_square = undistortion(k1, k2)

@@ -47,11 +47,11 @@ def lower_resize(
 
     Args:
         read: sensor pixels that are read. size: photo pixels.
-        n: the first so many of the read pixels are resized, by `how`; unless
-        step: is above 0 and `how` is "point": then each photo pixel is the mean of its own `step`
-            pixels, which begin after `lead`, less `reach` to each side.
-        parity: 2 where even and odd columns are held apart, else 1. unit: the multiple to which
-            rows are padded.
+        n: how many of the read pixels, from the first on, are resized by `how`.
+        step, lead, reach: if step > 1 and `how` is "point", each photo pixel is instead the mean of
+            its own `step` pixels, which begin after `lead`, less `reach` at each side.
+        parity: 2 if even and odd columns are held apart, else 1. unit: the multiple to which rows
+            are padded.
     """
     if step > 1 and how == "point":
         start = lead + np.arange(size) * step + reach
@@ -99,13 +99,12 @@ def lower_resize(
 
 
 def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int, unit: int) -> Stencil:
-    """Return a demosaic's Stencil, read off it: each pixel of a cell and its neighbours is lit
-    once.
+    """Return a demosaic's Stencil, found by lighting each pixel of a cell and its neighbours once.
 
     Args:
-        demosaic: mosaics (B, h, w), RGGB, to colours (B, 3, h, w), linear, by at most two pixels to
-            each side; None for a sensor without colour filters.
-        cells: in a row. unit: the multiple to which rows are padded.
+        demosaic: from RGGB mosaics (B, h, w) to colours (B, 3, h, w); linear, and reading at most
+            two pixels to each side. None for a sensor without colour filters.
+        cells: cells in a row. unit: the multiple to which rows are padded.
     """
     weights: list[float] = []
     offsets: list[int] = []
@@ -125,8 +124,8 @@ def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int, unit:
 def _taps(
     demosaic: Callable[[Tensor], Tensor],
 ) -> tuple[tuple[int, int, int, tuple[tuple[int, int, float], ...]], ...]:
-    """Return (site, channel, row, ((plane, column, weight), ...)), rows and columns of cells from
-    one before on."""
+    """Return (site, channel, row, ((plane, column, weight), ...)), rows and columns of cells
+    counted from the one before."""
     side = 5
     lit = torch.eye(4 * 9, dtype=torch.float64).reshape(36, 4, 3, 3)
     planes = torch.nn.functional.pad(lit, (1, 1, 1, 1))

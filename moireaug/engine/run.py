@@ -15,18 +15,18 @@ from torch.autograd.function import once_differentiable
 from moireaug.engine.compiling import cold
 from moireaug.engine.record import Detail, Development, Exposure, Registration
 
-PARTS = 4  # of a batch that each thread gets, one after another: images take different times
+PARTS = 4  # of a batch per thread, one after another, as images take different times
 
 
 def announce(message: str) -> None:
-    """Say something to the user, once before kernels are compiled. Replace it to say it
-    otherwise."""
+    """Tell the user that kernels are about to be compiled. Replace this function to say it
+    elsewhere."""
     logging.getLogger("moireaug").warning(message)
 
 
 @functools.lru_cache(maxsize=1)
 def prepare() -> None:
-    """Announce, on a machine's first call, that kernels are compiled."""
+    """Announce, on a machine's first call, that kernels are being compiled."""
     if cold():
         announce(
             "moireaug compiles its CPU kernels, once on this machine; this takes up to a minute."
@@ -35,7 +35,7 @@ def prepare() -> None:
 
 def each(work: Callable[[int, int], None], n: int) -> None:
     """Run work(first, last) on parts of range(n), on as many threads as the caller's torch uses.
-    Nothing outlives the call, so that a process may fork."""
+    No thread outlives the call, so that the process may fork."""
     threads = min(torch.get_num_threads(), n)
     if threads < 2:
         work(0, n)
@@ -48,7 +48,7 @@ def each(work: Callable[[int, int], None], n: int) -> None:
 
 
 def fits(exposure: Exposure) -> np.ndarray:
-    """Return for each image whether `expose` follows its view, (B,) bool; see `batch.fits`."""
+    """Return for each image whether `expose` can follow its view, (B,) bool; see `batch.fits`."""
     from moireaug.engine import batch
 
     prepare()

@@ -53,7 +53,7 @@ def read(out, light, camera, start, noise, keys, numbers, clips):
     """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the
     image's raw.
 
-    keys: of the noise, from `random_numbers.keys`. numbers: (w,) to work in. The rest as in
+    keys: of the noise, from `random_numbers.keys`. numbers: (w,) workspace. The rest as in
     `expose.expose`.
     """
     if noise:

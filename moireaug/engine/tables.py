@@ -23,8 +23,8 @@ DECODE_STEPS = 1024
 DECODE = np.array([_srgb_light(i / DECODE_STEPS) for i in range(DECODE_STEPS + 2)], np.float32)
 DECODE_BYTES = np.array([_srgb_light(i / 255) for i in range(256)], np.float32)
 
-# The encoding's power is tabulated on the mantissa of each octave, whose error is relative, from
-# 2^-9 to 2^8.
+# The encoding's power is tabulated over the mantissa of each octave from 2^-9 to 2^8, so that its
+# error is relative.
 KNEE = np.float32(0.0031308)
 LINEAR = np.float32(12.92)
 OCTAVE_BITS = 7
@@ -70,7 +70,7 @@ def _power(table, light):
 
 @inner
 def encode(light):
-    """Return the sRGB code of light up to 255, float32; the straight part goes on below zero."""
+    """Return the sRGB code of light up to 255, float32; the linear part goes on below zero."""
     power = _power(ENCODE, light)
     return power if light > KNEE else light * LINEAR
 

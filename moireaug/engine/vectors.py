@@ -1,5 +1,5 @@
-"""Loads and stores that are known not to overlap, so that LLVM vectorises a loop; and sums of rows
-in vectors."""
+"""Loads and stores declared not to overlap, so that LLVM vectorises a loop; and vectorised sums of
+rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from moireaug.engine.record import LANES
 
 
 def _scope(builder: ir.IRBuilder) -> ir.MDValue:
-    """Return the scope of the function that is being compiled."""
+    """Return the alias scope of the function that is being compiled."""
     module = builder.module
     domain = module.add_metadata(["moireaug"])
     return module.add_metadata([module.add_metadata([builder.function.name, domain])])
@@ -68,14 +68,14 @@ def _vector(lanes: int) -> ir.VectorType:
 
 
 def _load(builder, pointer, lanes):
-    """Load so many float32 from where `pointer` points, aligned or not."""
+    """Load `lanes` float32 from `pointer`, aligned or not."""
     value = builder.load(builder.bitcast(pointer, _vector(lanes).as_pointer()), typ=_vector(lanes))
     value.align = 4
     return value
 
 
 def _spread(builder, scalar, lanes):
-    """Return a vector of one number."""
+    """Return a vector with one number in all lanes."""
     one = builder.insert_element(
         ir.Constant(_vector(1), ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
     )
@@ -84,13 +84,13 @@ def _spread(builder, scalar, lanes):
 
 
 def _spread_lane(builder, vector, lane, lanes):
-    """Return a vector of one of a vector's numbers."""
+    """Return a vector with one lane of another in all lanes."""
     same = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [lane] * lanes)
     return builder.shuffle_vector(vector, ir.Constant(_vector(lanes), ir.Undefined), same)
 
 
 def _lanes(builder, vector, first, count):
-    """Return so many of a vector's numbers from one on."""
+    """Return `count` of a vector's numbers from `first` on."""
     chosen = ir.Constant(ir.VectorType(ir.IntType(32), count), list(range(first, first + count)))
     return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), chosen)
 
@@ -131,7 +131,7 @@ def _weights(builder, load, index, to_next, between, share, cells):
 
 
 def _loader(context, builder, kind, array):
-    """Return a function that loads so many numbers of an array from an index on."""
+    """Return a function that loads `lanes` numbers of an array from an index on."""
 
     def load(index, lanes):
         address = _address(context, builder, kind, array, types.intp, index)
@@ -209,11 +209,11 @@ four_by_four, eight_by_eight = _weighted_cells(4), _weighted_cells(8)
 
 
 def _taps(lanes: int):
-    """Make an intrinsic that sums rows for so many pixels at once."""
+    """Make an intrinsic that sums rows for `lanes` pixels at once."""
 
     @intrinsic
     def taps(typing, out, start, coefficients, first, count, rows, offsets, base):
-        """Do as `add_taps`, for the `lanes` pixels from `start` on."""
+        """Do the same as `add_taps`, for the `lanes` pixels from `start` on."""
         if not _floats(out, coefficients, rows):
             return None
 
@@ -253,7 +253,8 @@ _few, _many = _taps(LANES), _taps(4 * LANES)
 @inner
 def add_taps(out, start, lanes, coefficients, first, count, rows, offsets, base):
     """Add the sum over l < count of coefficients[first + l] * rows[base + offsets[first + l] + i]
-    to out[start + i], for i < lanes, a multiple of LANES. Offsets are int64, all else float32."""
+    to out[start + i], for i < lanes, a multiple of LANES. Offsets are int64, the other arrays
+    float32."""
     wide = lanes - lanes % (4 * LANES)
     for i in range(0, wide, 4 * LANES):
         _many(out, start + i, coefficients, first, count, rows, offsets, base + i)

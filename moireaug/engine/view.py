@@ -5,7 +5,7 @@ from __future__ import annotations
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
 
-# as in the reference: rays that see the screen a thousand times as far as its centre look past it
+# as in the reference: rays that meet the screen a thousand times as far as its centre miss it
 NEAR_HORIZON = 1e-3
 LEAST_DEPTH = 1e-6
 

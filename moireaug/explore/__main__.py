@@ -3,7 +3,7 @@
     python -m moireaug.explore
     python -m moireaug.explore --run runs/moire_at/seed0
 
-It listens on 127.0.0.1 alone, and sends nothing anywhere else.
+It listens on 127.0.0.1 only and sends nothing anywhere else.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Read the command line and serve the page until Ctrl-C.
 
     Raises:
-        SystemExit: the extra is not installed, with the command that installs it, or the port is
-            taken.
+        SystemExit: the extra is not installed (the message says how to install it), or the port
+            is taken.
     """
     parser = argparse.ArgumentParser(prog="python -m moireaug.explore", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--port", type=int, help="7860 or the next free one if left out")
+    parser.add_argument("--port", type=int, help="default: 7860 or the next free one")
     parser.add_argument("--run", default="", help="the folder of a run, for the second tab")
-    parser.add_argument("--quiet", action="store_true", help="open no browser")
+    parser.add_argument("--quiet", action="store_true", help="do not open a browser")
     args = parser.parse_args(argv)
     try:
         require("explore", "moireaug.explore")

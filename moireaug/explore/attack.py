@@ -1,4 +1,4 @@
-"""The ladder of one picture: what a run's model says of it, clean, photographed and attacked."""
+"""The ladder of one picture: what a run's model says about it, clean, photographed and attacked."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from moireaug.explore.photo import Picture, as_picture
 from moireaug.scene.scene import Scene
 from training import data, saved
 
-IMAGES = 24  # of a run's test set, to choose from
+IMAGES = 24  # how many of a run's test images there are to choose from
 
 
 class Run(NamedTuple):
@@ -51,10 +51,10 @@ def open_run(folder: str) -> Run:
     """Read a run's model, and the first of its test images.
 
     Raises:
-        ValueError: no run there, or its data set is not where it was.
+        ValueError: no folder is given, it holds no run, or the run's data set has moved.
     """
     if not folder.strip():
-        raise ValueError("name the folder of a run, as in runs/moire_at/seed0.")
+        raise ValueError("name the folder of a run, such as runs/moire_at/seed0.")
     found = saved.read(Path(folder.strip()))
     wanted = replace(found.cfg.data, train=1, val=1, test=IMAGES)
     splits = data.load(wanted)
@@ -72,11 +72,11 @@ def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int
     """Show a run's model one of its test images, rung by rung: each adds one thing.
 
     Args:
-        index: of the image. eps: bound of the noise, in [0, 1] units. steps: of the attacks.
-        seed: of the shot, and of what is random in the rungs.
+        index: of the test image. eps: bound of the noise, in [0, 1] units. steps: of each attack.
+        seed: of the shot and of all that is random in the rungs.
 
     Raises:
-        ValueError: an index that is none, or an eps or steps that no attack takes.
+        ValueError: the index is out of range, or the attacks do not accept eps or steps.
     """
     if not 0 <= index < len(run.images):
         raise ValueError(f"image must be 0 to {len(run.images) - 1}; got {index}.")
@@ -85,7 +85,7 @@ def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
         order = run.model(image)[0].argsort(descending=True)
-    likeliest = order[order != label[0]][:1]  # the wrong answer that is nearest
+    likeliest = order[order != label[0]][:1]  # the likeliest wrong class
     batch = EvalBatch(
         run.model, image, label, likeliest, scene.sample(1, size, generator), generator
     )
@@ -108,7 +108,7 @@ def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int
 
 
 def as_html(rungs: Sequence[Rung]) -> str:
-    """Return a ladder as figures: each rung's picture, and below it what the model said."""
+    """Return a ladder as HTML figures: each rung's picture, and the model's answer below it."""
     figures = []
     for rung in rungs:
         picture = shown(rung.picture, rung.title)

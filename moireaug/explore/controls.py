@@ -15,7 +15,7 @@ from moireaug.scene.layout import LAYOUTS
 from moireaug.scene.parts import PARTS
 from moireaug.scene.scene import Scene
 
-# where a slider over all that a field allows would be of no use
+# of sliders, where the range that a field allows is too wide for one
 LIMITS: dict[str, tuple[float, float]] = {
     "panel.scale": (0.2, 4.0),
     "panel.lit": (0.05, 1.0),
@@ -71,9 +71,9 @@ class Control(NamedTuple):
     Args:
         part, field: its name.
         kind: "range", two numbers; "number", one; "switch", a bool; "choice", one of `choices`.
-        about: what the field's documentation says, as one sentence.
+        about: the first sentence of the field's documentation.
         low, high, step: of a slider.
-        choices: what is allowed; None is "none".
+        choices: the allowed values; None is shown as "none".
     """
 
     part: str
@@ -101,8 +101,8 @@ class Control(NamedTuple):
         return list(bounds(value)) if self.kind == "range" else [value]
 
     def value(self, shown: Sequence[Any]) -> Any:
-        """Return the field's value for what this control shows; the ends of a range come in any
-        order."""
+        """Return the field's value from what this control shows; the ends of a range may come in
+        either order."""
         if self.kind == "range":
             low, high = sorted(float(end) for end in shown)
             return low if low == high else (low, high)
@@ -124,13 +124,13 @@ def _control(part: str, field: dataclasses.Field[Any], about: str) -> Control:
         return Control(part, field.name, "switch", about)
     allowed = field.metadata
     low, high = LIMITS[name] if name in LIMITS else (allowed["low"], allowed["high"])
-    step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # some hundred positions
+    step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # 100 to 1000 positions
     kind = "range" if "low" in allowed else "number"
     return Control(part, field.name, kind, about, low, high, step)
 
 
 def documented(cls: type) -> dict[str, str]:
-    """Return the first sentence that a class's docstring says of each of its arguments."""
+    """Return the first sentence about each argument in a class's docstring."""
     args = inspect.cleandoc(cls.__doc__ or "").partition("Args:\n")[2]
     found = {}
     for entry in re.split(r"\n(?=    \w)", "\n" + args):
@@ -156,7 +156,7 @@ def scene_of(values: Sequence[Any]) -> Scene:
     """Return the scene that the values of all controls describe; the inverse of `shown`.
 
     Raises:
-        ValueError, TypeError: values that no scene can have, with what is allowed.
+        ValueError, TypeError: a scene does not allow the values; the message says what it allows.
     """
     given: dict[str, dict[str, Any]] = {part: {} for part in PARTS}
     rest = list(values)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-# Gradio looks at these when it is imported
+# Gradio reads these when it is imported
 os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
 os.environ["HF_HUB_DISABLE_TELEMETRY"] = "1"
 
@@ -30,7 +30,7 @@ TITLES = {
     "sensor": "Sensor",
     "develop": "Develop: from raw to photo",
 }
-# the photo stays in sight while sliders are turned: beside them, or above them on a phone
+# the photo stays in sight while sliders are moved: beside them, or above them on a phone
 CSS = """
 .gradio-container {max-width: 1400px !important; margin: auto; overflow: visible !important}
 .gradio-container .main, .gradio-container main > * {width: 100%}
@@ -53,11 +53,11 @@ CSS = """
 
 
 def serve(run: str = "", port: int | None = None, *, in_browser: bool = False, **more: Any) -> Any:
-    """Serve the page on 127.0.0.1; returns at Ctrl-C.
+    """Serve the page on 127.0.0.1; return at Ctrl-C.
 
     Args:
         run: the folder that the second tab starts with. port: None is 7860 or the next free one.
-        more: of `gradio.Blocks.launch`.
+        more: further arguments of `gradio.Blocks.launch`.
 
     Raises:
         OSError: the port is taken.
@@ -115,7 +115,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
                     **view,
                 )
                 spectrum = gr.Image(
-                    label="Spectrum, to half a cycle a pixel",
+                    label="Spectrum, up to half a cycle per pixel",
                     elem_id="spectrum",
                     alt_text="The spectrum of the photo: moiré shows as pairs of points",
                     **view,
@@ -126,7 +126,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
                 )
             with gr.Tab("Milliseconds"):
                 gr.Markdown(
-                    "Effect by effect in the reference, on at most "
+                    "Time of each effect in the reference, on at most "
                     f"{photo.TIMED} x {photo.TIMED} pixels. The engine does them all in one pass."
                 )
                 cost = gr.Dataframe(
@@ -154,7 +154,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
 
 
 def controls(scene: Scene) -> list[Any]:
-    """Lay out a group of controls for each part of a scene; returns them in the order of
+    """Lay out a group of controls for each part of a scene; return them in the order of
     `shown`."""
     widgets: list[Any] = []
     for part in PARTS:
@@ -195,8 +195,8 @@ def widgets_of(control: Control, values: list[Any]) -> list[Any]:
 def photographed(
     preset: str, sample: str, file: str | None, seed: float, *values: Any
 ) -> tuple[Any, ...]:
-    """Return all that the first tab shows; where the settings are refused, the sentence that says
-    why, and the rest as it was."""
+    """Return all that the first tab shows; if the settings are refused, return the reason and
+    leave the rest unchanged."""
     try:
         scene = scene_of(values)
         picture = picture_of(sample, file)
@@ -218,7 +218,7 @@ def photographed(
 
 
 def timed(preset: str, sample: str, file: str | None, seed: float, *values: Any) -> Any:
-    """Return the table of milliseconds; as it was where the settings are refused."""
+    """Return the table of milliseconds; leave it unchanged if the settings are refused."""
     try:
         batch = photo.as_batch(picture_of(sample, file))
         found = photo.milliseconds(batch, scene_of(values), int(seed))
@@ -231,7 +231,7 @@ def picture_of(sample: str, file: str | None) -> photo.Picture:
     """Return the picture in a file, or the sample of that name.
 
     Raises:
-        ValueError: a file that is refused, see `photo.read`.
+        ValueError: the file is refused, see `photo.read`.
     """
     return photo.read(file) if file else photo.SAMPLES[sample]()
 
@@ -254,13 +254,13 @@ def attack_tab(run: str) -> None:
             )
             preset = gr.Dropdown(list(PRESETS), value=DEFAULT, label="Scene")
             index = gr.Slider(0, attack.IMAGES - 1, 0, step=1, label="Test image", buttons=[])
-            eps = gr.Slider(0.5, 16, 4, step=0.5, label="eps, of 255", buttons=[])
+            eps = gr.Slider(0.5, 16, 4, step=0.5, label="eps, in 1/255", buttons=[])
             steps = gr.Slider(1, 100, 20, step=1, label="Steps", buttons=[])
             button = gr.Button("Attack", variant="primary", elem_id="attack")
         with gr.Column(scale=3, min_width=320):
             told = gr.Markdown(
                 "Each rung shows the model the same image through the same shot, and adds one "
-                "thing to the rung before.",
+                "thing to the previous rung.",
                 elem_id="attacked",
             )
             shown_rungs = gr.HTML(elem_id="ladder")
@@ -268,7 +268,7 @@ def attack_tab(run: str) -> None:
 
 
 def attacked(folder: str, preset: str, index: float, eps: float, steps: float) -> tuple[str, str]:
-    """Return the ladder of one image, or the sentence that says why there is none."""
+    """Return the ladder of one image, or the reason why there is none."""
     try:
         run = attack.open_run(folder)
         found = attack.ladder(run, int(index), Scene.preset(preset), eps / 255, int(steps))
@@ -277,7 +277,7 @@ def attacked(folder: str, preset: str, index: float, eps: float, steps: float) -
     label = int(run.labels[int(index)])
     right = sum(rung.right for rung in found)
     told = (
-        f"The image is of the class **{run.classes.get(label, label)}**. The model is right on "
+        f"The image's class is **{run.classes.get(label, label)}**. The model is right on "
         f"{right} of {len(found)} rungs."
     )
     return told, attack.as_html(found)

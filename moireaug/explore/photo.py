@@ -1,4 +1,4 @@
-"""What the explorer shows of one picture: its photo, a crop, a spectrum, and what it cost."""
+"""What the explorer shows of one picture: its photo, a crop, a spectrum, and the time it took."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from training import signs
 Picture = NDArray[np.uint8]  # (H, W, 3)
 
 MOST = 2_000_000  # pixels of a picture: about a second on one core
-TIMED = 128  # pixels of the crop whose effects are timed
+TIMED = 128  # side in pixels of the crop whose effects are timed
 REPEATS = 3
-CROP, MAGNIFIED = 64, 6  # pixels of a side, and how often each is repeated
+CROP, MAGNIFIED = 64, 6  # side of the crop in pixels, and how often each pixel is repeated
 
 
 class Taken(NamedTuple):
@@ -43,12 +43,12 @@ def sign() -> Picture:
 
 
 def grey() -> Picture:
-    """Return a grey screen, on which nothing but the camera's own work is seen."""
+    """Return a grey screen, on which only the effects of panel and camera show."""
     return np.full((256, 256, 3), 190, np.uint8)
 
 
 def bundled(name: str) -> Picture:
-    """Return a picture of scikit-image's own, in RGB."""
+    """Return one of scikit-image's own pictures, in RGB."""
     from skimage import data
 
     return np.asarray(Image.fromarray(getattr(data, name)()).convert("RGB"))
@@ -66,17 +66,18 @@ def read(path: str) -> Picture:
     """Return the picture in a file.
 
     Raises:
-        ValueError: a file that cannot be read as a picture, or one of more than `MOST` pixels.
+        ValueError: the file cannot be read as a picture, or has more than `MOST` pixels.
     """
     try:
         with Image.open(path) as opened:
             width, height = opened.size
     except OSError:
-        width = height = 0  # the sentence about that is `images.read`'s
+        width = height = 0  # `images.read` raises the error for it
     if width * height > MOST:
         raise ValueError(
-            f"{Path(path).name} has {width} x {height} pixels, and the explorer takes pictures of "
-            f"up to {MOST / 1e6:g} megapixels. Make it smaller; moireaug.capture takes any size."
+            f"{Path(path).name} has {width} x {height} pixels, more than the explorer's limit of "
+            f"{MOST / 1e6:g} megapixels. Make it smaller, or use moireaug.capture, which takes any "
+            "size."
         )
     return np.asarray(images.read(path))
 
@@ -87,13 +88,13 @@ def as_batch(picture: Picture) -> Tensor:
 
 
 def as_picture(photo: Tensor) -> Picture:
-    """Return a photo (1, 3, H, W) in [0, 1] as codes."""
+    """Return a photo (1, 3, H, W) in [0, 1] as 8-bit codes."""
     return (255 * photo[0]).round().to(torch.uint8).permute(1, 2, 0).numpy()
 
 
 @torch.no_grad()
 def photograph(shown: Tensor, scene: Scene, seed: int) -> Taken:
-    """Photograph a picture (1, 3, H, W) off a screen."""
+    """Photograph a picture (1, 3, H, W) in [0, 1] off a screen."""
     size = (shown.shape[-2], shown.shape[-1])
     shot = scene.sample(1, size, torch.Generator().manual_seed(seed))
     began = time.perf_counter()
@@ -102,7 +103,7 @@ def photograph(shown: Tensor, scene: Scene, seed: int) -> Taken:
 
 
 def magnify(photo: Picture, x: float = 0.5, y: float = 0.5) -> Picture:
-    """Return the crop around a point of a photo, every pixel several times as large.
+    """Return a magnified crop around a point of a photo.
 
     Args:
         x, y: the point, as shares of the photo's width and height.
@@ -115,10 +116,10 @@ def magnify(photo: Picture, x: float = 0.5, y: float = 0.5) -> Picture:
 
 
 def spectrum(photo: Picture, side: int = CROP * MAGNIFIED) -> Picture:
-    """Return the logarithm of a photo's power over frequency, zero in the middle and half a cycle a
-    pixel at the edges, in colours.
+    """Return a photo's power spectrum, logarithmic and in false colours: frequency zero in the
+    middle, half a cycle per pixel at the edges.
 
-    The mean over red, green and blue, under a Hann window. Moiré shows as pairs of points.
+    It is the mean over red, green and blue, under a Hann window. Moiré shows as pairs of points.
     """
     height, width = photo.shape[:2]
     window = np.hanning(height)[:, None, None] * np.hanning(width)[None, :, None]
@@ -137,11 +138,11 @@ def milliseconds(shown: Tensor, scene: Scene, seed: int) -> list[tuple[str, floa
     """Time each effect of a scene's plan in the reference, on the middle of a picture.
 
     Args:
-        shown: (1, 3, H, W); of its middle at most 128 x 128 pixels are timed.
+        shown: (1, 3, H, W) in [0, 1]; at most the 128 x 128 pixels in its middle are timed.
 
     Returns:
-        The effects in the order of the light, with the median of three runs in milliseconds; None
-        for those that the exposure integrates.
+        Each effect's name, in the order of the plan, with the median of three runs in milliseconds;
+        None for those that the exposure integrates.
     """
     height, width = (min(TIMED, side) for side in shown.shape[-2:])
     top, left = (shown.shape[-2] - height) // 2, (shown.shape[-1] - width) // 2

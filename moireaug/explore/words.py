@@ -1,4 +1,4 @@
-"""A scene as code and as YAML, from the preset that it is closest to in the reader's mind."""
+"""A scene as Python code and as YAML, written as changes to the chosen preset."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def differences(scene: Scene, preset: str) -> dict[str, Any]:
 
 
 def as_yaml(scene: Scene, preset: str) -> str:
-    """Return a scene as the YAML file that `scene=FILE.yaml` of every command reads."""
+    """Return a scene as YAML, which every command reads from a file with `scene=FILE.yaml`."""
     lines = []
     for key, value in differences(scene, preset).items():
         flow = None if isinstance(value, dict) else False
@@ -37,7 +37,7 @@ def as_yaml(scene: Scene, preset: str) -> str:
 
 
 def as_python(scene: Scene, preset: str) -> str:
-    """Return the Python code that builds a scene."""
+    """Return Python code that builds a scene and a transform with it."""
     found = differences(scene, preset)
     made = f'Scene.preset("{preset}")'
     if len(found) > 1:
