@@ -7,6 +7,7 @@ import functools
 import importlib.util
 import math
 import os
+import threading
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -26,19 +27,22 @@ if TYPE_CHECKING:
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
 FINISH = ("chroma_blur", "sharpen", "clip_detail", "resize")  # one kernel does them all
 EXPOSURES = ("spectral", "mean", "point")
-_forced_off = False
+_blocks = 0  # `with reference()` blocks that are open, in any thread
+_counting = threading.Lock()
 
 
 @contextlib.contextmanager
 def reference() -> Iterator[None]:
     """Force the reference within a `with` block, in all threads. `MOIREAUG_ENGINE=off` forces it
     everywhere."""
-    global _forced_off
-    before, _forced_off = _forced_off, True
+    global _blocks
+    with _counting:
+        _blocks += 1
     try:
         yield
     finally:
-        _forced_off = before
+        with _counting:
+            _blocks -= 1
 
 
 def explain(scene: Scene) -> str:
@@ -123,7 +127,7 @@ def _runs(tensor: Tensor) -> bool:
 
 def _unavailable() -> str:
     """Return why no scene gets the engine, or an empty string."""
-    if _forced_off or os.environ.get(SWITCH) == "off":
+    if _blocks or os.environ.get(SWITCH) == "off":
         return "the engine is turned off"
     return _without_numba()
 

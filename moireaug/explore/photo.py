@@ -71,7 +71,7 @@ def read(path: str) -> Picture:
     try:
         with Image.open(path) as opened:
             width, height = opened.size
-    except OSError:
+    except (OSError, Image.DecompressionBombError):
         width = height = 0  # `images.read` raises the error for it
     if width * height > MOST:
         raise ValueError(

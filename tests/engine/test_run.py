@@ -11,7 +11,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from moireaug import Scene, capture, develop, expose
-from moireaug.engine import compiling, reference, run
+from moireaug.engine import compiling, explain, reference, run
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -86,6 +86,16 @@ def test_a_reading_that_is_not_finite_is_left_to_the_reference(value):
     with reference():
         expected = develop(raw, SHOT)
     assert torch.equal(develop(raw, SHOT).nan_to_num(-1), expected.nan_to_num(-1))
+
+
+def test_the_reference_is_forced_until_the_last_block_is_left():
+    first, second = reference(), reference()  # as two threads open and leave them
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert explain(SHOT.scene).count("reference:") == 2
+    second.__exit__(None, None, None)
+    assert "reference:" not in explain(SHOT.scene)
 
 
 def test_a_reading_of_nan_has_no_jpeg():

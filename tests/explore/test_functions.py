@@ -136,7 +136,7 @@ def test_every_planned_effect_is_timed_or_within_the_exposure():
     assert all(spent > 0 for spent in found.values() if spent is not None)
 
 
-def test_pictures_that_are_too_large_or_none_are_refused_in_a_sentence(tmp_path):
+def test_pictures_that_are_too_large_or_none_are_refused_in_a_sentence(tmp_path, monkeypatch):
     large, damaged = tmp_path / "large.png", tmp_path / "damaged.png"
     Image.new("L", (2001, 1000)).save(large)
     damaged.write_bytes(b"no picture")
@@ -144,6 +144,9 @@ def test_pictures_that_are_too_large_or_none_are_refused_in_a_sentence(tmp_path)
         photo.read(str(large))
     with pytest.raises(ValueError, match=r"damaged\.png could not be read"):
         photo.read(str(damaged))
+    with monkeypatch.context() as patch, pytest.raises(ValueError, match="decompression bombs"):
+        patch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
+        photo.read(str(large))
     Image.new("L", (2000, 1000)).save(large)
     assert photo.read(str(large)).shape == (1000, 2000, 3)
 
