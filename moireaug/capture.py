@@ -2,8 +2,9 @@
 elsewhere.
 
 photo = capture(image, shot, noise)                      # the paper's x* = g(x, delta, kappa)
-      = develop(expose(image, shot) + noise, shot)       # g1: screen to raw, once; g2: raw to
-      photo, at every step
+      = develop(expose(image, shot) + noise, shot)       # g2(g1(x) + delta)
+
+An attack computes g1, screen to raw, once, and g2, raw to photo, at every step.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
     """Return the photo of `image` on a screen: the paper's g(x, delta, kappa).
 
     Args:
-        image: (B, 3, H, W) float in [0, 1], sRGB codes. What rounding, overshoot or noise left a
-            little outside is clipped, with gradient 1 in [0, 1] and 0 outside; `moireaug.checks`
-            says how much is a little.
+        image: (B, 3, H, W) float in [0, 1], sRGB codes. Values a little outside, by rounding,
+            overshoot or noise, are clipped, with gradient 1 in [0, 1] and 0 outside;
+            `moireaug.checks` says how much is allowed.
         shot: one draw for B images of this size.
         noise: the attacker's delta, of shape `shot.raw_shape()`, in raw units; added to the raw
             reading.
@@ -31,12 +32,12 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
     Returns:
         (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where
         the plan's exposure is "spectral", "box" or "mean", in every field of the shot whose effect
-        the plan has, but for the JPEG quality.
+        the plan has, except the JPEG quality.
 
     Raises:
-        TypeError, ValueError: an image that is no float batch of three channels, or cannot be a
+        TypeError, ValueError: an image that is not a float batch of three channels, or not a
             picture in [0, 1]: normalised, 0 to 255, NaN, infinite; a shot or noise of another batch
-            or size.
+            or size, or with NaN or infinity.
     """
     raw = expose(image, shot)
     if noise is not None:
@@ -55,11 +56,11 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
 
 def expose(image: Tensor, shot: ShotRecord) -> Tensor:
     """Return the raw reading, the paper's g1: packed Bayer planes (B, 4, h / 2, w / 2), R, G, G, B,
-    or colours (B, 3, h, w) where the sensor has no colour filters. It has gain and noise, and is
-    clipped to [0, 1] where these can leave it.
+    or colours (B, 3, h, w) where the sensor has no colour filters. It includes gain and sensor
+    noise, and is clipped to [0, 1] if they can exceed it.
 
-    Arguments, gradients and errors as in `capture`. Half precision is computed in float32, float64
-    in float64.
+    Arguments, gradients and errors as in `capture`. The reading is float64 for float64
+    images, else float32.
     """
     image = check_images(image)
     check_shot(image, shot)
@@ -75,9 +76,11 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photo of a raw reading, the paper's g2: `shot.raw_shape()` to (B, 3, H, W) in [0,
     1].
 
-    Differentiable in raw, and in every field of the shot whose effect the plan has.
+    Differentiable in raw, and in every field of the shot that developing reads, except the JPEG
+    quality.
 
     Raises:
+        TypeError: a raw reading that is not a floating point tensor.
         ValueError: a raw reading of another batch or size than the shot's.
     """
     check_raw(raw, shot)

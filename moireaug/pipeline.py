@@ -1,5 +1,5 @@
-"""The way of the light: every effect, in the one order in which light meets it, and the plan of
-those that a scene calls for."""
+"""The path of light: every effect in the order in which light meets it, and the plan of those that
+a scene calls for."""
 
 from __future__ import annotations
 
@@ -65,27 +65,27 @@ DEVELOP: tuple[Effect, ...] = (
     Jpeg(),
 )
 
-FILTERS = ("denoise", "chroma_blur", "sharpen")  # they look at every sensor pixel
+FILTERS = ("denoise", "chroma_blur", "sharpen")  # these need every sensor pixel
 
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the raw reading of images (B, 3, H, W): the effects before the attacker's noise, one
-    after another."""
+    """Return the raw reading of images (B, 3, H, W): apply the effects before the attacker's noise
+    in turn."""
     for effect in shot.plan.exposing:
         light = effect(light, shot)
     return light
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photos (B, 3, H, W) of a raw reading: the effects after the attacker's noise, one
-    after another."""
+    """Return the photos (B, 3, H, W) of a raw reading: apply the effects after the attacker's noise
+    in turn."""
     for effect in shot.plan.developing:
         raw = effect(raw, shot)
     return raw
 
 
 class Step(NamedTuple):
-    """One effect of a plan by its name, whether the scene calls for it, and why or why not."""
+    """One effect of a plan: its name, whether the scene calls for it, and why or why not."""
 
     name: str
     called: bool
@@ -99,11 +99,11 @@ class Plan:
 
     Args:
         steps: every effect, called for or not.
-        exposing, developing: the effects that are computed.
-        method: the exposure, never "auto".
+        exposing, developing: the effects that are computed before and after the attacker's noise.
+        method: the exposure method, "auto" resolved.
         prefilter: the most variance by which the picture is blurred before it is looked up, in
             squared image pixels.
-        narrows: whether part of that is for views of more panel pixels than are counted one by one.
+        narrows: whether part of that is for views of more panel pixels than are summed one by one.
     """
 
     steps: tuple[Step, ...]
@@ -125,8 +125,8 @@ class Plan:
 
     @property
     def finishing(self) -> tuple[Effect, ...]:
-        """The effects that need all of a photo: filters on every sensor pixel and what comes after
-        them, and JPEG."""
+        """The effects that need the whole photo: all after the clip to [0, 1] if there is a filter,
+        else only JPEG."""
         names = [effect.name for effect in self.developing]
         if any(name in names for name in FILTERS):
             return self.developing[names.index("clip") + 1 :]
@@ -156,8 +156,8 @@ class Plan:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values: effects called for, those left out (both effect to reason), exposure
-        and harmonics."""
+        """Return plain values: effects called for and those left out (each name to reason),
+        exposure and harmonics."""
         return {
             "effects": {step.name: step.reason for step in self.steps if step.called},
             "left_out": {step.name: step.reason for step in self.steps if not step.called},

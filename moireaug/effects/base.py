@@ -20,21 +20,21 @@ class Verdict(NamedTuple):
 
 
 def called(reason: str) -> Verdict:
-    """Return that an effect is called for."""
+    """Return the verdict that an effect is called for."""
     return Verdict(True, reason)
 
 
 def left_out(reason: str) -> Verdict:
-    """Return that an effect is left out."""
+    """Return the verdict that an effect is left out."""
     return Verdict(False, reason)
 
 
 class Effect(ABC):
-    """One physical step. What moves light is left out at its identity; what changes light is left
-    out where it changes no value by more than the scene's tolerance."""
+    """One physical step. An effect that moves light is left out at its identity; one that changes
+    light is left out if it changes no value by more than the scene's tolerance."""
 
     name: str
-    shown = True  # in the plan; a bound that no photo reaches by itself is not
+    shown = True  # in the plan; effects that only clip are not
 
     @abstractmethod
     def verdict(self, scene: SceneRecord) -> Verdict:
@@ -46,20 +46,20 @@ class Effect(ABC):
 
 
 class WithinExposure(Effect):
-    """A step that the exposure integrates, so that light passes here as it is."""
+    """A step that the exposure integrates, so light passes through unchanged here."""
 
     def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         return light
 
 
 def show(value: Range) -> str:
-    """Return a range as text, "0.2 to 0.4"."""
+    """Return a range as text, such as "0.2 to 0.4"."""
     low, high = bounds(value)
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
 def off(value: Range, identity: float) -> float:
-    """Return how far a range goes from an effect's identity."""
+    """Return how far a range extends from an effect's identity."""
     return max(abs(v - identity) for v in bounds(value))
 
 

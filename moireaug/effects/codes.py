@@ -1,4 +1,4 @@
-"""Photos as 8-bit codes, for what works on files and on whole numbers."""
+"""Photos as 8-bit codes, for file formats and OpenCV."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def to_codes(photo: Tensor) -> np.ndarray:
     CPU.
 
     Raises:
-        ValueError: NaN, for which no code stands.
+        ValueError: the photo holds NaN, which has no code.
     """
     if photo.isnan().any():
         raise ValueError(
@@ -25,8 +25,8 @@ def to_codes(photo: Tensor) -> np.ndarray:
 
 
 def from_codes(codes: Iterable[np.ndarray], like: Tensor) -> Tensor:
-    """Return the inverse: (H, W, 3) uint8 for each image to a new photo of the shape, dtype and
-    device of `like`."""
+    """Return the inverse of `to_codes`: from (H, W, 3) uint8 for each image, a new photo of the
+    shape, dtype and device of `like`."""
     photo = torch.empty(like.shape, dtype=torch.uint8)
     for row, image in zip(photo, codes, strict=True):
         row.copy_(torch.from_numpy(image).permute(2, 0, 1))

@@ -18,8 +18,7 @@ class Demosaic(Effect):
     """Packed Bayer planes (B, 4, h / 2, w / 2) to the colours of the pixels that a photo keeps.
     Linear.
 
-    Past the border the mosaic goes on with its outermost filter cells, which keeps colours in
-    place.
+    The outermost filter cells are repeated past the border, which keeps the Bayer pattern.
     """
 
     name = "demosaic"
@@ -38,7 +37,7 @@ class Demosaic(Effect):
 
 def demosaic_bilinear(mosaic: Tensor) -> Tensor:
     """Return an RGGB mosaic (B, h, w) as colours (B, 3, h, w): the mean of a colour's nearest
-    pixels, zero padded, as in the paper."""
+    pixels, zero-padded, as in the paper."""
     cross = mosaic.new_tensor([[0.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 0.0]]) / 4
     square = mosaic.new_tensor([[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]]) / 4
     sparse = mosaic.new_zeros(mosaic.shape[0], 3, *mosaic.shape[1:])
@@ -85,8 +84,8 @@ def demosaic_malvar(mosaic: Tensor) -> Tensor:
     ).unbind(1)
     colour = torch.stack([mosaic] * 3, 1)
     colour[:, 1, 0::2, 0::2], colour[:, 1, 1::2, 1::2] = green[:, 0::2, 0::2], green[:, 1::2, 1::2]
-    # red lies beside the greens of its own rows and below and above those of blue's; blue the other
-    # way round
+    # red lies beside the greens of its own rows, and above and below those of blue rows; blue the
+    # other way round
     for channel, r in ((0, 0), (2, 1)):
         c = 1 - r
         colour[:, channel, r::2, c::2] = beside[:, r::2, c::2]

@@ -12,10 +12,10 @@ from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.effects.codes import from_codes, to_codes
 from moireaug.scene.record import SceneRecord
 
-WINDOW = 5  # pixels: beyond the 3 x 3 that a demosaic has smeared already
-# differences of R, G and B summed: 8 codes each, above sensor noise and below most edges
+WINDOW = 5  # pixels: larger than the 3 x 3 that demosaicing has already smoothed
+# sum of the differences of R, G and B: 8 codes each, above sensor noise and below most edges
 SIGMA_COLOUR = 0.1
-SIGMA_SPACE = 1.5  # pixels: even the window's corners count, by a sixth
+SIGMA_SPACE = 1.5  # pixels: the window's corners still have a weight of a sixth
 
 
 class Denoise(Effect):
@@ -33,12 +33,12 @@ class Denoise(Effect):
 
 
 def nlm(photo: Tensor) -> Tensor:
-    """OpenCV's non-local means for colour images, at its defaults: the paper's denoiser (section 3,
-    step 6).
+    """Denoise with OpenCV's non-local means for colour images at its defaults, as the paper does
+    (section 3, step 6).
 
-    `cv2.fastNlMeansDenoisingColored`, strength 3 of 255, patches of 7 and search in 21 pixels, on
-    the photo's 8-bit codes; past the border it mirrors, so that any size goes. Its 8-bit Lab moves
-    even a flat colour by up to 4 codes.
+    `cv2.fastNlMeansDenoisingColored` with strength 3 of 255, patches of 7 and a search window of 21
+    pixels, on the photo's 8-bit codes. It mirrors the border, so any size works. Its 8-bit Lab
+    changes even a flat colour by up to 4 codes.
 
     Args:
         photo: (B, 3, H, W) floating point in [0, 1], sRGB codes. Not modified.
@@ -53,10 +53,10 @@ def nlm(photo: Tensor) -> Tensor:
 
 
 def bilateral(photo: Tensor) -> Tensor:
-    """Bilateral filter: each pixel's mean with the pixels around that look like it; the border's
-    pixels go on past it.
+    """Denoise with a bilateral filter: average each pixel with similar pixels around it; the edge
+    pixels are repeated past the border.
 
-    (B, 3, H, W) float32 or float64 in [0, 1] to the same. Differentiable.
+    Takes and returns (B, 3, H, W) float32 or float64 in [0, 1]. Differentiable.
     """
     sigma = (SIGMA_SPACE, SIGMA_SPACE)
     # reflect, kornia's default, fails on images of 2 pixels or less
@@ -66,10 +66,10 @@ def bilateral(photo: Tensor) -> Tensor:
 DENOISERS: dict[str, Callable[[Tensor], Tensor]] = {"nlm": nlm, "bilateral": bilateral}
 
 
-# an operator of its own, since torch.compile cannot look into it
+# a custom operator, since torch.compile cannot trace it
 @torch.library.custom_op("moireaug::nlm", mutates_args=())
 def _nlm(photo: Tensor) -> Tensor:
-    import cv2  # here alone: most scenes do without
+    import cv2  # imported here, since most scenes do not need it
 
     def denoised(codes):
         bgr = cv2.fastNlMeansDenoisingColored(cv2.cvtColor(codes, cv2.COLOR_RGB2BGR))

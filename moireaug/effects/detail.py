@@ -1,5 +1,5 @@
-"""What a camera does to detail before it saves a photo: colour is smoothed against noise,
-brightness sharpened."""
+"""What a camera does to detail before it saves a photo: it smooths colour to reduce noise, and
+sharpens brightness."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord
 
 REACH = 3.0  # standard deviations that a kernel holds
-SMALLEST = 1e-3  # standard deviation: a Gaussian of none has no kernel
+SMALLEST = 1e-3  # least standard deviation: a Gaussian of 0 has no kernel
 
 
 class ChromaBlur(Effect):
-    """Colour is smoothed, brightness stays."""
+    """Smooths colour, but not brightness."""
 
     name = "chroma_blur"
 
@@ -52,7 +52,7 @@ class Sharpen(Effect):
 
 
 class ClipDetail(Effect):
-    """What was smoothed or sharpened ends at 0 and 1 again."""
+    """Clips a smoothed or sharpened photo to [0, 1]."""
 
     name = "clip_detail"
     shown = False
@@ -67,16 +67,16 @@ class ClipDetail(Effect):
 
 
 def chroma_blur(photo: Tensor, sigma: Tensor, size: int) -> Tensor:
-    """Return photos (B, 3, H, W) whose difference to their brightness is smoothed by Gaussians of
-    sigma (B,) pixels, in kernels of `size` pixels."""
+    """Return photos (B, 3, H, W) with the difference of each colour from brightness smoothed by
+    Gaussians of sigma (B,) pixels, in kernels of `size` pixels."""
     grey = brightness(photo)
     colour = photo - grey
     return grey + gaussian(colour, sigma, size)
 
 
 def sharpen(photo: Tensor, amount: Tensor, sigma: Tensor, size: int) -> Tensor:
-    """Return photos (B, 3, H, W) whose brightness is further from its Gaussian mean by an amount
-    (B,)."""
+    """Return photos (B, 3, H, W) sharpened by an amount (B,): the factor on the difference of
+    brightness from its Gaussian mean, which is added."""
     grey = brightness(photo)
     return photo + per_image(amount, photo) * (grey - gaussian(grey, sigma, size))
 
@@ -87,8 +87,8 @@ def brightness(photo: Tensor) -> Tensor:
 
 
 def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
-    """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; the border's pixels go
-    on past it."""
+    """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; edge pixels are
+    repeated past the border."""
     sigmas = sigma.clamp(min=SMALLEST).to(planes.dtype)[:, None].expand(-1, 2)
     return gaussian_blur2d(planes, size, sigmas, border_type="replicate")
 

@@ -1,5 +1,4 @@
-"""What a display adds to its picture: black that is not black, and the light that its glass
-reflects."""
+"""What a display adds to its picture: light from black pixels, and what its glass reflects."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-STEEPEST = 12.92  # codes by light: the slope of sRGB at black
+STEEPEST = 12.92  # codes per light: the slope of sRGB at black
 
 
 class BlackLevel(Effect):
@@ -28,7 +27,7 @@ class BlackLevel(Effect):
         why = f"black pixels emit {show(black)} of a white one's light"
         change = bounds(black)[1] * bounds(scene.sensor.gain)[1]
         if scene.develop.linear_light:
-            change *= STEEPEST  # a little light is many codes in the dark
+            change *= STEEPEST  # in the dark, a little light is many codes
         return judged(change, scene, why, "black is black")
 
     def __call__(self, light: Tensor, shot) -> Tensor:
@@ -61,7 +60,7 @@ class Glare(Effect):
 
 
 def most_reflected(scene: SceneRecord) -> float:
-    """Return the light that the glass reflects at most, in a corner of the photo."""
+    """Return the most light that the glass can reflect, which it does in a corner of the photo."""
     panel = scene.panel
     return bounds(panel.glare)[1] * (1 + off(panel.glare_x, 0) + off(panel.glare_y, 0))
 
@@ -77,7 +76,7 @@ def reflected(rows: Tensor, cols: Tensor, size: tuple[int, int], panel) -> Tenso
 
 
 def white_readings(shot) -> Tensor:
-    """Return what each plane of the reading gets from a white screen on average, (B, planes)."""
+    """Return the mean reading of a white screen in each plane, (B, planes)."""
     layout = as_layout(shot.scene.panel.layout)
     shares = emitting_share(shot.panel)
     light = torch.stack([mean_light(layout, channel, *shares) for channel in range(3)], 1)

@@ -73,7 +73,7 @@ class Distortion(WithinExposure):
 
 
 class Crosstalk(WithinExposure):
-    """Colour filters whose bands overlap."""
+    """Overlapping bands of the colour filters."""
 
     name = "crosstalk"
 
@@ -109,7 +109,7 @@ class Exposed(Effect):
 
 
 def is_solid(scene: SceneRecord) -> bool:
-    """Whether panel pixels emit all colours over all their area."""
+    """Whether panel pixels always emit all colours over their whole area."""
     panel = scene.panel
     dark = any(varies(share, 1.0) for share in (panel.lit, panel.lit_x, panel.lit_y))
     return as_layout(panel.layout).is_solid and not dark

@@ -12,7 +12,7 @@ from moireaug.scene.record import SceneRecord
 
 
 class Flicker(Effect):
-    """Rows expose at different times of the panel's pulses."""
+    """Exposes each row at a different time of the panel's pulses."""
 
     name = "flicker"
 
@@ -32,12 +32,12 @@ class Flicker(Effect):
 
 
 def depth(scene: SceneRecord) -> float:
-    """Return the most by which a row's light can leave its mean, as a share of it."""
+    """Return the most by which a row's light can differ from the mean, as a share of it."""
     panel, (short, long) = scene.panel, bounds(scene.sensor.shutter)
     (slow, fast), duty = bounds(panel.pwm), bounds(panel.duty)[0]
     if not fast or not long or duty == 1:
         return 0.0
-    cycles = slow * short  # of the shortest exposure, at least
+    cycles = slow * short  # the fewest in an exposure
     brighter = (1 - duty) / max(duty, cycles)
     darker = 1.0 if cycles <= 1 - duty else (1 - duty) / cycles
     return max(brighter, darker)
@@ -46,19 +46,19 @@ def depth(scene: SceneRecord) -> float:
 def flicker(
     rows: Tensor, frequency: Tensor, duty: Tensor, phase: Tensor, shutter: Tensor, readout: Tensor
 ) -> Tensor:
-    """Return how much light each row of the sensor gets of the panel's mean: (B, h), 1 on average.
+    """Return each sensor row's light relative to the panel's mean: (B, h), 1 on average.
 
-    The panel is on for a share `duty` of each cycle, as bright as keeps its mean. Row r begins to
-    expose at `r * readout` and does so for `shutter` seconds; the light of that time is a closed
-    form. The bands have `frequency * readout` cycles from the first row to the last, and vanish
-    where `shutter * frequency` is whole.
+    The panel is on for a share `duty` of each cycle, bright enough to keep its mean. Row r begins
+    to expose at `r * readout` seconds and exposes for `shutter` seconds; the light in that time has
+    a closed form. The bands have `frequency * readout` cycles from the first row to the last,
+    and vanish where `shutter * frequency` is whole.
 
     Args:
         rows: (h,) or (B, h), 0 at the upper edge of the sensor and 1 at the lower one.
         frequency: (B,) hertz; 0 is a steady panel. duty: (B,) in (0, 1]. phase: (B,) cycles.
-        shutter, readout: (B,) seconds, the first above 0.
+        shutter, readout: (B,) seconds; a shutter of 0 hides the flicker.
 
-    Differentiable in all of them, but for the corners where a pulse begins or ends.
+    Differentiable in all of them, except where a row's exposure begins or ends with a pulse.
     """
     drawn = (frequency, duty, phase, shutter, readout)
     frequency, duty, phase, shutter, readout = (t[:, None] for t in drawn)

@@ -1,4 +1,4 @@
-"""JPEG: the photo as the decoder gives it back."""
+"""JPEG compression: the photo encoded and decoded again."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
 # Kornia's rounding has no slope where a coefficient is a whole multiple of its step, as all are in
-# flat black or white: an attack that starts from no noise would never leave it. So much of the
+# flat black or white: an attack that starts without noise would be stuck there. This share of the
 # gradient passes straight through.
 THROUGH = 0.02
 
 
 class Jpeg(Effect):
-    """A JPEG file that the photo goes through."""
+    """Saves the photo as JPEG and reads it back."""
 
     name = "jpeg"
 
@@ -39,9 +39,9 @@ class Jpeg(Effect):
 def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
     """Encode each photo with libjpeg and decode it again.
 
-    Forward is the codec itself, as PIL runs it (4:2:0), on the photo's 8-bit codes. Backward is the
-    gradient of kornia's differentiable JPEG (Shin and Song 2017; Reich et al. 2024), which is
-    computed only then, and `THROUGH` of what comes in.
+    The forward pass is the codec itself, as PIL runs it (4:2:0), on the photo's 8-bit codes. The
+    backward pass is the gradient of kornia's differentiable JPEG (Shin and Song 2017; Reich et al.
+    2024), computed only then, plus `THROUGH` times the incoming gradient.
 
     Args:
         photo: (B, 3, H, W) float32 or float64 in [0, 1], sRGB codes. Not modified.
@@ -52,12 +52,12 @@ def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
         quality.
 
     Raises:
-        ValueError: a photo or a quality that is NaN, or another number of qualities than of photos.
+        ValueError: NaN in photo or quality, or not one quality per photo.
     """
     return _jpeg(photo, quality.detach().round().clamp(1, 100))
 
 
-# operators of their own, since torch.compile cannot look into them
+# a custom operator, since torch.compile cannot trace it
 @torch.library.custom_op("moireaug::jpeg", mutates_args=())
 def _jpeg(photo: Tensor, quality: Tensor) -> Tensor:
     pairs = zip(to_codes(photo), quality.tolist(), strict=True)

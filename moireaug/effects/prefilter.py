@@ -1,5 +1,5 @@
-"""The picture low-passed before it is looked up: where a panel has fewer pixels than the picture,
-or a sensor pixel sees more panel pixels than are counted one by one."""
+"""A low-pass on the picture before it is looked up: where the panel has fewer pixels than the
+picture, or a sensor pixel sees more panel pixels than are summed one by one."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-MOST_LEVELS = 10  # halvings of a picture that is seen from afar or at a grazing angle
-SMALL = 0.5  # squared image pixels that one pass over the neighbours can blur by
+MOST_LEVELS = 10  # halvings of a picture seen from afar or at a grazing angle
+SMALL = 0.5  # most variance of one pass over the neighbours, in squared image pixels
 
 
 class Prefilter(Effect):
@@ -55,8 +55,8 @@ def _middle(shot) -> tuple[Tensor, Tensor]:
 
 
 def coarseness(alpha: Tensor) -> Tensor:
-    """Return the variance, in squared image pixels, of showing a picture at `alpha` panel pixels an
-    image pixel."""
+    """Return the variance, in squared image pixels, of the blur for a panel of `alpha` panel pixels
+    per image pixel; 0 from 1 on."""
     return (1 / alpha.square() - 1).clamp(min=0) / 6
 
 
@@ -85,15 +85,15 @@ def variance_at(points: Tensor, shot) -> Tensor:
 
 
 def most_variance(scene: SceneRecord) -> float:
-    """Return the most that a scene's ranges ask for, in squared image pixels."""
+    """Return the most variance that a scene's ranges need, in squared image pixels."""
     alphas = extremes.inside(scene.panel.scale, points=3)
     return max(float(coarseness(torch.tensor(alpha))) for alpha in alphas) + most_lost(scene)
 
 
 @functools.lru_cache(maxsize=64)
 def most_lost(scene: SceneRecord) -> float:
-    """Return the most variance that views lose which are narrowed to the cells that are looked at,
-    in squared image pixels."""
+    """Return the most variance that a view loses when narrowed to the cells that are looked up, in
+    squared image pixels."""
     method, most = exposure_of(scene), 0.0
     if isinstance(method, (Point, Supersample)):
         return 0.0
@@ -108,7 +108,7 @@ def most_lost(scene: SceneRecord) -> float:
 
 
 def levels(variance: float) -> int:
-    """Return the halvings of a pyramid that holds this variance."""
+    """Return the number of halvings in a pyramid that reaches this variance."""
     return min(MOST_LEVELS, max(1, math.ceil(math.log(4 * variance, 4))))
 
 
@@ -124,7 +124,8 @@ def spread(image: Tensor, share: Tensor) -> Tensor:
     """Blur (B, 3, H, W) along both axes by taking a share (B,) of each pixel from its two
     neighbours.
 
-    Its variance is the share: exact for a picture's curvature, which is what a small aperture sees.
+    The share is also the blur's variance: exact for a picture's curvature, which is what a small
+    aperture sees.
     """
     share = share.to(image.dtype)[:, None, None, None]
     wide = F.pad(image, (1, 1, 1, 1), mode="replicate")
@@ -133,11 +134,11 @@ def spread(image: Tensor, share: Tensor) -> Tensor:
 
 
 def mipmap(image: Tensor, variance: Tensor, levels: int) -> Tensor:
-    """Blur (B, 3, H, W) by variance (B, 1, H, W) in squared image pixels that differs from place to
-    place.
+    """Blur (B, 3, H, W) by a variance (B, 1, H, W), in squared image pixels, that differs from
+    place to place.
 
-    A pyramid of `levels` halvings; between two of them the mix whose variance is right. What lies
-    beyond the last has its variance.
+    Mixes neighbouring levels of a pyramid of `levels` halvings to the right variance, which ends at
+    the last level's.
     """
     n, _, h, w = image.shape
     x, y = grids.pixel_centres((h, w), image.device).expand(n, -1, -1, -1).unbind(-1)
@@ -145,7 +146,7 @@ def mipmap(image: Tensor, variance: Tensor, levels: int) -> Tensor:
     for j in range(1, levels + 1):
         small = halved(small)
         coarse = grids.look_up(small, x / 2**j, y / 2**j)
-        above = 4**j / 4  # of a box of 2^j pixels and the bilinear interpolation between them
+        above = 4**j / 4  # variance of a box of 2^j pixels and of the bilinear interpolation
         share = ((variance - below) / (above - below)).clamp(0, 1)
         out, below = out + share * (coarse - out), above
     return out
@@ -153,6 +154,6 @@ def mipmap(image: Tensor, variance: Tensor, levels: int) -> Tensor:
 
 def halved(image: Tensor) -> Tensor:
     """Return the means of 2 x 2 pixels; an odd last row or column counts twice, so that every
-    window is as large."""
+    window is full."""
     h, w = image.shape[-2:]
     return F.avg_pool2d(F.pad(image, (0, w % 2, 0, h % 2), mode="replicate"), 2)

@@ -1,9 +1,9 @@
-"""Random numbers for sensor noise: a function of (seed, pixel), the same to the bit on every
+"""Random numbers for sensor noise: a function of (seed, pixel), bit for bit the same on every
 device.
 
 A hash of the pixel's index, keyed by the image's seed, gives 32 bits. Their upper 11 choose one of
-2048 intervals of equal probability of the normal distribution, the lower 21 a place in it. Tables
-and integers alone, so that PyTorch on any device and the engine's kernels agree bit for bit.
+2048 intervals of equal probability of the normal distribution, the lower 21 a place in it. It takes
+only tables and integers, so that PyTorch on any device and the engine's kernels agree.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def normal(shape: Sequence[int], seeds: Tensor) -> Tensor:
     """Return standard normal numbers (len(seeds), *shape), float32, on the device of `seeds`.
 
     Args:
-        shape: of one image's numbers. Number i of an image, in row-major order, depends on its seed
-            and on i alone.
+        shape: shape of one image's numbers. Number i of an image, in row-major order, depends only
+            on its seed and i.
         seeds: (B,) int64.
 
     Not differentiable.
@@ -68,7 +68,8 @@ def normal(shape: Sequence[int], seeds: Tensor) -> Tensor:
 
 
 def mix(x: Tensor) -> Tensor:
-    """Scramble int32 bits, in place: products wrap around, and shifts must not carry the sign."""
+    """Scramble int32 bits in place and return them. Products wrap around; shifts must not carry the
+    sign."""
     x ^= (x >> 16).bitwise_and_(0xFFFF)
     x *= _signed(MIX[0])
     x ^= (x >> 15).bitwise_and_(0x1FFFF)
@@ -78,5 +79,5 @@ def mix(x: Tensor) -> Tensor:
 
 
 def _signed(x: int) -> int:
-    """Return the int32 of the same bits."""
+    """Return the int32 with the same bits."""
     return x - 2**32 if x >= 2**31 else x

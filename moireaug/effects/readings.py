@@ -1,4 +1,4 @@
-"""Raw readings, packed as `geometry.sensor` says."""
+"""Raw readings, packed as in `geometry.sensor`."""
 
 from __future__ import annotations
 

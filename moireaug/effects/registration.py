@@ -1,4 +1,4 @@
-"""Registration: the photo brought back to the frame of the image that was shown."""
+"""Registration: the photo warped back to the frame of the image that was shown."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from moireaug.scene.record import SceneRecord
 
 
 class Registration(Effect):
-    """Labels, boxes and masks of the image stay valid."""
+    """Warps the photo back to the image's frame, so that labels, boxes and masks stay valid."""
 
     name = "register"
 
@@ -41,4 +41,4 @@ def register(photo: Tensor, matrix: Tensor, lens: grids.Lens | None) -> Tensor:
     x, y = seen.unbind(-1)
     inside = (x >= 0) & (x <= size[1]) & (y >= 0) & (y <= size[0])
     moved = grids.look_up(photo, x, y) * inside.to(photo.dtype)[:, None]
-    return clip(moved)  # interpolation rounds, and may end a digit above 1
+    return clip(moved)  # interpolation may round to just above 1

@@ -11,7 +11,7 @@ from moireaug.scene.record import SceneRecord
 
 
 class Resize(Effect):
-    """The photo at the size of the image."""
+    """Resizes the photo to the size of the image."""
 
     name = "resize"
 

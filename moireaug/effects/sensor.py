@@ -1,4 +1,4 @@
-"""What a sensor makes of light: gain, noise, a full well, whole numbers."""
+"""What a sensor makes of light: gain, noise, saturation, quantisation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIGMAS = 6  # how far noise reaches, in standard deviations
 
 
 class Gain(Effect):
-    """Readings are amplified."""
+    """Amplifies the reading."""
 
     name = "gain"
 
@@ -31,7 +31,7 @@ class Gain(Effect):
 
 
 class Noise(Effect):
-    """Photon noise, which goes with the root of the reading, and read noise."""
+    """Photon noise, which grows with the square root of the reading, and read noise."""
 
     name = "noise"
 
@@ -50,7 +50,7 @@ class Noise(Effect):
 
 
 class FullWell(Effect):
-    """A reading ends at 0 and 1, so that an attacker's noise starts where it is felt."""
+    """Clips the reading to [0, 1] before an attacker's noise, so that small noise has an effect."""
 
     name = "full_well"
     shown = False
@@ -65,7 +65,7 @@ class FullWell(Effect):
 
 
 class Saturation(Effect):
-    """A full well reads 1, with an attacker's noise, too."""
+    """Saturates the reading at a full well, 1, after an attacker's noise."""
 
     name = "saturate"
 
@@ -81,7 +81,7 @@ class Saturation(Effect):
 
 
 class Quantisation(Effect):
-    """The converter's whole numbers."""
+    """Rounds the reading to the converter's levels."""
 
     name = "bits"
 
@@ -99,9 +99,9 @@ def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
     """Add Gaussian noise of variance `read^2 + shot^2 * raw` to `raw` (B, C, h, w), one stream per
     seed (B,) int64.
 
-    Photon noise is Poisson's in its Gaussian limit, in the reading's own light; a full well of N
-    electrons has `shot = N^-1/2`. Differentiable in raw, read and shot. Replays bit for bit on any
-    device.
+    Photon noise is Poisson noise in its Gaussian limit; a full well of N electrons has
+    `shot = N^-1/2`. Its variance stops falling at `raw = DARK`. Differentiable in raw, read and
+    shot. Replays bit for bit on any device.
     """
     noise = torch.ops.moireaug.normal(raw.shape[1:], seeds).to(raw.dtype)
     variance = per_image(read, raw).square() + per_image(shot, raw).square() * raw.clamp(min=DARK)
@@ -109,8 +109,8 @@ def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
     return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
 
 
-# an operator of its own, since torch.compile cannot look into its tables; defined by hand, because
-# `custom_op` imports the compiler on its first call, a second and more in every worker
+# a custom operator, since torch.compile cannot trace its tables; defined by hand, because
+# `custom_op` imports the compiler on its first call, a second or more in every worker
 LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
 LIBRARY.define("normal(SymInt[] shape, Tensor seeds) -> Tensor")
 LIBRARY.impl("normal", normal, "CompositeExplicitAutograd")

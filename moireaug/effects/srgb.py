@@ -11,7 +11,7 @@ from moireaug.scene.record import SceneRecord
 
 
 class Decode(Effect):
-    """The panel turns codes into light."""
+    """Turns the panel's codes into light."""
 
     name = "decode"
 
@@ -25,7 +25,7 @@ class Decode(Effect):
 
 
 class Encode(Effect):
-    """The camera turns light into codes; the straight part of the curve goes on below zero."""
+    """Turns light into the camera's codes; the straight part of the curve continues below 0."""
 
     name = "encode"
 
@@ -39,7 +39,7 @@ class Encode(Effect):
 
 
 class Clip(Effect):
-    """Codes end at 0 and 1, whatever noise an attacker adds."""
+    """Clips codes to [0, 1], whatever noise an attacker adds."""
 
     name = "clip"
     shown = False

@@ -12,11 +12,11 @@ from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.numeric import clip, per_image
 from moireaug.scene.record import SceneRecord
 
-STEEPEST = 6 * 3**0.5  # 1 over the most by which a contrast of 1 moves a code
+STEEPEST = 6 * 3**0.5  # the reciprocal of the most by which a contrast of 1 moves a code
 
 
 class WhiteBalance(Effect):
-    """Red and blue times a gain each."""
+    """Multiplies red and blue by a gain each."""
 
     name = "balance"
 
@@ -30,7 +30,7 @@ class WhiteBalance(Effect):
 
 
 class ColourMatrix(Effect):
-    """The filters' crosstalk undone, and colours as far from grey as is asked for."""
+    """Undoes the filters' crosstalk and sets the saturation."""
 
     name = "colour_matrix"
 
@@ -46,7 +46,7 @@ class ColourMatrix(Effect):
 
 
 class ToneCurve(Effect):
-    """Highlights rolled off, then contrast, on codes."""
+    """Rolls off highlights, then adds contrast, on codes."""
 
     name = "tone_curve"
 
@@ -61,7 +61,7 @@ class ToneCurve(Effect):
 
 
 class Brighten(Effect):
-    """A number added to the codes."""
+    """Adds a number to the codes."""
 
     name = "brighten"
 
@@ -75,8 +75,8 @@ class Brighten(Effect):
 
 def colour_matrix(crosstalk: Tensor, saturation: Tensor) -> Tensor:
     """Return the matrix (B, 3, 3) from the filters' colours to the photo's: the crosstalk's
-    inverse, then each colour's distance to the mean of the three times the saturation, (B,) each.
-    Rows sum to 1."""
+    inverse, then each colour's difference from the mean of the three times the saturation. Both
+    arguments are (B,). Rows sum to 1."""
     one = torch.eye(3, dtype=saturation.dtype, device=saturation.device)
     mean = torch.full_like(one, 1 / 3)
     vivid = mean + saturation[:, None, None] * (one - mean)
@@ -85,7 +85,7 @@ def colour_matrix(crosstalk: Tensor, saturation: Tensor) -> Tensor:
 
 def tone_curve(photo: Tensor, contrast: Tensor, shoulder: Tensor) -> Tensor:
     """Return y + contrast (2 y - 1) y (1 - y) with y = (1 + shoulder) x / (1 + shoulder x) of
-    codes x, contrast (B,) in [-1, 1] and shoulder (B,) from 0: it never falls, and keeps 0 and 1.
+    codes x, contrast (B,) in [-1, 1] and shoulder (B,) >= 0. It never falls, and keeps 0 and 1.
     Codes are clipped to [0, 1] first."""
     x = clip(photo)
     s = per_image(shoulder, photo)

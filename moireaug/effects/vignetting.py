@@ -1,4 +1,4 @@
-"""Natural vignetting: a ray's light falls with the fourth power of its cosine."""
+"""Natural vignetting: light falls off with the fourth power of the cosine of a ray's angle."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from moireaug.scene.record import SceneRecord
 
 
 class Vignetting(Effect):
-    """Light is lost towards the photo's corners."""
+    """Loses light towards the photo's corners."""
 
     name = "vignetting"
 
@@ -28,8 +28,8 @@ class Vignetting(Effect):
 
 
 def falloff(rows: Tensor, cols: Tensor, size: tuple[int, int], loss: Tensor) -> Tensor:
-    """Return the light that is left, (B, h, w), 1 in the photo's centre and 1 - `loss` (B,) in its
-    corners.
+    """Return the share of light that is left, (B, h, w): 1 in the photo's centre and 1 - `loss`
+    (B,) in its corners.
 
     Args:
         rows, cols: (h,) and (w,) photo coordinates. size: height and width of the photo.

@@ -1,2 +1,2 @@
-"""Panel light integrated over the aperture and point spread of each sensor pixel: one class a
-method."""
+"""Panel light integrated over the aperture and point spread of each sensor pixel: one class
+per method."""

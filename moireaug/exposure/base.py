@@ -1,4 +1,4 @@
-"""What every exposure method is."""
+"""The base class of every exposure method."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ class Exposure(ABC):
     """Integrates panel light over the aperture and the point spread of each sensor pixel that a
     photo reads.
 
-    `name` is what `Sensor.exposure` calls it, `reason` what the plan says of it. `harmonics` are
-    the (k, l) pairs that it sums and `taps` the panel pixels along each axis that one sensor pixel
-    sees, where it counts them.
+    `name` is its name in `Sensor.exposure`, `reason` its reason in the plan. `harmonics` are the
+    (k, l) pairs that it sums, if any, and `taps` the panel pixels along each axis whose light it
+    adds up for one sensor pixel.
     """
 
     name: str

@@ -13,10 +13,10 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-# that are summed: a screen that is magnified further is integrated by overlaps
+# a magnified screen with more harmonics than this is integrated by overlaps instead
 MOST_HARMONICS = 1024
 FINE = 0.25  # cells: shares of a smaller aperture are differences too small for float32
-# panel pixels along an axis that one sensor pixel sees; from farther away the picture is blurred
+# panel pixels along an axis that one sensor pixel sees; if it sees more, the picture is blurred
 # first
 MOST_TAPS = 7
 
@@ -26,7 +26,7 @@ def exposure_of(scene: SceneRecord) -> Exposure:
     """Return the method that a scene's `Sensor.exposure` names; for "auto" the cheapest that meets
     its tolerance.
 
-    "auto" is `spectral` where harmonics of up to order 32 a panel pixel, and no more than 1024 of
+    "auto" is `spectral` where harmonics of up to order 32 per panel pixel, and at most 1024 of
     them, carry all contrast above the tolerance; else `box`.
 
     Raises:
@@ -55,8 +55,8 @@ def exposure_of(scene: SceneRecord) -> Exposure:
 
 
 def _is_cut(scene: SceneRecord, found: list[tuple[tuple[int, int], float]]) -> bool:
-    """Whether the series would go on: every third order of a stripe is empty, so one of the last
-    three decides."""
+    """Whether the series would go on past the highest order. Every third order of a stripe is
+    empty, so any of the last three decides."""
     px, py = as_layout(scene.panel.layout).period
     return any(max(abs(k) / px, abs(l) / py) > extremes.HIGHEST - 3 for (k, l), _ in found)
 

@@ -1,9 +1,9 @@
-"""How much of each panel pixel around it a sensor pixel sees.
+"""The share of a sensor pixel's view that falls on each panel pixel around it.
 
 Aperture and point spread, projected on an axis of the panel, are a box and a Gaussian around it; a
 subpixel is a box, too. Their convolution is the share of light from each panel pixel, in closed
-form. Both axes apart are exact where the view is upright and for the second moments of any view,
-which is what a picture's detail asks for.
+form. Taking each axis alone is exact for an upright view, and for the second moments of any view,
+which are what a picture's detail needs.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from moireaug.numeric import is_transformed
 TAIL = 1.0  # standard deviations of the spread that taps must reach
 # share of the nearest panel pixel where none is seen, so that shares can be normalised
 LEAST = 1e-9
-LEAST_EXPONENT = -80.0  # below, float32 knows denormal numbers alone, which take many times as long
+LEAST_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many times slower
 SHARP = 1e-12  # least variance of a spread, in squared cells
 
 
 class Footprint(NamedTuple):
-    """What a sensor pixel sees along one axis of the panel, in cells: a box and a Gaussian around
-    it."""
+    """What a sensor pixel sees along one axis of the panel: a box convolved with a Gaussian.
+    Width in cells, variance in squared cells."""
 
     box: Tensor
     variance: Tensor
 
     def reach(self) -> Tensor:
-        """Return how far to each side it sees."""
+        """Return how far to each side it sees, in cells."""
         return self.box / 2 + TAIL * self.variance.sqrt()
 
 
@@ -85,7 +85,8 @@ def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> list[Te
     left, right = at - half, at + half  # ends of the box
 
     def beyond(edge: float | Tensor) -> Tensor:
-        """Return the share of the view past an edge, in units of `unit` and up to a constant."""
+        """Return the share of the view past an edge, before the factor `unit` and up to a
+        constant."""
         edge = edge * sharpness
         return _erf_integral(right - edge) - _erf_integral(left - edge)
 
@@ -108,12 +109,11 @@ def normalised(share: list[Tensor]) -> list[Tensor]:
 
 
 def _erf_integral(t: Tensor) -> Tensor:
-    """Return the integral of the error function up to t, but for a constant, times the root of
-    pi."""
+    """Return the integral of the error function up to t, times the root of pi, up to a constant."""
     bell = torch.exp((-t * t).clamp(min=LEAST_EXPONENT))
     return torch.addcmul(bell, t, torch.erf(t), value=math.sqrt(math.pi))
 
 
 def _is_one(width: Tensor) -> bool:
-    """Whether every width is 1, and known to be."""
+    """Whether every width is 1 and its value may be read."""
     return not is_transformed() and not width.requires_grad and bool((width == 1).all())

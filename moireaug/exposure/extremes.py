@@ -1,4 +1,4 @@
-"""What a scene's ranges allow at most: the extremes by which its exposure is chosen."""
+"""The extremes that a scene's ranges allow, by which its exposure is chosen."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from moireaug.scene.fields import Range, bounds, ranged_fields
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-# height and width: what is decided for these holds for most images
+# height and width; what holds for these holds for most images
 SHAPES = ((256, 256), (192, 256), (256, 192))
-STRIPS = ((16, 256), (256, 16))  # a view of a long strip converges most
-HIGHEST = 32  # harmonics per panel pixel beyond which none is ever summed
+STRIPS = ((16, 256), (256, 16))  # perspective is strongest along a long strip
+HIGHEST = 32  # highest harmonic per panel pixel that is ever summed
 
 
 def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
@@ -36,7 +36,8 @@ def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
 @functools.lru_cache(maxsize=64)
 def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
-    picture for the turns and the lenses that a scene allows: (N, 2, 2) float64."""
+    picture, for the angles and lenses that a scene allows at this zoom: (N, 2, 2) float64.
+    `usual` leaves out long strips."""
     v, lens = scene.view, scene.lens
     turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
@@ -91,7 +92,7 @@ def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (
         bounds(panel.scale)[0] / sensor.scale
     )
-    # cycles a sensor pixel, in any view
+    # cycles per sensor pixel, at least, in any view
     least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
     along_one = 1 / (math.pi * fill * least / 2**0.5).clamp(min=1.0)
     can_pass = (
@@ -120,10 +121,10 @@ def narrowest(scene: SceneRecord) -> float:
 
 
 def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool) -> list[tuple]:
-    """Return `(footprint, width)` along each axis of each kind of subpixel, at the widest that
-    optics allow."""
+    """Return `(footprint, width)` in cells along each axis of each kind of subpixel, for the widest
+    spread that the optics allow."""
     sensor, lens = scene.sensor, scene.lens
-    # as if a hand moved along every direction
+    # as if the hand moved in every direction
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
     blur = math.hypot(bounds(lens.blur)[1], motion)
     widest = (bounds(sensor.fill)[1], blur, bounds(lens.olpf)[1], 0.0, 0.0)

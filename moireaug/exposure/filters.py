@@ -25,8 +25,8 @@ def crosstalk_matrix(share: Tensor) -> Tensor:
 
 
 def through_filters(read: Callable[[int], Tensor], site: Site, shot) -> list[Tensor]:
-    """Return what a site reads through each of its filters, from what it would read of one colour
-    alone: `read(channel)`, (B, h, w)."""
+    """Return what a site reads through each of its filters, (B, h, w) each. `read(channel)` is what
+    it would read of one colour alone."""
     if "crosstalk" not in shot.plan:
         return [read(channel) for channel in site.channels]
     light = torch.stack([read(channel) for channel in range(3)], 1)

@@ -24,9 +24,9 @@ class Optics(NamedTuple):
     motion_y: Tensor
 
     def transfer(self, fu: Tensor, fv: Tensor) -> Tensor:
-        """Return the modulation transfer at cycles per sensor pixel (B, ...): a square aperture, a
-        Gaussian spread, one along the hand's motion, and a low-pass filter that doubles the picture
-        along both axes."""
+        """Return the modulation transfer at frequencies (B, ...) in cycles per sensor pixel: of a
+        square aperture, a Gaussian spread, another along the hand's motion, and a low-pass filter
+        that doubles the picture along both axes."""
         fill, blur, olpf, x, y = (t.reshape(-1, *[1] * (fu.ndim - 1)) for t in self)
         variance = blur.square() * (fu.square() + fv.square()) + (x * fu + y * fv).square()
         spread = torch.exp(-2 * math.pi**2 * variance)
@@ -34,8 +34,8 @@ class Optics(NamedTuple):
         return sinc(fill * fu) * sinc(fill * fv) * spread * doubled
 
     def quantiles(self, n: int) -> Tensor:
-        """Return the n mid-quantiles of the light along one axis but for the motion, in sensor
-        pixels: (B, n) float64.
+        """Return the n mid-quantiles of the light along one axis, without motion, in sensor pixels:
+        (B, n) float64.
 
         Equal weights at these points integrate any smooth light; without blur they are an even
         lattice.
@@ -63,8 +63,7 @@ class Optics(NamedTuple):
 
     def offsets(self, n: int) -> Tensor:
         """Return points of equal weight that stand for the whole spread, (B, 2, N) float64, down
-        and across in sensor pixels: n * n of them, and as many for each of n moments of a
-        motion."""
+        and across in sensor pixels: n * n of them, or n * n for each of n moments of a motion."""
         order = torch.tensor(golden_points(n), device=self.fill.device)
         points = self.quantiles(n * n)[:, order.T]
         if not (self.motion_x.any() or self.motion_y.any()):
@@ -88,6 +87,6 @@ def golden_points(n: int) -> list[tuple[int, int]]:
 
 
 def optics_of(shot) -> Optics:
-    """Return the drawn fields that blur."""
+    """Return a shot's drawn fields that blur."""
     lens = shot.lens
     return Optics(shot.sensor.fill, lens.blur, lens.olpf, lens.motion_x, lens.motion_y)

@@ -23,7 +23,7 @@ class Point(Exposure):
     and 3.
 
     Where two raster rows or columns show different panel pixels, the picture is looked up between
-    these: as exact as the paper's own interpolation where image pixels are a whole odd number of
+    these. This equals the paper's own interpolation where image pixels are a whole odd number of
     panel pixels wide, as they are there.
     """
 
@@ -64,8 +64,8 @@ def _raster(
     at: Tensor, low: float, high: float, n: int, period: int, end: Tensor | None
 ) -> tuple[Tensor, Tensor]:
     """Return, along one axis, the light at a position that comes from a rectangle from `low` to
-    `high`, by way of the two nearest of n raster subpixels a panel pixel, and where it comes from;
-    positions in panel pixels. With an `end` it is dark outside of 0 to there."""
+    `high`, through the two nearest of n raster subpixels per panel pixel, and where it comes from;
+    positions in panel pixels. With an `end`, it is dark outside [0, end)."""
     at = at * n - 0.5
     left = at.floor().detach()
     second = at - left

@@ -1,4 +1,4 @@
-"""The picture on the panel's pixels, and the look-ups of those that sensor pixels see."""
+"""The picture on the panel's pixels, and look-ups of the pixels that sensor pixels see."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from moireaug.geometry import grids
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 
-LOOKS = 1  # panel pixels, for each that is looked at, up to which a panel is built
+LOOKS = 1  # the panel is built if it has at most this many pixels per look-up
 
 
 class Screen:
-    """What the panel's pixels show: the picture (B, 3, H, W) at their centres, and its border past
-    it.
+    """What the panel's pixels show: the picture (B, 3, H, W) at their centres, and its edge pixels
+    past it.
 
-    The picture is put on the panel once, unless the panel has more pixels than are looked at.
+    The picture is put on the panel once, unless the panel has more pixels than are looked up.
     """
 
     def __init__(self, light: Tensor, shot, taps: int) -> None:
@@ -27,7 +27,7 @@ class Screen:
         if len(light) and not torch.compiler.is_compiling():
             most = float(self.alpha.detach().max())
         px, py = as_layout(shot.scene.panel.layout).period
-        # far enough past the picture for all taps to be on its border
+        # far enough past the picture for all taps to show its edge pixels
         self.margin = (taps * py, taps * px)
         height, width = shot.size
         self.size = (
@@ -42,8 +42,8 @@ class Screen:
     def look(
         self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]
     ) -> list[list[Tensor]]:
-        """Return what panel pixels show from (B, h, w) columns and rows on, one a period: `taps`
-        lists, downwards, of `taps` tensors (B, h, w), to the right."""
+        """Return what panel pixels show from (B, h, w) columns and rows on, one per period: `taps`
+        lists downwards, of `taps` tensors (B, h, w) to the right."""
         if self.panel is None:
             return self._on_picture(channel, column, row, period)
         px, py = period
@@ -63,7 +63,7 @@ class Screen:
     def _on_picture(
         self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]
     ) -> list[list[Tensor]]:
-        """Look panel pixels up on the picture itself; arguments and result as in `look`."""
+        """Look up panel pixels in the picture itself; arguments and result as in `look`."""
         px, py = period
         picture = self.light[:, channel, None]
         shown = []
@@ -78,10 +78,10 @@ class Screen:
 
 
 class Gather(torch.autograd.Function):
-    """Numbers (B, N) at indices (B, P) plus each of some steps: (B, P) each. Differentiable any
-    number of times.
+    """Gather numbers (B, N) at indices (B, P) plus each of some steps: (B, P) each. Differentiable
+    any number of times.
 
-    For its gradient torch.gather would keep an index for each step.
+    torch.gather would keep an index for each step for its gradient.
     """
 
     generate_vmap_rule = True
@@ -108,7 +108,7 @@ def on_panel(
     light: Tensor, size: tuple[int, int], margin: tuple[int, int], alpha: Tensor
 ) -> Tensor:
     """Return what the panel's pixels show of a picture (B, 3, H, W): its values at their centres,
-    (B, 3, h, w), from a margin before the picture, which has its border."""
+    (B, 3, h, w), starting a margin before the picture, where its edge pixels are repeated."""
     (height, width), (above, before) = size, margin
     y = torch.arange(height, dtype=alpha.dtype, device=alpha.device) + (0.5 - above)
     x = torch.arange(width, dtype=alpha.dtype, device=alpha.device) + (0.5 - before)

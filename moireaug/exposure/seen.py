@@ -23,8 +23,8 @@ WHOLE_PIXEL = Subpixel(0, (0.5, 0.5), (1.0, 0.0), (0.0, 1.0))
 
 class Sight(NamedTuple):
     """Where sensor pixels look on the panel: position (B, h, w, 2) in panel pixels, float64, and
-    its change by sensor pixels along u and v, (B, h, w, 2, 2), in the dtype in which shares are
-    worked out."""
+    its change per sensor pixel along u and v, (B, h, w, 2, 2), in the dtype in which shares are
+    computed."""
 
     position: Tensor
     step: Tensor
@@ -36,10 +36,10 @@ class AlongAxis(NamedTuple):
     cells: Tensor  # (B, h, w) float64, position in cells from a subpixel's centre
     nearest: Tensor  # (B, h, w) float64, the nearest whole cell
     seen: Footprint  # (B, h, w) each, narrowed to the taps
-    width: Tensor  # (B, 1, 1), of the subpixel in cells
-    # (B, h, w) of what the view gets from each of the subpixels around, which sum to 1
+    width: Tensor  # (B, 1, 1), width of the subpixel in cells
+    # (B, h, w) each: shares of the view on the subpixels around, which sum to 1
     share: list[Tensor]
-    lit: list[Tensor] | None  # (B, h, w) of each one's light that is there; None where all of it is
+    lit: list[Tensor] | None  # (B, h, w) each: share of it on the picture; None if all are
 
 
 class Wave(NamedTuple):
@@ -55,7 +55,7 @@ class Wave(NamedTuple):
 def look_at_panel(
     rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot
 ) -> Sight:
-    """Return where the sensor pixels at photo coordinates rows x cols look."""
+    """Return where the sensor pixels at photo coordinates rows x cols look on the panel."""
     alpha = shot.panel.scale[:, None, None, None]
     points = grids.grid(rows, cols)
     position = grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha
@@ -70,8 +70,7 @@ def wave(k: int, axis: int, along: AlongAxis, period: tuple[int, int], sight: Si
     dtype = along.share[0].dtype
     fu, fv = (sight.step[..., axis, :] * (k / period[axis])).to(dtype).unbind(-1)
     cycles = k * along.cells
-    # whole cycles are dropped before the cast, so that the phase keeps its digits far from the
-    # origin
+    # drop whole cycles before the cast, so that the phase stays precise far from the origin
     phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
     return Wave(fu, fv, torch.cos(phase), torch.sin(phase))
 
@@ -109,7 +108,7 @@ def along_axis(
     if shot.scene.develop.registered:
         return found
     ends = shot.panel.scale[:, None, None] * shot.size[1 - axis]
-    # a view that was narrowed sees as much of the picture as the whole of it does
+    # a narrowed view sees as much of the picture as the whole view does
     past = (sight.position[..., axis] - ends / 2) / period[axis]
     (whole,) = content.shares(past, Footprint(*(t.double() for t in seen)), ends / period[axis], 1)
     lit = []
@@ -122,8 +121,8 @@ def along_axis(
 
 
 def covered(along: AlongAxis) -> Tensor:
-    """Return the share of a view that subpixels fill along one axis, (B, h, w); the tails past the
-    taps, too."""
+    """Return the share of a view that subpixels fill along one axis, (B, h, w), including the tails
+    past the taps."""
     every = 4 * len(along.share) + 1
     from_nearest = (along.cells - along.nearest).to(along.width.dtype)
     return _added(content.shares(from_nearest, along.seen, along.width, every)).to(
@@ -132,7 +131,7 @@ def covered(along: AlongAxis) -> Tensor:
 
 
 def _added(terms: Iterable[Tensor]) -> Tensor:
-    """Return the sum of one tensor or more, each let go as it was added."""
+    """Return the sum of one or more tensors, freeing each once it is added."""
     return functools.reduce(torch.add, terms)
 
 
@@ -141,7 +140,7 @@ def panel_pixels(
 ) -> Tensor:
     """Return the panel pixels that the subpixels around show, weighted by their shares: (B, h, w).
 
-    In a photo that stays in the camera's frame it is dark past the picture.
+    In a photo in the camera's frame, the panel is dark past the picture.
     """
     across, down = x.share, y.share
     if x.lit is not None:

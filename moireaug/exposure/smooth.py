@@ -1,5 +1,5 @@
-"""Panel light integrated over the aperture: the content of the panel pixels it covers, times what
-their subpixels let through. Spectral, box and mean differ in the second factor alone."""
+"""Panel light integrated over the aperture: the content of the panel pixels it covers, times the
+share that their subpixels fill. Spectral, box and mean differ only in the second factor."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from moireaug.scene.layout import Subpixel, as_layout
 
 # readings of one site that are computed together, in bands of rows
 AT_ONCE = {"cpu": 2**16, "cuda": 2**22}
-MOST_BANDS = 16  # of one site: each fills a gradient of the whole panel
+MOST_BANDS = 16  # per site: each allocates a gradient of the whole panel
 
 
 class SmoothExposure(Exposure):
@@ -40,8 +40,8 @@ class SmoothExposure(Exposure):
 
     Args:
         taps: see `Exposure`.
-        fine: an aperture may be so small a part of a panel's cell that its shares of it need
-            float64.
+        fine: compute shares in float64, which an aperture much smaller than the panel's cell
+            needs.
     """
 
     differentiable_in_shot = True
@@ -56,7 +56,7 @@ class SmoothExposure(Exposure):
         inverse = torch.linalg.inv(shot.matrix())
         read_site = self.read_site
         if shot.requires_grad and torch.is_grad_enabled() and not is_transformed():
-            # of a pose's gradient a reading would keep some kilobytes: they are computed again
+            # a pose's gradient would keep some kilobytes per reading: recompute them instead
             read_site = functools.partial(
                 checkpoint, self.read_site, use_reentrant=False, preserve_rng_state=False
             )
@@ -81,7 +81,7 @@ class SmoothExposure(Exposure):
         """Return what one site of the filter cell reads at photo coordinates rows x cols:
         (B, channels, h, w).
 
-        inverse: (B, 3, 3), homography from ideal photo to image coordinates.
+        `inverse` is the homography (B, 3, 3) from ideal photo to image coordinates.
         """
         sight = look_at_panel(rows, cols, inverse, accuracy, shot)
         return torch.stack(
@@ -95,7 +95,7 @@ class SmoothExposure(Exposure):
 
 class BySubpixel(SmoothExposure):
     """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of
-    the view filled."""
+    the view that the subpixels fill."""
 
     def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
@@ -144,8 +144,8 @@ class Spectral(BySubpixel):
 
 
 class Box(BySubpixel):
-    """The overlap of aperture and subpixels along x and y apart: exact where the view is upright.
-    For screens that are magnified beyond what a series can follow."""
+    """The overlap of aperture and subpixels along x and along y: exact for an upright view. For
+    screens magnified so much that a series would need too many harmonics."""
 
     name = "box"
     reason = "the overlap of subpixel and aperture"
@@ -172,7 +172,7 @@ class Mean(SmoothExposure):
 
 
 def bands_of(light: Tensor, shot) -> int:
-    """Return into how many bands of rows a site's readings are cut, so that memory is bounded."""
+    """Return the number of bands of rows into which a site's readings are cut, to bound memory."""
     if torch.compiler.is_compiling():
         return 1
     readings = len(light) * math.prod(shot.raw_shape()[-2:])

@@ -1,5 +1,5 @@
-"""Sampling grids: where on the screen do points of a photo look, how large is what they see, and
-the way back."""
+"""Sampling grids: where the points of a photo look on the screen, the Jacobian there, and the
+inverse mapping."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from torch import Tensor
 from moireaug.geometry.distortion import inverse_radial_factor, radial_factor
 from moireaug.geometry.homography import apply_homography
 
-# rays that see the screen more than a thousand times as far as its centre look past it
+# least depth: a ray that meets the screen a thousand times as far away as its centre, or farther,
+# counts as past the horizon
 NEAR_HORIZON = 1e-3
 Lens = tuple[Tensor, Tensor]  # k1 and k2, (B,) each
 
@@ -29,8 +30,8 @@ def pixel_centres(size: tuple[int, int], device: torch.device) -> Tensor:
 
 
 def look_up(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Return a picture (B, C, H, W) at coordinates x, y (B, h, w): (B, C, h, w). Bilinear between
-    pixel centres, and the outermost pixel past the edges."""
+    """Sample a picture (B, C, H, W) at coordinates x, y (B, h, w): (B, C, h, w). Bilinear between
+    pixel centres; the edge pixels are repeated past the edges."""
     h, w = picture.shape[-2:]
     at = torch.stack((x * (2 / w) - 1, y * (2 / h) - 1), -1).to(picture.dtype)
     return F.grid_sample(picture, at, padding_mode="border", align_corners=False)
@@ -42,10 +43,11 @@ def photo_to_image(
     """Return where photo points (B or 1, h, w, 2) look on the screen, in image coordinates:
     (B, h, w, 2).
 
-    Rays at and past the horizon land far outside of the picture. Differentiable.
+    Rays at and past the horizon land far outside the picture. Differentiable.
 
     Args:
-        inverse: (B, 3, 3), from ideal photo to image coordinates, of depth 1 in the photo's centre.
+        inverse: (B, 3, 3), from ideal photo to image coordinates, scaled to depth 1 where the photo
+            shows the image's centre.
         size: height and width of photo and image.
         lens: radial distortion, or None.
     """
@@ -55,13 +57,13 @@ def photo_to_image(
 
 
 def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor:
-    """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), last
-    over u and v."""
+    """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), the
+    last axis over u and v."""
     p = points - _centre(points, size)
     x, y, depth = _lift(_through_lens(p, size, lens), inverse, size)
     m = _entries(inverse, size)
     if lens is not None:
-        # the lens scales a point by a factor; along the radius that factor grows, too
+        # the lens scales a point by a factor, which itself changes along the radius
         k1, k2 = (k[:, None, None] for k in lens)
         c = 4 / (size[0] ** 2 + size[1] ** 2)
         u, v = p.unbind(-1)
@@ -69,7 +71,7 @@ def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens 
         factor, growth = 1 + r2 * (k1 + k2 * r2), 2 * c * (k1 + 2 * k2 * r2)
     found = []
     for row, at in ((0, x / depth), (1, y / depth)):
-        # by the ideal point's u and v
+        # derivatives by the ideal point's u and v
         du, dv = ((m[row][column] - at * m[2][column]) / depth for column in (0, 1))
         if lens is not None:
             radial = growth * (du * u + dv * v)
@@ -109,7 +111,7 @@ def _through_lens(p: Tensor, size: tuple[int, int], lens: Lens | None) -> Tensor
 
 def _lift(ideal: Tensor, inverse: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
     """Ideal points, measured from the centre, to homogeneous image coordinates x, y and depth,
-    (B, h, w) each; rays at and past the horizon have the depth just before it."""
+    (B, h, w) each; depth is clamped at the horizon."""
     u, v = ideal.unbind(-1)
     x, y, depth = (a * u + b * v + c for a, b, c in _entries(inverse, size))
     return x, y, depth.clamp(min=NEAR_HORIZON)

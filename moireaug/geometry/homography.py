@@ -1,9 +1,9 @@
-"""The pose of the screen before the camera, as a homography from image to ideal photo coordinates.
+"""The pose of the screen, as a homography from image to ideal photo coordinates.
 
 Convention: continuous coordinates, pixel centres at half integers, x right, y down. *Image*
 coordinates span [0, W] x [0, H] on the picture that is shown, *photo* coordinates [0, W] x [0, H]
-on the photo. The homography maps image to ideal (pinhole) photo coordinates. Everything is float64,
-differentiable in every field, and fields are (B,).
+on the photo. The homography maps image to ideal (pinhole) photo coordinates. Fields are (B,);
+everything is float64 and differentiable in every field.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from torch import Tensor
 from moireaug.geometry.distortion import radial_factor
 
 FAR_AWAY = 1e9  # where points behind the camera are put
-AHEAD = 1e-9  # depth from which a point counts as before the camera
+AHEAD = 1e-9  # depth above which a point counts as in front of the camera
 STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-# of a picture, in halves of its sides
+# points of a picture's border, in halves of its sides
 BORDER = [(x, y) for x in STEPS for y in STEPS if max(abs(x), abs(y)) == 1]
 
 
@@ -31,7 +31,7 @@ def _matrix(rows: Sequence[Sequence[Tensor | float]], like: Tensor) -> Tensor:
 
 
 def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor, ...]:
-    """Return what a point (x, y) of the screen's plane becomes: x, y and depth as pairs of
+    """Return the rotated x, y and depth of a point (x, y) in the screen's plane, each as its two
     coefficients of x and y."""
     (sy, cy), (sp, cp), (sr, cr) = (
         (torch.sin(a), torch.cos(a)) for a in map(torch.deg2rad, (yaw, pitch, roll))
@@ -43,8 +43,8 @@ def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor,
 
 
 def camera_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
-    """Return a pinhole camera before zoom, fit and shift: homography (B, 3, 3) about the centres of
-    image and photo."""
+    """Return the homography (B, 3, 3) of a pinhole camera before zoom, fit and shift, about the
+    centres of image and photo."""
     xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
     diagonal = (size[0] ** 2 + size[1] ** 2) ** 0.5
     f = diagonal / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
@@ -56,7 +56,7 @@ def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) 
     sensor's raster.
 
     The focal length is d / (2 sin gamma), and d where sin gamma = 0, d being the raster's diagonal;
-    a negative one is used as it is. There gamma turns clockwise and theta moves the lower edge
+    a negative one is kept. There, gamma turns clockwise and theta moves the lower edge
     away: gamma = -roll, theta = -pitch and phi = yaw.
     """
     theta, phi, gamma = (torch.deg2rad(a) for a in (-view["pitch"], view["yaw"], -view["roll"]))
@@ -108,7 +108,7 @@ def homography(
 
     Args:
         view: the (B,) fields of `View` by name, angles in degrees.
-        k1, k2: (B,) lens coefficients: a fitted picture stays in view after the distortion, too.
+        k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
         size: height and width of image and photo.
         scale: sensor pixels per photo pixel; only the "released" pose reads it.
         pose: a key of `POSES`.
@@ -138,10 +138,10 @@ def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> T
 
 
 def apply_homography(m: Tensor, points: Tensor) -> Tensor:
-    """Return points (B, N, 2) through (B, 3, 3). Points behind the camera land far away, never on
-    the photo.
+    """Map points (B, N, 2) by homographies (B, 3, 3). Points behind the camera land far away, never
+    on the photo.
 
-    kornia's `transform_points` mirrors these to its front.
+    kornia's `transform_points` mirrors them to the front.
     """
     lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
     ahead = lifted[..., 2:] > AHEAD

@@ -29,12 +29,12 @@ CFA: dict[str, tuple[Site, ...]] = {
 
 
 def cell(cfa: str) -> int:
-    """Return the sensor pixels along each side of the filter cell."""
+    """Return the number of sensor pixels along each side of the filter cell."""
     return 2 if cfa == "rggb" else 1
 
 
 def pack(mosaic: Tensor) -> Tensor:
-    """Return (B, h, w) with even h and w as packed planes (B, 4, h / 2, w / 2)."""
+    """Return a mosaic (B, h, w) with even h and w as packed planes (B, 4, h / 2, w / 2)."""
     return torch.stack([mosaic[:, site.row :: 2, site.column :: 2] for site in CFA["rggb"]], 1)
 
 
@@ -50,9 +50,9 @@ class SampledPixels:
     """The sensor rows (or columns) that a photo reads, and how they map to its pixels.
 
     Args:
-        index: the sensor pixels that are read, each of the parity of its place.
-        step: pixels read per photo pixel, 0 where no whole number of them belongs to a photo pixel.
-        lead: pixels read ahead of the first photo pixel's own.
+        index: the sensor pixels that are read; each has the parity of its place in the tuple.
+        step: pixels read per photo pixel; 0 where the resize interpolates over all pixels.
+        lead: pixels read before the first photo pixel's own.
         size: photo pixels.
         scale: sensor pixels per photo pixel.
     """
@@ -65,8 +65,8 @@ class SampledPixels:
 
     @property
     def kept(self) -> slice:
-        """Of the pixels that are read, those that photo pixels are made of; the others fill up
-        filter cells."""
+        """The places in `index` of the pixels that make up photo pixels; the others complete filter
+        cells."""
         count = self.size * self.step if self.step else max(1, round(self.size * self.scale))
         return slice(self.lead, self.lead + count)
 
@@ -77,11 +77,11 @@ class SampledPixels:
 
 @functools.lru_cache(maxsize=512)
 def sampled_pixels(size: int, scale: float, resize: str, reach: int) -> SampledPixels:
-    """Return what must be read of one axis so that `size` photo pixels can be developed.
+    """Return which pixels must be read along one axis to develop `size` photo pixels.
 
-    A point resize looks at 1 (odd scale) or 2 (even scale) pixels of each axis in a photo pixel's
-    centre, and demosaicing `reach` pixels around them; a reach of 0 is a sensor without a cell. No
-    other pixel is ever exposed.
+    A point resize needs 1 (odd scale) or 2 (even scale) pixels in each photo pixel's centre, and
+    demosaicing `reach` pixels to each side of them; a reach of 0 is a sensor without a filter cell.
+    At a whole scale above their number, no other pixel is exposed; otherwise, all are.
     """
     whole, side = float(scale).is_integer(), 2 if reach else 1
     step = (1 if scale % 2 else 2) + 2 * reach

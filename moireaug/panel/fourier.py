@@ -16,7 +16,7 @@ def coefficient(
     width: Tensor,
     height: Tensor,
 ) -> Tensor:
-    """Return the Fourier coefficient (k, l) of a subpixel's mask about the subpixel's own centre:
+    """Return the Fourier coefficient (k, l) of a subpixel's mask about its own centre, where it is
     real.
 
     1 / (Px Py) * integral of mask(x, y) exp(-2 pi i (k x / Px + l y / Py)), which for a
@@ -25,8 +25,8 @@ def coefficient(
 
     Args:
         k, l: harmonics, numbers or tensors.
-        width, height: shares of its two edges that emit, from `emitting_share`; the rest is black
-            matrix.
+        width, height: shares of its two edges that emit, as from `emitting_share`; the rest is
+            black matrix.
     """
     (px, py), (ax, ay), (dx, dy) = period, subpixel.across, subpixel.down
     along = torch.sinc((k * (ax / px) + l * (ay / py)) * width)
@@ -35,7 +35,7 @@ def coefficient(
 
 
 def mean_light(layout: Layout, channel: int, width: Tensor, height: Tensor) -> Tensor:
-    """Return the share of the panel that emits one channel."""
+    """Return the share of the panel's area that emits one channel, (B,)."""
     share = torch.zeros_like(width)
     for subpixel in layout.of(channel):
         share = share + width * height * (subpixel.area / (layout.period[0] * layout.period[1]))

@@ -1,4 +1,4 @@
-"""Where a panel emits: the indicator of its subpixels, which brute force samples."""
+"""Where a panel emits: the indicator function of its subpixels, for brute-force sampling."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Fields of a scene: numbers or ranges with bounds, checked at construction, and sentences for what
-is refused."""
+"""Fields of a scene: numbers or ranges with bounds, checked at construction, with error messages
+that say what is allowed."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def ranged(default: Range, low: float, high: float, unit: str = "") -> Any:
 
 
 def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
-    """Return `got` if it is allowed; otherwise a ValueError that lists what is, the closest
-    first."""
+    """Return `got` if it is allowed; otherwise raise a ValueError that lists what is and suggests
+    the closest."""
     allowed = tuple(allowed)
     if isinstance(got, str) and got in allowed:
         return got
@@ -30,7 +30,12 @@ def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
 
 
 def check_number(name: str, value: object, low: float, high: float, unit: str) -> float:
-    """Return a finite number of [low, high] as a float, and refuse anything else in a sentence."""
+    """Return a finite number in [low, high] as a float.
+
+    Raises:
+        TypeError: not a number.
+        ValueError: outside [low, high], NaN or infinite.
+    """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} must be a number or a (low, high) pair of numbers; got {value!r}.")
     try:
@@ -45,10 +50,10 @@ def check_number(name: str, value: object, low: float, high: float, unit: str) -
 
 
 class Part:
-    """Checks every ranged field at construction; drawn records (fields that have a shape) pass
+    """Checks every ranged and boolean field at construction; drawn fields (which have a shape) pass
     unchecked.
 
-    `ranged` names a class's ranged fields, in the order in which they are drawn.
+    `ranged` names the class's ranged fields, in the order in which they are drawn.
     """
 
     ranged: ClassVar[tuple[str, ...]] = ()
@@ -95,5 +100,5 @@ def ranged_fields(part: Part) -> tuple[str, ...]:
 
 
 def bounds(value: Range) -> tuple[float, float]:
-    """`(low, high)` of a range; a plain number is a range of no width."""
+    """Return `(low, high)` of a range; a plain number is a range of zero width."""
     return value if isinstance(value, tuple) else (value, value)

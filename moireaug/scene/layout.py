@@ -9,7 +9,7 @@ from numbers import Real
 from typing import Any
 
 RED, GREEN, BLUE = 0, 1, 2
-MOST_RASTER = 24  # along a panel pixel, where no smaller number fits the subpixels
+MOST_RASTER = 24  # raster subpixels along a panel pixel, where no smaller number fits
 Vector = tuple[float, float]
 
 
@@ -20,7 +20,7 @@ class Subpixel:
 
     Args:
         channel: 0 red, 1 green, 2 blue.
-        centre: of the parallelogram.
+        centre: centre of the parallelogram.
         across, down: its two edge vectors; (width, 0) and (0, height) make a rectangle.
     """
 
@@ -31,7 +31,7 @@ class Subpixel:
 
     @property
     def area(self) -> float:
-        """In panel pixels."""
+        """Area, in squared panel pixels."""
         return abs(self.across[0] * self.down[1] - self.across[1] * self.down[0])
 
     @property
@@ -65,8 +65,9 @@ class Layout:
         period: width and height of the cell, in whole panel pixels.
 
     Raises:
-        ValueError, TypeError: a subpixel that is empty or leaves the cell, an unknown channel, no
-            subpixel at all.
+        ValueError, TypeError: a subpixel that is empty, leaves the cell or overlaps another of its
+            channel, an unknown channel, no subpixel at all, or a period that is not two whole
+            numbers in [1, 16].
     """
 
     subpixels: tuple[tuple[float, ...], ...]
@@ -107,8 +108,8 @@ class Layout:
 
     @property
     def raster(self) -> int:
-        """Raster subpixels along each side of a panel pixel, as few as the subpixels fill evenly;
-        at most 24."""
+        """Raster subpixels along each side of a panel pixel: the smallest number on which all
+        corners fall, at most 24."""
         edges = [v for s in self.all() for corner in s.corners() for v in corner]
         for n in range(1, MOST_RASTER + 1):
             if all(abs(e * n - round(e * n)) < 1e-6 for e in edges):
@@ -117,7 +118,7 @@ class Layout:
 
 
 def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
-    """One subpixel's numbers, or a sentence for what is wrong with them."""
+    """Return one subpixel's numbers as a tuple, or raise if they are invalid."""
     numbers = tuple(numbers)
     strange = [v for v in numbers if isinstance(v, bool) or not isinstance(v, Real)]
     if len(numbers) not in (5, 7) or strange:
@@ -184,7 +185,7 @@ def _check_overlaps(layout: Layout) -> None:
 
 
 def _copies(subpixel: Subpixel, period: tuple[int, int]) -> Iterator[Subpixel]:
-    """Yield a subpixel and its copies in the cells around."""
+    """Yield a subpixel and its copies in the eight cells around it."""
     cx, cy = subpixel.centre
     for right in (-period[0], 0, period[0]):
         for down in (-period[1], 0, period[1]):
@@ -230,8 +231,8 @@ def chevrons(slant: float) -> Layout:
 
 
 def diamonds(green: float, other: float) -> Layout:
-    """Return diamond PenTile: a green diamond in each pixel, red and blue ones by turns on the
-    corners between four; half diagonals in panel pixels."""
+    """Return diamond PenTile: a green diamond in each pixel, and red and blue ones alternating at
+    the corners where four pixels meet. `green` and `other` are half diagonals in panel pixels."""
     subpixels = []
     for row in (0, 1):
         for column in (0, 1):
@@ -251,8 +252,8 @@ LAYOUTS: dict[str, Layout] = {
     "pentile": Layout(
         ((0, 0, 0, 2 / 3, 1), (1, 2 / 3, 0, 1, 1), (2, 1, 0, 5 / 3, 1), (1, 5 / 3, 0, 2, 1)), (2, 1)
     ),
-    # stripes of dual-domain LCDs (IPS, VA): rows lean by turns, by 11 degrees here, so that colours
-    # hold from either side
+    # stripes of dual-domain LCDs (IPS, VA): rows lean right and left in turn, here by 11 degrees,
+    # so that colours hold from either side
     "chevron": chevrons(0.2),
     # OLED phones: as many greens as pixels, half as many reds and blues, twice as large here so
     # that white is white
@@ -266,11 +267,11 @@ LAYOUTS: dict[str, Layout] = {
             (GREEN, 0.75, 0.0, 1.0, 1.0),
         )
     ),
-    # OLED monitors and televisions with quantum dots: green above, red and blue below, of one area
+    # OLED monitors and televisions with quantum dots: green above red and blue, of equal area
     "oled_triangle": Layout(
         ((GREEN, 0.2, 0.04, 0.8, 0.44), (RED, 0.0, 0.5, 0.5, 0.98), (BLUE, 0.5, 0.5, 1.0, 0.98))
     ),
-    # one package with three dies one above the other, as in surface-mounted LEDs
+    # one package with three dies stacked vertically, as in surface-mounted LEDs
     "led": Layout(
         tuple((c, 0.25, 0.25 + c / 6, 0.75, 0.25 + (c + 1) / 6) for c in (RED, GREEN, BLUE))
     ),

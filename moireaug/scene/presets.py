@@ -1,9 +1,9 @@
-"""Named scenes, with where their figures come from.
+"""Named scenes, and where their figures come from.
 
 The pitch of a panel in sensor pixels is f * p / d: focal length f in sensor pixels, panel pixel p
 and distance d in mm. A scene's pitch is `Sensor.scale * zoom / Panel.scale`. Stepping back until a
-turned picture fits the photo magnifies it by 0.77 to 1 in its centre with the angles below, so
-`Panel.scale = 0.8 * Sensor.scale / pitch`, and pitches are good to that.
+turned picture fits the photo scales its centre by 0.77 to 1 at the angles below, so
+`Panel.scale = 0.8 * Sensor.scale / pitch`, and pitches are as accurate as that.
 
 Screens:
 - Monitors: 27 inch 3840 x 2160 (AOC U27P1U, the paper's appendix C) 0.155 mm; 27 inch 2560 x 1440
@@ -11,15 +11,15 @@ Screens:
   to 2.1.
 - Laptops: 13.3 inch 2560 x 1600 (MacBook Air 2020, the paper's appendix C) 0.112 mm, 15.6 inch 1920
   x 1080 0.179 mm. The first at 200 to 300 mm, the second at 270 to 450 mm: pitch 1.1 to 2.
-- OLED phones: 460 pixels an inch (iPhone 12, Apple's specifications) 0.055 mm at 80 to 150 mm:
-  pitch 1.1 to 2.1. Phones in front of a webcam: 270 to 460 an inch, 0.094 to 0.055 mm.
+- OLED phones: 460 pixels per inch (iPhone 12, Apple's specifications) 0.055 mm at 80 to 150 mm:
+  pitch 1.1 to 2.1. Phones in front of a webcam: 270 to 460 per inch, 0.094 to 0.055 mm.
 - Television: 55 inch 3840 x 2160, 0.317 mm, WRGB, at 450 to 900 mm: pitch 1.1 to 2.1.
 - LED walls: 1.5 to 2.5 mm between pixels, as indoor walls are sold, at 2.4 to 7.5 m: pitch 1 to
   1.9.
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three
-  dies on one package. 10 mm at 4 to 7 m, 20 mm at 8 to 14 m: pitch 1.05 to 1.9. From farther away
-  nothing is left to alias, from nearer single LEDs are seen.
-- Tablet: 264 pixels an inch (iPad, Apple's specifications), 0.096 mm.
+  dies on one package. 10 mm at 4 to 7 m, 20 mm at 8 to 14 m: pitch 1.05 to 1.9. Farther away,
+  nothing is left to alias; nearer, single LEDs are visible.
+- Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm.
 - Black matrix: LCDs of these sizes emit from about half to three quarters of a pixel. No data sheet
   says how much along either axis; rows are the wider gaps, because transistors lie there.
 
@@ -30,15 +30,15 @@ Cameras:
   = 0.37 um = 0.26 px; defocus adds to it.
 - Webcam: 1920 x 1080, 78 degrees across the diagonal (Logitech C920's data sheet): f = 1360 px. At
   60 to 120 mm: pitch 1 to 2.1.
-- Document camera: 3264 px across 160 to 300 mm of the desk: 11 to 20 px a mm, pitch 1.05 to 2.
+- Document camera: 3264 px across 160 to 300 mm of the desk: 11 to 20 px per mm, pitch 1.05 to 2.
 - Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle, barrel distorted.
 
-What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): blur and
-motion, crosstalk, exposure, white balance, tone, smoothing of colour and sharpening of the phone,
-whose JPEG is of a larger picture and leaves no blocks in this one. Its exposure leaves a white
+What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): the
+phone's blur and motion, crosstalk, exposure, white balance, tone, colour smoothing and sharpening.
+Its JPEG is of a larger picture and leaves no blocks in this one. Its exposure leaves a white
 screen at a quarter to half of full scale; its tone curve lifts the middle and rolls off the
-highlights, as the curves of photographs do. Others vary it by what is known of them: a webcam
-smooths and compresses more, a dashcam does not expose for the sign.
+highlights, as the curves of photographs do. The other cameras differ in what is known of them: a
+webcam is noisier and compresses more, a dashcam does not expose for the sign.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ LCD = Panel(
 OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
 
 PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.65), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
-# In front of LCDs it is held against photographs, which are softer.
+# Compared with photographs of LCDs, which are softer.
 SOFT_LENS = replace(PHONE_LENS, blur=(0.5, 0.85))
 PHONE_SENSOR = Sensor(scale=2.0, crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.001, 0.005))
 PHONE_PHOTO = Develop(
@@ -80,7 +80,7 @@ BY_HAND = View(yaw=(-20.0, 20.0), pitch=(-12.0, 12.0), roll=(-8.0, 8.0), fov=(20
 
 PRESETS: dict[str, SceneRecord] = {
     # Paper, section 3.3, steps 1 to 6: alpha 3, 3 x 3 subpixels, rotation by up to 45 degrees,
-    # radial distortion (of an extent that is not given there), one sensor pixel per subpixel. In
+    # radial distortion (its extent is not given there), one sensor pixel per subpixel. In
     # the camera's frame, on sRGB codes.
     "paper": SceneRecord(
         panel=Panel(scale=3.0),
@@ -99,7 +99,7 @@ PRESETS: dict[str, SceneRecord] = {
         sensor=Sensor(scale=9.0, exposure="point"),
         develop=Develop(registered=False, resize="point"),
     ),
-    # The broad default of RandomMoire: a phone in front of an LCD, held against photographs.
+    # The broad default of RandomMoire: a phone in front of an LCD, compared with photographs.
     "screen_photo": SceneRecord(
         panel=replace(LCD, scale=(0.73, 1.08)),
         view=BY_HAND,
@@ -115,7 +115,7 @@ PRESETS: dict[str, SceneRecord] = {
         sensor=PHONE_SENSOR,
         develop=PHONE_PHOTO,
     ),
-    # The same phone looking down at a laptop, whose rows lean by turns.
+    # The same phone looking down at a laptop, whose rows lean right and left in turn.
     "phone_at_laptop": SceneRecord(
         panel=replace(LCD, layout="chevron", scale=(0.8, 1.45)),
         view=replace(BY_HAND, yaw=(-15.0, 15.0), pitch=(0.0, 30.0), fov=(20.0, 45.0)),
@@ -147,7 +147,7 @@ PRESETS: dict[str, SceneRecord] = {
         sensor=replace(PHONE_SENSOR, gain=(4.5, 9.0)),
         develop=PHONE_PHOTO,
     ),
-    # A phone held before a webcam, as in a check of identity.
+    # A phone held in front of a webcam, as in an identity check.
     "webcam_at_phone": SceneRecord(
         panel=replace(OLED, layout="pentile_diamond", scale=(0.76, 1.6)),
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),

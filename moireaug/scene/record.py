@@ -11,8 +11,8 @@ from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 @dataclass(frozen=True, kw_only=True)
 class SceneRecord:
-    """The five parts of a `Scene` and its tolerance, checked. Effects judge by it; users hold a
-    `Scene`.
+    """The five parts of a `Scene` and its tolerance, checked. Effects judge by this record; users
+    hold a `Scene`.
 
     Raises:
         ValueError, TypeError: a value out of its range, with what was got and what is allowed.

@@ -1,4 +1,4 @@
-"""What stands in front of the camera, and how it may vary: what users hold."""
+"""Scene and Shot as users hold them, and the draw from one to the other."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Scene(SceneRecord):
     `(B,)` tensors, make up a `Shot`: a Shot is a Scene whose ranges have been drawn.
 
     Args:
-        panel, view, lens, sensor, develop: the five parts; each has its own defaults, which do
-            nothing but show an RGB stripe to a Bayer sensor.
+        panel, view, lens, sensor, develop: the five parts; the defaults only show an RGB stripe to
+            a Bayer sensor.
         tolerance: contrast, in raw units, below which the plan leaves a contribution out. Each
-            effect and each harmonic that is left out stays below it; of a sharp lens many harmonics
-            are left out, whose sum may reach a few times as much.
+            effect and each harmonic that is left out stays below it; with a sharp lens, many
+            harmonics are left out, whose sum may reach a few times the tolerance.
 
     Raises:
         ValueError, TypeError: a value out of its range, with what was got and what is allowed.
@@ -49,7 +49,11 @@ class Scene(SceneRecord):
 
     def plan(self) -> Plan:
         """Return the ordered effects that this scene calls for, each with its reason. Computed once
-        per scene."""
+        per scene.
+
+        Raises:
+            ValueError: the "point" exposure with a layout of slanted subpixels.
+        """
         found = getattr(self, "_plan", None)  # kept here so that torch.compile finds it ready
         if found is None:
             found = make_plan(self)
@@ -60,8 +64,12 @@ class Scene(SceneRecord):
         self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
     ) -> Shot:
         """Draw the ranges for `n` images of `size` (height, width), from `generator` or torch's
-        global one."""
-        # a range that cannot be photographed is refused here, and not in the middle of a batch
+        global one.
+
+        Raises:
+            ValueError: a negative n, a size that is not two positive integers, or as in `plan`.
+        """
+        # refuse a scene that cannot be photographed here, not in the middle of a batch
         self.plan()
         return draw(self, n, size, generator)
 
@@ -74,8 +82,8 @@ class Scene(SceneRecord):
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Scene:
-        """Rebuild a scene; a part that is absent keeps its defaults, `preset` may name the scene to
-        start from.
+        """Rebuild a scene. Missing parts and fields are those of the scene that `preset` names, or
+        else the defaults.
 
         Raises:
             ValueError, TypeError: an unknown key (the message names the closest) or a value out of
@@ -107,14 +115,13 @@ class Shot(ShotRecord):
     tensor.
 
     Args:
-        scene: where it was drawn from; it decides which effects are computed.
+        scene: the scene that it was drawn from.
         size: height and width of the images.
         panel, view, lens, sensor, develop: the drawn parts.
         seed: (B,) int64, the seeds of the sensor noise.
 
     Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`.
-    The scene's plan decides which effects are computed: a field whose effect the scene does not
-    call for is not read.
+    The scene's plan decides which effects are computed; fields of effects left out are not read.
     """
 
     @staticmethod
@@ -155,8 +162,8 @@ def draw(
     """Draw `n` shots for images of `size` (height, width).
 
     Each image's numbers are drawn together, so the first rows of a larger draw are those of a
-    smaller one. Only what varies draws: a field that is one number leaves the others' draws as they
-    are.
+    smaller one. Only ranges take random numbers: the value of a fixed field does not
+    change the others' draws.
 
     Raises:
         ValueError: a negative n, or a size that is not two positive integers.
@@ -192,8 +199,12 @@ def draw(
 
 
 def as_scene(scene: Scene | str | dict[str, Any]) -> Scene:
-    """Return a Scene from a Scene, a preset's name or a plain dict; what every public `scene=`
-    argument accepts."""
+    """Return a Scene from a Scene, a preset's name or a plain dict: what every public `scene=`
+    argument accepts.
+
+    Raises:
+        TypeError: anything else.
+    """
     if isinstance(scene, Scene):
         return scene
     if isinstance(scene, str):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from moireaug.scene.record import SceneRecord
     from moireaug.scene.scene import Scene
 
-# sensor pixels to each side that a demosaiced colour is made from
+# sensor pixels to each side from which a colour is demosaiced
 REACH = {"bilinear": 1, "malvar": 2}
 
 
@@ -28,7 +28,7 @@ def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels
     """Return which sensor rows and columns a photo of `size` (height, width) reads."""
     sensor, develop = scene.sensor, scene.develop
     reach = REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
-    # a denoiser and a filter look at every pixel of the sensor
+    # denoisers and filters need every pixel of the sensor
     filtered = any(any(bounds(value)) for value in (develop.chroma_blur, develop.sharpen))
     resize = "all" if develop.denoise or filtered else develop.resize
     rows, cols = (sampled_pixels(n, sensor.scale, resize, reach) for n in size)
@@ -81,7 +81,7 @@ class ShotRecord:
 
     @property
     def requires_grad(self) -> bool:
-        """Whether any drawn number asks for a gradient."""
+        """Whether any drawn number requires a gradient."""
         return any(values.requires_grad for values in self.numbers().values())
 
     @property
@@ -91,14 +91,13 @@ class ShotRecord:
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
-        """(k1, k2) where the plan has a lens that distorts, else None."""
+        """(k1, k2), (B,) each, if the plan has lens distortion, else None."""
         if "lens" not in self.plan:
             return None
         return self._drawn("lens", "k1"), self._drawn("lens", "k2")
 
     def _drawn(self, part: str, field: str) -> Tensor:
-        """Return a drawn number, (B,); the parts' own types speak of a scene, where it is a
-        range."""
+        """Return a drawn field, (B,). The parts' annotations describe a scene, with ranges."""
         return getattr(getattr(self, part), field)
 
     def matrix(self) -> Tensor:
@@ -114,23 +113,23 @@ class ShotRecord:
         return sampled_by(self.scene, self.size)
 
     def raw_shape(self) -> tuple[int, int, int, int]:
-        """Return the shape of the packed raw reading, and so of the attacker's noise: four Bayer
-        planes, or three colours."""
+        """Return the shape of the raw reading and of the attacker's noise: four Bayer planes
+        (B, 4, h / 2, w / 2), or three colours (B, 3, h, w)."""
         rows, cols = self.sampled_pixels()
         planes, step = (4, 2) if self.scene.sensor.cfa == "rggb" else (3, 1)
         return len(self), planes, len(rows.index) // step, len(cols.index) // step
 
     @property
     def moves(self) -> bool:
-        """Whether things lie elsewhere in the photo than in the image: a camera-frame photo with a
-        pose or a lens."""
+        """Whether points move from image to photo: a photo in the camera's frame, with a pose or
+        lens distortion."""
         return not self.scene.develop.registered and ("pose" in self.plan or "lens" in self.plan)
 
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image, x then y in pixels, lie in the photo's own
         frame.
 
-        For a registered scene that frame is the image's, and points come back as they are.
+        For a registered scene that frame is the image's, and points are returned unchanged.
         """
         if not self.moves:
             return points
@@ -156,7 +155,7 @@ class ShotRecord:
         return torch.where(on[:, None], taken, torch.zeros_like(taken))
 
     def numbers(self) -> dict[str, Tensor]:
-        """Return the drawn numbers, (B,) each, by name: "view.yaw"."""
+        """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
         found = {}
         for name in PARTS:
             part = getattr(self, name)
@@ -165,7 +164,7 @@ class ShotRecord:
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers and lists, exact; `Shot.from_dict` is the inverse."""
+        """Return exact plain numbers and lists; `Shot.from_dict` is the inverse."""
         drawn = {
             name: {
                 k: getattr(getattr(self, name), k).tolist()
