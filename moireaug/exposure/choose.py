@@ -26,7 +26,7 @@ def exposure_of(scene: SceneRecord) -> Exposure:
     """Return the method that a scene's `Sensor.exposure` names; for "auto" the cheapest that meets
     its tolerance.
 
-    "auto" is `spectral` where harmonics of up to order 32 per panel pixel, and at most 1024 of
+    "auto" is `spectral` where harmonics of up to order 29 per panel pixel, and at most 1024 of
     them, carry all contrast above the tolerance; else `box`.
 
     Raises:

@@ -167,7 +167,7 @@ class Sensor(Part):
             panel's harmonics; "box", the overlap of subpixel and aperture; "supersample:n" (n * n
             samples per pixel); "point" (as the paper does); "mean" (only the panel's mean light: a
             screen without moiré, the control of every experiment); or "auto": "spectral" if
-            harmonics of up to order 32, and at most 1024 of them, carry all contrast above the
+            harmonics of up to order 29, and at most 1024 of them, carry all contrast above the
             scene's tolerance, else "box".
         gain: factor on the raw reading before it saturates at 1. A range.
         shutter: exposure time of each row in seconds; 0 hides a panel's flicker. A range.

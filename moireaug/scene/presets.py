@@ -38,7 +38,7 @@ phone's blur and motion, crosstalk, exposure, white balance, tone, colour smooth
 Its JPEG is of a larger picture and leaves no blocks in this one. Its exposure leaves a white
 screen at a quarter to half of full scale; its tone curve lifts the middle and rolls off the
 highlights, as the curves of photographs do. The other cameras differ in what is known of them: a
-webcam is noisier and compresses more, a dashcam does not expose for the sign.
+webcam is noisier and compresses more, a dashcam is turned farther from the sign.
 """
 
 from __future__ import annotations
