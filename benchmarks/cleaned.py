@@ -30,7 +30,7 @@ class Effort:
     steps: int = 1500
     batch: int = 8
     side: int = 128  # pixels of the pairs
-    rate: float = 1e-3
+    rate: float = 1e-3  # at its highest; at twice that, networks die
     shown: int = 768  # pixels a side of the real photos that are cleaned, their middle
 
 
@@ -88,11 +88,12 @@ def train(scene: Scene, images: Path, target: str, effort: Effort, seed: int = 0
     network = Cleaner().to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(network.parameters(), effort.rate)
     steps = max(10, effort.steps)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 2 * effort.rate, steps)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, effort.rate, steps)
     began = time.perf_counter()
     for step in range(effort.steps):
         batch = next(batches)
         photos = batch["photo"].to(memory_format=torch.channels_last)
+        before = (photos - batch[target]).abs().mean()
         loss = (network(photos) - batch[target]).abs().mean()
         optimiser.zero_grad()
         loss.backward()
@@ -100,7 +101,8 @@ def train(scene: Scene, images: Path, target: str, effort: Effort, seed: int = 0
         schedule.step()
         if step % 250 == 0:
             seconds = time.perf_counter() - began
-            print(f"  step {step}, loss {loss.item():.4f}, {seconds:.0f} s", flush=True)
+            change = f"loss {loss.item():.4f}, of the photos {before.item():.4f}"
+            print(f"  step {step}, {change}, {seconds:.0f} s", flush=True)
     return network.eval()
 
 
