@@ -19,6 +19,8 @@ run.
 
 from __future__ import annotations
 
+# before torch is loaded, as it sets how torch's threads wait
+import training  # noqa: F401  # isort: skip
 import sys
 import time
 from collections.abc import Mapping

@@ -16,6 +16,8 @@ records/: the same command continues where it stopped, and another suite reuses 
 
 from __future__ import annotations
 
+# before torch is loaded, as it sets how torch's threads wait
+import training  # noqa: F401  # isort: skip
 import time
 from dataclasses import replace
 from pathlib import Path
