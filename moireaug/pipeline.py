@@ -65,8 +65,6 @@ DEVELOP: tuple[Effect, ...] = (
     Jpeg(),
 )
 
-FILTERS = ("denoise", "chroma_blur", "sharpen")  # these need every sensor pixel
-
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the raw reading of images (B, 3, H, W): apply the effects before the attacker's noise
@@ -125,12 +123,13 @@ class Plan:
 
     @property
     def finishing(self) -> tuple[Effect, ...]:
-        """The effects that need the whole photo: all after the clip to [0, 1] if there is a filter,
-        else only JPEG."""
+        """The effects that the engine has no kernel for: the denoiser, all that follows it, and
+        JPEG."""
         names = [effect.name for effect in self.developing]
-        if any(name in names for name in FILTERS):
-            return self.developing[names.index("clip") + 1 :]
-        return tuple(effect for effect in self.developing if effect.name == "jpeg")
+        for name in ("denoise", "jpeg"):
+            if name in names:
+                return self.developing[names.index(name) :]
+        return ()
 
     def __contains__(self, effect: object) -> bool:
         return any(step.called for step in self.steps if step.name == effect)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from moireaug.engine import detail, nodes, panel, picture
-from moireaug.engine.compiling import copy, fill, kernel, loop
+from moireaug.engine.compiling import fill, kernel, loop
 from moireaug.engine.develop import develop as develop_image
 from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
@@ -133,88 +133,55 @@ def _register(photo, planes, registration, i, back):
     resample(photo, planes, registration.views[i], k1, k2, back)
 
 
-@kernel
-def register(registered, photos, registration, first, last):
-    """Fill registered (B, 3, H, W) float32 from `first` to `last` with photos of that shape brought
-    back to the image's frame."""
-    _, _, h, w = photos.shape
-    planes = np.zeros(room(h, w), np.float32)
-    for i in range(first, last):
-        copy(planes, photos[i].reshape(-1))
-        _register(registered[i], planes, registration, i, False)
-
-
-@kernel
-def register_back(photo_grad, grad, registration, first, last):
-    """Fill photo_grad (B, 3, H, W) with the gradient in the photos, from that in the
-    registered ones."""
-    _, _, h, w = grad.shape
-    planes = np.empty(room(h, w), np.float32)
-    for i in range(first, last):
-        fill(planes, ZERO)
-        _register(grad[i], planes, registration, i, True)
-        copy(photo_grad[i].reshape(-1), planes)
-
-
 @loop
-def _gaussians(d, i):
-    """Return the Gaussians of image i's colour blur and unsharp mask; the latter is a single 1
-    where nothing is sharpened."""
-    sharp_size = d.sharp_size if d.amount[i] != 0 else 1
-    return detail.gaussian(d.chroma[i], d.chroma_size), detail.gaussian(d.sharp[i], sharp_size)
+def _photo(photo, inside, raw, d, i):
+    """Fill photo (3, H, W), in the camera's frame, from image i's raw."""
+    if d.finishes:
+        detail.finish(photo, inside[i : i + 1], raw, d, i)
+    else:
+        develop_image(photo, raw, d, i)
 
 
 @kernel
-def finish(finished, inside, photos, d, first, last):
-    """Fill finished (B, 3, H, W) float32 from `first` to `last`, from the codes photos (B, 3, h, w)
-    of every sensor pixel.
-
-    Args:
-        inside: (B, 3, h, w) uint8, see `detail.finish`; (0, 3, h, w) if not needed.
-        d: see `record.Detail`.
-    """
-    for i in range(first, last):
-        chroma, sharp = _gaussians(d, i)
-        one = inside[i : i + 1]
-        detail.finish(finished[i], one, photos[i], chroma, d.amount[i], sharp, d.rows, d.cols)
-
-
-@kernel
-def finish_back(photo_grad, grad, inside, d, first, last):
-    """Fill photo_grad (B, 3, h, w) with the gradient in the codes; arguments as in `finish`."""
-    for i in range(first, last):
-        chroma, sharp = _gaussians(d, i)
-        detail.finish_back(
-            photo_grad[i], grad[i], inside[i], chroma, d.amount[i], sharp, d.rows, d.cols
-        )
-
-
-@kernel
-def develop(photos, raw, d, first, last):
+def develop(photos, inside, raw, d, first, last):
     """Fill photos (B, 3, H, W) float32, sRGB codes, from `first` to `last` from raw
     (B, planes, h, w) float32.
 
     Args:
+        inside: (B, 3, ...) uint8, see `detail.finish`; (0, 3, ...) if not needed.
         d: see `record.Development`.
     """
     if not d.registers:
         for i in range(first, last):
-            develop_image(photos[i], raw[i], d, i)
+            _photo(photos[i], inside, raw[i], d, i)
         return
     h, w = d.size
     planes = np.zeros(room(h, w), np.float32)
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
-        develop_image(taken, raw[i], d, i)
+        _photo(taken, inside, raw[i], d, i)
         _register(photos[i], planes, d.registration, i, False)
 
 
+@loop
+def _photo_back(raw_grad, grad, codes_grad, inside, raw, d, i):
+    """Fill raw_grad with the gradient in image i's raw, from that in its photo in the camera's
+    frame; codes_grad: workspace for `detail.finish_back`."""
+    if d.finishes:
+        detail.finish_back(codes_grad, grad, inside[i], d, i)
+        develop_image_back(raw_grad, codes_grad, raw, d, i)
+    else:
+        develop_image_back(raw_grad, grad, raw, d, i)
+
+
 @kernel
-def develop_back(raw_grad, photo_grad, raw, d, first, last):
+def develop_back(raw_grad, photo_grad, inside, raw, d, first, last):
     """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
+    h, w = d.detail.size if d.finishes else (0, 0)
+    codes_grad = np.empty((3, h, w), np.float32)
     if not d.registers:
         for i in range(first, last):
-            develop_image_back(raw_grad[i], photo_grad[i], raw[i], d, i)
+            _photo_back(raw_grad[i], photo_grad[i], codes_grad, inside, raw[i], d, i)
         return
     h, w = d.size
     planes = np.empty(room(h, w), np.float32)
@@ -222,4 +189,4 @@ def develop_back(raw_grad, photo_grad, raw, d, first, last):
     for i in range(first, last):
         fill(planes, ZERO)
         _register(photo_grad[i], planes, d.registration, i, True)
-        develop_image_back(raw_grad[i], taken, raw[i], d, i)
+        _photo_back(raw_grad[i], taken, codes_grad, inside, raw[i], d, i)

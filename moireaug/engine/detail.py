@@ -1,5 +1,6 @@
 """From the codes of every sensor pixel to a photo, one image per call, a row at a time: smooth
-colour, sharpen brightness, clip overshoots, and resize; and the backward pass."""
+colour, sharpen brightness, clip overshoots, and resize; and the backward pass. No more rows are
+developed ahead than a filter needs."""
 
 from __future__ import annotations
 
@@ -9,20 +10,21 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.compiling import copy, fill, inner, loop
-from moireaug.engine.develop import gather
+from moireaug.engine.develop import along, codes_of_row, gather, workspace
 from moireaug.engine.record import LANES
 from moireaug.engine.vectors import add, add_taps
 
 SMALLEST = 1e-3  # standard deviation, as in the reference
 FARTHEST = 4.5  # standard deviations: what lies beyond weighs less than 1e-5
 ZERO, ONE, THIRD = np.float32(0), np.float32(1), np.float32(1 / 3)
+HALF = np.float32(0.5)
 
 
 class _Filter(NamedTuple):
     """A linear filter of photos, and the rows that it works on.
 
     Args:
-        chroma, sharp: the Gaussians of colour and of the unsharp mask, from `gaussian`.
+        chroma, sharp: the Gaussians of colour and of the unsharp mask, from `_gaussian`.
         amount: float32, strength of the mask. back: whether this is the filter's transpose.
         padded: (3, lanes + ends) float32, a row's red, blue and brightness, padded at both ends.
             full: a blurred row with its padding.
@@ -47,7 +49,7 @@ class _Filter(NamedTuple):
 
 
 @loop
-def gaussian(sigma, size):
+def _gaussian(sigma, size):
     """Return a Gaussian's weights, float32, which sum to 1: `size`, which is odd, or fewer if the
     outermost are negligible."""
     sigma = max(sigma, SMALLEST)
@@ -63,8 +65,13 @@ def gaussian(sigma, size):
 
 
 @loop
-def _filter(h, w, chroma, amount, sharp, back):
-    """Return the _Filter of photos (3, h, w)."""
+def _filter_of(detail, image, back):
+    """Return the _Filter of one image's Detail, or its transpose."""
+    h, w = detail.size
+    chroma = _gaussian(detail.chroma[image], detail.chroma_size)
+    amount = detail.amount[image]
+    # a single 1 where nothing is sharpened
+    sharp = _gaussian(detail.sharp[image], detail.sharp_size if amount != 0 else 1)
     rows, lanes = max(len(chroma), len(sharp)), (w + LANES - 1) // LANES * LANES
     steps, place = np.empty(rows, np.int64), np.empty(h, np.int64)
     for k in range(rows):
@@ -90,6 +97,7 @@ def _filter(h, w, chroma, amount, sharp, back):
 @inner
 def _split(red, blue, grey, photo, y):
     """Take row y of a photo apart: red and blue less the brightness, and the brightness."""
+    y %= photo.shape[1]
     r, g, b = photo[0, y], photo[1, y], photo[2, y]
     for i in range(len(r)):
         mean = (r[i] + g[i] + b[i]) * THIRD
@@ -126,7 +134,8 @@ def _along_back(out, padded, kernel, f, w):
 
 @inner
 def _enter(f, photo, y):
-    """Blur row y of a photo horizontally, into the ring."""
+    """Blur row y of a photo horizontally, into the ring. The photo may hold its last rows only:
+    row y at y modulo their number."""
     w = photo.shape[2]
     # the transpose reads a row half a kernel further on
     halves = 2 if f.back else 1
@@ -182,6 +191,7 @@ def _rows_back(weight, kernel, y, h):
 def _join(out, photo, y, soft, amount):
     """Fill out (3, w) with row y of a photo, its colours smoothed, and its brightness sharpened by
     its difference from the blurred one."""
+    y %= photo.shape[1]
     r, g, b = photo[0, y], photo[1, y], photo[2, y]
     red, green, blue = out[0], out[1], out[2]
     soft_red, soft_blue, soft_grey = soft[0], soft[1], soft[2]
@@ -194,12 +204,14 @@ def _join(out, photo, y, soft, amount):
 
 
 @inner
-def _filter_row(out, photo, y, entered, f):
-    """Fill out (3, w) with row y of a photo (3, h, w), filtered; return how many of its rows have
-    entered the ring, `entered` of them before this call."""
-    while entered < min(y + f.ring.shape[1] // 2 + 1, photo.shape[1]):
-        _enter(f, photo, entered)
-        entered += 1
+def _needed(f, y):
+    """Return how many rows must have entered the ring before row y is filtered."""
+    return min(y + f.ring.shape[1] // 2 + 1, len(f.place))
+
+
+@inner
+def _filter_row(out, photo, y, f):
+    """Fill out (3, w) with row y of a photo, filtered; arguments as in `_enter`."""
     for c in range(3):
         if c != 1:  # red and blue are made from the same rows
             kernel = f.sharp if c == 2 else f.chroma
@@ -208,7 +220,6 @@ def _filter_row(out, photo, y, entered, f):
         ring = f.ring[c].reshape(-1)
         add_taps(f.soft[c], 0, f.soft.shape[1], f.weight, 0, len(kernel), ring, f.offset, 0)
     _join(out, photo, y, f.soft, f.amount)
-    return entered
 
 
 @inner
@@ -220,12 +231,29 @@ def _note(inside, row, y):
 
 
 @inner
+def _pairs(out, row):
+    for i in range(len(out)):
+        out[i] = HALF * (row[2 * i] + row[2 * i + 1])
+
+
+@inner
+def _pairs_back(out, line):
+    for i in range(len(line)):
+        half = HALF * line[i]
+        out[2 * i] = half
+        out[2 * i + 1] = half
+
+
+@inner
 def _resize_row(out, row, y, line, rows, cols):
     """Add a photo's row y (3, w), clipped, to out (3, H, W); line: (W,) workspace."""
     for c in range(3):
         for i in range(row.shape[1]):
             row[c, i] = min(max(row[c, i], ZERO), ONE)
-        gather(line, row[c], cols.index, cols.weight)
+        if cols.pairs:
+            _pairs(line, row[c])
+        else:
+            gather(line, row[c], cols.index, cols.weight)
         for i in range(rows.first[y], rows.last[y] + 1):
             add(out[c, i], line, rows.taps[i, y - rows.start[i]])
 
@@ -238,44 +266,60 @@ def _resize_row_back(photo_grad, inside, grad, y, line, rows, cols):
         fill(line, ZERO)
         for i in range(rows.first[y], rows.last[y] + 1):
             add(line, grad[c, i], rows.taps[i, y - rows.start[i]])
-        gather(photo_grad[c, y], line, cols.back_index[0], cols.back_weight[0])
+        if cols.pairs:
+            _pairs_back(photo_grad[c, y], line)
+        else:
+            gather(photo_grad[c, y], line, cols.back_index[0], cols.back_weight[0])
         for i in range(photo_grad.shape[2]):
             photo_grad[c, y, i] *= np.float32(inside[c, y, i])
 
 
 @loop
-def finish(out, inside, photo, chroma, amount, sharp, rows, cols):
-    """Fill out (3, H, W) float32 from the codes (3, h, w) of every sensor pixel.
+def finish(out, inside, raw, d, image):
+    """Fill out (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
 
     Args:
-        inside: (1, 3, h, w) uint8, filled with which codes the clip lets through, for
-            `finish_back`; (0, 3, h, w) if not needed.
-        chroma, amount, sharp: see `_Filter`. rows, cols: see `record.Resize`.
+        inside: (1, 3, ...) uint8, filled with which codes of sensor pixels the clip lets through,
+            for `finish_back`; (0, 3, ...) if not needed.
+        d: see `record.Development`. image: index in the batch.
     """
-    _, h, w = photo.shape
-    f = _filter(h, w, chroma, amount, sharp, False)
+    h, w = d.detail.size
+    rows, cols = d.detail.rows, d.detail.cols
+    f, work = _filter_of(d.detail, image, False), workspace(d, raw.shape[2])
+    codes = np.empty((3, _needed(f, 0), w), np.float32)
     row, line = np.empty((3, w), np.float32), np.empty(out.shape[2], np.float32)
     fill(out.reshape(-1), ZERO)
     entered = 0
     for y in range(h):
-        entered = _filter_row(row, photo, y, entered, f)
+        while entered < _needed(f, y):
+            if entered % work.step == 0:
+                codes_of_row(work, raw, entered // work.step, d, image)
+            for c in range(3):
+                along(codes[c, entered % codes.shape[1]], work, entered % work.step, c, d.cols)
+            _enter(f, codes, entered)
+            entered += 1
+        _filter_row(row, codes, y, f)
         if len(inside):
             _note(inside[0], row, y)
         _resize_row(out, row, y, line, rows, cols)
 
 
 @loop
-def finish_back(photo_grad, grad, inside, chroma, amount, sharp, rows, cols):
-    """Fill photo_grad (3, h, w) with the gradient in the codes, from grad (3, H, W) and what
-    `finish` filled `inside` with, (3, h, w)."""
-    _, h, w = photo_grad.shape
+def finish_back(codes_grad, grad, inside, d, image):
+    """Fill codes_grad (3, h, w) with the gradient in the codes of every sensor pixel, from grad
+    (3, H, W) and what `finish` filled `inside` with, (3, h, w)."""
+    _, h, w = codes_grad.shape
+    rows, cols = d.detail.rows, d.detail.cols
     row, line = np.empty((3, w), np.float32), np.empty(grad.shape[2], np.float32)
     for y in range(h):
-        _resize_row_back(photo_grad, inside, grad, y, line, rows, cols)
+        _resize_row_back(codes_grad, inside, grad, y, line, rows, cols)
     # in place: a row is written after the last row that is made from it has entered the ring
-    f = _filter(h, w, chroma, amount, sharp, True)
+    f = _filter_of(d.detail, image, True)
     entered = 0
     for y in range(h):
-        entered = _filter_row(row, photo_grad, y, entered, f)
+        while entered < _needed(f, y):
+            _enter(f, codes_grad, entered)
+            entered += 1
+        _filter_row(row, codes_grad, y, f)
         for c in range(3):
-            copy(photo_grad[c, y], row[c])
+            copy(codes_grad[c, y], row[c])

@@ -3,6 +3,8 @@ resizing."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from moireaug.engine.compiling import fill, inner, loop
@@ -13,6 +15,37 @@ from moireaug.engine.vectors import add, add_taps, peek, poke
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO = np.float32(2)
 SITES = 4
+
+
+class Workspace(NamedTuple):
+    """The rows that a development works on.
+
+    Args:
+        step: sensor rows, and columns, of a cell. lanes: a cell row's pixels, padded.
+        colours: (4 sites * 3 * lanes,) float32, the colours of a cell row.
+        ring: (3, ...) float32, prepared cell rows. held: (3,), which ones.
+    """
+
+    step: int
+    lanes: int
+    colours: np.ndarray
+    ring: np.ndarray
+    held: np.ndarray
+
+
+@loop
+def workspace(d, w):
+    """Return the Workspace of readings w wide."""
+    lanes = (w + LANES - 1) // LANES * LANES
+    held = np.empty(3, np.int64)
+    fill(held, -1)
+    return Workspace(
+        2 if d.mosaic else 1,
+        lanes,
+        np.zeros(SITES * 3 * lanes, np.float32),
+        np.zeros((3, SITES * (lanes + LANES)), np.float32),
+        held,
+    )
 
 
 @inner
@@ -87,6 +120,15 @@ def _mean(out, even, odd):
 
 
 @inner
+def _weave(out, even, odd):
+    for i in range(len(odd)):
+        poke(out, 2 * i, peek(even, i))
+        poke(out, 2 * i + 1, peek(odd, i))
+    if len(even) > len(odd):
+        poke(out, len(out) - 1, peek(even, len(odd)))
+
+
+@inner
 def counts(rows, row):
     """Return whether any photo pixel is made from this sensor row."""
     return rows.first[row] <= rows.last[row]
@@ -134,20 +176,22 @@ def _fill(ring, held, raw, y, saturates, levels, wide):
 
 
 @inner
-def light_of_row(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows):
-    """Fill colours with those of row y of raw: of four sites, or of one where the sensor has no
-    colour filters."""
+def light_of_row(work, raw, y, d):
+    """Fill the workspace's colours with those of row y of raw: of four sites, or of one where the
+    sensor has no colour filters."""
     _, h, w = raw.shape
-    lanes, wide = len(colours) // (SITES * 3), ring.shape[1] // SITES
-    if mosaic:
+    lanes, ring = work.lanes, work.ring
+    if d.mosaic:
+        wide = ring.shape[1] // SITES
         for dy in range(-1, 2):
-            _fill(ring, held, raw, min(max(y + dy, 0), h - 1), saturates, levels, wide)
-        _colours(colours, ring, y, h, lanes, stencil, rows)
+            row = min(max(y + dy, 0), h - 1)
+            _fill(ring, work.held, raw, row, d.saturates, d.levels, wide)
+        _colours(work.colours, ring, y, h, lanes, d.stencil, d.rows)
         return
     for channel in range(3):
-        _prepare(ring[0], raw[channel, y], saturates, levels)
+        _prepare(ring[0], raw[channel, y], d.saturates, d.levels)
         for i in range(w):
-            colours[channel * lanes + i] = ring[0, i + 1]
+            work.colours[channel * lanes + i] = ring[0, i + 1]
 
 
 @inner
@@ -163,6 +207,37 @@ def mix_row(colours, r, step, lanes, w, matrix):
         )
 
 
+@inner
+def codes_of_row(work, raw, y, d, image):
+    """Fill the workspace's colours with the codes of row y of raw."""
+    w, lanes, matrix = raw.shape[2], work.lanes, d.matrix[image]
+    light_of_row(work, raw, y, d)
+    for r in range(work.step):
+        if not counts(d.rows, y * work.step + r):
+            continue
+        if d.mixes:
+            mix_row(work.colours, r, work.step, lanes, w, matrix)
+        for channel in range(3):
+            gain = ONE if d.mixes else matrix[channel, channel]
+            for c in range(work.step):
+                start = ((r * 2 + c) * 3 + channel) * lanes
+                _code(work.colours[start : start + w], gain, d, image)
+
+
+@inner
+def along(line, work, r, channel, cols):
+    """Fill line (W,) with one colour of row r of a cell, resized."""
+    # the row's even and odd columns lie 3 rows of lanes apart
+    even = work.colours[(r * 2 * 3 + channel) * work.lanes :]
+    odd = even[3 * work.lanes :] if work.step == 2 else even[:0]
+    if work.step == 2 and cols.pairs:
+        _mean(line, even, odd)
+    elif work.step == 2 and cols.each:
+        _weave(line, even[: (len(line) + 1) // 2], odd[: len(line) // 2])
+    else:
+        gather(line, even, cols.index, cols.weight)
+
+
 @loop
 def develop(photo, raw, d, image):
     """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
@@ -171,34 +246,16 @@ def develop(photo, raw, d, image):
         d: see `record.Development`. image: index in the batch.
     """
     _, h, w = raw.shape
-    matrix = d.matrix[image]
-    mosaic, saturates, levels = d.mosaic, d.saturates, d.levels
-    stencil, rows, cols = d.stencil, d.rows, d.cols
-    step = 2 if mosaic else 1
-    lanes = (w + LANES - 1) // LANES * LANES
-    wide = lanes + LANES
-    colours = np.zeros(SITES * 3 * lanes, np.float32)
-    ring, held = np.zeros((3, SITES * wide), np.float32), np.empty(3, np.int64)
-    fill(held, -1)
+    rows, work = d.rows, workspace(d, w)
     line = np.empty(photo.shape[2], np.float32)
     fill(photo.reshape(-1), ZERO)
     for y in range(h):
-        light_of_row(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
-        for r in range(step):
-            row = y * step + r
+        codes_of_row(work, raw, y, d, image)
+        for r in range(work.step):
+            row = y * work.step + r
             if not counts(rows, row):
                 continue
-            if d.mixes:
-                mix_row(colours, r, step, lanes, w, matrix)
             for channel in range(3):
-                # the row's even and odd columns lie 3 rows of lanes apart
-                seen = colours[(r * 2 * 3 + channel) * lanes :]
-                gain = ONE if d.mixes else matrix[channel, channel]
-                for c in range(step):
-                    _code(seen[c * 3 * lanes : c * 3 * lanes + w], gain, d, image)
-                if cols.cells:
-                    _mean(line, seen, seen[3 * lanes :])
-                else:
-                    gather(line, seen, cols.index, cols.weight)
+                along(line, work, r, channel, d.cols)
                 for i in range(rows.first[row], rows.last[row] + 1):
                     add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])

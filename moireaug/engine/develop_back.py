@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.compiling import fill, inner, loop
-from moireaug.engine.develop import SITES, counts, gather, light_of_row, mix_row
+from moireaug.engine.develop import SITES, counts, gather, light_of_row, mix_row, workspace
 from moireaug.engine.record import LANES
 from moireaug.engine.tables import encode, encode_slope
 from moireaug.engine.vectors import add
@@ -45,6 +45,31 @@ def _halves(even, odd, row):
 
 
 @inner
+def _unweave(even, odd, row):
+    """Take a row's even and odd pixels apart."""
+    for i in range(len(odd)):
+        even[i] = row[2 * i]
+        odd[i] = row[2 * i + 1]
+    if len(even) > len(odd):
+        even[len(odd)] = row[2 * len(odd)]
+
+
+@inner
+def _along_back(even, line, work, w, cols):
+    """Fill a cell row's even columns, and its odd ones three rows of lanes further on, with the
+    gradient in them, from that in the resized row."""
+    odd = even[3 * work.lanes :] if work.step == 2 else even[:0]
+    if work.step == 2 and cols.pairs:
+        _halves(even, odd, line)
+    elif work.step == 2 and cols.each:
+        _unweave(even[: (len(line) + 1) // 2], odd[: len(line) // 2], line)
+    else:
+        gather(even[:w], line, cols.back_index[0], cols.back_weight[0])
+        if work.step == 2:
+            gather(odd[:w], line, cols.back_index[1], cols.back_weight[1])
+
+
+@inner
 def _fold_back(raw_grad, total, raw, y, wide, saturates):
     """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is reset
     to 0."""
@@ -64,21 +89,18 @@ def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop`."""
     _, h, w = raw.shape
-    mosaic, saturates, levels = d.mosaic, d.saturates, d.levels
+    mosaic, saturates = d.mosaic, d.saturates
     stencil, rows, cols = d.stencil, d.rows, d.cols
-    step = 2 if mosaic else 1
-    lanes = (w + LANES - 1) // LANES * LANES
+    work = workspace(d, w)
+    step, lanes, colours = work.step, work.lanes, work.colours
     wide = lanes + LANES
-    colours = np.zeros(SITES * 3 * lanes, np.float32)
     grads = np.zeros(SITES * 3 * lanes, np.float32)
-    ring, held = np.zeros((3, SITES * wide), np.float32), np.empty(3, np.int64)
-    fill(held, -1)
     line = np.empty(photo_grad.shape[2], np.float32)
     total = np.zeros((3, SITES * wide), np.float32)
     matrix = d.matrix[image]
     transposed = matrix.T.copy()
     for y in range(h):
-        light_of_row(colours, ring, held, raw, y, mosaic, stencil, saturates, levels, rows)
+        light_of_row(work, raw, y, d)
         fill(grads, ZERO)
         for r in range(step):
             row = y * step + r
@@ -92,12 +114,9 @@ def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass
                 for i in range(rows.first[row], rows.last[row] + 1):
                     add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
                 start = (r * 2 * 3 + channel) * lanes
-                if cols.cells:
-                    _halves(grads[start:], grads[start + 3 * lanes :], line)
+                _along_back(grads[start:], line, work, w, cols)
                 for c in range(step):
                     a = start + c * 3 * lanes
-                    if not cols.cells:
-                        gather(grads[a : a + w], line, cols.back_index[c], cols.back_weight[c])
                     _code_slope(grads[a : a + w], colours[a : a + w], gain, d, image)
             if d.mixes:
                 mix_row(grads, r, step, lanes, w, transposed)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
 
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
-FINISH = ("chroma_blur", "sharpen", "clip_detail", "resize")  # one kernel does them all
 EXPOSURES = ("spectral", "mean", "point")
 _blocks = 0  # `with reference()` blocks that are open, in any thread
 _counting = threading.Lock()
@@ -102,14 +101,8 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     if not math.isfinite(raw.detach().sum()):  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
     photo = run.develop(raw, from_shot.development_of(shot))
-    finished = False
     for effect in shot.plan.finishing:
-        if effect.name == "register":
-            photo = run.register(photo, from_shot.registration_of(shot))
-        elif effect.name not in FINISH:
-            photo = effect(photo, shot)
-        elif not finished:
-            photo, finished = run.finish(photo, from_shot.detail_of(shot)), True
+        photo = effect(photo, shot)
     return photo
 
 

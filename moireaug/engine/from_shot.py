@@ -32,7 +32,6 @@ from moireaug.engine.resampling import lower_resize, lower_stencil
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA, SampledPixels
 from moireaug.panel.fourier import emitting_share, mean_light
-from moireaug.pipeline import FILTERS
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import REACH, ShotRecord, sampled_by
@@ -82,8 +81,8 @@ def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
 
 
 def development_of(shot: ShotRecord) -> Development:
-    """Return a shot's Development, without `pipeline.FILTERS` and JPEG; if any of these filters is
-    planned, it ends at the codes of every sensor pixel."""
+    """Return a shot's Development, without `Plan.finishing`; if it is denoised, it ends at the
+    codes of every sensor pixel."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, _numbers_of(shot)
     stencil, rows, cols = _resampling(shot.scene, shot.size)
     matrix = np.eye(3)[None].repeat(len(shot), 0)
@@ -99,17 +98,12 @@ def development_of(shot: ShotRecord) -> Development:
         contrast[:] = drawn["develop.contrast"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
-    whole = any(effect.name in FILTERS for effect in plan.finishing)
-    size = shot.size
-    if whole:
-        kept = [pixels.kept for pixels in shot.sampled_pixels()]
-        size = (kept[0].stop - kept[0].start, kept[1].stop - kept[1].start)
-    registration = registration_of(shot)
+    denoises, detail = "denoise" in plan, _detail_of(shot, drawn)
     levels = np.float32(0)
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
     return Development(
-        size=size,
+        size=detail.size if denoises else shot.size,
         mosaic=sensor.cfa == "rggb",
         stencil=stencil,
         rows=rows,
@@ -123,24 +117,24 @@ def development_of(shot: ShotRecord) -> Development:
         shoulder=shoulder,
         contrast=contrast,
         brighten=brighten,
-        registers="register" in plan and not whole,
-        registration=registration,
+        finishes=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
+        detail=detail,
+        registers="register" in plan and not denoises,
+        registration=_registration_of(shot, drawn),
     )
 
 
-def registration_of(shot: ShotRecord) -> Registration:
-    """Return a shot's Registration."""
+def _registration_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Registration:
     views, lens = np.empty((0, 3, 3)), np.empty((0, 2))
     if "register" in shot.plan:
-        drawn = _numbers_of(shot)
         views = _homography_of(shot, drawn)
         lens = np.stack(_distortion_of(shot, drawn), 1)
     return Registration(views, lens)
 
 
-def detail_of(shot: ShotRecord) -> Detail:
+def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
     """Return a shot's Detail; neutral values for effects that are not planned."""
-    plan, how, drawn = shot.plan, shot.scene.develop, _numbers_of(shot)
+    plan, how = shot.plan, shot.scene.develop
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
     if "chroma_blur" in plan:
@@ -149,7 +143,7 @@ def detail_of(shot: ShotRecord) -> Detail:
         amount[:] = drawn["develop.sharpen"]
         sharp_size = kernel_size(how.sharpen_radius)
     return Detail(
-        shot.size,
+        (_kept(rows), _kept(cols)),
         _resize_of_photo(rows, how.resize),
         _resize_of_photo(cols, how.resize),
         drawn["develop.chroma_blur"],
@@ -281,7 +275,7 @@ def _resampling(scene: Scene, size: tuple[int, int]) -> tuple[Stencil, Resize, R
     if mosaic:
         demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
     stencil = lower_stencil(demosaic, len(cols.index) // 2, LANES)
-    whole = any(name in scene.plan() for name in FILTERS)
+    whole = any(name in scene.plan() for name in ("denoise", "chroma_blur", "sharpen"))
     return (
         stencil,
         _resize(rows, how.resize, reach, 1, whole=whole),
@@ -289,13 +283,17 @@ def _resampling(scene: Scene, size: tuple[int, int]) -> tuple[Stencil, Resize, R
     )
 
 
+def _kept(pixels: SampledPixels) -> int:
+    return pixels.kept.stop - pixels.kept.start
+
+
 def _resize_of_photo(pixels: SampledPixels, how: str) -> Resize:
-    kept = pixels.kept.stop - pixels.kept.start
+    kept = _kept(pixels)
     return lower_resize(kept, pixels.size, kept, how, 0, 0, 0, 1, LANES)
 
 
 def _resize(pixels: SampledPixels, how: str, reach: int, parity: int, *, whole: bool) -> Resize:
-    read, kept = len(pixels.index), pixels.kept.stop - pixels.kept.start
+    read, kept = len(pixels.index), _kept(pixels)
     if whole:
         return lower_resize(read, kept, kept, "area", 0, 0, 0, parity, LANES)
     return lower_resize(

@@ -190,7 +190,7 @@ class Resize(NamedTuple):
             row's colours.
         back_index, back_weight: (p, T', n / p), the transpose; p is 2 if even and odd columns are
             held apart, else 1.
-        cells: each photo pixel is the mean of its own cell's two columns.
+        each: each photo pixel is a sensor pixel. pairs: each is the mean of two of its own.
     """
 
     start: np.ndarray
@@ -201,12 +201,12 @@ class Resize(NamedTuple):
     weight: np.ndarray
     back_index: np.ndarray
     back_weight: np.ndarray
-    cells: bool
+    each: bool
+    pairs: bool
 
 
 class Registration(NamedTuple):
-    """A batch's way back to the image's frame, as `run.register` takes it; of length 0 if nothing
-    is registered.
+    """A batch's way back to the image's frame; of length 0 if nothing is registered.
 
     Args:
         views: (B, 3, 3) float64, see `register.register`.
@@ -218,10 +218,11 @@ class Registration(NamedTuple):
 
 
 class Detail(NamedTuple):
-    """A batch's way from the codes of every sensor pixel to photos, as `run.finish` takes it.
+    """A batch's way from the codes of every sensor pixel to photos; neutral if no filter is
+    planned.
 
     Args:
-        size: height and width of the photos. rows, cols: the resize along both axes.
+        size: height and width of the codes. rows, cols: the resize along both axes.
         chroma, sharp: (B,) float64, standard deviations in pixels of the Gaussians of colour and of
             the unsharp mask. chroma_size, sharp_size: pixels along their kernels.
         amount: (B,) float32, strength of the mask.
@@ -249,7 +250,8 @@ class Development(NamedTuple):
             more than a gain for each colour.
         toned: codes go through a tone curve of shoulder and contrast, (B,) float32 each. brighten:
             (B,) float32.
-        registers: whether the photos come back to the image's frame.
+        finishes: the resize by `rows` and `cols` leaves every sensor pixel, and `detail` makes
+            photos of them. registers: the photos come back to the image's frame.
     """
 
     size: tuple[int, int]
@@ -266,5 +268,7 @@ class Development(NamedTuple):
     shoulder: np.ndarray
     contrast: np.ndarray
     brighten: np.ndarray
+    finishes: bool
+    detail: Detail
     registers: bool
     registration: Registration

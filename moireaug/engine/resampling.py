@@ -88,14 +88,15 @@ def lower_resize(
         for t, (target, share) in enumerate(entries):
             back[0][pixel % parity, t, pixel // parity] = target
             back[1][pixel % parity, t, pixel // parity] = share
-    cells = parity == 2 and read == 2 * size and taps.shape[1] == 2 and bool((taps == 0.5).all())
+    each = taps.shape[1] == 1 and bool((start == photo).all())
+    pairs = read == 2 * size and taps.shape[1] == 2 and bool((taps == 0.5).all())
     rows = (
         start.astype(np.int64),
         taps.astype(np.float32),
         first.astype(np.int64),
         last.astype(np.int64),
     )
-    return Resize(*rows, index, weight, *back, cells)
+    return Resize(*rows, index, weight, *back, each, pairs)
 
 
 def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int, unit: int) -> Stencil:

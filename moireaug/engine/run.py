@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from moireaug.engine.compiling import cold
-from moireaug.engine.record import Detail, Development, Exposure, Registration
+from moireaug.engine.record import Development, Exposure
 
 PARTS = 4  # of a batch per thread, one after another, as images take different times
 
@@ -83,11 +83,13 @@ class _Develop(torch.autograd.Function):
     def forward(ctx, raw: Tensor, d: Development) -> Tensor:
         from moireaug.engine import batch
 
-        ctx.save_for_backward(raw)
+        noted = len(raw) if d.finishes and ctx.needs_input_grad[0] else 0
+        inside = torch.empty(noted, 3, *d.detail.size, dtype=torch.uint8)
+        ctx.save_for_backward(raw, inside)
         ctx.development = d
         out = torch.empty(len(raw), 3, *d.size)
-        readings, photos = raw.detach().contiguous().numpy(), out.numpy()
-        each(lambda first, last: batch.develop(photos, readings, d, first, last), len(raw))
+        readings, photos, notes = raw.detach().contiguous().numpy(), out.numpy(), inside.numpy()
+        each(lambda first, last: batch.develop(photos, notes, readings, d, first, last), len(raw))
         return out
 
     @staticmethod
@@ -95,92 +97,15 @@ class _Develop(torch.autograd.Function):
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
         from moireaug.engine import batch
 
-        (raw,), d = ctx.saved_tensors, ctx.development
+        (raw, inside), d = ctx.saved_tensors, ctx.development
         out = torch.empty(raw.shape)
-        readings, grads, results = (
-            raw.detach().contiguous().numpy(),
-            grad.contiguous().numpy(),
-            out.numpy(),
-        )
+        readings, notes = raw.detach().contiguous().numpy(), inside.numpy()
+        grads, results = grad.contiguous().numpy(), out.numpy()
         each(
-            lambda first, last: batch.develop_back(results, grads, readings, d, first, last),
+            lambda first, last: batch.develop_back(results, grads, notes, readings, d, first, last),
             len(raw),
         )
         return out, None
-
-
-class _Register(torch.autograd.Function):
-    """Photos to the image's frame, once differentiable in the photos."""
-
-    @staticmethod
-    def forward(ctx, photo: Tensor, registration: Registration) -> Tensor:
-        from moireaug.engine import batch
-
-        ctx.registration = registration
-        out = torch.empty(photo.shape)
-        photos, results = photo.detach().contiguous().numpy(), out.numpy()
-        each(
-            lambda first, last: batch.register(results, photos, registration, first, last),
-            len(photo),
-        )
-        return out
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
-        from moireaug.engine import batch
-
-        out = torch.empty(grad.shape)
-        grads, results = grad.contiguous().numpy(), out.numpy()
-        each(
-            lambda first, last: batch.register_back(results, grads, ctx.registration, first, last),
-            len(grad),
-        )
-        return out, None
-
-
-class _Finish(torch.autograd.Function):
-    """Codes of every sensor pixel to photos, once differentiable in the codes."""
-
-    @staticmethod
-    def forward(ctx, photo: Tensor, d: Detail) -> Tensor:
-        from moireaug.engine import batch
-
-        noted = photo.shape if ctx.needs_input_grad[0] else (0, *photo.shape[1:])
-        inside = torch.empty(noted, dtype=torch.uint8)
-        ctx.save_for_backward(inside)
-        ctx.detail = d
-        out = torch.empty(len(photo), 3, *d.size)
-        photos, results, notes = photo.detach().contiguous().numpy(), out.numpy(), inside.numpy()
-        each(lambda first, last: batch.finish(results, notes, photos, d, first, last), len(photo))
-        return out
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
-        from moireaug.engine import batch
-
-        (inside,), d = ctx.saved_tensors, ctx.detail
-        out = torch.empty(inside.shape)
-        notes, grads, results = inside.numpy(), grad.contiguous().numpy(), out.numpy()
-        each(
-            lambda first, last: batch.finish_back(results, grads, notes, d, first, last),
-            len(inside),
-        )
-        return out, None
-
-
-def finish(photo: Tensor, d: Detail) -> Tensor:
-    """Return photos (B, 3, H, W) float32 of the codes (B, 3, h, w) of every sensor pixel: colour
-    smoothed, brightness sharpened, clipped and resized; once differentiable in the codes."""
-    prepare()
-    return _Finish.apply(photo, d)
-
-
-def register(photo: Tensor, registration: Registration) -> Tensor:
-    """Return photos (B, 3, H, W) float32 in the image's frame; once differentiable in them."""
-    prepare()
-    return _Register.apply(photo, registration)
 
 
 def develop(raw: Tensor, development: Development) -> Tensor:
