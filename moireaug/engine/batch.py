@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine import detail, nodes, panel, picture
+from moireaug.engine import finish, nodes, panel, picture
 from moireaug.engine.compiling import fill, kernel, loop
 from moireaug.engine.develop import develop as develop_image
 from moireaug.engine.develop_back import develop_back as develop_image_back
@@ -137,7 +137,7 @@ def _register(photo, planes, registration, i, back):
 def _photo(photo, inside, raw, d, i):
     """Fill photo (3, H, W), in the camera's frame, from image i's raw."""
     if d.finishes:
-        detail.finish(photo, inside[i : i + 1], raw, d, i)
+        finish.finish(photo, inside[i : i + 1], raw, d, i)
     else:
         develop_image(photo, raw, d, i)
 
@@ -148,7 +148,7 @@ def develop(photos, inside, raw, d, first, last):
     (B, planes, h, w) float32.
 
     Args:
-        inside: (B, 3, ...) uint8, see `detail.finish`; (0, 3, ...) if not needed.
+        inside: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
         d: see `record.Development`.
     """
     if not d.registers:
@@ -166,9 +166,9 @@ def develop(photos, inside, raw, d, first, last):
 @loop
 def _photo_back(raw_grad, grad, codes_grad, inside, raw, d, i):
     """Fill raw_grad with the gradient in image i's raw, from that in its photo in the camera's
-    frame; codes_grad: workspace for `detail.finish_back`."""
+    frame; codes_grad: workspace for `finish.finish_back`."""
     if d.finishes:
-        detail.finish_back(codes_grad, grad, inside[i], d, i)
+        finish.finish_back(codes_grad, grad, inside[i], d, i)
         develop_image_back(raw_grad, codes_grad, raw, d, i)
     else:
         develop_image_back(raw_grad, grad, raw, d, i)

@@ -1,6 +1,5 @@
-"""From the codes of every sensor pixel to a photo, one image per call, a row at a time: smooth
-colour, sharpen brightness, clip overshoots, and resize; and the backward pass. No more rows are
-developed ahead than a filter needs."""
+"""The filters of a photo's codes, a row at a time: smooth colour and sharpen brightness; and their
+transpose."""
 
 from __future__ import annotations
 
@@ -10,14 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.compiling import copy, fill, inner, loop
-from moireaug.engine.develop import along, codes_of_row, gather, workspace
 from moireaug.engine.record import LANES
-from moireaug.engine.vectors import add, add_taps
+from moireaug.engine.vectors import add_taps
 
 SMALLEST = 1e-3  # standard deviation, as in the reference
 FARTHEST = 4.5  # standard deviations: what lies beyond weighs less than 1e-5
-ZERO, ONE, THIRD = np.float32(0), np.float32(1), np.float32(1 / 3)
-HALF = np.float32(0.5)
+ZERO, THIRD = np.float32(0), np.float32(1 / 3)
 
 
 class _Filter(NamedTuple):
@@ -65,7 +62,7 @@ def _gaussian(sigma, size):
 
 
 @loop
-def _filter_of(detail, image, back):
+def filter_of(detail, image, back):
     """Return the _Filter of one image's Detail, or its transpose."""
     h, w = detail.size
     chroma = _gaussian(detail.chroma[image], detail.chroma_size)
@@ -133,7 +130,7 @@ def _along_back(out, padded, kernel, f, w):
 
 
 @inner
-def _enter(f, photo, y):
+def enter(f, photo, y):
     """Blur row y of a photo horizontally, into the ring. The photo may hold its last rows only:
     row y at y modulo their number."""
     w = photo.shape[2]
@@ -204,14 +201,14 @@ def _join(out, photo, y, soft, amount):
 
 
 @inner
-def _needed(f, y):
+def needed(f, y):
     """Return how many rows must have entered the ring before row y is filtered."""
     return min(y + f.ring.shape[1] // 2 + 1, len(f.place))
 
 
 @inner
-def _filter_row(out, photo, y, f):
-    """Fill out (3, w) with row y of a photo, filtered; arguments as in `_enter`."""
+def filter_row(out, photo, y, f):
+    """Fill out (3, w) with row y of a photo, filtered; arguments as in `enter`."""
     for c in range(3):
         if c != 1:  # red and blue are made from the same rows
             kernel = f.sharp if c == 2 else f.chroma
@@ -220,106 +217,3 @@ def _filter_row(out, photo, y, f):
         ring = f.ring[c].reshape(-1)
         add_taps(f.soft[c], 0, f.soft.shape[1], f.weight, 0, len(kernel), ring, f.offset, 0)
     _join(out, photo, y, f.soft, f.amount)
-
-
-@inner
-def _note(inside, row, y):
-    """Note which pixels of a row (3, w) no clip changes, in inside (3, h, w)."""
-    for c in range(3):
-        for i in range(row.shape[1]):
-            inside[c, y, i] = np.uint8(ZERO <= row[c, i] <= ONE)
-
-
-@inner
-def _pairs(out, row):
-    for i in range(len(out)):
-        out[i] = HALF * (row[2 * i] + row[2 * i + 1])
-
-
-@inner
-def _pairs_back(out, line):
-    for i in range(len(line)):
-        half = HALF * line[i]
-        out[2 * i] = half
-        out[2 * i + 1] = half
-
-
-@inner
-def _resize_row(out, row, y, line, rows, cols):
-    """Add a photo's row y (3, w), clipped, to out (3, H, W); line: (W,) workspace."""
-    for c in range(3):
-        for i in range(row.shape[1]):
-            row[c, i] = min(max(row[c, i], ZERO), ONE)
-        if cols.pairs:
-            _pairs(line, row[c])
-        else:
-            gather(line, row[c], cols.index, cols.weight)
-        for i in range(rows.first[y], rows.last[y] + 1):
-            add(out[c, i], line, rows.taps[i, y - rows.start[i]])
-
-
-@inner
-def _resize_row_back(photo_grad, inside, grad, y, line, rows, cols):
-    """Fill row y of photo_grad (3, h, w) from grad (3, H, W); arguments as in `_resize_row`, and
-    `inside` as in `_note`."""
-    for c in range(3):
-        fill(line, ZERO)
-        for i in range(rows.first[y], rows.last[y] + 1):
-            add(line, grad[c, i], rows.taps[i, y - rows.start[i]])
-        if cols.pairs:
-            _pairs_back(photo_grad[c, y], line)
-        else:
-            gather(photo_grad[c, y], line, cols.back_index[0], cols.back_weight[0])
-        for i in range(photo_grad.shape[2]):
-            photo_grad[c, y, i] *= np.float32(inside[c, y, i])
-
-
-@loop
-def finish(out, inside, raw, d, image):
-    """Fill out (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
-
-    Args:
-        inside: (1, 3, ...) uint8, filled with which codes of sensor pixels the clip lets through,
-            for `finish_back`; (0, 3, ...) if not needed.
-        d: see `record.Development`. image: index in the batch.
-    """
-    h, w = d.detail.size
-    rows, cols = d.detail.rows, d.detail.cols
-    f, work = _filter_of(d.detail, image, False), workspace(d, raw.shape[2])
-    codes = np.empty((3, _needed(f, 0), w), np.float32)
-    row, line = np.empty((3, w), np.float32), np.empty(out.shape[2], np.float32)
-    fill(out.reshape(-1), ZERO)
-    entered = 0
-    for y in range(h):
-        while entered < _needed(f, y):
-            if entered % work.step == 0:
-                codes_of_row(work, raw, entered // work.step, d, image)
-            for c in range(3):
-                along(codes[c, entered % codes.shape[1]], work, entered % work.step, c, d.cols)
-            _enter(f, codes, entered)
-            entered += 1
-        _filter_row(row, codes, y, f)
-        if len(inside):
-            _note(inside[0], row, y)
-        _resize_row(out, row, y, line, rows, cols)
-
-
-@loop
-def finish_back(codes_grad, grad, inside, d, image):
-    """Fill codes_grad (3, h, w) with the gradient in the codes of every sensor pixel, from grad
-    (3, H, W) and what `finish` filled `inside` with, (3, h, w)."""
-    _, h, w = codes_grad.shape
-    rows, cols = d.detail.rows, d.detail.cols
-    row, line = np.empty((3, w), np.float32), np.empty(grad.shape[2], np.float32)
-    for y in range(h):
-        _resize_row_back(codes_grad, inside, grad, y, line, rows, cols)
-    # in place: a row is written after the last row that is made from it has entered the ring
-    f = _filter_of(d.detail, image, True)
-    entered = 0
-    for y in range(h):
-        while entered < _needed(f, y):
-            _enter(f, codes_grad, entered)
-            entered += 1
-        _filter_row(row, codes_grad, y, f)
-        for c in range(3):
-            copy(codes_grad[c, y], row[c])
