@@ -137,9 +137,9 @@ def _register(photo, planes, registration, i, back):
 def _photo(photo, inside, raw, d, i):
     """Fill photo (3, H, W), in the camera's frame, from image i's raw."""
     if d.finishes:
-        finish.finish(photo, inside[i : i + 1], raw, d, i)
+        finish.finish(photo, inside[i : i + 1], raw, d.codes, d.detail, i)
     else:
-        develop_image(photo, raw, d, i)
+        develop_image(photo, raw, d.codes, i)
 
 
 @kernel
@@ -168,10 +168,10 @@ def _photo_back(raw_grad, grad, codes_grad, inside, raw, d, i):
     """Fill raw_grad with the gradient in image i's raw, from that in its photo in the camera's
     frame; codes_grad: workspace for `finish.finish_back`."""
     if d.finishes:
-        finish.finish_back(codes_grad, grad, inside[i], d, i)
-        develop_image_back(raw_grad, codes_grad, raw, d, i)
+        finish.finish_back(codes_grad, grad, inside[i], d.detail, i)
+        develop_image_back(raw_grad, codes_grad, raw, d.codes, i)
     else:
-        develop_image_back(raw_grad, grad, raw, d, i)
+        develop_image_back(raw_grad, grad, raw, d.codes, i)
 
 
 @kernel

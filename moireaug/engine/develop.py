@@ -34,13 +34,13 @@ class Workspace(NamedTuple):
 
 
 @loop
-def workspace(d, w):
+def workspace(codes, w):
     """Return the Workspace of readings w wide."""
     lanes = (w + LANES - 1) // LANES * LANES
     held = np.empty(3, np.int64)
     fill(held, -1)
     return Workspace(
-        2 if d.mosaic else 1,
+        2 if codes.mosaic else 1,
         lanes,
         np.zeros(SITES * 3 * lanes, np.float32),
         np.zeros((3, SITES * (lanes + LANES)), np.float32),
@@ -77,23 +77,46 @@ def _mix(red, green, blue, matrix):
         blue[i] = br * r + bg * g + bb * b
 
 
+class Tone(NamedTuple):
+    """How one image's light becomes codes; see `record.Codes`. Passing it costs little, unlike a
+    record of arrays."""
+
+    coded: bool
+    toned: bool
+    shoulder: np.float32
+    contrast: np.float32
+    brighten: np.float32
+
+
 @inner
-def _code(out, gain, d, image):
+def tone_of(codes, image):
+    """Return an image's Tone."""
+    return Tone(
+        codes.coded,
+        codes.toned,
+        codes.shoulder[image],
+        codes.contrast[image],
+        codes.brighten[image],
+    )
+
+
+@inner
+def _code(out, gain, tone):
     """Turn a row of an image's light into codes, in place."""
-    shoulder, contrast, brighten = d.shoulder[image], d.contrast[image], d.brighten[image]
-    if d.coded:
+    shoulder, contrast = tone.shoulder, tone.contrast
+    if tone.coded:
         for i in range(len(out)):
             out[i] = encode(out[i] * gain)
     else:
         for i in range(len(out)):
             out[i] *= gain
-    if d.toned:
+    if tone.toned:
         for i in range(len(out)):
             x = min(max(out[i], ZERO), ONE)
             x *= (ONE + shoulder) / (ONE + shoulder * x)
             out[i] = x + contrast * (TWO * x - ONE) * x * (ONE - x)
     for i in range(len(out)):
-        out[i] = min(max(out[i] + brighten, ZERO), ONE)
+        out[i] = min(max(out[i] + tone.brighten, ZERO), ONE)
 
 
 @inner
@@ -176,20 +199,19 @@ def _fill(ring, held, raw, y, saturates, levels, wide):
 
 
 @inner
-def light_of_row(work, raw, y, d):
+def light_of_row(work, raw, y, codes):
     """Fill the workspace's colours with those of row y of raw: of four sites, or of one where the
     sensor has no colour filters."""
     _, h, w = raw.shape
-    lanes, ring = work.lanes, work.ring
-    if d.mosaic:
+    lanes, ring, saturates, levels = work.lanes, work.ring, codes.saturates, codes.levels
+    if codes.mosaic:
         wide = ring.shape[1] // SITES
         for dy in range(-1, 2):
-            row = min(max(y + dy, 0), h - 1)
-            _fill(ring, work.held, raw, row, d.saturates, d.levels, wide)
-        _colours(work.colours, ring, y, h, lanes, d.stencil, d.rows)
+            _fill(ring, work.held, raw, min(max(y + dy, 0), h - 1), saturates, levels, wide)
+        _colours(work.colours, ring, y, h, lanes, codes.stencil, codes.rows)
         return
     for channel in range(3):
-        _prepare(ring[0], raw[channel, y], d.saturates, d.levels)
+        _prepare(ring[0], raw[channel, y], saturates, levels)
         for i in range(w):
             work.colours[channel * lanes + i] = ring[0, i + 1]
 
@@ -208,20 +230,20 @@ def mix_row(colours, r, step, lanes, w, matrix):
 
 
 @inner
-def codes_of_row(work, raw, y, d, image):
+def codes_of_row(work, raw, y, codes, tone, image):
     """Fill the workspace's colours with the codes of row y of raw."""
-    w, lanes, matrix = raw.shape[2], work.lanes, d.matrix[image]
-    light_of_row(work, raw, y, d)
+    w, lanes, matrix = raw.shape[2], work.lanes, codes.matrix[image]
+    light_of_row(work, raw, y, codes)
     for r in range(work.step):
-        if not counts(d.rows, y * work.step + r):
+        if not counts(codes.rows, y * work.step + r):
             continue
-        if d.mixes:
+        if codes.mixes:
             mix_row(work.colours, r, work.step, lanes, w, matrix)
         for channel in range(3):
-            gain = ONE if d.mixes else matrix[channel, channel]
+            gain = ONE if codes.mixes else matrix[channel, channel]
             for c in range(work.step):
                 start = ((r * 2 + c) * 3 + channel) * lanes
-                _code(work.colours[start : start + w], gain, d, image)
+                _code(work.colours[start : start + w], gain, tone)
 
 
 @inner
@@ -239,23 +261,23 @@ def along(line, work, r, channel, cols):
 
 
 @loop
-def develop(photo, raw, d, image):
+def develop(photo, raw, codes, image):
     """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
 
     Args:
-        d: see `record.Development`. image: index in the batch.
+        codes: see `record.Codes`. image: index in the batch.
     """
     _, h, w = raw.shape
-    rows, work = d.rows, workspace(d, w)
+    rows, work, tone = codes.rows, workspace(codes, w), tone_of(codes, image)
     line = np.empty(photo.shape[2], np.float32)
     fill(photo.reshape(-1), ZERO)
     for y in range(h):
-        codes_of_row(work, raw, y, d, image)
+        codes_of_row(work, raw, y, codes, tone, image)
         for r in range(work.step):
             row = y * work.step + r
             if not counts(rows, row):
                 continue
             for channel in range(3):
-                along(line, work, r, channel, d.cols)
+                along(line, work, r, channel, codes.cols)
                 for i in range(rows.first[row], rows.last[row] + 1):
                     add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])

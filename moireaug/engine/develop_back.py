@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.compiling import fill, inner, loop
-from moireaug.engine.develop import SITES, counts, gather, light_of_row, mix_row, workspace
+from moireaug.engine.develop import SITES, counts, gather, light_of_row, mix_row, tone_of, workspace
 from moireaug.engine.record import LANES
 from moireaug.engine.tables import encode, encode_slope
 from moireaug.engine.vectors import add
@@ -16,15 +16,15 @@ TWO, SIX = np.float32(2), np.float32(6)
 
 
 @inner
-def _code_slope(out, light, gain, d, image):
+def _code_slope(out, light, gain, tone):
     """Multiply a gradient by the slope of `_code` at `light`; a clip's is 1 at its bounds, 0
     beyond."""
-    shoulder, contrast, brighten = d.shoulder[image], d.contrast[image], d.brighten[image]
+    shoulder, contrast = tone.shoulder, tone.contrast
     for i in range(len(out)):
         x = light[i] * gain
-        code = encode(x) if d.coded else x
-        slope = gain * encode_slope(x) if d.coded else gain
-        if d.toned:
+        code = encode(x) if tone.coded else x
+        slope = gain * encode_slope(x) if tone.coded else gain
+        if tone.toned:
             slope = slope if ZERO <= code <= ONE else ZERO
             code = min(max(code, ZERO), ONE)
             below = ONE + shoulder * code
@@ -32,7 +32,7 @@ def _code_slope(out, light, gain, d, image):
             code *= (ONE + shoulder) / below
             slope *= ONE + contrast * (SIX * code * (ONE - code) - ONE)
             code += contrast * (TWO * code - ONE) * code * (ONE - code)
-        code += brighten
+        code += tone.brighten
         out[i] *= slope if ZERO <= code <= ONE else ZERO
 
 
@@ -85,31 +85,31 @@ def _fold_back(raw_grad, total, raw, y, wide, saturates):
 
 
 @loop
-def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass, row by row
+def develop_back(raw_grad, photo_grad, raw, codes, image):  # noqa: C901  # one pass, row by row
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop`."""
     _, h, w = raw.shape
-    mosaic, saturates = d.mosaic, d.saturates
-    stencil, rows, cols = d.stencil, d.rows, d.cols
-    work = workspace(d, w)
+    mosaic, saturates = codes.mosaic, codes.saturates
+    stencil, rows, cols = codes.stencil, codes.rows, codes.cols
+    work, tone = workspace(codes, w), tone_of(codes, image)
     step, lanes, colours = work.step, work.lanes, work.colours
     wide = lanes + LANES
     grads = np.zeros(SITES * 3 * lanes, np.float32)
     line = np.empty(photo_grad.shape[2], np.float32)
     total = np.zeros((3, SITES * wide), np.float32)
-    matrix = d.matrix[image]
+    matrix = codes.matrix[image]
     transposed = matrix.T.copy()
     for y in range(h):
-        light_of_row(work, raw, y, d)
+        light_of_row(work, raw, y, codes)
         fill(grads, ZERO)
         for r in range(step):
             row = y * step + r
             if not counts(rows, row):
                 continue
-            if d.mixes:
+            if codes.mixes:
                 mix_row(colours, r, step, lanes, w, matrix)
             for channel in range(3):
-                gain = ONE if d.mixes else matrix[channel, channel]
+                gain = ONE if codes.mixes else matrix[channel, channel]
                 fill(line, ZERO)
                 for i in range(rows.first[row], rows.last[row] + 1):
                     add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
@@ -117,8 +117,8 @@ def develop_back(raw_grad, photo_grad, raw, d, image):  # noqa: C901  # one pass
                 _along_back(grads[start:], line, work, w, cols)
                 for c in range(step):
                     a = start + c * 3 * lanes
-                    _code_slope(grads[a : a + w], colours[a : a + w], gain, d, image)
-            if d.mixes:
+                    _code_slope(grads[a : a + w], colours[a : a + w], gain, tone)
+            if codes.mixes:
                 mix_row(grads, r, step, lanes, w, transposed)
         if not mosaic:
             for channel in range(3):

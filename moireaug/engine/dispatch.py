@@ -50,9 +50,11 @@ def explain(scene: Scene) -> str:
     lines = []
     for stage, reason in (("expose", _no_exposing(scene)), ("develop", _no_developing(scene))):
         reason = _unavailable() or reason
-        lines.append(
-            f"{stage:8} {'reference: ' + reason if reason else 'engine, on the CPU in float32'}"
-        )
+        line = f"reference: {reason}" if reason else "engine, on the CPU in float32"
+        rest = scene.plan().finishing
+        if stage == "develop" and rest and not reason:
+            line += f"; reference from {rest[0].name!r} on"
+        lines.append(f"{stage:8} {line}")
     return "\n".join(lines)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from moireaug.engine.compiling import copy, fill, inner, loop
 from moireaug.engine.detail import enter, filter_of, filter_row, needed
-from moireaug.engine.develop import along, codes_of_row, gather, workspace
+from moireaug.engine.develop import along, codes_of_row, gather, tone_of, workspace
 from moireaug.engine.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
@@ -67,46 +67,45 @@ def _resize_row_back(photo_grad, inside, grad, y, line, rows, cols):
 
 
 @loop
-def finish(out, inside, raw, d, image):
+def finish(out, inside, raw, codes, detail, image):
     """Fill out (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
 
     Args:
         inside: (1, 3, ...) uint8, filled with which codes of sensor pixels the clip lets through,
             for `finish_back`; (0, 3, ...) if not needed.
-        d: see `record.Development`. image: index in the batch.
+        codes, detail: see `record`. image: index in the batch.
     """
-    h, w = d.detail.size
-    rows, cols = d.detail.rows, d.detail.cols
-    f, work = filter_of(d.detail, image, False), workspace(d, raw.shape[2])
-    codes = np.empty((3, needed(f, 0), w), np.float32)
+    h, w = detail.size
+    f, work = filter_of(detail, image, False), workspace(codes, raw.shape[2])
+    tone = tone_of(codes, image)
+    ahead = np.empty((3, needed(f, 0), w), np.float32)
     row, line = np.empty((3, w), np.float32), np.empty(out.shape[2], np.float32)
     fill(out.reshape(-1), ZERO)
     entered = 0
     for y in range(h):
         while entered < needed(f, y):
             if entered % work.step == 0:
-                codes_of_row(work, raw, entered // work.step, d, image)
+                codes_of_row(work, raw, entered // work.step, codes, tone, image)
             for c in range(3):
-                along(codes[c, entered % codes.shape[1]], work, entered % work.step, c, d.cols)
-            enter(f, codes, entered)
+                along(ahead[c, entered % ahead.shape[1]], work, entered % work.step, c, codes.cols)
+            enter(f, ahead, entered)
             entered += 1
-        filter_row(row, codes, y, f)
+        filter_row(row, ahead, y, f)
         if len(inside):
             _note(inside[0], row, y)
-        _resize_row(out, row, y, line, rows, cols)
+        _resize_row(out, row, y, line, detail.rows, detail.cols)
 
 
 @loop
-def finish_back(codes_grad, grad, inside, d, image):
+def finish_back(codes_grad, grad, inside, detail, image):
     """Fill codes_grad (3, h, w) with the gradient in the codes of every sensor pixel, from grad
     (3, H, W) and what `finish` filled `inside` with, (3, h, w)."""
     _, h, w = codes_grad.shape
-    rows, cols = d.detail.rows, d.detail.cols
     row, line = np.empty((3, w), np.float32), np.empty(grad.shape[2], np.float32)
     for y in range(h):
-        _resize_row_back(codes_grad, inside, grad, y, line, rows, cols)
+        _resize_row_back(codes_grad, inside, grad, y, line, detail.rows, detail.cols)
     # in place: a row is written after the last row that is made from it has entered the ring
-    f = filter_of(d.detail, image, True)
+    f = filter_of(detail, image, True)
     entered = 0
     for y in range(h):
         while entered < needed(f, y):

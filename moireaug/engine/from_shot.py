@@ -19,6 +19,7 @@ from moireaug.engine import lowering, pose
 from moireaug.engine.record import (
     LANES,
     Cell,
+    Codes,
     Detail,
     Development,
     Exposure,
@@ -102,8 +103,7 @@ def development_of(shot: ShotRecord) -> Development:
     levels = np.float32(0)
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
-    return Development(
-        size=detail.size if denoises else shot.size,
+    codes = Codes(
         mosaic=sensor.cfa == "rggb",
         stencil=stencil,
         rows=rows,
@@ -117,6 +117,10 @@ def development_of(shot: ShotRecord) -> Development:
         shoulder=shoulder,
         contrast=contrast,
         brighten=brighten,
+    )
+    return Development(
+        size=detail.size if denoises else shot.size,
+        codes=codes,
         finishes=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
         detail=detail,
         registers="register" in plan and not denoises,

@@ -238,23 +238,19 @@ class Detail(NamedTuple):
     amount: np.ndarray
 
 
-class Development(NamedTuple):
-    """A batch's development, as `run.develop` takes it.
+class Codes(NamedTuple):
+    """A batch's way from readings to codes, and their resize.
 
     Args:
-        size: height and width of the photos.
-        mosaic: the readings are packed planes.
+        mosaic: the readings are packed planes. rows, cols: the resize along both axes.
         saturates: readings above 1 become 1. levels: the converter's 2^bits - 1, or 0. coded: light
             becomes sRGB codes.
         matrix: (B, 3, 3) float32, from the filters' colours to the photo's. mixes: whether it is
             more than a gain for each colour.
         toned: codes go through a tone curve of shoulder and contrast, (B,) float32 each. brighten:
             (B,) float32.
-        finishes: the resize by `rows` and `cols` leaves every sensor pixel, and `detail` makes
-            photos of them. registers: the photos come back to the image's frame.
     """
 
-    size: tuple[int, int]
     mosaic: bool
     stencil: Stencil
     rows: Resize
@@ -268,6 +264,19 @@ class Development(NamedTuple):
     shoulder: np.ndarray
     contrast: np.ndarray
     brighten: np.ndarray
+
+
+class Development(NamedTuple):
+    """A batch's development, as `run.develop` takes it.
+
+    Args:
+        size: height and width of the photos.
+        finishes: `codes` leaves every sensor pixel, and `detail` makes photos of them.
+        registers: the photos come back to the image's frame.
+    """
+
+    size: tuple[int, int]
+    codes: Codes
     finishes: bool
     detail: Detail
     registers: bool

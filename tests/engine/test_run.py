@@ -98,6 +98,21 @@ def test_the_reference_is_forced_until_the_last_block_is_left():
     assert "reference:" not in explain(SHOT.scene)
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("denoise", None, "float32"),
+        ("denoise", "bilateral", "float32; reference from 'denoise' on"),
+        ("jpeg", 90.0, "float32; reference from 'jpeg' on"),
+    ],
+)
+def test_what_the_engine_leaves_to_the_reference_is_said(field, value, said):
+    how = dataclasses.replace(SHOT.scene.develop, **{field: value})
+    exposes, develops = explain(dataclasses.replace(SHOT.scene, develop=how)).splitlines()
+    assert exposes.endswith("engine, on the CPU in float32")
+    assert develops.endswith(said)
+
+
 def test_a_reading_of_nan_has_no_jpeg():
     how = dataclasses.replace(SHOT.scene.develop, jpeg=90.0)
     shot = dataclasses.replace(SHOT, scene=dataclasses.replace(SHOT.scene, develop=how))
