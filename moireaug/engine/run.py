@@ -1,11 +1,9 @@
-"""Kernels on batches: tensors in and out, and threads over images."""
+"""Kernels on batches: tensors in and out."""
 
 from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
@@ -14,8 +12,7 @@ from torch.autograd.function import once_differentiable
 
 from moireaug.engine.compiling import cold
 from moireaug.engine.record import Development, Exposure
-
-PARTS = 4  # of a batch per thread, one after another, as images take different times
+from moireaug.engine.threads import each
 
 
 def announce(message: str) -> None:
@@ -31,20 +28,6 @@ def prepare() -> None:
         announce(
             "moireaug compiles its CPU kernels, once on this machine; this takes up to a minute."
         )
-
-
-def each(work: Callable[[int, int], None], n: int) -> None:
-    """Run work(first, last) on parts of range(n), on as many threads as the caller's torch uses.
-    No thread outlives the call, so that the process may fork."""
-    threads = min(torch.get_num_threads(), n)
-    if threads < 2:
-        work(0, n)
-        return
-    part = max(1, n // (PARTS * threads))
-    with ThreadPoolExecutor(threads) as pool:
-        tasks = [pool.submit(work, first, min(first + part, n)) for first in range(0, n, part)]
-        for task in tasks:
-            task.result()
 
 
 def fits(exposure: Exposure) -> np.ndarray:

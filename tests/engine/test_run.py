@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from moireaug import Scene, capture, develop, expose
 from moireaug.engine import compiling, explain, reference, run
+from moireaug.engine.threads import each
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -61,7 +62,7 @@ def test_an_error_in_one_image_reaches_the_caller():
             raise ValueError("the fourth")
 
     with pytest.raises(ValueError, match="the fourth"):
-        run.each(work, 8)
+        each(work, 8)
 
 
 def test_the_first_call_on_a_machine_is_announced_once(tmp_path, monkeypatch):
