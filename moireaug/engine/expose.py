@@ -4,6 +4,7 @@ a time."""
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,20 +30,126 @@ def _columns(u, column, share, cols, first, step, node_step, count, to_next):
         column[i], share[i] = node * to_next, t
 
 
+class _Places(NamedTuple):
+    """Where the pixels of each plane's rows lie.
+
+    Args:
+        u: (planes, w) float64, photo columns about the centre.
+        column: (2, planes, w) int32, where in a row of the weights' nodes those of x and of y begin,
+            at the node before each pixel; share: (planes, w) float32, how far it is to the next.
+        first: (planes,), the first plane with pixels at the same places. shared: (planes,), whether
+            there are others.
+        asked: (planes, 3), at first planes: the colours of light that any of those filters passes.
+    """
+
+    u: np.ndarray
+    column: np.ndarray
+    share: np.ndarray
+    first: np.ndarray
+    shared: np.ndarray
+    asked: np.ndarray
+
+
+class _Row(NamedTuple):
+    """What a row of pixels is computed in.
+
+    Args:
+        weights: (kinds, ...) float32, those of cells at this row's nodes.
+        at: (2, w) float64. whole: (6, w) int32. line: (8, w) float32.
+        glow: (3, w * width) float32, the light that passes the filter of the site's only plane, or
+            each colour's light, spread over columns of cells. of_rows: (w * width,), the weights of
+            rows of cells.
+        wave: (6, K + 1, w) and of_y: (2, L + 1, w) float32, see `harmonics`.
+        cos, sin: (n, K + 1) float32, from `_shifts`. weight: (4,) float32, of four rows of nodes.
+    """
+
+    weights: np.ndarray
+    at: np.ndarray
+    whole: np.ndarray
+    line: np.ndarray
+    glow: np.ndarray
+    of_rows: np.ndarray
+    wave: np.ndarray
+    of_y: np.ndarray
+    cos: np.ndarray
+    sin: np.ndarray
+    weight: np.ndarray
+
+
 @inner
-def _sites(first, asked, sites, filters):
-    """Fill first (planes,) with the first plane of each plane's site, and asked (planes, 3), in the
-    rows of those planes, with the colours of light that any of the site's filters passes."""
+def _sites(first, shared, asked, sites, filters):
+    """Fill the last three fields of `_Places`."""
     for plane in range(len(first)):
         first[plane] = plane
+        shared[plane] = False
         if plane > 0:
             before = first[plane - 1]
             if sites.row[plane] == sites.row[before] and sites.col[plane] == sites.col[before]:
                 first[plane] = before
+                shared[plane] = shared[before] = True
         for colour in range(3):
             asked[plane, colour] = False
             if filters[sites.channel[plane], colour] != 0:
                 asked[first[plane], colour] = True
+
+
+@loop
+def _places(w, planes, sites, nodes, filters):
+    """Return the _Places of a reading w wide."""
+    _, _, count, _, phases, width = nodes.tables.shape
+    to_next, of_y = np.int32(2 * phases * width), np.int32(phases * width)
+    u, share = np.empty((planes, w), np.float64), np.empty((planes, w), np.float32)
+    column = np.empty((2, planes, w), np.int32)
+    for plane in range(planes):
+        _columns(
+            u[plane],
+            column[0, plane],
+            share[plane],
+            sites.cols,
+            sites.col[plane],
+            sites.step,
+            nodes.step_uw,
+            count,
+            to_next,
+        )
+        for i in range(w):
+            column[1, plane, i] = column[0, plane, i] + of_y
+    first, shared = np.empty(planes, np.int64), np.empty(planes, np.bool_)
+    asked = np.empty((planes, 3), np.bool_)
+    _sites(first, shared, asked, sites, filters)
+    return _Places(u, column, share, first, shared, asked)
+
+
+@loop
+def _row(w, cell, nodes):
+    """Return the _Row of a reading w wide."""
+    kinds, _, count, axes, phases, width = nodes.tables.shape
+    n_k, n_l = 1, 1
+    for i in range(len(nodes.terms)):
+        n_k = max(n_k, nodes.terms[i, harmonics.K] + 1)
+        n_l = max(n_l, nodes.terms[i, harmonics.L] + 1)
+    wave, of_y = np.empty((6, n_k, w), np.float32), np.empty((2, n_l, w), np.float32)
+    # those of k = 0 and l = 0: cos, then sin
+    fill(wave[4, 0], ONE)
+    fill(wave[5, 0], ZERO)
+    fill(of_y[0, 0], ONE)
+    fill(of_y[1, 0], ZERO)
+    n = len(cell.channel)
+    cos, sin = np.empty((n, n_k), np.float32), np.empty((n, n_k), np.float32)
+    _shifts(cos, sin, cell)
+    return _Row(
+        np.empty((kinds, count * axes * phases * width), np.float32),
+        np.empty((2, w), np.float64),
+        np.empty((6, w), np.int32),
+        np.empty((7, w), np.float32),
+        np.empty((3, w), np.float32),
+        np.empty(w * width, np.float32),
+        wave,
+        of_y,
+        cos,
+        sin,
+        np.empty(4, np.float32),
+    )
 
 
 @inner
@@ -64,8 +171,95 @@ def _weights(out, tables, v, first, step_v):
         optics.blend(out[kind], flat[node], flat[node + 1], np.float32(t))
 
 
+@inner
+def _light(row, panel, size, camera, filters, cell, nodes, sites, places, plane, v):
+    """Fill the row's glow with the light on a plane's row v, and those at the same places: with
+    what passes the filter or, if there are others, with each colour's light."""
+    width, taps = nodes.tables.shape[5], cell.taps
+    phases = nodes.tables.shape[4]
+    to_next, phases = np.int32(2 * phases * width), phases - 2
+    x, y, whole, line = row.at[0], row.at[1], row.whole, row.line
+    nx, ny, base = whole[0], whole[1], whole[2]
+    start_x, start_y, place = whole[3], whole[4], whole[5]
+    dx, dy, past, through, content = line[0], line[1], line[2], line[3], line[4]
+    even, odd, here, beside = row.wave[0], row.wave[1], row.wave[2], row.wave[3]
+    cx, sx, cy, sy = row.wave[4], row.wave[5], row.of_y[0], row.of_y[1]
+    cells_x, cells_y = places.column[0, plane], places.column[1, plane]
+    share, of_rows = places.share[plane], row.of_rows
+    # the panel's pixels
+    px, py, stride = cell.period[0], cell.period[1], panel.shape[2]
+    pixels, of_cell = panel.reshape(3, panel.shape[1] * stride), stride // px
+    down, lead = np.int32(py * stride), margin(taps)
+    low, high_x = -taps - 1.0, float((size[1] + px - 1) // px + taps)
+    high_y = float((size[0] + py - 1) // py + taps)
+    node, t = bracket(v, sites.rows[0], nodes.step_v, nodes.lines.shape[1], 3)
+    harmonics.lagrange(row.weight, t)
+    look(x, y, places.u[plane], v, camera)
+    lookup.cells(dx, nx, x, 0.0, float(px), low, high_x)
+    harmonics.waves(cx, sx, dx)
+    fill(row.glow.reshape(-1), ZERO)
+    held = -1
+    for i in range(len(cell.channel)):
+        colour = cell.channel[i]
+        if not places.asked[plane, colour]:
+            continue
+        table = row.weights[cell.kind[i]]
+        if cell.row[i] != held:
+            held = cell.row[i]
+            lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
+            lookup.windows(start_y, place, past, dy, ny, cells_y, phases, width)
+            lookup.down(of_rows, table, to_next, place, past, share, width)
+            harmonics.waves(cy, sy, dy)
+            four = nodes.lines[sites.col[plane], node : node + 4]
+            harmonics.across(even, odd, nodes.terms, cell.kind[i], four, row.weight, cy, sy)
+            harmonics.turn(here, beside, even, odd, cx, sx)
+        lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
+        lookup.windows(start_x, place, past, dx, nx, cells_x, phases, width)
+        origin = (lead * py + cell.pixel[i, 1]) * stride + cell.pixel[i, 0] * of_cell
+        lookup.base_of(base, start_x, start_y, down, np.int32(origin + lead))
+        lookup.content(
+            content, pixels[colour], base, down, table, to_next, place, past, share, of_rows, width,
+            taps,
+        )  # fmt: skip
+        harmonics.shine(row.glow[colour], content, here, beside, row.cos[i], row.sin[i], through)
+
+
+@inner
+def _expose(
+    raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, noise_keys,
+    clips, places, row,
+):  # fmt: skip
+    """Do the same as `expose`, in buffers that it allocated."""
+    planes, h, w = raw.shape
+    rows, step = sites.rows, sites.step
+    light, numbers = row.line[5], row.line[6]
+    band = max(1, len(rows) // BANDS)
+    for r in range(h * step):
+        v = rows[r]
+        if r % band == 0:
+            end = min(r + band, len(rows)) - 1
+            _weights(row.weights, nodes.tables, (v + rows[end]) / 2, rows[0], nodes.step_vw)
+        gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
+        for plane in range(planes):
+            if sites.row[plane] != r % step:
+                continue
+            if places.first[plane] == plane:
+                _light(
+                    row, panel, size, camera, filters, cell, nodes, sites, places, plane, v
+                )
+            fill(light, ZERO)
+            for colour in range(3):
+                add(light, row.glow[colour], np.float32(filters[sites.channel[plane], colour]))
+            u = places.u[plane]
+            reflect(light, u, v, white[plane], camera)
+            attenuate(light, gain, u, v, camera)
+            start = (plane * h + r // step) * w
+            out = raw[plane, r // step]
+            read(out, light, camera, start, noise, noise_keys, numbers, clips)
+
+
 @loop
-def expose(  # noqa: C901  # one pass, row by row
+def expose(
     raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips
 ):
     """Fill raw (planes, h, w) float32 with the reading of one image.
@@ -80,115 +274,9 @@ def expose(  # noqa: C901  # one pass, row by row
         noise: whether there is any. seed: int64, of the noise.
         clips: whether the reading is clipped to [0, 1].
     """
-    planes, h, w = raw.shape
-    rows, cols, step = sites.rows, sites.cols, sites.step
-    # the cells' weights, and where in them a row's pixels lie
-    tables = nodes.tables
-    kinds, _, count, _, phases, width = tables.shape
-    to_next, of_y, phases = np.int32(2 * phases * width), np.int32(phases * width), phases - 2
-    weights = np.empty((kinds, count * to_next), np.float32)
-    u, share = np.empty((planes, w), np.float64), np.empty((planes, w), np.float32)
-    column = np.empty((2, planes, w), np.int32)
-    for plane in range(planes):
-        _columns(
-            u[plane],
-            column[0, plane],
-            share[plane],
-            cols,
-            sites.col[plane],
-            step,
-            nodes.step_uw,
-            count,
-            to_next,
-        )
-        for i in range(w):
-            column[1, plane, i] = column[0, plane, i] + of_y
-    first, asked = np.empty(planes, np.int64), np.empty((planes, 3), np.bool_)
-    _sites(first, asked, sites, filters)
-    noise_keys = keys(seed)
-    terms, lines = nodes.terms, nodes.lines
-    weight = np.empty(4, np.float32)
-    # a row's buffers
-    at = np.empty((2, w), np.float64)
-    whole = np.empty((6, w), np.int32)
-    line = np.empty((10, w), np.float32)
-    x, y = at[0], at[1]
-    nx, ny, base = whole[0], whole[1], whole[2]
-    start_x, start_y, place = whole[3], whole[4], whole[5]
-    dx, dy, past, content = line[0], line[1], line[2], line[3]
-    through, light, numbers = line[4], line[5], line[6]
-    glow, of_rows = line[7:], np.empty(w * width, np.float32)
-    n_k, n_l = 1, 1
-    for i in range(len(terms)):
-        n_k, n_l = max(n_k, terms[i, harmonics.K] + 1), max(n_l, terms[i, harmonics.L] + 1)
-    even, odd = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
-    here, beside = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
-    cx, sx = np.empty((n_k, w), np.float32), np.empty((n_k, w), np.float32)
-    cy, sy = np.empty((n_l, w), np.float32), np.empty((n_l, w), np.float32)
-    fill(cx[0], ONE)
-    fill(sx[0], ZERO)
-    fill(cy[0], ONE)
-    fill(sy[0], ZERO)
-    cos, sin = (
-        np.empty((len(cell.channel), n_k), np.float32),
-        np.empty((len(cell.channel), n_k), np.float32),
-    )
-    _shifts(cos, sin, cell)
-    # the panel's pixels
-    px, py, stride = cell.period[0], cell.period[1], panel.shape[2]
-    pixels, of_cell = panel.reshape(3, panel.shape[1] * stride), stride // px
-    down, lead = np.int32(py * stride), margin(cell.taps)
-    low, high_x = -cell.taps - 1.0, float((size[1] + px - 1) // px + cell.taps)
-    high_y = float((size[0] + py - 1) // py + cell.taps)
-    band = max(1, len(rows) // BANDS)
-    for r in range(h * step):
-        v, row = rows[r], r // step
-        if r % band == 0:
-            end = min(r + band, len(rows)) - 1
-            _weights(weights, tables, (v + rows[end]) / 2, rows[0], nodes.step_vw)
-        node, t = bracket(v, rows[0], nodes.step_v, lines.shape[1], 3)
-        harmonics.lagrange(weight, t)
-        gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
-        for plane in range(planes):
-            if sites.row[plane] != r % step:
-                continue
-            if first[plane] == plane:
-                look(x, y, u[plane], v, camera)
-                lookup.cells(dx, nx, x, 0.0, float(px), low, high_x)
-                harmonics.waves(cx, sx, dx)
-                fill(glow.reshape(-1), ZERO)
-                held = -1
-                for i in range(len(cell.channel)):
-                    colour = cell.channel[i]
-                    if not asked[plane, colour]:
-                        continue
-                    table, cells_x, cells_y = (
-                        weights[cell.kind[i]],
-                        column[0, plane],
-                        column[1, plane],
-                    )
-                    if cell.row[i] != held:
-                        held = cell.row[i]
-                        lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
-                        lookup.windows(start_y, place, past, dy, ny, cells_y, phases, width)
-                        lookup.down(of_rows, table, to_next, place, past, share[plane], width)
-                        harmonics.waves(cy, sy, dy)
-                        four = lines[sites.col[plane], node : node + 4]
-                        harmonics.across(even, odd, terms, cell.kind[i], four, weight, cy, sy)
-                        harmonics.turn(here, beside, even, odd, cx, sx)
-                    lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
-                    lookup.windows(start_x, place, past, dx, nx, cells_x, phases, width)
-                    origin = (lead * py + cell.pixel[i, 1]) * stride + cell.pixel[i, 0] * of_cell
-                    lookup.base_of(base, start_x, start_y, down, np.int32(origin + lead))
-                    lookup.content(
-                        content, pixels[colour], base, down, table, to_next, place, past,
-                        share[plane], of_rows, width,
-                    )  # fmt: skip
-                    harmonics.shine(glow[colour], content, here, beside, cos[i], sin[i], through)
-            fill(light, ZERO)
-            for colour in range(3):
-                add(light, glow[colour], np.float32(filters[sites.channel[plane], colour]))
-            reflect(light, u[plane], v, white[plane], camera)
-            attenuate(light, gain, u[plane], v, camera)
-            start = (plane * h + row) * w
-            read(raw[plane, row], light, camera, start, noise, noise_keys, numbers, clips)
+    planes, _, w = raw.shape
+    places, row = _places(w, planes, sites, nodes, filters), _row(w, cell, nodes)
+    _expose(
+        raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, keys(seed),
+        clips, places, row,
+    )  # fmt: skip

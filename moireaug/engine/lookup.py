@@ -10,6 +10,7 @@ import numpy as np
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import (
     eight_by_eight,
+    eight_by_six,
     eight_weights,
     four_by_four,
     four_weights,
@@ -20,6 +21,7 @@ from moireaug.engine.vectors import (
 ROUND = 1.5 * 2.0**52  # adding it rounds to whole numbers
 HALF, ZERO = np.float32(0.5), np.float32(0)
 NARROW, WIDE = 4, 8  # cells along each axis that a pixel's content is taken from
+SIX_ROWS = 2  # up to so many taps, the outermost two of WIDE rows have no light
 
 
 @inner
@@ -85,7 +87,7 @@ def down(out, table, to_next, place, between, share, width):
 
 
 @inner
-def content(out, panel, base, stride, table, to_next, place, between, share, rows, width):
+def content(out, panel, base, stride, table, to_next, place, between, share, rows, width, taps):
     """Fill out (n,) with the content of `width` x `width` cells, weighted.
 
     Args:
@@ -93,10 +95,17 @@ def content(out, panel, base, stride, table, to_next, place, between, share, row
             next.
         table, to_next, place, between, share: of the columns of cells, as in `down`.
         rows: the weights of the rows of cells, from `down`.
+        taps: cells to each side of the nearest one that give light.
     """
     if width == NARROW:
         for i in range(len(out)):
             out[i] = four_by_four(
+                panel, base[i], stride, table, to_next, place[i], between[i], share[i],
+                rows, np.int32(i * width),
+            )  # fmt: skip
+    elif taps <= SIX_ROWS:
+        for i in range(len(out)):
+            out[i] = eight_by_six(
                 panel, base[i], stride, table, to_next, place[i], between[i], share[i],
                 rows, np.int32(i * width),
             )  # fmt: skip

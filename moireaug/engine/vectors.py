@@ -167,8 +167,10 @@ def _down_weights(cells: int):
     return down_weights
 
 
-def _weighted_cells(cells: int):
-    """Make an intrinsic that weighs `cells` x `cells` cells of a panel."""
+def _weighted_cells(cells: int, rows: int):
+    """Make an intrinsic that weighs the `rows` rows in the middle of `cells` x `cells` cells of a
+    panel; those above and below weigh nothing."""
+    skipped = (cells - rows) // 2
 
     @intrinsic
     def weighted_cells(
@@ -190,8 +192,10 @@ def _weighted_cells(cells: int):
             load = _loader(context, builder, table, args[3])
             across = _weights(builder, load, place_, to_next_, args[6], args[7], cells)
             weight = _loader(context, builder, down, args[8])(start_, cells)
-            total = builder.fmul(_spread_lane(builder, weight, 0, cells), row(at_, cells))
-            for j in range(1, cells):
+            for _ in range(skipped):
+                at_ = builder.add(at_, stride_)
+            total = builder.fmul(_spread_lane(builder, weight, skipped, cells), row(at_, cells))
+            for j in range(skipped + 1, skipped + rows):
                 at_ = builder.add(at_, stride_)
                 lane = _spread_lane(builder, weight, j, cells)
                 total = _fma(builder, lane, row(at_, cells), total)
@@ -205,7 +209,8 @@ def _weighted_cells(cells: int):
 
 
 four_weights, eight_weights = _down_weights(4), _down_weights(8)
-four_by_four, eight_by_eight = _weighted_cells(4), _weighted_cells(8)
+four_by_four, eight_by_six = _weighted_cells(4, 4), _weighted_cells(8, 6)
+eight_by_eight = _weighted_cells(8, 8)
 
 
 def _taps(lanes: int):
