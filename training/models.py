@@ -43,21 +43,21 @@ class SmallResNet(nn.Module):
     Args:
         num_classes: number of logits.
         width: channels of the stem; the two stages have twice and four times as many.
+        stride: of the stem. 2 is for 48 px and more, where full resolution costs most of the time
+            and changes little; 1 for images of 32 px.
 
     Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is
     centred inside, so an attack in [0, 1] needs no wrapper.
     """
 
-    def __init__(self, num_classes: int, width: int = 16) -> None:
+    def __init__(self, num_classes: int, width: int = 16, stride: int = 2) -> None:
         super().__init__()
         if num_classes < 1 or width < 1:
             raise ValueError(
                 f"SmallResNet got num_classes={num_classes} and width={width}; both must be at "
                 "least 1. Please pass positive integers."
             )
-        # Stride 2 from the start: full resolution costs most of the time, and a 48 px sign is still
-        # legible at 24 px.
-        self.stem = nn.Conv2d(3, width, 3, 2, 1, bias=False)
+        self.stem = nn.Conv2d(3, width, 3, stride, 1, bias=False)
         self.blocks = nn.Sequential(
             ResidualBlock(width, 2 * width, stride=2),
             ResidualBlock(2 * width, 2 * width),
@@ -78,8 +78,8 @@ class SmallResNet(nn.Module):
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
-# the project's own models, with the channels of their stems
-WIDTHS = {"small_resnet": 16, "small_resnet_x2": 32}
+# the project's own models: channels and stride of their stems
+STEMS = {"small_resnet": (16, 2), "small_resnet_x2": (32, 2), "small_resnet_full": (16, 1)}
 # How checkpoints name the state_dict that they hold, and what wrappers put before its names.
 _HOLDERS = ("state_dict", "model_state_dict", "model")
 _WRAPPERS = ("module.", "model.", "_orig_mod.")
@@ -93,12 +93,12 @@ def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = 
     """
     # in this layout convolutions are up to twice as fast on CPU
     model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
-    return model if name in WIDTHS else Normalized(model)
+    return model if name in STEMS else Normalized(model)
 
 
 def names() -> list[str]:
     """Return every name that `build` knows, own models first."""
-    return [*WIDTHS, *torchvision.models.list_models(module=torchvision.models)]
+    return [*STEMS, *torchvision.models.list_models(module=torchvision.models)]
 
 
 def build(
@@ -107,8 +107,9 @@ def build(
     """Return a classifier by name, freshly initialised or with weights.
 
     Args:
-        name: "small_resnet", "small_resnet_x2" with twice the channels (both take [0, 1] images),
-            or any torchvision classifier (its ImageNet normalisation is the caller's to apply).
+        name: "small_resnet", "small_resnet_x2" with twice the channels, "small_resnet_full", which
+            keeps the full resolution of its input (all take [0, 1] images), or any torchvision
+            classifier (its ImageNet normalisation is the caller's to apply).
         num_classes: number of logits.
         weights: a file with a state_dict, or a checkpoint that holds one as "state_dict",
             "model_state_dict" or "model", with or without a wrapper's "module.", "model." or
@@ -126,7 +127,7 @@ def build(
         hint = f" Closest: {', '.join(closest)}." if closest else ""
         raise ValueError(
             f"There is no model named {name!r}.{hint} "
-            f"Please use {' or '.join(map(repr, WIDTHS))}, or a name from "
+            f"Please use {', '.join(map(repr, STEMS))}, or a name from "
             "torchvision.models.list_models(module=torchvision.models)."
         )
     if num_classes < 1:
@@ -142,8 +143,8 @@ def build(
 
 
 def _fresh(name: str, num_classes: int) -> nn.Module:
-    if name in WIDTHS:
-        return SmallResNet(num_classes, WIDTHS[name])
+    if name in STEMS:
+        return SmallResNet(num_classes, *STEMS[name])
     return torchvision.models.get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
 
 
@@ -155,7 +156,7 @@ def _state(name: str, weights: str) -> Mapping[str, Tensor]:
 
 
 def _published_names(name: str) -> list[str]:
-    if name in WIDTHS:
+    if name in STEMS:
         return []
     return list(torchvision.models.get_model_weights(name).__members__)
 

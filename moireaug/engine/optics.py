@@ -22,7 +22,7 @@ NARROWEST = 1e-12  # variance in cells
 GUARD = 1e-9
 FEWEST_PHASES, MOST_PHASES = 64, 512
 SMOOTH = 2e-3  # error of a weight that is interpolated linearly between phases
-FAINT = 1e-5  # of a pixel's light: cells that give less are not looked at
+FAINT = 1e-3  # of a pixel's light: cells that give less are not looked at
 STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 
 

@@ -72,10 +72,13 @@ def test_small_resnet_refuses_empty_layers(arguments):
         models.SmallResNet(*arguments)
 
 
-def test_own_models_take_images_as_they_are_and_x2_has_twice_the_channels():
-    built = {name: models.as_model(name, 5, None) for name in models.WIDTHS}
+def test_own_models_take_images_as_they_are_and_differ_in_their_stems():
+    built = {name: models.as_model(name, 5, None) for name in models.STEMS}
     assert all(isinstance(model, models.SmallResNet) for model in built.values())
     assert built["small_resnet_x2"].head.in_features == 2 * built["small_resnet"].head.in_features
+    images = torch.rand(1, 3, 32, 32)
+    assert built["small_resnet"].stem(images).shape[-1] == 16
+    assert built["small_resnet_full"].stem(images).shape[-1] == 32
 
 
 def test_names_hold_classifiers_only():
@@ -91,6 +94,7 @@ def test_names_hold_classifiers_only():
     [
         "small_resnet",
         "small_resnet_x2",
+        "small_resnet_full",
         "squeezenet1_1",
         "shufflenet_v2_x0_5",
         "mnasnet0_5",
@@ -323,7 +327,7 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
     [
         ("resnet19", "Closest: resnet18"),
         ("small-resnet", "Closest: small_resnet"),
-        ("", "Please use 'small_resnet' or 'small_resnet_x2'"),
+        ("", "Please use 'small_resnet', 'small_resnet_x2'"),
     ],
 )
 def test_an_unknown_name_lists_the_closest(name, hint):
