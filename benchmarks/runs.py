@@ -12,7 +12,8 @@ from torch import Tensor
 
 from benchmarks.checkouts import Checkout, plain
 from moireaug import Shot, engine, expose
-from moireaug.engine import from_shot, run
+from moireaug.engine import run
+from moireaug.engine.shot_exposure import exposure_of
 
 WITHOUT = "one panel pixel"
 
@@ -61,7 +62,7 @@ def unfused(shown: Tensor, shot: Shot) -> Tensor:
 def one_cell(shown: Tensor, shot: Shot) -> Tensor:
     """Return the engine's reading if each sensor pixel sees only the panel pixel in front of its
     centre."""
-    whole = from_shot.exposure_of(shot, decoded=False)
+    whole = exposure_of(shot, decoded=False)
     exposure = whole._replace(
         cell=whole.cell._replace(taps=0),
         # only weights read them, and a single cell has none

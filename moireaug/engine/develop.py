@@ -21,12 +21,14 @@ class Workspace(NamedTuple):
     """The rows that a development works on.
 
     Args:
-        step: sensor rows, and columns, of a cell. lanes: a cell row's pixels, padded.
+        step: sensor rows, and columns, of a cell. width, lanes: a cell row's pixels, and those with
+            padding.
         colours: (4 sites * 3 * lanes,) float32, the colours of a cell row.
         ring: (3, ...) float32, prepared cell rows. held: (3,), which ones.
     """
 
     step: int
+    width: int
     lanes: int
     colours: np.ndarray
     ring: np.ndarray
@@ -41,6 +43,7 @@ def workspace(codes, w):
     fill(held, -1)
     return Workspace(
         2 if codes.mosaic else 1,
+        w,
         lanes,
         np.zeros(SITES * 3 * lanes, np.float32),
         np.zeros((3, SITES * (lanes + LANES)), np.float32),
@@ -260,18 +263,12 @@ def along(line, work, r, channel, cols):
         gather(line, even, cols.index, cols.weight)
 
 
-@loop
-def develop(photo, raw, codes, image):
-    """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
-
-    Args:
-        codes: see `record.Codes`. image: index in the batch.
-    """
-    _, h, w = raw.shape
-    rows, work, tone = codes.rows, workspace(codes, w), tone_of(codes, image)
-    line = np.empty(photo.shape[2], np.float32)
+@inner
+def _develop(photo, raw, codes, work, tone, image, line):
+    """Do the same as `develop`, in buffers that it allocated."""
+    rows = codes.rows
     fill(photo.reshape(-1), ZERO)
-    for y in range(h):
+    for y in range(raw.shape[1]):
         codes_of_row(work, raw, y, codes, tone, image)
         for r in range(work.step):
             row = y * work.step + r
@@ -281,3 +278,14 @@ def develop(photo, raw, codes, image):
                 along(line, work, r, channel, codes.cols)
                 for i in range(rows.first[row], rows.last[row] + 1):
                     add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
+
+
+@loop
+def develop(photo, raw, codes, image):
+    """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
+
+    Args:
+        codes: see `record.Codes`. image: index in the batch.
+    """
+    work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
+    _develop(photo, raw, codes, work, tone, image, np.empty(photo.shape[2], np.float32))

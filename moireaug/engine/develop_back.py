@@ -84,65 +84,81 @@ def _fold_back(raw_grad, total, raw, y, wide, saturates):
         fill(line, ZERO)
 
 
-@loop
-def develop_back(raw_grad, photo_grad, raw, codes, image):  # noqa: C901  # one pass, row by row
-    """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
-    as in `develop`."""
+@inner
+def _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, line):
+    """Fill grads (4 sites * 3 * lanes,) with the gradient in the light of cell row y, which the
+    workspace holds, from photo_grad (3, H, W)."""
+    step, lanes, w = work.step, work.lanes, work.width
+    fill(grads, ZERO)
+    for r in range(step):
+        row = y * step + r
+        if not counts(codes.rows, row):
+            continue
+        if codes.mixes:
+            mix_row(work.colours, r, step, lanes, w, matrix)
+        for channel in range(3):
+            gain = ONE if codes.mixes else matrix[channel, channel]
+            fill(line, ZERO)
+            for i in range(codes.rows.first[row], codes.rows.last[row] + 1):
+                add(line, photo_grad[channel, i], codes.rows.taps[i, row - codes.rows.start[i]])
+            start = (r * 2 * 3 + channel) * lanes
+            _along_back(grads[start:], line, work, w, codes.cols)
+            for c in range(step):
+                a = start + c * 3 * lanes
+                _code_slope(grads[a : a + w], work.colours[a : a + w], gain, tone)
+        if codes.mixes:
+            mix_row(grads, r, step, lanes, w, transposed)
+
+
+@inner
+def _demosaic_back(total, grads, y, h, codes, work):
+    """Add the gradient in the colours of cell row y to that in the rows they are made from."""
+    lanes, w, stencil = work.lanes, work.width, codes.stencil
+    for site in range(SITES):
+        if not counts(codes.rows, 2 * y + site // 2):
+            continue
+        for channel in range(3):
+            start = (site * 3 + channel) * lanes
+            for dy in range(-1, 2):
+                target = total[min(max(y + dy, 0), h - 1) % 3]
+                first = stencil.first[site, channel, dy + 1]
+                for tap in range(first, first + stencil.count[site, channel, dy + 1]):
+                    offset = stencil.offset[tap]
+                    add(target[offset : offset + w], grads[start : start + w], stencil.weight[tap])
+
+
+@inner
+def _develop_back(raw_grad, photo_grad, raw, codes, work, tone, matrix, transposed, buffers):
+    """Do the same as `develop_back`, in buffers that it allocated."""
     _, h, w = raw.shape
-    mosaic, saturates = codes.mosaic, codes.saturates
-    stencil, rows, cols = codes.stencil, codes.rows, codes.cols
-    work, tone = workspace(codes, w), tone_of(codes, image)
-    step, lanes, colours = work.step, work.lanes, work.colours
-    wide = lanes + LANES
-    grads = np.zeros(SITES * 3 * lanes, np.float32)
-    line = np.empty(photo_grad.shape[2], np.float32)
-    total = np.zeros((3, SITES * wide), np.float32)
-    matrix = codes.matrix[image]
-    transposed = matrix.T.copy()
+    grads, line, total = buffers
+    wide = work.lanes + LANES
     for y in range(h):
         light_of_row(work, raw, y, codes)
-        fill(grads, ZERO)
-        for r in range(step):
-            row = y * step + r
-            if not counts(rows, row):
-                continue
-            if codes.mixes:
-                mix_row(colours, r, step, lanes, w, matrix)
-            for channel in range(3):
-                gain = ONE if codes.mixes else matrix[channel, channel]
-                fill(line, ZERO)
-                for i in range(rows.first[row], rows.last[row] + 1):
-                    add(line, photo_grad[channel, i], rows.taps[i, row - rows.start[i]])
-                start = (r * 2 * 3 + channel) * lanes
-                _along_back(grads[start:], line, work, w, cols)
-                for c in range(step):
-                    a = start + c * 3 * lanes
-                    _code_slope(grads[a : a + w], colours[a : a + w], gain, tone)
-            if codes.mixes:
-                mix_row(grads, r, step, lanes, w, transposed)
-        if not mosaic:
-            for channel in range(3):
-                for i in range(w):
-                    passes = not saturates or raw[channel, y, i] <= ONE
-                    raw_grad[channel, y, i] = grads[channel * lanes + i] if passes else ZERO
+        _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, line)
+        if codes.mosaic:
+            _demosaic_back(total, grads, y, h, codes, work)
+            # no later row adds to the row above
+            if y > 0:
+                _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, wide, codes.saturates)
             continue
-        for site in range(SITES):
-            if not counts(rows, 2 * y + site // 2):
-                continue
-            for channel in range(3):
-                start = (site * 3 + channel) * lanes
-                for dy in range(-1, 2):
-                    target = total[min(max(y + dy, 0), h - 1) % 3]
-                    first = stencil.first[site, channel, dy + 1]
-                    for tap in range(first, first + stencil.count[site, channel, dy + 1]):
-                        offset = stencil.offset[tap]
-                        add(
-                            target[offset : offset + w],
-                            grads[start : start + w],
-                            stencil.weight[tap],
-                        )
-        # no later row adds to the row above
-        if y > 0:
-            _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, wide, saturates)
-    if mosaic:
-        _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, wide, saturates)
+        for channel in range(3):
+            for i in range(w):
+                passes = not codes.saturates or raw[channel, y, i] <= ONE
+                raw_grad[channel, y, i] = grads[channel * work.lanes + i] if passes else ZERO
+    if codes.mosaic:
+        _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, wide, codes.saturates)
+
+
+@loop
+def develop_back(raw_grad, photo_grad, raw, codes, image):
+    """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
+    as in `develop`."""
+    work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
+    grads = np.zeros(SITES * 3 * work.lanes, np.float32)
+    line = np.empty(photo_grad.shape[2], np.float32)
+    total = np.zeros((3, SITES * (work.lanes + LANES)), np.float32)
+    matrix = codes.matrix[image]
+    _develop_back(
+        raw_grad, photo_grad, raw, codes, work, tone, matrix, matrix.T.copy(), (grads, line, total)
+    )

@@ -35,18 +35,17 @@ class _Places(NamedTuple):
 
     Args:
         u: (planes, w) float64, photo columns about the centre.
-        column: (2, planes, w) int32, where in a row of the weights' nodes those of x and of y begin,
-            at the node before each pixel; share: (planes, w) float32, how far it is to the next.
-        first: (planes,), the first plane with pixels at the same places. shared: (planes,), whether
-            there are others.
-        asked: (planes, 3), at first planes: the colours of light that any of those filters passes.
+        column: (2, planes, w) int32, where the weights along x and along y begin of the node before
+            each pixel. share: (planes, w) float32, how far the pixel is towards the next node.
+        first: (planes,), the first plane with pixels at the same places.
+        asked: (planes, 3), for first planes: the colours of light that any filter at those places
+            passes.
     """
 
     u: np.ndarray
     column: np.ndarray
     share: np.ndarray
     first: np.ndarray
-    shared: np.ndarray
     asked: np.ndarray
 
 
@@ -55,10 +54,9 @@ class _Row(NamedTuple):
 
     Args:
         weights: (kinds, ...) float32, those of cells at this row's nodes.
-        at: (2, w) float64. whole: (6, w) int32. line: (8, w) float32.
-        glow: (3, w * width) float32, the light that passes the filter of the site's only plane, or
-            each colour's light, spread over columns of cells. of_rows: (w * width,), the weights of
-            rows of cells.
+        at: (2, w) float64. whole: (6, w) int32. line: (7, w) float32.
+        glow: (3, w) float32, the light of each colour. of_rows: (w * width,) float32, the weights
+            of rows of cells.
         wave: (6, K + 1, w) and of_y: (2, L + 1, w) float32, see `harmonics`.
         cos, sin: (n, K + 1) float32, from `_shifts`. weight: (4,) float32, of four rows of nodes.
     """
@@ -77,16 +75,14 @@ class _Row(NamedTuple):
 
 
 @inner
-def _sites(first, shared, asked, sites, filters):
-    """Fill the last three fields of `_Places`."""
+def _sites(first, asked, sites, filters):
+    """Fill first and asked of `_Places`."""
     for plane in range(len(first)):
         first[plane] = plane
-        shared[plane] = False
         if plane > 0:
             before = first[plane - 1]
             if sites.row[plane] == sites.row[before] and sites.col[plane] == sites.col[before]:
                 first[plane] = before
-                shared[plane] = shared[before] = True
         for colour in range(3):
             asked[plane, colour] = False
             if filters[sites.channel[plane], colour] != 0:
@@ -114,10 +110,9 @@ def _places(w, planes, sites, nodes, filters):
         )
         for i in range(w):
             column[1, plane, i] = column[0, plane, i] + of_y
-    first, shared = np.empty(planes, np.int64), np.empty(planes, np.bool_)
-    asked = np.empty((planes, 3), np.bool_)
-    _sites(first, shared, asked, sites, filters)
-    return _Places(u, column, share, first, shared, asked)
+    first, asked = np.empty(planes, np.int64), np.empty((planes, 3), np.bool_)
+    _sites(first, asked, sites, filters)
+    return _Places(u, column, share, first, asked)
 
 
 @loop
@@ -173,8 +168,8 @@ def _weights(out, tables, v, first, step_v):
 
 @inner
 def _light(row, panel, size, camera, filters, cell, nodes, sites, places, plane, v):
-    """Fill the row's glow with the light on a plane's row v, and those at the same places: with
-    what passes the filter or, if there are others, with each colour's light."""
+    """Fill the row's glow with the light that a plane's pixels see on row v, in each colour that is
+    asked for."""
     width, taps = nodes.tables.shape[5], cell.taps
     phases = nodes.tables.shape[4]
     to_next, phases = np.int32(2 * phases * width), phases - 2
@@ -244,9 +239,7 @@ def _expose(
             if sites.row[plane] != r % step:
                 continue
             if places.first[plane] == plane:
-                _light(
-                    row, panel, size, camera, filters, cell, nodes, sites, places, plane, v
-                )
+                _light(row, panel, size, camera, filters, cell, nodes, sites, places, plane, v)
             fill(light, ZERO)
             for colour in range(3):
                 add(light, row.glow[colour], np.float32(filters[sites.channel[plane], colour]))

@@ -66,23 +66,12 @@ def _resize_row_back(photo_grad, inside, grad, y, line, rows, cols):
             photo_grad[c, y, i] *= np.float32(inside[c, y, i])
 
 
-@loop
-def finish(out, inside, raw, codes, detail, image):
-    """Fill out (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
-
-    Args:
-        inside: (1, 3, ...) uint8, filled with which codes of sensor pixels the clip lets through,
-            for `finish_back`; (0, 3, ...) if not needed.
-        codes, detail: see `record`. image: index in the batch.
-    """
-    h, w = detail.size
-    f, work = filter_of(detail, image, False), workspace(codes, raw.shape[2])
-    tone = tone_of(codes, image)
-    ahead = np.empty((3, needed(f, 0), w), np.float32)
-    row, line = np.empty((3, w), np.float32), np.empty(out.shape[2], np.float32)
+@inner
+def _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, line):
+    """Do the same as `finish`, in buffers that it allocated."""
     fill(out.reshape(-1), ZERO)
     entered = 0
-    for y in range(h):
+    for y in range(detail.size[0]):
         while entered < needed(f, y):
             if entered % work.step == 0:
                 codes_of_row(work, raw, entered // work.step, codes, tone, image)
@@ -97,15 +86,29 @@ def finish(out, inside, raw, codes, detail, image):
 
 
 @loop
-def finish_back(codes_grad, grad, inside, detail, image):
-    """Fill codes_grad (3, h, w) with the gradient in the codes of every sensor pixel, from grad
-    (3, H, W) and what `finish` filled `inside` with, (3, h, w)."""
-    _, h, w = codes_grad.shape
-    row, line = np.empty((3, w), np.float32), np.empty(grad.shape[2], np.float32)
+def finish(out, inside, raw, codes, detail, image):
+    """Fill out (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
+
+    Args:
+        inside: (1, 3, ...) uint8, filled with which codes of sensor pixels the clip lets through,
+            for `finish_back`; (0, 3, ...) if not needed.
+        codes, detail: see `record`. image: index in the batch.
+    """
+    w = detail.size[1]
+    f, work = filter_of(detail, image, False), workspace(codes, raw.shape[2])
+    ahead = np.empty((3, needed(f, 0), w), np.float32)
+    row, line = np.empty((3, w), np.float32), np.empty(out.shape[2], np.float32)
+    tone = tone_of(codes, image)
+    _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, line)
+
+
+@inner
+def _finish_back(codes_grad, grad, inside, detail, f, row, line):
+    """Do the same as `finish_back`, in buffers that it allocated."""
+    h = codes_grad.shape[1]
     for y in range(h):
         _resize_row_back(codes_grad, inside, grad, y, line, detail.rows, detail.cols)
     # in place: a row is written after the last row that is made from it has entered the ring
-    f = filter_of(detail, image, True)
     entered = 0
     for y in range(h):
         while entered < needed(f, y):
@@ -114,3 +117,12 @@ def finish_back(codes_grad, grad, inside, detail, image):
         filter_row(row, codes_grad, y, f)
         for c in range(3):
             copy(codes_grad[c, y], row[c])
+
+
+@loop
+def finish_back(codes_grad, grad, inside, detail, image):
+    """Fill codes_grad (3, h, w) with the gradient in the codes of every sensor pixel, from grad
+    (3, H, W) and what `finish` filled `inside` with, (3, h, w)."""
+    row = np.empty((3, codes_grad.shape[2]), np.float32)
+    line = np.empty(grad.shape[2], np.float32)
+    _finish_back(codes_grad, grad, inside, detail, filter_of(detail, image, True), row, line)

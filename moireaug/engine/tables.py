@@ -4,14 +4,17 @@ function."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from statistics import NormalDist
 
 import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.polynomial.chebyshev import chebpts2
 
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
 
-ONE, HALF, ZERO = np.float32(1), np.float32(0.5), np.float32(0)
+HALF = np.float32(0.5)
 ONE32 = np.int32(1)
 
 
@@ -23,20 +26,26 @@ DECODE_STEPS = 1024
 DECODE = np.array([_srgb_light(i / DECODE_STEPS) for i in range(DECODE_STEPS + 2)], np.float32)
 DECODE_BYTES = np.array([_srgb_light(i / 255) for i in range(256)], np.float32)
 
-# The encoding's power is tabulated over the mantissa of each octave from 2^-9 to 2^8, so that its
-# error is relative.
-KNEE = np.float32(0.0031308)
-LINEAR = np.float32(12.92)
-OCTAVE_BITS = 7
-MANTISSA_BITS = np.int32(23 - OCTAVE_BITS)
-FIRST = np.int32((127 - 9) << OCTAVE_BITS)
-_octaves = np.arange(((127 + 8) << OCTAVE_BITS) - FIRST + 2, dtype=np.int32)
-_light = ((_octaves + FIRST) << MANTISSA_BITS).view(np.float32).astype(np.float64)
-ENCODE = (1.055 * _light ** (1 / 2.4) - 0.055).astype(np.float32)
-ENCODE_SLOPE = (1.055 / 2.4 * _light ** (1 / 2.4 - 1)).astype(np.float32)
-BELOW = np.int32((1 << MANTISSA_BITS) - 1)
-PER_STEP = np.float32(1 / (1 << MANTISSA_BITS))
-LAST = np.float32(255.9)
+# Encoding takes light to the power of 1 / 2.4: the mantissa by a polynomial, the octave as a whole
+# power of 2 times a polynomial for the rest. A look-up would take twice as long.
+KNEE, LINEAR, BRIGHTEST = np.float32(0.0031308), np.float32(12.92), np.float32(256)
+# a digit less than 1.055: the code of light 1 must not be above 1, where a clip has no slope
+GAIN = np.nextafter(np.float32(1.055), np.float32(0))
+OFFSET, POWER = np.float32(0.055), np.float32(1 / 2.4)
+PLACES, MANTISSA = np.int32(23), np.int32(2**23 - 1)
+BIAS, BITS_OF_ONE = np.int32(127), np.float32(1).view(np.int32)
+MIDDLE = np.float32(1.5)
+
+
+def _polynomial(function: Callable[[np.ndarray], np.ndarray]) -> list[np.float32]:
+    """Return the coefficients of a polynomial of degree 5 close to a function on [-1/2, 1/2], and
+    equal to it at the ends."""
+    at = chebpts2(6) / 2
+    return [np.float32(c) for c in Polynomial.fit(at, function(at), 5).convert().coef]
+
+
+M0, M1, M2, M3, M4, M5 = _polynomial(lambda t: (1.5 + t) ** (1 / 2.4))
+E0, E1, E2, E3, E4, E5 = _polynomial(lambda t: 2 ** (0.5 + t))
 
 # the integral of the normal distribution function is max(z, 0) + tail(|z|)
 TAIL_STEPS = 256
@@ -60,26 +69,31 @@ def decode(code):
 
 
 @inner
-def _power(table, light):
-    bits = np.float32(min(max(light, KNEE), LAST)).view(np.int32)
-    i = np.int32(np.int32(bits >> MANTISSA_BITS) - FIRST)
-    f = np.float32(np.int32(bits & BELOW)) * PER_STEP
-    low = table[np.uint32(i)]
-    return low + f * (table[np.uint32(np.int32(i + 1))] - low)
+def _root(light):
+    """Return light ** (1 / 2.4), clipped to [KNEE, BRIGHTEST], float32, within 2e-6 of itself."""
+    bits = np.float32(min(max(light, KNEE), BRIGHTEST)).view(np.int32)
+    octave = np.float32(np.int32(np.int32(bits >> PLACES) - BIAS)) * POWER
+    whole = np.floor(octave)
+    t = np.int32(np.int32(bits & MANTISSA) | BITS_OF_ONE).view(np.float32) - MIDDLE
+    mantissa = M0 + t * (M1 + t * (M2 + t * (M3 + t * (M4 + t * M5))))
+    t = octave - whole - HALF
+    fraction = E0 + t * (E1 + t * (E2 + t * (E3 + t * (E4 + t * E5))))
+    scale = np.int32(np.int32(np.int32(whole) + BIAS) << PLACES).view(np.float32)
+    return mantissa * fraction * scale
 
 
 @inner
 def encode(light):
-    """Return the sRGB code of light up to 255, float32; the linear part goes on below zero."""
-    power = _power(ENCODE, light)
-    return power if light > KNEE else light * LINEAR
+    """Return the sRGB code of light up to 256, float32; the linear part goes on below zero."""
+    code = GAIN * _root(light) - OFFSET
+    return code if light > KNEE else light * LINEAR
 
 
 @inner
 def encode_slope(light):
     """Return the derivative of `encode`."""
-    power = _power(ENCODE_SLOPE, light)
-    return power if light > KNEE else LINEAR
+    slope = GAIN * POWER * _root(light) / max(light, KNEE)
+    return slope if light > KNEE else LINEAR
 
 
 @inner

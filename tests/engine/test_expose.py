@@ -8,7 +8,8 @@ import torch
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.effects.prefilter import SMALL
-from moireaug.engine import dispatch, from_shot, run
+from moireaug.engine import dispatch, run
+from moireaug.engine.shot_exposure import exposure_of
 from moireaug.scene.presets import PRESETS
 
 DELTA = Layout(
@@ -207,7 +208,7 @@ def test_a_batch_of_none():
 def test_bytes_are_read_as_they_are(name):
     shot = SCENES[name].sample(3, (20, 24))
     codes = torch.randint(0, 256, (3, 3, 20, 24), dtype=torch.uint8)
-    given = from_shot.exposure_of(shot, decoded=False)
+    given = exposure_of(shot, decoded=False)
     assert (run.expose(codes, given) - run.expose(codes.float() / 255, given)).abs().max() < 2e-6
 
 
@@ -265,7 +266,7 @@ STEEP = {
 def test_steep_views_that_fit_are_equal(name):
     scene, size = STEEP[name]
     shot = scene.sample(1, size, torch.Generator().manual_seed(3))
-    assert run.fits(from_shot.exposure_of(shot, decoded=False)).tolist() == [True]
+    assert run.fits(exposure_of(shot, decoded=False)).tolist() == [True]
     assert_equal(*readings(scene, size, n=1))
 
 
@@ -274,7 +275,7 @@ def test_a_view_of_the_horizon_does_not_fit():
     shot = scene.sample(2, (40, 40))
     view = dataclasses.replace(shot.view, yaw=torch.tensor([5.0, 85.0], dtype=torch.float64))
     shot = dataclasses.replace(shot, view=view)
-    assert run.fits(from_shot.exposure_of(shot, decoded=False)).tolist() == [True, False]
+    assert run.fits(exposure_of(shot, decoded=False)).tolist() == [True, False]
 
 
 def test_an_image_is_read_the_same_beside_one_that_does_not_fit():
@@ -283,7 +284,7 @@ def test_an_image_is_read_the_same_beside_one_that_does_not_fit():
     yaw = torch.tensor([5.0, 85.0, -5.0], dtype=torch.float64)
     shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=yaw))
     images = torch.rand(3, 3, 40, 40, generator=torch.Generator().manual_seed(1))
-    assert run.fits(from_shot.exposure_of(shot, decoded=False)).tolist() == [True, False, True]
+    assert run.fits(exposure_of(shot, decoded=False)).tolist() == [True, False, True]
     together, alone = (
         expose(images, shot),
         [expose(images[i : i + 1], shot[i : i + 1]) for i in range(3)],

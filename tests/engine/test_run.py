@@ -11,8 +11,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 
 from moireaug import Scene, capture, develop, expose
-from moireaug.engine import compiling, explain, reference, run
-from moireaug.engine.threads import each
+from moireaug.engine import compiling, explain, reference, run, threads
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -45,24 +44,51 @@ def test_threads_of_the_caller_see_the_same_photos():
     def work(i):
         found[i] = photos()
 
-    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    callers = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
     for i in range(4):
         assert torch.equal(found[i], expected)
 
 
-def test_an_error_in_one_image_reaches_the_caller():
+@pytest.fixture(params=["OpenMP", "Python"])
+def two_threads(request, monkeypatch):
     torch.set_num_threads(2)
+    if request.param == "Python":  # as where PyTorch has no OpenMP
+        monkeypatch.setattr(threads, "_openmp", lambda: None)
+    elif threads._openmp() is None:
+        pytest.skip("this PyTorch has no OpenMP's threads")
+    else:
+        monkeypatch.setattr(threads, "ThreadPoolExecutor", None)
 
+
+@pytest.mark.usefixtures("two_threads")
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 8, 50])
+def test_every_part_is_done_once_by_two_threads(n):
+    done, by = [], set()
+    both = threading.Barrier(2)
+
+    def work(first, last):
+        done.extend(range(first, last))
+        if threading.get_ident() not in by and n > 1:
+            by.add(threading.get_ident())
+            both.wait(20)  # until the other thread has a part, too
+
+    threads.each(work, n)
+    assert sorted(done) == list(range(n))
+    assert len(by) == (2 if n > 1 else 0)
+
+
+@pytest.mark.usefixtures("two_threads")
+def test_an_error_in_one_image_reaches_the_caller():
     def work(first, last):
         if first <= 3 < last:
             raise ValueError("the fourth")
 
     with pytest.raises(ValueError, match="the fourth"):
-        each(work, 8)
+        threads.each(work, 8)
 
 
 def test_the_first_call_on_a_machine_is_announced_once(tmp_path, monkeypatch):

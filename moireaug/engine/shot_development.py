@@ -1,0 +1,133 @@
+"""From a Shot to the record of its development; cached as in `shot_exposure`."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from moireaug.effects.demosaic import DEMOSAICS
+from moireaug.effects.detail import kernel_size
+from moireaug.effects.tone import colour_matrix
+from moireaug.engine.record import LANES, Codes, Detail, Development, Registration, Resize, Stencil
+from moireaug.engine.resampling import lower_resize, lower_stencil
+from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, numbers_of
+from moireaug.geometry.sensor import SampledPixels
+from moireaug.scene.shot import REACH, ShotRecord, sampled_by
+
+if TYPE_CHECKING:
+    from moireaug.scene.scene import Scene
+
+
+def development_of(shot: ShotRecord) -> Development:
+    """Return a shot's Development, without `Plan.finishing`; if it is denoised, it ends at the
+    codes of every sensor pixel."""
+    plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
+    stencil, rows, cols = _resampling(shot.scene, shot.size)
+    matrix = np.eye(3)[None].repeat(len(shot), 0)
+    if "colour_matrix" in plan:
+        mixed = [torch.from_numpy(drawn[k]) for k in ("sensor.crosstalk", "develop.saturation")]
+        matrix = colour_matrix(*mixed).numpy()
+    if "balance" in plan:
+        gains = [drawn["develop.red"], np.ones(len(shot)), drawn["develop.blue"]]
+        matrix = matrix * np.stack(gains, 1)[:, None, :]
+    shoulder, contrast, brighten = np.zeros((3, len(shot)), np.float32)
+    if "tone_curve" in plan:
+        shoulder[:] = drawn["develop.shoulder"]
+        contrast[:] = drawn["develop.contrast"]
+    if "brighten" in plan:
+        brighten[:] = drawn["develop.brighten"]
+    denoises, detail = "denoise" in plan, _detail_of(shot, drawn)
+    levels = np.float32(0)
+    if "bits" in plan and sensor.bits is not None:
+        levels = np.float32(2**sensor.bits - 1)
+    codes = Codes(
+        mosaic=sensor.cfa == "rggb",
+        stencil=stencil,
+        rows=rows,
+        cols=cols,
+        saturates="saturate" in plan,
+        levels=levels,
+        matrix=matrix.astype(np.float32),
+        mixes="colour_matrix" in plan,
+        coded="encode" in plan,
+        toned="tone_curve" in plan,
+        shoulder=shoulder,
+        contrast=contrast,
+        brighten=brighten,
+    )
+    return Development(
+        size=detail.size if denoises else shot.size,
+        codes=codes,
+        finishes=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
+        detail=detail,
+        registers="register" in plan and not denoises,
+        registration=_registration_of(shot, drawn),
+    )
+
+
+def _registration_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Registration:
+    views, lens = np.empty((0, 3, 3)), np.empty((0, 2))
+    if "register" in shot.plan:
+        views = homography_of(shot, drawn)
+        lens = np.stack(distortion_of(shot, drawn), 1)
+    return Registration(views, lens)
+
+
+def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
+    """Return a shot's Detail; neutral values for effects that are not planned."""
+    plan, how = shot.plan, shot.scene.develop
+    rows, cols = shot.sampled_pixels()
+    amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
+    if "chroma_blur" in plan:
+        chroma_size = kernel_size(how.chroma_blur)
+    if "sharpen" in plan:
+        amount[:] = drawn["develop.sharpen"]
+        sharp_size = kernel_size(how.sharpen_radius)
+    return Detail(
+        (_kept(rows), _kept(cols)),
+        _resize_of_photo(rows, how.resize),
+        _resize_of_photo(cols, how.resize),
+        drawn["develop.chroma_blur"],
+        chroma_size,
+        drawn["develop.sharpen_radius"],
+        sharp_size,
+        amount,
+    )
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _resampling(scene: Scene, size: tuple[int, int]) -> tuple[Stencil, Resize, Resize]:
+    """Return the demosaic's stencil, and the resize along rows and columns."""
+    how, mosaic = scene.develop, scene.sensor.cfa == "rggb"
+    rows, cols = sampled_by(scene, size)
+    demosaic, reach = None, 0
+    if mosaic:
+        demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
+    stencil = lower_stencil(demosaic, len(cols.index) // 2, LANES)
+    whole = any(name in scene.plan() for name in ("denoise", "chroma_blur", "sharpen"))
+    return (
+        stencil,
+        _resize(rows, how.resize, reach, 1, whole=whole),
+        _resize(cols, how.resize, reach, 2 if mosaic else 1, whole=whole),
+    )
+
+
+def _kept(pixels: SampledPixels) -> int:
+    return pixels.kept.stop - pixels.kept.start
+
+
+def _resize_of_photo(pixels: SampledPixels, how: str) -> Resize:
+    kept = _kept(pixels)
+    return lower_resize(kept, pixels.size, kept, how, 0, 0, 0, 1, LANES)
+
+
+def _resize(pixels: SampledPixels, how: str, reach: int, parity: int, *, whole: bool) -> Resize:
+    read, kept = len(pixels.index), _kept(pixels)
+    if whole:
+        return lower_resize(read, kept, kept, "area", 0, 0, 0, parity, LANES)
+    return lower_resize(
+        read, pixels.size, kept, how, pixels.step, pixels.lead, reach, parity, LANES
+    )

@@ -1,0 +1,155 @@
+"""From a Shot to the record of its exposure. What depends only on the scene and the size is cached;
+the rest changes with every photo, and is mostly computed in numpy."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from moireaug.effects import prefilter
+from moireaug.effects.display import white_readings
+from moireaug.effects.flicker import flicker
+from moireaug.engine import lowering, pose
+from moireaug.engine.record import Cell, Exposure, Point, Sites
+from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, numbers_of
+from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.geometry.sensor import CFA
+from moireaug.panel.fourier import emitting_share, mean_light
+from moireaug.scene.layout import as_layout
+from moireaug.scene.record import SceneRecord
+from moireaug.scene.shot import ShotRecord, sampled_by
+
+if TYPE_CHECKING:
+    from moireaug.scene.scene import Scene
+
+
+def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
+    """Return a shot's Exposure.
+
+    decoded: the pictures have already been decoded, raised to the black level and prefiltered.
+    """
+    plan, drawn = shot.plan, numbers_of(shot)
+    share = np.zeros(len(shot), np.float32)
+    if "prefilter" in plan and not decoded:
+        share = prefilter.share_at_centre(shot).detach().float().numpy()
+    coefficients, widths, skew = _shapes_of(shot)
+    black = np.zeros(len(shot), np.float32)
+    if "black_level" in plan and not decoded:
+        black[:] = drawn["panel.black"]
+    filters = np.eye(3)[None].repeat(len(shot), 0)
+    if "crosstalk" in plan:
+        filters = crosstalk_matrix(torch.from_numpy(drawn["sensor.crosstalk"])).numpy()
+    return Exposure(
+        size=shot.size,
+        cameras=_cameras_of(shot, drawn),
+        filters=filters,
+        white=_white_of(shot),
+        black=black,
+        cell=_cell(shot.scene),
+        coefficients=coefficients,
+        widths=widths,
+        skew=skew,
+        sites=_sites(shot.scene, shot.size),
+        flicker=_flicker_of(shot),
+        seeds=shot.seed.numpy(),
+        noise="noise" in plan,
+        coded="decode" in plan and not decoded,
+        share=share,
+        dark=not shot.scene.develop.registered,
+        clips=any(effect.name == "full_well" for effect in plan.exposing),
+        point=_point_of(shot) if plan.exposure == "point" else None,
+    )
+
+
+def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
+    plan, zero = shot.plan, np.zeros(len(shot))
+    k1, k2 = distortion_of(shot, drawn)
+    noisy = "noise" in plan
+    fields = {
+        "k1": k1,
+        "k2": k2,
+        "alpha": drawn["panel.scale"],
+        "fill": drawn["sensor.fill"],
+        "blur": drawn["lens.blur"],
+        "olpf": drawn["lens.olpf"],
+        "gain": drawn["sensor.gain"] if "gain" in plan else zero + 1,
+        "read": drawn["sensor.read_noise"] if noisy else zero,
+        "shot": drawn["sensor.shot_noise"] if noisy else zero,
+        "vignetting": drawn["lens.vignetting"] if "vignetting" in plan else zero,
+        "motion_x": drawn["lens.motion_x"],
+        "motion_y": drawn["lens.motion_y"],
+        "glare": drawn["panel.glare"] if "glare" in plan else zero,
+        "glare_x": drawn["panel.glare_x"],
+        "glare_y": drawn["panel.glare_y"],
+    }
+    rows, cols = shot.sampled_pixels()
+    back = pose.inverse(homography_of(shot, drawn), shot.size)
+    return lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
+
+
+def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the coefficients, widths and skews of the cell's kinds of subpixel."""
+    layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
+    width, height = (share.detach() for share in emitting_share(shot.panel))
+    if method.name == "mean":
+        light = torch.stack([mean_light(layout, channel, width, height) for channel in range(3)], 1)
+        widths = np.ones((len(shot), 3, 2))
+        return light[:, :, None, None].numpy(), widths, np.zeros_like(widths)
+    edges = np.array(_kinds(shot.scene))
+    shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
+    return lowering.lower_shapes(edges * shares, layout.period, method.harmonics)
+
+
+def _point_of(shot: ShotRecord) -> Point:
+    layout, (width, height) = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
+    rectangles = []
+    for subpixel in layout.all():
+        corners = subpixel.corners()
+        rectangles.append((*corners[0], *corners[2]))
+    return Point(np.array(rectangles, np.float64), layout.raster, (width * height).detach().numpy())
+
+
+def _white_of(shot: ShotRecord) -> np.ndarray:
+    """Return what each plane reads of a white screen on average, (B, planes) float64; zeros without
+    glare."""
+    if "glare" not in shot.plan:
+        return np.zeros((len(shot), shot.raw_shape()[1]))
+    return white_readings(shot).detach().contiguous().numpy()
+
+
+def _flicker_of(shot: ShotRecord) -> np.ndarray:
+    """Return each sensor row's light relative to the mean, (B, rows) float64; (B, 0) without
+    flicker."""
+    if "flicker" not in shot.plan:
+        return np.empty((len(shot), 0))
+    drawn = shot.numbers()
+    rows = shot.sampled_pixels()[0].positions() / shot.size[0]
+    pulses = drawn["panel.pwm"], drawn["panel.duty"], drawn["panel.phase"]
+    bands = flicker(rows, *pulses, drawn["sensor.shutter"], drawn["sensor.readout"])
+    return bands.detach().contiguous().numpy()
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _kinds(scene: SceneRecord) -> list:
+    """Return the shapes of a layout's subpixels: their edges across and down."""
+    return list(dict.fromkeys((s.across, s.down) for s in as_layout(scene.panel.layout).all()))
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _cell(scene: Scene) -> Cell:
+    layout, method = as_layout(scene.panel.layout), scene.plan().method
+    if method.name == "mean":
+        subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
+        return lowering.lower_cell(subpixels, (1, 1), method.taps // 2)
+    kinds = _kinds(scene)
+    subpixels = [(s.channel, s.centre, kinds.index((s.across, s.down))) for s in layout.all()]
+    return lowering.lower_cell(subpixels, layout.period, method.taps // 2)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
+    rows, cols = (pixels.positions().numpy() for pixels in sampled_by(scene, size))
+    return lowering.lower_sites(rows, cols, size, CFA[scene.sensor.cfa])
