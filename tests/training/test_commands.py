@@ -22,29 +22,6 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 ROOT = Path(__file__).resolve().parents[2]
 
 
-WATCH = """
-import os, runpy, sys
-
-class Watch:
-    def find_spec(self, name, *given):
-        if name == "torch":
-            sys.exit(os.environ.get("GOMP_SPINCOUNT"))
-
-sys.meta_path.insert(0, Watch())
-runpy.run_path(sys.argv[1], run_name="imported")
-"""
-
-
-@pytest.mark.parametrize("command", ["fit", "reattack"])
-@pytest.mark.parametrize(("given", "expected"), [(None, "10000"), ("77", "77")])
-def test_how_threads_wait_is_set_before_torch_is_loaded(command, given, expected):
-    env = {k: v for k, v in os.environ.items() if k != "GOMP_SPINCOUNT"}
-    env |= {"GOMP_SPINCOUNT": given} if given else {}
-    script = [sys.executable, "-c", WATCH, str(ROOT / f"training/{command}.py")]
-    done = subprocess.run(script, env=env, capture_output=True, text=True)
-    assert done.stderr == f"{expected}\n"
-
-
 def odd(cfg):
     """A job of a sweep, which fails with some seeds."""
     if cfg.seed == 1:
