@@ -5,7 +5,6 @@ import errno
 import io
 import logging
 import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
