@@ -18,7 +18,7 @@ from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, num
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA
 from moireaug.panel.fourier import emitting_share, mean_light
-from moireaug.scene.layout import as_layout
+from moireaug.scene.layout import Subpixel, as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord, sampled_by
 
@@ -106,7 +106,7 @@ def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _point_of(shot: ShotRecord) -> Point:
     layout, (width, height) = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
     rectangles = []
-    for subpixel in layout.all():
+    for subpixel in _subpixels(shot.scene):
         corners = subpixel.corners()
         rectangles.append((*corners[0], *corners[2]))
     return Point(np.array(rectangles, np.float64), layout.raster, (width * height).detach().numpy())
@@ -138,14 +138,24 @@ def _kinds(scene: SceneRecord) -> list:
     return list(dict.fromkeys((s.across, s.down) for s in as_layout(scene.panel.layout).all()))
 
 
+def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
+    return _kinds(scene).index((subpixel.across, subpixel.down))
+
+
+def _subpixels(scene: SceneRecord) -> list[Subpixel]:
+    """Return a layout's subpixels, those of one kind and height together: kernels compute once what
+    neighbours in this order share."""
+    subpixels = as_layout(scene.panel.layout).all()
+    return sorted(subpixels, key=lambda s: (_kind(scene, s), s.centre[1]))
+
+
 @functools.lru_cache(maxsize=KEPT)
 def _cell(scene: Scene) -> Cell:
     layout, method = as_layout(scene.panel.layout), scene.plan().method
     if method.name == "mean":
         subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
         return lowering.lower_cell(subpixels, (1, 1), method.taps // 2)
-    kinds = _kinds(scene)
-    subpixels = [(s.channel, s.centre, kinds.index((s.across, s.down))) for s in layout.all()]
+    subpixels = [(s.channel, s.centre, _kind(scene, s)) for s in _subpixels(scene)]
     return lowering.lower_cell(subpixels, layout.period, method.taps // 2)
 
 
