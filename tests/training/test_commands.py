@@ -5,6 +5,7 @@ import errno
 import io
 import logging
 import os
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -19,6 +20,29 @@ from training import commands, fit, reattack, runs, suites
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+WATCH = """
+import os, runpy, sys
+
+class Watch:
+    def find_spec(self, name, *given):
+        if name == "torch":
+            sys.exit(os.environ.get("GOMP_SPINCOUNT"))
+
+sys.meta_path.insert(0, Watch())
+runpy.run_path(sys.argv[1], run_name="imported")
+"""
+
+
+@pytest.mark.parametrize("command", ["fit", "reattack"])
+@pytest.mark.parametrize(("given", "expected"), [(None, "10000"), ("77", "77")])
+def test_how_threads_wait_is_set_before_torch_is_loaded(command, given, expected):
+    env = {k: v for k, v in os.environ.items() if k != "GOMP_SPINCOUNT"}
+    env |= {"GOMP_SPINCOUNT": given} if given else {}
+    script = [sys.executable, "-c", WATCH, str(ROOT / f"training/{command}.py")]
+    done = subprocess.run(script, env=env, capture_output=True, text=True)
+    assert done.stderr == f"{expected}\n"
 
 
 def odd(cfg):
