@@ -1,5 +1,5 @@
-"""The kernels that Python calls, each on a range of a batch's images. The other modules' loops are
-compiled into them."""
+"""The kernels that Python calls, each on some of a batch's images, or on some rows of one. The
+other modules' loops are compiled into them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
 from moireaug.engine.point import expose_point
 from moireaug.engine.record import Camera
+from moireaug.engine.register import looked_at, room
 from moireaug.engine.register import register as resample
-from moireaug.engine.register import room
 
 MOST_PANEL = 16  # panel pixels per sensor pixel, up to which building the panel pays off
 SMALL_PANEL = 2**20  # panel pixels that are never too many
@@ -63,50 +63,58 @@ def _light(light, floats, codes, i, e):
     return floats[i]
 
 
+@loop
+def _show(floats, codes, e, i):
+    """Return picture i as the panel shows it, see `panel.show`."""
+    alpha, light = _camera(e.cameras[i]).alpha, np.empty((3, e.size[0], e.size[1]), np.float32)
+    h, w = panel.shape(e.size, alpha, e.cell.period, e.cell.taps)
+    shown = np.empty((3, h, w), np.float32)
+    light = _light(light, floats, codes, i, e)
+    panel.show(shown, light, alpha, e.cell.period, e.cell.taps, e.dark)
+    return shown
+
+
 @kernel
-def expose(raw, floats, codes, e, first, last):
-    """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`.
+def show(floats, codes, e, i):
+    """Return picture i as the panel shows it, for `expose`, whose arguments these are."""
+    return _show(floats, codes, e, i)
+
+
+@kernel
+def expose(raw, floats, codes, e, shown, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the pictures
+    from `first` to `last`.
 
     Args:
         floats, codes: (B, 3, H, W), float32 and uint8; one of them has no images.
         e: see `record.Exposure`.
+        shown: the only picture as `show` returns it; (3, 0, 0) to show each one here.
     """
-    height, width = e.size
-    light = np.empty((3, height, width), np.float32)
     for i in range(first, last):
         camera = _camera(e.cameras[i])
-        h, w = panel.shape(e.size, camera.alpha, e.cell.period, e.cell.taps)
-        shown = np.empty((3, h, w), np.float32)
-        panel.show(
-            shown,
-            _light(light, floats, codes, i, e),
-            camera.alpha,
-            e.cell.period,
-            e.cell.taps,
-            e.dark,
-        )
-        size = (math.ceil(camera.alpha * height), math.ceil(camera.alpha * width))
-        found = nodes.prepare(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites)
         expose_image(
             raw[i],
-            shown,
-            size,
+            shown if shown.size else _show(floats, codes, e, i),
+            (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
             camera,
             e.filters[i],
             e.white[i],
             e.cell,
-            found,
+            nodes.prepare(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites),
             e.sites,
             e.flicker[i],
             e.noise,
             e.seeds[i],
             e.clips,
+            top,
+            bottom,
         )
 
 
 @kernel
 def expose_points(raw, floats, codes, e, first, last):
-    """Do the same as `expose`, for a point exposure."""
+    """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`
+    at points of the panel; arguments as in `expose`."""
     light = np.empty((3, e.size[0], e.size[1]), np.float32)
     for i in range(first, last):
         expose_point(
@@ -128,24 +136,24 @@ def expose_points(raw, floats, codes, e, first, last):
 
 
 @loop
-def _register(photo, planes, registration, i, back):
+def _way_back(registration, i):
     k1, k2 = registration.lens[i]
-    resample(photo, planes, registration.views[i], k1, k2, back)
+    return registration.views[i], k1, k2
 
 
 @loop
-def _photo(photo, inside, raw, d, i):
-    """Fill photo (3, H, W), in the camera's frame, from image i's raw."""
+def _photo(photo, inside, raw, d, i, top, bottom):
+    """Fill rows `top` to `bottom` of photo (3, H, W), in the camera's frame, from image i's raw."""
     if d.finishes:
-        finish.finish(photo, inside[i : i + 1], raw, d.codes, d.detail, i)
+        finish.finish(photo, inside[i : i + 1], raw, d.codes, d.detail, i, top, bottom)
     else:
-        develop_image(photo, raw, d.codes, i)
+        develop_image(photo, raw, d.codes, i, top, bottom)
 
 
 @kernel
-def develop(photos, inside, raw, d, first, last):
-    """Fill photos (B, 3, H, W) float32, sRGB codes, from `first` to `last` from raw
-    (B, planes, h, w) float32.
+def develop(photos, inside, raw, d, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of photos (B, 3, H, W) float32, sRGB codes, from `first` to
+    `last` from raw (B, planes, h, w) float32.
 
     Args:
         inside: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
@@ -153,14 +161,16 @@ def develop(photos, inside, raw, d, first, last):
     """
     if not d.registers:
         for i in range(first, last):
-            _photo(photos[i], inside, raw[i], d, i)
+            _photo(photos[i], inside, raw[i], d, i, top, bottom)
         return
     h, w = d.size
     planes = np.zeros(room(h, w), np.float32)
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
-        _photo(taken, inside, raw[i], d, i)
-        _register(photos[i], planes, d.registration, i, False)
+        view, k1, k2 = _way_back(d.registration, i)
+        highest, lowest = looked_at(view, k1, k2, h, w, top, bottom)
+        _photo(taken, inside, raw[i], d, i, highest, lowest)
+        resample(photos[i], planes, view, k1, k2, False, top, bottom)
 
 
 @loop
@@ -188,5 +198,6 @@ def develop_back(raw_grad, photo_grad, inside, raw, d, first, last):
     taken = planes[: 3 * h * w].reshape(3, h, w)
     for i in range(first, last):
         fill(planes, ZERO)
-        _register(photo_grad[i], planes, d.registration, i, True)
+        view, k1, k2 = _way_back(d.registration, i)
+        resample(photo_grad[i], planes, view, k1, k2, True, 0, h)
         _photo_back(raw_grad[i], taken, codes_grad, inside, raw[i], d, i)

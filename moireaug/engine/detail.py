@@ -201,6 +201,12 @@ def _join(out, photo, y, soft, amount):
 
 
 @inner
+def above(f, y):
+    """Return the first row that row y is made from."""
+    return max(y - f.ring.shape[1] // 2, 0)
+
+
+@inner
 def needed(f, y):
     """Return how many rows must have entered the ring before row y is filtered."""
     return min(y + f.ring.shape[1] // 2 + 1, len(f.place))

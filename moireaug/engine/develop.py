@@ -155,6 +155,15 @@ def _weave(out, even, odd):
 
 
 @inner
+def sources(rows, top, bottom):
+    """Return the first and one past the last sensor row that photo rows `top` to `bottom` are made
+    from."""
+    if bottom <= top:
+        return 0, 0
+    return rows.start[top], min(rows.start[bottom - 1] + rows.taps.shape[1], len(rows.first))
+
+
+@inner
 def counts(rows, row):
     """Return whether any photo pixel is made from this sensor row."""
     return rows.first[row] <= rows.last[row]
@@ -264,11 +273,19 @@ def along(line, work, r, channel, cols):
 
 
 @inner
-def _develop(photo, raw, codes, work, tone, image, line):
+def blank(photo, top, bottom):
+    """Fill rows `top` to `bottom` of photo (3, H, W) with zeros."""
+    for c in range(3):
+        fill(photo[c, top:bottom].reshape(-1), ZERO)
+
+
+@inner
+def _develop(photo, raw, codes, work, tone, image, line, top, bottom):
     """Do the same as `develop`, in buffers that it allocated."""
     rows = codes.rows
-    fill(photo.reshape(-1), ZERO)
-    for y in range(raw.shape[1]):
+    blank(photo, top, bottom)
+    first, last = sources(rows, top, bottom)
+    for y in range(first // work.step, (last + work.step - 1) // work.step):
         codes_of_row(work, raw, y, codes, tone, image)
         for r in range(work.step):
             row = y * work.step + r
@@ -276,16 +293,18 @@ def _develop(photo, raw, codes, work, tone, image, line):
                 continue
             for channel in range(3):
                 along(line, work, r, channel, codes.cols)
-                for i in range(rows.first[row], rows.last[row] + 1):
+                for i in range(max(rows.first[row], top), min(rows.last[row] + 1, bottom)):
                     add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
 
 
 @loop
-def develop(photo, raw, codes, image):
-    """Fill photo (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
+def develop(photo, raw, codes, image, top, bottom):
+    """Fill rows `top` to `bottom` of photo (3, H, W) float32, codes in the camera's frame, from raw
+    (4 or 3, h, w) float32.
 
     Args:
         codes: see `record.Codes`. image: index in the batch.
     """
     work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
-    _develop(photo, raw, codes, work, tone, image, np.empty(photo.shape[2], np.float32))
+    line = np.empty(photo.shape[2], np.float32)
+    _develop(photo, raw, codes, work, tone, image, line, top, bottom)

@@ -222,18 +222,20 @@ def _light(row, panel, size, camera, filters, cell, nodes, sites, places, plane,
 @inner
 def _expose(
     raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, noise_keys,
-    clips, places, row,
+    clips, places, row, top, bottom,
 ):  # fmt: skip
     """Do the same as `expose`, in buffers that it allocated."""
     planes, h, w = raw.shape
     rows, step = sites.rows, sites.step
     light, numbers = row.line[5], row.line[6]
     band = max(1, len(rows) // BANDS)
-    for r in range(h * step):
+    for r in range(top * step, bottom * step):
         v = rows[r]
-        if r % band == 0:
-            end = min(r + band, len(rows)) - 1
-            _weights(row.weights, nodes.tables, (v + rows[end]) / 2, rows[0], nodes.step_vw)
+        if r % band == 0 or r == top * step:
+            start = r - r % band
+            end = min(start + band, len(rows)) - 1
+            middle = (rows[start] + rows[end]) / 2
+            _weights(row.weights, nodes.tables, middle, rows[0], nodes.step_vw)
         gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
         for plane in range(planes):
             if sites.row[plane] != r % step:
@@ -253,9 +255,10 @@ def _expose(
 
 @loop
 def expose(
-    raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips
-):
-    """Fill raw (planes, h, w) float32 with the reading of one image.
+    raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips, top,
+    bottom,
+):  # fmt: skip
+    """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
 
     Args:
         panel: (3, ...) float32, from `panel.show`.
@@ -271,5 +274,5 @@ def expose(
     places, row = _places(w, planes, sites, nodes, filters), _row(w, cell, nodes)
     _expose(
         raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, keys(seed),
-        clips, places, row,
+        clips, places, row, top, bottom,
     )  # fmt: skip

@@ -7,8 +7,16 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.compiling import copy, fill, inner, loop
-from moireaug.engine.detail import enter, filter_of, filter_row, needed
-from moireaug.engine.develop import along, codes_of_row, gather, tone_of, workspace
+from moireaug.engine.detail import above, enter, filter_of, filter_row, needed
+from moireaug.engine.develop import (
+    along,
+    blank,
+    codes_of_row,
+    gather,
+    sources,
+    tone_of,
+    workspace,
+)
 from moireaug.engine.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
@@ -37,8 +45,9 @@ def _pairs_back(out, line):
 
 
 @inner
-def _resize_row(out, row, y, line, rows, cols):
-    """Add a photo's row y (3, w), clipped, to out (3, H, W); line: (W,) workspace."""
+def _resize_row(out, row, y, line, rows, cols, top, bottom):
+    """Add a photo's row y (3, w), clipped, to rows `top` to `bottom` of out (3, H, W); line: (W,)
+    workspace."""
     for c in range(3):
         for i in range(row.shape[1]):
             row[c, i] = min(max(row[c, i], ZERO), ONE)
@@ -46,7 +55,7 @@ def _resize_row(out, row, y, line, rows, cols):
             _pairs(line, row[c])
         else:
             gather(line, row[c], cols.index, cols.weight)
-        for i in range(rows.first[y], rows.last[y] + 1):
+        for i in range(max(rows.first[y], top), min(rows.last[y] + 1, bottom)):
             add(out[c, i], line, rows.taps[i, y - rows.start[i]])
 
 
@@ -67,11 +76,12 @@ def _resize_row_back(photo_grad, inside, grad, y, line, rows, cols):
 
 
 @inner
-def _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, line):
+def _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, line, top, bottom):
     """Do the same as `finish`, in buffers that it allocated."""
-    fill(out.reshape(-1), ZERO)
-    entered = 0
-    for y in range(detail.size[0]):
+    blank(out, top, bottom)
+    first, last = sources(detail.rows, top, bottom)
+    entered = above(f, first) // work.step * work.step
+    for y in range(first, last):
         while entered < needed(f, y):
             if entered % work.step == 0:
                 codes_of_row(work, raw, entered // work.step, codes, tone, image)
@@ -82,12 +92,13 @@ def _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, l
         filter_row(row, ahead, y, f)
         if len(inside):
             _note(inside[0], row, y)
-        _resize_row(out, row, y, line, detail.rows, detail.cols)
+        _resize_row(out, row, y, line, detail.rows, detail.cols, top, bottom)
 
 
 @loop
-def finish(out, inside, raw, codes, detail, image):
-    """Fill out (3, H, W) float32, codes in the camera's frame, from raw (4 or 3, h, w) float32.
+def finish(out, inside, raw, codes, detail, image, top, bottom):
+    """Fill rows `top` to `bottom` of out (3, H, W) float32, codes in the camera's frame, from raw
+    (4 or 3, h, w) float32.
 
     Args:
         inside: (1, 3, ...) uint8, filled with which codes of sensor pixels the clip lets through,
@@ -99,7 +110,7 @@ def finish(out, inside, raw, codes, detail, image):
     ahead = np.empty((3, needed(f, 0), w), np.float32)
     row, line = np.empty((3, w), np.float32), np.empty(out.shape[2], np.float32)
     tone = tone_of(codes, image)
-    _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, line)
+    _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, line, top, bottom)
 
 
 @inner

@@ -88,6 +88,23 @@ def _scatter(photo, grad, at, fx, fy, weight, right, down):
         photo[k + down + right] += below * f
 
 
+@loop
+def looked_at(view, k1, k2, h, w, top, bottom):
+    """Return the first and one past the last row of a photo (3, h, w) that `register` reads for
+    rows `top` to `bottom`."""
+    if bottom - top == h:
+        return 0, h
+    factor, per_square = undistortion(k1, k2)
+    at, share = np.empty(w, np.int32), np.empty((3, w), np.float32)
+    first, last = h, 0
+    for r in range(top, bottom):
+        v = r + 0.5 - h / 2
+        _place(at, share[0], share[1], share[2], v, view, factor, per_square, h, w)
+        for i in range(w):
+            first, last = min(first, at[i] // w), max(last, at[i] // w)
+    return first, min(last + 2, h)
+
+
 @inner
 def room(h, w):
     """Return the length of a photo's flattened planes, with the values beyond them that a bilinear
@@ -96,9 +113,9 @@ def room(h, w):
 
 
 @loop
-def register(out, photo, view, k1, k2, back):
-    """Resample photo to out (3, H, W) float32: bilinear, black where the photo does not show the
-    image.
+def register(out, photo, view, k1, k2, back, top, bottom):
+    """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
+    photo does not show the image.
 
     Args:
         photo: (`room`(H, W),) float32, the planes one after another, and zeros.
@@ -113,7 +130,7 @@ def register(out, photo, view, k1, k2, back):
     at, fx, fy = np.empty(w, np.int32), np.empty(w, np.float32), np.empty(w, np.float32)
     weight = np.empty(w, np.float32)
     right, down = np.int32(1), np.int32(w)
-    for r in range(h):
+    for r in range(top, bottom):
         _place(at, fx, fy, weight, r + 0.5 - h / 2, view, factor, per_square, h, w)
         for c in range(3):
             plane = photo[c * h * w : room(h, w)]

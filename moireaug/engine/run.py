@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 
 from moireaug.engine.compiling import cold
 from moireaug.engine.record import Development, Exposure
-from moireaug.engine.threads import each
+from moireaug.engine.threads import each, each_share, surplus
 
 
 def announce(message: str) -> None:
@@ -45,17 +45,27 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     from moireaug.engine import batch
 
     prepare()
-    sites = exposure.sites
+    sites, n = exposure.sites, len(picture)
     planes, step = len(sites.channel), sites.step
-    raw = torch.empty(len(picture), planes, len(sites.rows) // step, len(sites.cols) // step)
+    h, w = len(sites.rows) // step, len(sites.cols) // step
+    raw = torch.empty(n, planes, h, w)
     pictures, readings = picture.detach().contiguous().numpy(), raw.numpy()
     none = pictures[:0]
     if pictures.dtype == np.uint8:
         floats, codes = none.astype(np.float32), pictures
     else:
         floats, codes = pictures, none.astype(np.uint8)
-    kernel = batch.expose_points if exposure.point else batch.expose
-    each(lambda first, last: kernel(readings, floats, codes, exposure, first, last), len(picture))
+
+    if exposure.point:
+        points = functools.partial(batch.expose_points, readings, floats, codes, exposure)
+        each(points, n)
+        return raw
+    kernel = functools.partial(batch.expose, readings, floats, codes, exposure)
+    whole, here = n - surplus(n, h), np.empty((3, 0, 0), np.float32)
+    each(lambda first, last: kernel(here, first, last, 0, h), whole)
+    for i in range(whole, n):
+        shown = batch.show(floats, codes, exposure, i)
+        each_share(functools.partial(kernel, shown, i, i + 1), h)
     return raw
 
 
@@ -72,7 +82,12 @@ class _Develop(torch.autograd.Function):
         ctx.development = d
         out = torch.empty(len(raw), 3, *d.size)
         readings, photos, notes = raw.detach().contiguous().numpy(), out.numpy(), inside.numpy()
-        each(lambda first, last: batch.develop(photos, notes, readings, d, first, last), len(raw))
+        n, h = len(raw), d.size[0]
+        kernel = functools.partial(batch.develop, photos, notes, readings, d)
+        whole = n - surplus(n, h)
+        each(lambda first, last: kernel(first, last, 0, h), whole)
+        for i in range(whole, n):
+            each_share(functools.partial(kernel, i, i + 1), h)
         return out
 
     @staticmethod

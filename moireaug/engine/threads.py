@@ -1,4 +1,5 @@
-"""Threads over the images of a batch: PyTorch's own where it has OpenMP's, else Python's.
+"""Threads over the images of a batch, or the rows of an image: PyTorch's own where it has OpenMP's,
+else Python's.
 
 OpenMP's threads wait for work by spinning. Threads of our own would share the cores with them after
 each of PyTorch's operations, which costs a fifth of a capture's time.
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -15,8 +17,17 @@ from concurrent.futures import ThreadPoolExecutor
 import torch
 
 PARTS = 4  # of a batch per thread, one after another, as images take different times
+LEAST = 32  # rows of an image that are worth a thread
 TASK = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 _parent = os.getpid()
+
+
+def surplus(n: int, rows: int) -> int:
+    """Return how many of n images are too few to keep every thread busy with one, so that all
+    threads had better share each one's rows."""
+    threads = torch.get_num_threads()
+    left = n % threads
+    return left if left < min(threads, rows // LEAST) else 0
 
 
 def each(work: Callable[[int, int], None], n: int) -> None:
@@ -24,11 +35,20 @@ def each(work: Callable[[int, int], None], n: int) -> None:
 
     Raises whatever `work` raises first.
     """
-    threads = min(torch.get_num_threads(), n)
+    _each(work, n, max(1, n // (PARTS * torch.get_num_threads())))
+
+
+def each_share(work: Callable[[int, int], None], rows: int) -> None:
+    """Do the same as `each`, with one part per thread: for an image's rows, which all take as long,
+    and of which each part costs some more."""
+    _each(work, rows, max(LEAST, math.ceil(rows / torch.get_num_threads())))
+
+
+def _each(work: Callable[[int, int], None], n: int, part: int) -> None:
+    threads = min(torch.get_num_threads(), math.ceil(n / part))
     if threads < 2:
         work(0, n)
         return
-    part = max(1, n // (PARTS * threads))
     firsts = iter(range(0, n, part))
     failed: list[BaseException] = []
 

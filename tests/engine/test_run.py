@@ -81,6 +81,53 @@ def test_every_part_is_done_once_by_two_threads(n):
     assert len(by) == (2 if n > 1 else 0)
 
 
+@pytest.mark.parametrize(
+    ("threads_of_torch", "n", "rows", "expected"),
+    [
+        (1, 1, 1000, 0),
+        (2, 0, 1000, 0),
+        (2, 1, 63, 0),  # too few rows to share
+        (2, 1, 64, 1),
+        (2, 16, 1000, 0),  # every thread has an image
+        (2, 5, 1000, 1),
+        (4, 3, 1000, 3),
+        (4, 3, 100, 0),  # three parts of each would be no faster than an image per thread
+        (4, 2, 100, 2),
+    ],
+)
+def test_rows_are_shared_only_where_images_are_too_few(threads_of_torch, n, rows, expected):
+    torch.set_num_threads(threads_of_torch)
+    assert threads.surplus(n, rows) == expected
+
+
+@pytest.mark.parametrize("frame", ["the image's", "the camera's"])
+@pytest.mark.parametrize("preset", ["screen_photo", "paper", "dashcam_at_led_sign"])
+@pytest.mark.parametrize("size", [(131, 37), (64, 50)])
+def test_sharing_an_images_rows_changes_no_bit(preset, frame, size, monkeypatch):
+    scene = Scene.preset(preset)
+    made = dataclasses.replace(scene.develop, registered=frame == "the image's")
+    scene = dataclasses.replace(scene, develop=made)
+    images = torch.rand(1, 3, *size, generator=torch.Generator().manual_seed(3))
+    shot = scene.sample(1, size, torch.Generator().manual_seed(4))
+    found, shared = [], []
+
+    def spy(work, rows):
+        shared.append(rows)
+        threads.each_share(work, rows)
+
+    monkeypatch.setattr(run, "each_share", spy)
+    for count in (1, 2, 3):
+        torch.set_num_threads(count)
+        raw = expose(images, shot).requires_grad_()
+        photo = develop(raw, shot)
+        (photo**2).sum().backward()
+        found.append((raw.detach(), photo.detach(), raw.grad))
+        assert bool(shared) == (count > 1)
+    for others in found[1:]:
+        for part, other in zip(found[0], others, strict=True):
+            assert torch.equal(part, other)
+
+
 @pytest.mark.usefixtures("two_threads")
 def test_an_error_in_one_image_reaches_the_caller():
     def work(first, last):
