@@ -12,9 +12,8 @@ import pytest
 import torch
 
 from benchmarks import accuracy_vs_time, attack_budget, checkouts, effects_cost, measure, released
-from benchmarks.colour import ciede2000, visible_difference
 from benchmarks.runs import WITHOUT
-from moireaug import Lens, Panel, Scene, Sensor, View, capture, expose
+from moireaug import Scene, capture
 from moireaug.scene.presets import PRESETS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -223,103 +222,3 @@ def test_the_plain_chain_is_the_capture():
     scene, image = Scene.preset("paper_code"), torch.rand(1, 3, 21, 21, dtype=torch.float64)
     shot = scene.sample(1, (21, 21))
     assert (released.photograph(image, shot.matrix()) - capture(image, shot)).abs().max() < 1e-6
-
-
-# Sharma, Wu and Dalal (2005), table 1
-PAIRS = [
-    ((50, 2.6772, -79.7751), (50, 0, -82.7485), 2.0425),
-    ((50, 3.1571, -77.2803), (50, 0, -82.7485), 2.8615),
-    ((50, -1.3802, -84.2814), (50, 0, -82.7485), 1.0),
-    ((50, 0, 0), (50, -1, 2), 2.3669),
-    ((50, 2.49, -0.001), (50, -2.49, 0.0009), 7.1792),
-    ((50, 2.49, -0.001), (50, -2.49, 0.0011), 7.2195),
-    ((50, -0.001, 2.49), (50, 0.0009, -2.49), 4.8045),
-    ((50, 2.5, 0), (50, 0, -2.5), 4.3065),
-    ((50, 2.5, 0), (73, 25, -18), 27.1492),
-    ((50, 2.5, 0), (50, 3.1736, 0.5854), 1.0),
-    ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
-    ((22.7233, 20.0904, -46.6940), (23.0331, 14.9730, -42.5619), 2.0373),
-    ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
-]
-
-
-@pytest.mark.parametrize(("first", "second", "expected"), PAIRS)
-def test_ciede2000_is_as_published(first, second, expected):
-    a, b = (torch.tensor([lab], dtype=torch.float64) for lab in (first, second))
-    assert ciede2000(a, b).item() == pytest.approx(expected, abs=5e-5)
-    assert ciede2000(b, a).item() == pytest.approx(expected, abs=5e-5)
-    assert ciede2000(a, a).item() == 0
-
-
-def test_black_and_white_are_a_hundred_apart():
-    black, white = torch.zeros(1, 3, 2, 2), torch.ones(1, 3, 2, 2)
-    assert visible_difference(black, white).shape == (1, 2, 2)
-    assert torch.allclose(visible_difference(black, white), torch.tensor(100.0), atol=0.01)
-
-
-@pytest.mark.parametrize(
-    ("points", "kept"),
-    [
-        ([], []),
-        ([(1, 1)], [0]),
-        ([(2, 1), (1, 2)], [1, 0]),
-        ([(1, 2), (2, 2), (3, 1), (2, 3)], [0, 2]),
-        ([(1, 1), (1, 1), (1, 0.5)], [2]),
-    ],
-)
-def test_frontier(points, kept):
-    assert measure.frontier(points) == kept
-
-
-def row(method, seconds, error):
-    return {
-        "method": method, "plan": method, "rmse_percent": error,
-        "seconds": {"median": seconds, "low": seconds * 0.9, "high": seconds * 1.1},
-    }  # fmt: skip
-
-
-# rows beside auto's 1 s and 2 %; what beats it; its rival; whether that is as accurate; times as
-# fast
-JUDGED = [
-    ([row("supersample:2", 2, 9), row("supersample:4", 8, 1)], [], "supersample:4", True, 8),
-    ([row("supersample:2", 2, 9), row("supersample:4", 8, 5)], [], "supersample:4", False, 8),
-    ([row("supersample:2", 3, 1), row("box", 0.5, 1)], ["box"], "supersample:2", True, 3),
-    ([row("supersample:2", 3, 1), row("box", 0.95, 1)], [], "supersample:2", True, 3),
-    ([row("supersample:2", 3, 1), row("box", 0.5, 1.99)], [], "supersample:2", True, 3),
-]
-
-
-@pytest.mark.parametrize(("others", "beaten_by", "rival", "able", "times"), JUDGED)
-def test_auto_is_judged_beyond_noise(others, beaten_by, rival, able, times):
-    found = accuracy_vs_time.judge([*others, row("auto", 1, 2)], floor=0.5)
-    assert found["beaten_by"] == beaten_by and found["rival"] == rival
-    assert found["rival_is_as_accurate"] == able and found["times_as_fast"] == pytest.approx(times)
-
-
-def test_the_reference_says_how_far_it_is_off():
-    """Against sixteen times as many points."""
-    scene = Scene(
-        panel=Panel(scale=1.4), view=View(roll=5), lens=Lens(blur=0.3), sensor=Sensor(scale=2)
-    )
-    image = torch.rand(1, 3, 12, 12, dtype=torch.float64)
-    reading, told = accuracy_vs_time.converged(scene, image, 8)
-    shot = accuracy_vs_time.draw(accuracy_vs_time.with_method(scene, "supersample:32"), image)
-    off = accuracy_vs_time.rms(reading - expose(image, shot), reading)
-    assert 0.4 * told["error_left_percent"] < off < 2 * told["error_left_percent"]
-
-
-def test_candidates_take_turns_and_slow_ones_sit_out():
-    seen = []
-    calls = {"a": lambda: seen.append("a"), "b": lambda: seen.append("b")}
-    times = measure.timed_together(calls, repeats=5, warmup=1, budget=0.0)
-    assert seen[:2] == ["a", "b"] and seen.count("a") == seen.count("b") == 1 + measure.FEWEST
-    assert (
-        times["a"].runs == measure.FEWEST and times["a"].low <= times["a"].median <= times["a"].high
-    )
-
-
-def test_a_table_is_aligned():
-    assert (
-        measure.table(("a", "b"), [("x", 1.5), ("yy", 12345.0)])
-        == "a       b\n--  -----\nx     1.5\nyy  12345"
-    )
