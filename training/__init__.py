@@ -3,7 +3,7 @@
 import os
 
 # Before torch is loaded: OpenMP's threads wait for work by spinning. A command alone on its cores
-# does not notice; of two that share them, each waits for threads that wait, at less than half speed.
+# does not notice, but two that share them keep each other waiting: each takes twice as long.
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 from moireaug.extras import require

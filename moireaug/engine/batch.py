@@ -82,8 +82,8 @@ def show(floats, codes, e, i):
 
 @kernel
 def expose(raw, floats, codes, e, shown, first, last, top, bottom):
-    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the pictures
-    from `first` to `last`.
+    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the
+    pictures from `first` to `last`.
 
     Args:
         floats, codes: (B, 3, H, W), float32 and uint8; one of them has no images.

@@ -67,55 +67,77 @@ def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     The sinc of the aperture is bounded by its envelope, because its zeros move with the view; so is
     the cosine of a low-pass filter.
     """
-    panel, sensor = scene.panel, scene.sensor
-    layout = as_layout(panel.layout)
-    px, py = layout.period
-    gain, fill, blur = bounds(sensor.gain)[1], bounds(sensor.fill)[0], bounds(scene.lens.blur)[0]
-    k = torch.arange(HIGHEST * px + 1, dtype=torch.float64)[:, None].expand(
-        -1, 2 * HIGHEST * py + 1
-    )
-    l = torch.arange(-HIGHEST * py, HIGHEST * py + 1, dtype=torch.float64).expand(len(k), -1)
-    counted = (k > 0) | (l > 0)  # the others are conjugates, or the mean
-    k, l = k[counted], l[counted]
+    px, py = as_layout(scene.panel.layout).period
+    k, l = _orders(px, py)
+    shown = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
+    step = _steps(scene)
 
-    lit, lit_x, lit_y = (
-        inside(r, points=n) for r, n in ((panel.lit, 9), (panel.lit_x, 5), (panel.lit_y, 5))
-    )
-    emitting = torch.tensor(list(itertools.product(lit, lit_x, lit_y)), dtype=torch.float64)
-    width, height = (emitting[:, 0].sqrt() * emitting[:, i, None].mT for i in (1, 2))
+    # cycles per sensor pixel, at least, in any view; along one axis no less than this over sqrt 2
+    least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
+    most = shown * _through_aperture(scene, least / 2**0.5) * _through_lens(scene, least.square())
+    possible = most > scene.tolerance
+    k, l, shown = k[possible], l[possible], shown[possible]
+    if not len(k):
+        return []
+
+    # (K, N, 2), along both axes in each view
+    frequency = (k / px)[:, None, None] * step[:, 0] + (l / py)[:, None, None] * step[:, 1]
+    passed = _through_aperture(scene, frequency).prod(-1)
+    passed *= _through_lens(scene, frequency.square().sum(-1))
+    contrast = shown * passed.amax(1)
+    found = []
+    for k_, l_, strength in zip(k.tolist(), l.tolist(), contrast.tolist(), strict=True):
+        if strength > scene.tolerance:
+            found.append(((int(k_), int(l_)), strength))
+    return sorted(found, key=lambda item: -item[1])
+
+
+def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
+    """Return k and l of every harmonic of a cell but the mean, one of each conjugate pair."""
+    k = torch.arange(HIGHEST * px + 1, dtype=torch.float64)
+    l = torch.arange(-HIGHEST * py, HIGHEST * py + 1, dtype=torch.float64)
+    k, l = torch.meshgrid(k, l, indexing="ij")
+    counted = (k > 0) | (l > 0)
+    return k[counted], l[counted]
+
+
+def _strongest(scene: SceneRecord, k: Tensor, l: Tensor) -> Tensor:
+    """Return how strong each harmonic of the panel's light can be, in its strongest colour."""
+    panel, layout = scene.panel, as_layout(scene.panel.layout)
+    lit = inside(panel.lit, points=9)
+    along = inside(panel.lit_x, points=5), inside(panel.lit_y, points=5)
+    emitting = torch.tensor(list(itertools.product(lit, *along)), dtype=torch.float64)
+    width = (emitting[:, 0].sqrt() * emitting[:, 1])[None]
+    height = (emitting[:, 0].sqrt() * emitting[:, 2])[None]
     strongest = torch.zeros(3, len(k), dtype=torch.float64)
     for subpixel in layout.all():
-        c = coefficient(subpixel, layout.period, k[:, None], l[:, None], width, height).abs()
-        strongest[subpixel.channel] += c.amax(1)
-    top = 2 * gain * strongest.amax(0)
-    # a harmonic must not be missed in any image
-    step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (
-        bounds(panel.scale)[0] / sensor.scale
-    )
-    # cycles per sensor pixel, at least, in any view
-    least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
-    along_one = 1 / (math.pi * fill * least / 2**0.5).clamp(min=1.0)
-    can_pass = (
-        top * along_one * torch.exp(-2 * math.pi**2 * blur**2 * least.square()) > scene.tolerance
-    )
-    k, l, top = k[can_pass], l[can_pass], top[can_pass]
+        c = coefficient(subpixel, layout.period, k[:, None], l[:, None], width, height)
+        strongest[subpixel.channel] += c.abs().amax(1)
+    return strongest.amax(0)
 
-    # (K, N, 2)
-    frequency = (k / px)[:, None, None] * step[:, 0] + (l / py)[:, None, None] * step[:, 1]
-    envelope = (1 / (math.pi * fill * frequency.abs()).clamp(min=1.0)).prod(-1)
-    passed = envelope * torch.exp(-2 * math.pi**2 * blur**2 * frequency.square().sum(-1))
-    contrast = top * passed.amax(1) if len(k) else top
-    found = zip(k.int().tolist(), l.int().tolist(), contrast.tolist(), strict=True)
-    called = [((k, l), c) for k, l, c in found if c > scene.tolerance]
-    return sorted(called, key=lambda item: -item[1])
+
+def _through_aperture(scene: SceneRecord, frequency: Tensor) -> Tensor:
+    """Bound the sinc of the smallest aperture along one axis; frequency in cycles per sensor
+    pixel."""
+    fill = bounds(scene.sensor.fill)[0]
+    return 1 / (math.pi * fill * frequency.abs()).clamp(min=1.0)
+
+
+def _through_lens(scene: SceneRecord, squared: Tensor) -> Tensor:
+    """Return what the sharpest lens leaves of a wave of this squared frequency."""
+    return torch.exp(-2 * math.pi**2 * bounds(scene.lens.blur)[0] ** 2 * squared)
+
+
+def _steps(scene: SceneRecord) -> Tensor:
+    """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that show the panel at
+    its smallest, (N, 2, 2)."""
+    seen = views(scene, bounds(scene.view.zoom)[1], usual=False)
+    return seen * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
 
 
 def narrowest(scene: SceneRecord) -> float:
     """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
-    step = views(scene, bounds(scene.view.zoom)[1], usual=False) * (
-        bounds(scene.panel.scale)[0] / scene.sensor.scale
-    )
-    widest = step.abs().amax(-1).amin(0)  # along x and y
+    widest = _steps(scene).abs().amax(-1).amin(0)  # along x and y
     period = widest.new_tensor(as_layout(scene.panel.layout).period)
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
