@@ -64,37 +64,52 @@ def _light(light, floats, codes, i, e):
 
 
 @loop
-def _show(floats, codes, e, i):
-    """Return picture i as the panel shows it, see `panel.show`."""
-    alpha, light = _camera(e.cameras[i]).alpha, np.empty((3, e.size[0], e.size[1]), np.float32)
-    h, w = panel.shape(e.size, alpha, e.cell.period, e.cell.taps)
-    shown = np.empty((3, h, w), np.float32)
-    light = _light(light, floats, codes, i, e)
-    panel.show(shown, light, alpha, e.cell.period, e.cell.taps, e.dark)
-    return shown
+def _panel(shown, e, i):
+    """Return the part of shown that picture i takes as the panel shows it, (3, h, w)."""
+    h, w = panel.shape(e.size, _camera(e.cameras[i]).alpha, e.cell.period, e.cell.taps)
+    return shown[: 3 * h * w].reshape(3, h, w)
 
 
 @kernel
-def show(floats, codes, e, i):
-    """Return picture i as the panel shows it, for `expose`, whose arguments these are."""
-    return _show(floats, codes, e, i)
+def panel_size(e):
+    """Return how many values the largest picture takes as the panel shows it."""
+    most = 0
+    for i in range(len(e.cameras)):
+        h, w = panel.shape(e.size, _camera(e.cameras[i]).alpha, e.cell.period, e.cell.taps)
+        most = max(most, 3 * h * w)
+    return most
+
+
+@loop
+def _show(shown, light, floats, codes, e, i):
+    light, alpha = _light(light, floats, codes, i, e), _camera(e.cameras[i]).alpha
+    panel.show(_panel(shown, e, i), light, alpha, e.cell.period, e.cell.taps, e.dark)
 
 
 @kernel
-def expose(raw, floats, codes, e, shown, first, last, top, bottom):
+def show(shown, light, floats, codes, e, i):
+    """Fill shown with picture i as the panel shows it; arguments as in `expose`."""
+    _show(shown, light, floats, codes, e, i)
+
+
+@kernel
+def expose(raw, shown, light, floats, codes, e, first, last, top, bottom):
     """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the
     pictures from `first` to `last`.
 
     Args:
+        shown: (`panel_size`(e),) float32, workspace, or what `show` filled it with.
+        light: (3, H, W) float32, workspace; (3, 0, 0) if the only picture is in `shown` already.
         floats, codes: (B, 3, H, W), float32 and uint8; one of them has no images.
         e: see `record.Exposure`.
-        shown: the only picture as `show` returns it; (3, 0, 0) to show each one here.
     """
     for i in range(first, last):
+        if light.size:
+            _show(shown, light, floats, codes, e, i)
         camera = _camera(e.cameras[i])
         expose_image(
             raw[i],
-            shown if shown.size else _show(floats, codes, e, i),
+            _panel(shown, e, i),
             (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
             camera,
             e.filters[i],
@@ -112,10 +127,9 @@ def expose(raw, floats, codes, e, shown, first, last, top, bottom):
 
 
 @kernel
-def expose_points(raw, floats, codes, e, first, last):
+def expose_points(raw, light, floats, codes, e, first, last):
     """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`
     at points of the panel; arguments as in `expose`."""
-    light = np.empty((3, e.size[0], e.size[1]), np.float32)
     for i in range(first, last):
         expose_point(
             raw[i],
@@ -141,6 +155,12 @@ def _way_back(registration, i):
     return registration.views[i], k1, k2
 
 
+@kernel
+def photo_size(d):
+    """Return how many values a photo in the camera's frame takes in `develop`."""
+    return room(d.size[0], d.size[1])
+
+
 @loop
 def _photo(photo, inside, raw, d, i, top, bottom):
     """Fill rows `top` to `bottom` of photo (3, H, W), in the camera's frame, from image i's raw."""
@@ -151,11 +171,12 @@ def _photo(photo, inside, raw, d, i, top, bottom):
 
 
 @kernel
-def develop(photos, inside, raw, d, first, last, top, bottom):
+def develop(photos, taken, inside, raw, d, first, last, top, bottom):
     """Fill rows `top` to `bottom` of photos (B, 3, H, W) float32, sRGB codes, from `first` to
     `last` from raw (B, planes, h, w) float32.
 
     Args:
+        taken: (`photo_size`(d),) float32, workspace.
         inside: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
         d: see `record.Development`.
     """
@@ -164,13 +185,13 @@ def develop(photos, inside, raw, d, first, last, top, bottom):
             _photo(photos[i], inside, raw[i], d, i, top, bottom)
         return
     h, w = d.size
-    planes = np.zeros(room(h, w), np.float32)
-    taken = planes[: 3 * h * w].reshape(3, h, w)
+    n = 3 * h * w
+    fill(taken[n:], ZERO)
     for i in range(first, last):
         view, k1, k2 = _way_back(d.registration, i)
         highest, lowest = looked_at(view, k1, k2, h, w, top, bottom)
-        _photo(taken, inside, raw[i], d, i, highest, lowest)
-        resample(photos[i], planes, view, k1, k2, False, top, bottom)
+        _photo(taken[:n].reshape(3, h, w), inside, raw[i], d, i, highest, lowest)
+        resample(photos[i], taken, view, k1, k2, False, top, bottom)
 
 
 @loop

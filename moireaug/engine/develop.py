@@ -293,8 +293,9 @@ def _develop(photo, raw, codes, work, tone, image, line, top, bottom):
                 continue
             for channel in range(3):
                 along(line, work, r, channel, codes.cols)
-                for i in range(max(rows.first[row], top), min(rows.last[row] + 1, bottom)):
-                    add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
+                for i in range(rows.first[row], rows.last[row] + 1):
+                    if top <= i < bottom:
+                        add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
 
 
 @loop

@@ -55,8 +55,9 @@ def _resize_row(out, row, y, line, rows, cols, top, bottom):
             _pairs(line, row[c])
         else:
             gather(line, row[c], cols.index, cols.weight)
-        for i in range(max(rows.first[y], top), min(rows.last[y] + 1, bottom)):
-            add(out[c, i], line, rows.taps[i, y - rows.start[i]])
+        for i in range(rows.first[y], rows.last[y] + 1):
+            if top <= i < bottom:
+                add(out[c, i], line, rows.taps[i, y - rows.start[i]])
 
 
 @inner

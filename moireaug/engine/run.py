@@ -48,25 +48,41 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     sites, n = exposure.sites, len(picture)
     planes, step = len(sites.channel), sites.step
     h, w = len(sites.rows) // step, len(sites.cols) // step
-    raw = torch.empty(n, planes, h, w)
+    raw = _empty(n, planes, h, w)
     pictures, readings = picture.detach().contiguous().numpy(), raw.numpy()
     none = pictures[:0]
     if pictures.dtype == np.uint8:
         floats, codes = none.astype(np.float32), pictures
     else:
         floats, codes = pictures, none.astype(np.uint8)
+    light = functools.partial(np.empty, (3, *exposure.size), np.float32)
+
+    def points(first: int, last: int) -> None:
+        batch.expose_points(readings, light(), floats, codes, exposure, first, last)
+
+    def images(first: int, last: int) -> None:
+        shown = np.empty(batch.panel_size(exposure), np.float32)
+        batch.expose(readings, shown, light(), floats, codes, exposure, first, last, 0, h)
 
     if exposure.point:
-        points = functools.partial(batch.expose_points, readings, floats, codes, exposure)
         each(points, n)
         return raw
-    kernel = functools.partial(batch.expose, readings, floats, codes, exposure)
-    whole, here = n - surplus(n, h), np.empty((3, 0, 0), np.float32)
-    each(lambda first, last: kernel(here, first, last, 0, h), whole)
+    whole = n - surplus(n, h)
+    each(images, whole)
     for i in range(whole, n):
-        shown = batch.show(floats, codes, exposure, i)
-        each_share(functools.partial(kernel, shown, i, i + 1), h)
+        shown, there = np.empty(batch.panel_size(exposure), np.float32), light()[:, :0, :0]
+        batch.show(shown, light(), floats, codes, exposure, i)
+        rows = functools.partial(
+            batch.expose, readings, shown, there, floats, codes, exposure, i, i + 1
+        )
+        each_share(rows, h)
     return raw
+
+
+def _empty(*shape: int) -> Tensor:
+    """Return an uninitialised tensor, float32. NumPy asks for huge pages where it is large: small
+    ones cost a fifth of the time that a large photo takes."""
+    return torch.from_numpy(np.empty(shape, np.float32))
 
 
 class _Develop(torch.autograd.Function):
@@ -80,10 +96,15 @@ class _Develop(torch.autograd.Function):
         inside = torch.empty(noted, 3, *d.detail.size, dtype=torch.uint8)
         ctx.save_for_backward(raw, inside)
         ctx.development = d
-        out = torch.empty(len(raw), 3, *d.size)
+        out = _empty(len(raw), 3, *d.size)
         readings, photos, notes = raw.detach().contiguous().numpy(), out.numpy(), inside.numpy()
         n, h = len(raw), d.size[0]
-        kernel = functools.partial(batch.develop, photos, notes, readings, d)
+        size = batch.photo_size(d) if d.registers else 0
+
+        def kernel(first: int, last: int, top: int, bottom: int) -> None:
+            taken = np.empty(size, np.float32)
+            batch.develop(photos, taken, notes, readings, d, first, last, top, bottom)
+
         whole = n - surplus(n, h)
         each(lambda first, last: kernel(first, last, 0, h), whole)
         for i in range(whole, n):
@@ -96,7 +117,7 @@ class _Develop(torch.autograd.Function):
         from moireaug.engine import batch
 
         (raw, inside), d = ctx.saved_tensors, ctx.development
-        out = torch.empty(raw.shape)
+        out = _empty(*raw.shape)
         readings, notes = raw.detach().contiguous().numpy(), inside.numpy()
         grads, results = grad.contiguous().numpy(), out.numpy()
         each(
