@@ -49,8 +49,8 @@ def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
         f"Accuracy in % of {of}.",
         "95 % intervals cover the choice of seeds and of images (two-way bootstrap).",
         "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
-        "Time is of training alone, on top of the clean weights that a recipe starts from; "
-        "× clean counts both.",
+        "Time is of training alone, by the median epoch, on top of the clean weights that a recipe "
+        "starts from; × clean counts both.",
         "● no other recipe is as robust at 4/255 for less time.",
     ]
     lost = [f"{r.name} in {r.collapsed} of {len(r.seeds)} seeds" for r in recipes if r.collapsed]

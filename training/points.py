@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,9 +40,9 @@ class Point:
     Args:
         outcomes: name of a rate to (n,) numbers, one per image: 1 where the run is right, 0 where
             it is wrong, the mean over scenes in between. All runs see the same images.
-        seconds: of this run's own training. start_seconds: of the training that made the weights it
-            began with; 0 where it began with random ones. clean_seconds: of recipe `clean` with the
-            same seed and settings.
+        seconds: of this run's own training, by its median epoch. start_seconds: of the training
+            that made the weights it began with; 0 where it began with random ones. clean_seconds:
+            of recipe `clean` with the same seed and settings.
         passes: forward and backward, per image of its own training. images_per_second: of the same.
         collapsed: whether catastrophic overfitting was seen while it was trained.
         baseline: the recipe of plain training of equal length; None for plain training itself.
@@ -209,11 +210,11 @@ def _point(folder: Path, trained: Mapping[Path, Metrics], again: Metrics) -> Poi
         metrics["recipe"],
         metrics["seed"],
         outcomes={name: _outcomes(again, *cell) for name, cell in RATES.items()},
-        seconds=train["seconds"],
+        seconds=_steady_seconds(train),
         start_seconds=plain if train["init"] == "clean" else 0.0,
         clean_seconds=plain,
         passes=train["passes"],
-        images_per_second=train["images_per_second"],
+        images_per_second=train["images_per_second"] * train["seconds"] / _steady_seconds(train),
         collapsed=train.get("collapsed_at") is not None,
         baseline=baseline,
     )
@@ -235,6 +236,13 @@ def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
     return np.mean(found, axis=0)
 
 
+def _steady_seconds(train: Metrics) -> float:
+    """Return the time of a training whose every epoch takes as long as the median one: a machine
+    that slept, or was busy for a while, does not make a recipe dear."""
+    epochs = [epoch["seconds"] for epoch in train.get("history", ())]
+    return statistics.median(epochs) * len(epochs) if epochs else train["seconds"]
+
+
 def _clean_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float:
     """Return the training time of recipe `clean` with the same seed: as the run kept it, else as
     the clean run says."""
@@ -242,7 +250,7 @@ def _clean_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float:
     twin = folder.parent.parent / "clean" / folder.name
     for source in (metrics, metrics.get("start"), metrics.get("baseline"), trained.get(twin)):
         if source and source["recipe"] == "clean":
-            return source["train"]["seconds"]
+            return _steady_seconds(source["train"])
     raise ValueError(
         f"{folder} does not say how long its clean start was trained, and there is no finished "
         f"run in {twin}: "

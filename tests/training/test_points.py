@@ -31,6 +31,17 @@ def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path
     )
 
 
+def test_an_epoch_in_which_the_machine_slept_does_not_count(tmp_path):
+    path = put(tmp_path, "good", 0, seconds=3612.0, start=10.0) / "metrics.json"
+    metrics = json.loads(path.read_text())
+    metrics["train"]["history"] = [{"seconds": 5.0}, {"seconds": 3600.0}, {"seconds": 7.0}]
+    metrics["start"]["train"]["history"] = [{"seconds": 4.0}, {"seconds": 4.0}]
+    path.write_text(json.dumps(metrics))
+    (point,) = read(tmp_path).points
+    assert (point.seconds, point.start_seconds, point.total_seconds) == (21.0, 8.0, 29.0)
+    assert point.images_per_second == pytest.approx(600.0 * 3612 / 21)
+
+
 def test_an_attack_in_another_scene_does_not_count(tmp_path):
     folder = put(tmp_path, "good", 0)
     (folder / "reattack/screen_photo-n200-steps50").rename(folder / "reattack/elsewhere")
