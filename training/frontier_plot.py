@@ -176,9 +176,10 @@ def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
         extent = text.get_window_extent(renderer)
         at_point = np.concatenate([point, point])
         boxes = [at_point + box for box in _around(extent.width, extent.height)]
-        costs = [_cost(box, point, np.array(taken), frame) for box in boxes]
+        others = points[(points != point).any(1)]
+        costs = [_cost(box, point, others, np.array(taken), frame) for box in boxes]
         best = boxes[int(np.argmin(costs))]
-        taken.append(best)
+        taken.append(best + np.array([-6, -1, 6, 1]))  # names side by side would read as one
         left, bottom = data(best[:2])
         text.set_position((left, bottom))
         end = np.clip(point, best[:2], best[2:])
@@ -225,15 +226,20 @@ def _around(width: float, height: float) -> list[np.ndarray]:
     return [np.array([x, y, x + width, y + height]) for x, y in corners]
 
 
-def _cost(box: np.ndarray, point: np.ndarray, taken: np.ndarray, frame: np.ndarray) -> float:
+def _cost(
+    box: np.ndarray, point: np.ndarray, others: np.ndarray, taken: np.ndarray, frame: np.ndarray
+) -> float:
     """Return how bad a place for a name is: what it covers, what sticks out of the panel, how far
-    its point is, and what lies between the two."""
+    its point is, what lies between the two, and whether the name seems to be another point's."""
     end = np.clip(point, box[:2], box[2:])
     between = point + np.linspace(0, 1, 16)[:, None] * (end - point)
     between = between[np.hypot(*(between - point).T) > 9, None]
     crossed = ((between >= taken[:, :2] - 1) & (between <= taken[:, 2:] + 1)).all(2).any(1).sum()
     outside = np.prod(box[2:] - box[:2]) - _shared(box, frame[None])
-    return 5 * _shared(box, taken) + 20 * outside + np.hypot(*(end - point)) + 8 * crossed
+    away = np.hypot(*(end - point))
+    ends = np.clip(others, box[:2], box[2:])
+    taken_for = (np.hypot(*(ends - others).T) < away + 4).any()
+    return 5 * _shared(box, taken) + 20 * outside + away + 8 * crossed + 60 * taken_for
 
 
 def _shared(box: np.ndarray, others: np.ndarray) -> float:
