@@ -73,14 +73,15 @@ def variance_at(points: Tensor, shot) -> Tensor:
     )
     step = grids.jacobian(seen, torch.linalg.inv(shot.matrix()), shot.size, None)
     step = step * (alpha[..., None, None] / shot.sampled_pixels()[0].scale)
-    layout = as_layout(shot.scene.panel.layout)
+    kinds = as_layout(shot.scene.panel.layout).all()
+    if isinstance(method, Mean):
+        kinds = (WHOLE_PIXEL,)
     one, lost = torch.ones_like(alpha[:, 0, 0]), [torch.zeros_like(coarse)]
-    period = (1, 1) if isinstance(method, Mean) else layout.period
-    for subpixel in [WHOLE_PIXEL] if isinstance(method, Mean) else dict.fromkeys(layout.all()):
-        for axis in (0, 1):
-            width = extent(subpixel, period, axis, one, one)[0][:, None, None]
-            along = content.footprint(step[..., axis, :] / period[axis], optics_of(shot))
-            lost.append(content.fitted(along, width, method.taps)[1] * (period[axis] / alpha) ** 2)
+    for subpixel in kinds:
+        for axis, period in enumerate(subpixel.period):
+            width = extent(subpixel, axis, one, one)[0][:, None, None]
+            along = content.footprint(step[..., axis, :] / period, optics_of(shot))
+            lost.append(content.fitted(along, width, method.taps)[1] * (period / alpha) ** 2)
     return coarse + torch.stack(lost).amax(0)
 
 
@@ -99,12 +100,12 @@ def most_lost(scene: SceneRecord) -> float:
         return 0.0
     seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
     for alpha in extremes.inside(scene.panel.scale, points=3):
-        for along, width in extremes.footprints(
+        for along, width, period in extremes.footprints(
             scene, seen, alpha, whole_pixel=isinstance(method, Mean)
         ):
             lost = content.fitted(along, width, method.taps)[1]
-            most = max(most, float(lost.max()) / alpha**2)
-    return most * max(as_layout(scene.panel.layout).period) ** 2
+            most = max(most, float(lost.max()) * (period / alpha) ** 2)
+    return most
 
 
 def levels(variance: float) -> int:

@@ -43,9 +43,9 @@ def fits(e):
     most = max(MOST_PANEL * len(e.sites.rows) * len(e.sites.cols), SMALL_PANEL)
     for i in range(len(out)):
         camera = _camera(e.cameras[i])
-        h, w = panel.shape(e.size, camera.alpha, e.cell.period, e.cell.taps)
+        h, w = panel.shape(e.size, camera.alpha, e.cell)
         out[i] = h * w <= most and nodes.fits(
-            camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites, e.dark
+            camera, e.cell, e.widths[i], e.skew[i], e.sites, e.dark
         )
     return out
 
@@ -66,7 +66,7 @@ def _light(light, floats, codes, i, e):
 @loop
 def _panel(shown, e, i):
     """Return the part of shown that picture i takes as the panel shows it, (3, h, w)."""
-    h, w = panel.shape(e.size, _camera(e.cameras[i]).alpha, e.cell.period, e.cell.taps)
+    h, w = panel.shape(e.size, _camera(e.cameras[i]).alpha, e.cell)
     return shown[: 3 * h * w].reshape(3, h, w)
 
 
@@ -75,7 +75,7 @@ def panel_size(e):
     """Return how many values the largest picture takes as the panel shows it."""
     most = 0
     for i in range(len(e.cameras)):
-        h, w = panel.shape(e.size, _camera(e.cameras[i]).alpha, e.cell.period, e.cell.taps)
+        h, w = panel.shape(e.size, _camera(e.cameras[i]).alpha, e.cell)
         most = max(most, 3 * h * w)
     return most
 
@@ -83,7 +83,7 @@ def panel_size(e):
 @loop
 def _show(shown, light, floats, codes, e, i):
     light, alpha = _light(light, floats, codes, i, e), _camera(e.cameras[i]).alpha
-    panel.show(_panel(shown, e, i), light, alpha, e.cell.period, e.cell.taps, e.dark)
+    panel.show(_panel(shown, e, i), light, alpha, e.cell, e.dark)
 
 
 @kernel

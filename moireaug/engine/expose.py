@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine import harmonics, lookup, optics
+from moireaug.engine import harmonics, lookup
 from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
@@ -16,18 +16,26 @@ from moireaug.engine.random_numbers import keys
 from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import add
 from moireaug.engine.view import look
+from moireaug.engine.weights import blend, sizes
 
 ZERO, ONE = np.float32(0), np.float32(1)
 BANDS = 224  # at least so many, if a photo has the rows; rows of a band share their weights
 
 
 @inner
-def _columns(u, column, share, cols, first, step, node_step, count, to_next):
+def _columns(u, column, share, cols, first, step, node_step, count):
     """Fill where each pixel of a row lies on the photo, and between which columns of nodes."""
     for i in range(len(u)):
         u[i] = cols[first + i * step]
         node, t = bracket(u[i], cols[0], node_step, count, 1)
-        column[i], share[i] = node * to_next, t
+        column[i], share[i] = node, t
+
+
+@inner
+def _begin(out, column, size, offset):
+    """Fill where the weights of each pixel's node begin."""
+    for i in range(len(out)):
+        out[i] = column[i] * size + offset
 
 
 class _Places(NamedTuple):
@@ -35,8 +43,8 @@ class _Places(NamedTuple):
 
     Args:
         u: (planes, w) float64, photo columns about the centre.
-        column: (2, planes, w) int32, where the weights along x and along y begin of the node before
-            each pixel. share: (planes, w) float32, how far the pixel is towards the next node.
+        column: (kinds, 2, planes, w) int32, where the weights along x and along y begin of the node
+            before each pixel. share: (planes, w) float32, how far the pixel is towards the next.
         first: (planes,), the first plane with pixels at the same places.
         asked: (planes, 3), for first planes: the colours of light that any filter at those places
             passes.
@@ -55,9 +63,10 @@ class _Row(NamedTuple):
     Args:
         weights: (kinds, ...) float32, those of cells at this row's nodes.
         at: (2, w) float64. whole: (6, w) int32. line: (7, w) float32.
-        glow: (3, w) float32, the light of each colour. of_rows: (w * width,) float32, the weights
-            of rows of cells.
+        glow: (3, w) float32, the light of each colour. of_rows: (w * WIDE,) float32, the weights of
+            rows of cells.
         wave: (6, K + 1, w) and of_y: (2, L + 1, w) float32, see `harmonics`.
+        orders: (kinds,) int64, how many k each kind has, 0 included.
         cos, sin: (n, K + 1) float32, from `_shifts`. weight: (4,) float32, of four rows of nodes.
     """
 
@@ -69,6 +78,7 @@ class _Row(NamedTuple):
     of_rows: np.ndarray
     wave: np.ndarray
     of_y: np.ndarray
+    orders: np.ndarray
     cos: np.ndarray
     sin: np.ndarray
     weight: np.ndarray
@@ -92,24 +102,24 @@ def _sites(first, asked, sites, filters):
 @loop
 def _places(w, planes, sites, nodes, filters):
     """Return the _Places of a reading w wide."""
-    _, _, count, _, phases, width = nodes.tables.shape
-    to_next, of_y = np.int32(2 * phases * width), np.int32(phases * width)
+    kinds = len(nodes.tables)
     u, share = np.empty((planes, w), np.float64), np.empty((planes, w), np.float32)
-    column = np.empty((2, planes, w), np.int32)
+    node, column = np.empty(w, np.int32), np.empty((kinds, 2, planes, w), np.int32)
     for plane in range(planes):
         _columns(
             u[plane],
-            column[0, plane],
+            node,
             share[plane],
             sites.cols,
             sites.col[plane],
             sites.step,
             nodes.step_uw,
-            count,
-            to_next,
+            nodes.columns,
         )
-        for i in range(w):
-            column[1, plane, i] = column[0, plane, i] + of_y
+        for kind in range(kinds):
+            of_x, of_both = sizes(nodes.phases[kind], nodes.cells[kind])
+            _begin(column[kind, 0, plane], node, of_both, 0)
+            _begin(column[kind, 1, plane], node, of_both, of_x)
     first, asked = np.empty(planes, np.int64), np.empty((planes, 3), np.bool_)
     _sites(first, asked, sites, filters)
     return _Places(u, column, share, first, asked)
@@ -118,10 +128,11 @@ def _places(w, planes, sites, nodes, filters):
 @loop
 def _row(w, cell, nodes):
     """Return the _Row of a reading w wide."""
-    kinds, _, count, axes, phases, width = nodes.tables.shape
-    n_k, n_l = 1, 1
+    kinds, _, n = nodes.tables.shape
+    orders, n_k, n_l = np.ones(kinds, np.int64), 1, 1
     for i in range(len(nodes.terms)):
-        n_k = max(n_k, nodes.terms[i, harmonics.K] + 1)
+        kind, k = nodes.terms[i, harmonics.KIND], nodes.terms[i, harmonics.K] + 1
+        orders[kind], n_k = max(orders[kind], k), max(n_k, k)
         n_l = max(n_l, nodes.terms[i, harmonics.L] + 1)
     wave, of_y = np.empty((6, n_k, w), np.float32), np.empty((2, n_l, w), np.float32)
     # those of k = 0 and l = 0: cos, then sin
@@ -129,18 +140,19 @@ def _row(w, cell, nodes):
     fill(wave[5, 0], ZERO)
     fill(of_y[0, 0], ONE)
     fill(of_y[1, 0], ZERO)
-    n = len(cell.channel)
-    cos, sin = np.empty((n, n_k), np.float32), np.empty((n, n_k), np.float32)
+    subpixels = len(cell.channel)
+    cos, sin = np.empty((subpixels, n_k), np.float32), np.empty((subpixels, n_k), np.float32)
     _shifts(cos, sin, cell)
     return _Row(
-        np.empty((kinds, count * axes * phases * width), np.float32),
+        np.empty((kinds, n), np.float32),
         np.empty((2, w), np.float64),
         np.empty((6, w), np.int32),
         np.empty((7, w), np.float32),
         np.empty((3, w), np.float32),
-        np.empty(w * width, np.float32),
+        np.empty(w * lookup.WIDE, np.float32),
         wave,
         of_y,
+        orders,
         cos,
         sin,
         np.empty(4, np.float32),
@@ -152,71 +164,83 @@ def _shifts(cos, sin, cell):
     """Fill cos and sin (n, K + 1) with those of 2 pi k x at each subpixel's centre x."""
     for i in range(len(cos)):
         for k in range(cos.shape[1]):
-            angle = 2 * math.pi * k * cell.centre[i, 0] / cell.period[0]
+            angle = 2 * math.pi * k * cell.centre[i, 0] / cell.period[cell.kind[i], 0]
             cos[i, k], sin[i, k] = math.cos(angle), math.sin(angle)
 
 
 @inner
-def _weights(out, tables, v, first, step_v):
+def _weights(out, nodes, v, first):
     """Fill out (kinds, n) with the weights of cells on a row v."""
-    kinds, rows = tables.shape[:2]
-    node, t = bracket(v, first, step_v, rows, 1)
+    kinds, rows = nodes.tables.shape[:2]
+    node, t = bracket(v, first, nodes.step_vw, rows, 1)
     for kind in range(kinds):
-        flat = tables[kind].reshape(rows, out.shape[1])
-        optics.blend(out[kind], flat[node], flat[node + 1], np.float32(t))
+        n = nodes.columns * sizes(nodes.phases[kind], nodes.cells[kind])[1]
+        low, high = nodes.tables[kind, node, :n], nodes.tables[kind, node + 1, :n]
+        blend(out[kind, :n], low, high, np.float32(t))
+
+
+@inner
+def _cells(size, period):
+    """Return how many cells hold `size` panel pixels."""
+    return (size + period - 1) // period
 
 
 @inner
 def _light(row, panel, size, camera, filters, cell, nodes, sites, places, plane, v):
     """Fill the row's glow with the light that a plane's pixels see on row v, in each colour that is
     asked for."""
-    width, taps = nodes.tables.shape[5], cell.taps
-    phases = nodes.tables.shape[4]
-    to_next, phases = np.int32(2 * phases * width), phases - 2
     x, y, whole, line = row.at[0], row.at[1], row.whole, row.line
     nx, ny, base = whole[0], whole[1], whole[2]
     start_x, start_y, place = whole[3], whole[4], whole[5]
     dx, dy, past, through, content = line[0], line[1], line[2], line[3], line[4]
     even, odd, here, beside = row.wave[0], row.wave[1], row.wave[2], row.wave[3]
     cx, sx, cy, sy = row.wave[4], row.wave[5], row.of_y[0], row.of_y[1]
-    cells_x, cells_y = places.column[0, plane], places.column[1, plane]
-    share, of_rows = places.share[plane], row.of_rows
+    share, of_rows, taps = places.share[plane], row.of_rows, cell.taps
     # the panel's pixels
-    px, py, stride = cell.period[0], cell.period[1], panel.shape[2]
-    pixels, of_cell = panel.reshape(3, panel.shape[1] * stride), stride // px
-    down, lead = np.int32(py * stride), margin(taps)
-    low, high_x = -taps - 1.0, float((size[1] + px - 1) // px + taps)
-    high_y = float((size[0] + py - 1) // py + taps)
+    stride = panel.shape[2]
+    pixels, low = panel.reshape(3, panel.shape[1] * stride), -taps - 1.0
     node, t = bracket(v, sites.rows[0], nodes.step_v, nodes.lines.shape[1], 3)
     harmonics.lagrange(row.weight, t)
     look(x, y, places.u[plane], v, camera)
-    lookup.cells(dx, nx, x, 0.0, float(px), low, high_x)
-    harmonics.waves(cx, sx, dx)
     fill(row.glow.reshape(-1), ZERO)
-    held = -1
+    held_row, held_height, held_x = -1, -1, -1
     for i in range(len(cell.channel)):
-        colour = cell.channel[i]
+        colour, kind = cell.channel[i], cell.kind[i]
         if not places.asked[plane, colour]:
             continue
-        table = row.weights[cell.kind[i]]
-        if cell.row[i] != held:
-            held = cell.row[i]
+        px, py = cell.period[kind, 0], cell.period[kind, 1]
+        high_x, high_y = float(_cells(size[1], px) + taps), float(_cells(size[0], py) + taps)
+        table, n_k = row.weights[kind], row.orders[kind]
+        phases, cells, begin = nodes.phases[kind], nodes.cells[kind], places.column[kind]
+        to_next = np.int32(sizes(phases, cells)[1])
+        down, of_cell = np.int32(py * stride), stride // px
+        if px != held_x:
+            held_x = px
+            lookup.cells(dx, nx, x, 0.0, float(px), low, high_x)
+            harmonics.waves(cx, sx, dx)
+        if cell.height[i] != held_height:
+            held_height = cell.height[i]
             lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
-            lookup.windows(start_y, place, past, dy, ny, cells_y, phases, width)
-            lookup.down(of_rows, table, to_next, place, past, share, width)
             harmonics.waves(cy, sy, dy)
+        if cell.row[i] != held_row:
+            held_row = cell.row[i]
+            lookup.windows(start_y, place, past, dy, ny, begin[1, plane], phases[1], cells)
+            lookup.down(of_rows, table, to_next, place, past, share, cells)
             four = nodes.lines[sites.col[plane], node : node + 4]
-            harmonics.across(even, odd, nodes.terms, cell.kind[i], four, row.weight, cy, sy)
-            harmonics.turn(here, beside, even, odd, cx, sx)
+            harmonics.across(even[:n_k], odd[:n_k], nodes.terms, kind, four, row.weight, cy, sy)
+            harmonics.turn(here[:n_k], beside[:n_k], even, odd, cx, sx)
         lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
-        lookup.windows(start_x, place, past, dx, nx, cells_x, phases, width)
-        origin = (lead * py + cell.pixel[i, 1]) * stride + cell.pixel[i, 0] * of_cell
-        lookup.base_of(base, start_x, start_y, down, np.int32(origin + lead))
+        lookup.windows(start_x, place, past, dx, nx, begin[0, plane], phases[0], cells)
+        origin = (margin(cell, 1) + cell.pixel[i, 1]) * stride + margin(cell, 0) // px
+        origin += cell.pixel[i, 0] * of_cell
+        lookup.base_of(base, start_x, start_y, down, np.int32(origin))
         lookup.content(
-            content, pixels[colour], base, down, table, to_next, place, past, share, of_rows, width,
-            taps,
+            content, pixels[colour], base, down, table, to_next, place, past, share, of_rows,
+            cells, taps,
         )  # fmt: skip
-        harmonics.shine(row.glow[colour], content, here, beside, row.cos[i], row.sin[i], through)
+        harmonics.shine(
+            row.glow[colour], content, here[:n_k], beside[:n_k], row.cos[i], row.sin[i], through
+        )
 
 
 @inner
@@ -235,7 +259,7 @@ def _expose(
             start = r - r % band
             end = min(start + band, len(rows)) - 1
             middle = (rows[start] + rows[end]) / 2
-            _weights(row.weights, nodes.tables, middle, rows[0], nodes.step_vw)
+            _weights(row.weights, nodes, middle, rows[0])
         gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
         for plane in range(planes):
             if sites.row[plane] != r % step:

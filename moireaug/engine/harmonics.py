@@ -76,24 +76,32 @@ def terms_of(amplitude):
 
 
 @inner
-def along_row(out, amplitude, terms, start, weight):
+def _add_scaled(out, weight, value):
+    for i in range(len(out)):
+        poke(out, i, out[i] + peek(weight, i) * value)
+
+
+@inner
+def along_row(out, amplitude, terms, ends, weight):
     """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
     Args:
         amplitude: folded, at nodes (rows, cols, kinds, K + 1, 2 L + 1). terms: from `terms_of`.
-        start, weight: (n,) int64 and (n, 4), the first of four nodes and the weights of their cubic
-            at each pixel.
+        ends: (cols - 2,) int64, of the pixels on the cubics through nodes 0 to 3, 1 to 4, and so
+            on: the first pixel of each, and n. weight: (4, n) float32, of the cubics' nodes.
     """
-    n, half = len(start), amplitude.shape[4] // 2
+    n, half = weight.shape[1], amplitude.shape[4] // 2
     for r in range(len(amplitude)):
         for t in range(len(terms)):
             kind, k = terms[t, KIND], terms[t, K]
             l = terms[t, L] + half * terms[t, SINE]
-            for i in range(n):
-                total = 0.0
-                for j in range(4):
-                    total += weight[i, j] * amplitude[r, start[i] + j, kind, k, l]
-                out[r, t * n + i] = total
+            line = out[r, t * n : (t + 1) * n]
+            fill(line, ZERO)
+            for j in range(len(ends) - 1):
+                low, high = ends[j], ends[j + 1]
+                for i in range(4):
+                    value = amplitude[r, j + i, kind, k, l]
+                    _add_scaled(line[low:high], weight[i, low:high], value)
 
 
 @inner

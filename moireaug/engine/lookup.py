@@ -39,7 +39,7 @@ def cells(d, n, x, centre, period, low, high):
 @inner
 def windows(start, place, between, d, n, column, phases, width):
     """Find the first of the `width` cells around each pixel, and their weights in the table of
-    `optics.weights`.
+    `weights.weights`.
 
     Args:
         start: (n,) int32, filled with the cell. place: (n,) int32, filled with where in the table
@@ -71,8 +71,8 @@ def down(out, table, to_next, place, between, share, width):
     """Fill out (n * width,) with the weights of each pixel's `width` rows of cells.
 
     Args:
-        table: flat, from `optics.weights`. to_next: int32, from a node's weights to the next
-            node's.
+        table: flat, of one kind, from `weights.weights`. to_next: int32, from a node's weights to
+            the next node's.
         place, between: (n,), from `windows`. share: (n,) float32, how far the pixel is towards the
             next node.
     """

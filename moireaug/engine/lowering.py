@@ -44,39 +44,61 @@ def lower_cameras(
 
 
 def lower_cell(
-    subpixels: Sequence[tuple[int, tuple[float, float], int]], period: tuple[int, int], taps: int
+    subpixels: Sequence[tuple[int, tuple[float, float], int]],
+    periods: Sequence[tuple[int, int]],
+    orders: Sequence[Sequence[tuple[int, int]]],
+    taps: int,
 ) -> Cell:
-    """Return the Cell of (channel, centre, kind) subpixels, centres in panel pixels from the cell's
-    corner."""
+    """Return the Cell of (channel, centre, kind) subpixels, centres in panel pixels from their
+    cell's corner.
+
+    Args:
+        periods: of each kind. orders: of each kind, its harmonics (k, l).
+    """
     channel = np.array([s[0] for s in subpixels], np.int64)
     centre = np.array([s[1] for s in subpixels], np.float64).reshape(-1, 2)
     kind = np.array([s[2] for s in subpixels], np.int64)
     pixel = np.floor(centre).astype(np.int64)
-    row = np.unique(np.stack([kind, centre[:, 1]], 1), axis=0, return_inverse=True)[1]
-    return Cell(np.array(period, np.int64), channel, kind, row.reshape(-1), centre, pixel, taps)
+    period = np.array(periods, np.int64)
+    height = _numbered(period[kind, 1], centre[:, 1])
+    row = _numbered(kind, height)
+    whole, highest = np.lcm.reduce(period), np.array([_highest(o) for o in orders], np.int64)
+    return Cell(whole, period, highest, channel, kind, height, row, centre, pixel, taps)
+
+
+def _numbered(*columns: np.ndarray) -> np.ndarray:
+    """Return a number for each row of some columns, the same for equal ones."""
+    rows = np.stack(columns, 1)
+    return np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _highest(orders: Sequence[tuple[int, int]]) -> tuple[int, int]:
+    """Return the highest k and the highest l of harmonics."""
+    return max((k for k, _ in orders), default=0), max((abs(l) for _, l in orders), default=0)
 
 
 def lower_shapes(
-    edges: np.ndarray, period: tuple[int, int], harmonics: Sequence[tuple[int, int]]
+    edges: np.ndarray,
+    periods: Sequence[tuple[int, int]],
+    orders: Sequence[Sequence[tuple[int, int]]],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the coefficients, widths and skews of `record.Exposure`.
 
     Args:
         edges: (B, kinds, 2, 2), two edge vectors of each kind, x then y, in panel pixels.
-        harmonics: (k, l) pairs, k >= 0, conjugates and (0, 0) left out.
+        periods: of each kind. orders: of each kind, its harmonics (k, l), k >= 0, conjugates and
+            (0, 0) left out.
     """
-    edges = edges / np.array(period, np.float64)
-    n_k = max([k for k, _ in harmonics], default=0)
-    n_l = max([abs(l) for _, l in harmonics], default=0)
+    edges = edges / np.array(periods, np.float64)[:, None]
+    n_k, n_l = np.max([_highest(o) for o in orders], axis=0)
     area = np.abs(edges[..., 0, 0] * edges[..., 1, 1] - edges[..., 0, 1] * edges[..., 1, 0])
     out = np.zeros((*area.shape, n_k + 1, 2 * n_l + 1))
-    if harmonics:
-        pairs = np.array(harmonics)
-        waves = np.sinc(edges @ pairs.T)  # (B, kinds, edge, harmonic)
-        out[..., pairs[:, 0], pairs[:, 1] + n_l] = (
-            2 * area[..., None] * waves[..., 0, :] * waves[..., 1, :]
-        )
-    out[..., 0, n_l] = area
+    for kind, pairs in enumerate(orders):
+        out[:, kind, 0, n_l] = area[:, kind]
+        if len(pairs):
+            k, l = np.array(pairs).T
+            waves = np.sinc(edges[:, kind] @ np.stack([k, l]))  # (B, edge, harmonic)
+            out[:, kind, k, l + n_l] = 2 * area[:, kind, None] * waves[:, 0] * waves[:, 1]
     long, short = np.abs(edges).max(-2), np.abs(edges).min(-2)
     return out, long, short * short / 12
 

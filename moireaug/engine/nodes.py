@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine import harmonics, optics
+from moireaug.engine import harmonics, optics, weights
 from moireaug.engine.compiling import inner, loop
 from moireaug.engine.record import Nodes
 from moireaug.engine.view import jacobian
@@ -23,32 +23,33 @@ PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes les
 
 
 @loop
-def _counts(rows, cols, camera, period, n, m):
+def _counts(rows, cols, camera, cell):
     """Return how many nodes the amplitudes and the weights (first axis) need along u and v (second
-    axis): (2, 2) int64, MOST + 1 where they need more than MOST.
-
-    n, m: K + 1 and 2 L + 1.
-    """
-    # along both axes of the panel, how many cells a sensor pixel spans
-    cells = np.empty((SAMPLES * SAMPLES, 2), np.float64)
-    for i in range(len(cells)):
+    axis): (2, 2) int64, MOST + 1 where they need more than MOST."""
+    # along both axes of the panel, how many of its pixels a sensor pixel spans
+    seen = np.empty((SAMPLES * SAMPLES, 2), np.float64)
+    for i in range(len(seen)):
         v = rows[(len(rows) - 1) * (i // SAMPLES) // (SAMPLES - 1)]
         u = cols[(len(cols) - 1) * (i % SAMPLES) // (SAMPLES - 1)]
         xu, xv, yu, yv = jacobian(u, v, camera)
-        cells[i, 0], cells[i, 1] = math.hypot(xu, xv) / period[0], math.hypot(yu, yv) / period[1]
+        seen[i, 0], seen[i, 1] = math.hypot(xu, xv), math.hypot(yu, yv)
+    highest = np.zeros(2)  # harmonic, in cycles per panel pixel
+    for kind in range(len(cell.period)):
+        for axis in range(2):
+            highest[axis] = max(highest[axis], cell.orders[kind, axis] / cell.period[kind, axis])
     # the fastest change of that, extrapolated to the whole photo
     change, cycles, passed = np.zeros(2), np.zeros(2), PASSED / max(camera.blur, 1e-6)
-    for i in range(len(cells)):
+    for i in range(len(seen)):
         for k in range(2):
             other = i + (1 if k == 0 else SAMPLES)
-            if other >= len(cells) or (k == 0 and other % SAMPLES == 0):
+            if other >= len(seen) or (k == 0 and other % SAMPLES == 0):
                 continue
             for axis in range(2):
                 low, high = (
-                    min(cells[i, axis], cells[other, axis]),
-                    max(cells[i, axis], cells[other, axis]),
+                    min(seen[i, axis], seen[other, axis]),
+                    max(seen[i, axis], seen[other, axis]),
                 )
-                top = min(high * (n - 1 if axis == 0 else m // 2), passed)
+                top = min(high * highest[axis], passed)
                 change[k] = max(change[k], math.log(high / low) * (SAMPLES - 1))
                 cycles[k] = max(cycles[k], top * (1 - low / high) * (SAMPLES - 1))
     out = np.empty((2, 2), np.int64)
@@ -64,7 +65,7 @@ def _counts(rows, cols, camera, period, n, m):
 
 
 @loop
-def _narrowed(rows, cols, camera, period, taps, widths, skew):
+def _narrowed(rows, cols, camera, cell, widths, skew):
     """Return whether any of a few sensor pixels over the photo sees more cells than are looked
     at."""
     spread = np.empty((2, 2), np.float64)
@@ -72,20 +73,21 @@ def _narrowed(rows, cols, camera, period, taps, widths, skew):
         v = rows[(len(rows) - 1) * (i // SAMPLES) // (SAMPLES - 1)]
         u = cols[(len(cols) - 1) * (i % SAMPLES) // (SAMPLES - 1)]
         for kind in range(len(widths)):
-            if optics.spreads(spread, u, v, camera, period, widths[kind], skew[kind], taps):
+            if weights.spreads(
+                spread, u, v, camera, cell.period[kind], widths[kind], skew[kind], cell.taps
+            ):
                 return True
     return False
 
 
 @loop
-def fits(camera, cell, coefficients, widths, skew, sites, dark):
+def fits(camera, cell, widths, skew, sites, dark):
     """Return whether the kernels can follow a view: not one near the horizon, nor, if `dark`, one
     from so far away that a pixel sees more cells than are looked at. Arguments as in
     `expose.expose` and `panel.show`."""
-    _, n, m = coefficients.shape
-    if dark and _narrowed(sites.rows, sites.cols, camera, cell.period, cell.taps, widths, skew):
+    if dark and _narrowed(sites.rows, sites.cols, camera, cell, widths, skew):
         return False
-    counts, most = _counts(sites.rows, sites.cols, camera, cell.period, n, m), 0
+    counts, most = _counts(sites.rows, sites.cols, camera, cell), 0
     for k in range(2):
         most = max(most, counts[0, k], counts[1, k])
     return most <= MOST
@@ -115,25 +117,41 @@ def bracket(at, first, step, count, most):
 
 
 @loop
+def _cubics(ends, weight, positions, first, step):
+    """Fill ends and weight of `harmonics.along_row` for pixels at (n,) ascending positions.
+
+    first, step: the first node, and from one to the next.
+    """
+    four, done = np.empty(4, np.float32), 0
+    for i in range(len(positions)):
+        start, t = bracket(positions[i], first, step, len(ends) + 2, 3)
+        while done <= start:
+            ends[done] = i
+            done += 1
+        harmonics.lagrange(four, t)
+        for j in range(4):
+            weight[j, i] = four[j]
+    for j in range(done, len(ends)):
+        ends[j] = len(positions)
+
+
+@loop
 def prepare(camera, cell, coefficients, widths, skew, sites):
     """Return the Nodes of an image; arguments as in `record.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
-    _, n, m = coefficients.shape
-    counts = _counts(rows, cols, camera, cell.period, n, m)
+    counts = _counts(rows, cols, camera, cell)
     us, step_u = _line(cols, counts[0, 0])
     vs, step_v = _line(rows, counts[0, 1])
-    amplitude = optics.amplitudes(us, vs, camera, cell.period, coefficients)
+    amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
     harmonics.fold(amplitude)
     terms = harmonics.terms_of(amplitude)
     w = len(cols) // step
-    start, weight = np.empty(w, np.int64), np.empty((w, 4), np.float64)
     lines = np.empty((step, len(vs), len(terms) * w), np.float32)
+    ends, cubics = np.empty(len(us) - 2, np.int64), np.empty((4, w), np.float32)
     for column in range(step):
-        for i in range(w):
-            start[i], t = bracket(cols[column + i * step], us[0], step_u, len(us), 3)
-            harmonics.lagrange(weight[i], t)
-        harmonics.along_row(lines[column], amplitude, terms, start, weight)
+        _cubics(ends, cubics, cols[column::step], us[0], step_u)
+        harmonics.along_row(lines[column], amplitude, terms, ends, cubics)
     us, step_uw = _line(cols, counts[1, 0])
     vs, step_vw = _line(rows, counts[1, 1])
-    tables = optics.weights(us, vs, camera, cell.period, cell.taps, widths, skew)
-    return Nodes(terms, lines, step_v, tables, step_uw, step_vw)
+    tables, phases, cells = weights.weights(us, vs, camera, cell, widths, skew)
+    return Nodes(terms, lines, step_v, tables, phases, cells, len(us), step_uw, step_vw)

@@ -14,31 +14,41 @@ AROUND = 5  # cells of margin beyond `taps`: half of the widest window, and one
 
 
 @inner
-def shape(size, alpha, period, taps):
-    """Return the height and width of the panel's picture with its margins, whole cells."""
-    around, px, py = 2 * (taps + AROUND), period[0], period[1]
+def shape(size, alpha, cell):
+    """Return the height and width of the panel's picture with its margins, whole cells of every
+    kind."""
+    around, px, py = 2 * (cell.taps + AROUND), cell.whole[0], cell.whole[1]
     return (math.ceil(alpha * size[0] / py) + around) * py, (
         math.ceil(alpha * size[1] / px) + around
     ) * px
 
 
 @inner
-def margin(taps):
-    """Return how many cells of margin lie ahead of the panel's first."""
-    return taps + AROUND
+def margin(cell, axis):
+    """Return how many panel pixels of margin lie ahead of the picture."""
+    return (cell.taps + AROUND) * cell.whole[axis]
 
 
 @inner
-def _axis(n, size, alpha, period, lead, together, first, share, seen):
+def _period_of(cell, channel):
+    """Return the period along x of a channel's subpixels, which share one."""
+    for i in range(len(cell.channel)):
+        if cell.channel[i] == channel:
+            return cell.period[cell.kind[i], 0]
+    return 1
+
+
+@inner
+def _axis(n, size, alpha, period, lead, first, share, seen):
     """Find where each of n panel pixels lies between two picture pixels, and whether it is on the
     picture.
 
-    lead: panel pixels ahead of the picture. together: pixels with the same place in their
-    cells are stored as neighbours.
+    period: of the cells whose first pixels are stored as neighbours, then their second, and so on.
+    lead: panel pixels ahead of the picture.
     """
     cells = n // period
     for i in range(n):
-        pixel = i % cells * period + i // cells if together else i
+        pixel = i % cells * period + i // cells
         at = (pixel - lead + 0.5) / alpha
         seen[i] = 0 <= at < size
         at = min(max(at - 0.5, 0.0), size - 1.0)
@@ -64,20 +74,20 @@ def _across(out, row, first, share):
 
 
 @loop
-def show(panel, light, alpha, period, taps, dark):
+def show(panel, light, alpha, cell, dark):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 
-    A row holds the first pixel of each cell, then the second, and so on, so that look-ups read
-    contiguous memory. Bilinear between pixel centres; beyond the border the outermost pixel or, if
-    `dark`, black.
+    A row holds the first pixel of each of its colour's cells, then the second, and so on, so that
+    look-ups read contiguous memory. Bilinear between pixel centres; beyond the border the outermost
+    pixel or, if `dark`, black.
     """
     (h, w), (_, n, m) = light.shape[1:], panel.shape
     x, fx, seen_x = np.empty(m, np.int32), np.empty(m, np.float32), np.empty(m, np.bool_)
     y, fy, seen_y = np.empty(n, np.int32), np.empty(n, np.float32), np.empty(n, np.bool_)
-    _axis(m, w, alpha, period[0], margin(taps) * period[0], True, x, fx, seen_x)
-    _axis(n, h, alpha, period[1], margin(taps) * period[1], False, y, fy, seen_y)
+    _axis(n, h, alpha, 1, margin(cell, 1), y, fy, seen_y)
     row = np.empty(w + 1, np.float32)
     for c in range(3):
+        _axis(m, w, alpha, _period_of(cell, c), margin(cell, 0), x, fx, seen_x)
         for i in range(n):
             low = np.int64(y[i])
             _between(row, light[c, low], light[c, min(low + 1, h - 1)], fy[i])

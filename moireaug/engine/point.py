@@ -83,7 +83,7 @@ def expose_point(
     across, down = np.empty(w, np.float32), np.empty(w, np.float32)
     line, numbers = np.empty(w, np.float32), np.empty(w, np.float32)
     noise_keys = keys(seed)
-    step, px, py = sites.step, float(cell.period[0]), float(cell.period[1])
+    step = sites.step
     for r in range(h * step):
         v = sites.rows[r]
         gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
@@ -100,8 +100,9 @@ def expose_point(
                 if passed == 0:
                     continue
                 x0, y0, x1, y1 = point.rectangles[i]
-                _raster(across, left, fx, x, x0, x1, n, px, alpha, float(width), dark)
-                _raster(down, top, fy, y, y0, y1, n, py, alpha, float(height), dark)
+                px, py = cell.period[cell.kind[i]]
+                _raster(across, left, fx, x, x0, x1, n, float(px), alpha, float(width), dark)
+                _raster(down, top, fy, y, y0, y1, n, float(py), alpha, float(height), dark)
                 _add_content(
                     line,
                     shown[cell.channel[i]],

@@ -47,19 +47,26 @@ class Camera(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """The panel's unit cell: n subpixels of several kinds; a kind is a shape and a size.
+    """The panel's subpixels: n of several kinds; a kind is a shape and a period. The cell of a kind
+    is what its copies repeat with.
 
     Args:
-        period: (2,) int64, panel pixels along x and y.
-        channel, kind: (n,) int64. row: (n,) int64, the same for those of one kind at one height.
+        whole: (2,) int64, a period of them all: panel pixels along x and y.
+        period: (kinds, 2) int64, panel pixels along x and y.
+        orders: (kinds, 2) int64, the highest harmonic along x and y, in cycles per cell.
+        channel, kind: (n,) int64. height, row: (n,) int64, the same for those of one height and one
+            period along y, and for those that are of one kind, too.
         centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it
             shows.
         taps: r; content is taken from 2 r + 1 cells along each axis.
     """
 
+    whole: np.ndarray
     period: np.ndarray
+    orders: np.ndarray
     channel: np.ndarray
     kind: np.ndarray
+    height: np.ndarray
     row: np.ndarray
     centre: np.ndarray
     pixel: np.ndarray
@@ -109,7 +116,7 @@ class Exposure(NamedTuple):
         white: (B, planes) float64, what each plane reads of a white screen on average.
         black: (B,) float32, light of a black pixel as a share of a white one's.
         coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
-            of each kind's mask.
+            of each kind's mask, in cycles per cell.
         widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: the variance that
             its slant adds.
         flicker: (B, rows) float64, each sensor row's light relative to the mean; or (B, 0).
@@ -150,7 +157,7 @@ class Nodes(NamedTuple):
         lines: (columns of a filter cell, rows of nodes, T * w) float32, each term's amplitude at
             each pixel of a row.
         step_v: from one row of nodes to the next.
-        tables: (kinds, rows, cols, axis, phases + 2, cells) float32, see `optics.weights`.
+        tables, phases, cells: from `weights.weights`, on `columns` nodes a row.
         step_uw, step_vw: from one of the tables' nodes to the next.
     """
 
@@ -158,6 +165,9 @@ class Nodes(NamedTuple):
     lines: np.ndarray
     step_v: float
     tables: np.ndarray
+    phases: np.ndarray
+    cells: np.ndarray
+    columns: int
     step_uw: float
     step_vw: float
 

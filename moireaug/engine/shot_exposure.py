@@ -17,10 +17,11 @@ from moireaug.engine.record import Cell, Exposure, Point, Sites
 from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, numbers_of
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA
-from moireaug.panel.fourier import emitting_share, mean_light
-from moireaug.scene.layout import Subpixel, as_layout
+from moireaug.panel.fourier import emitting_share, mean_light, own_orders
+from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord, sampled_by
+from moireaug.scene.subpixel import Subpixel
 
 if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
@@ -98,9 +99,11 @@ def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         light = torch.stack([mean_light(layout, channel, width, height) for channel in range(3)], 1)
         widths = np.ones((len(shot), 3, 2))
         return light[:, :, None, None].numpy(), widths, np.zeros_like(widths)
-    edges = np.array(_kinds(shot.scene))
+    kinds = _kinds(shot.scene).values()
+    edges = np.array([(s.across, s.down) for s in kinds])
     shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
-    return lowering.lower_shapes(edges * shares, layout.period, method.harmonics)
+    periods = [s.period for s in kinds]
+    return lowering.lower_shapes(edges * shares, periods, _orders(shot.scene))
 
 
 def _point_of(shot: ShotRecord) -> Point:
@@ -133,13 +136,27 @@ def _flicker_of(shot: ShotRecord) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _kinds(scene: SceneRecord) -> list:
-    """Return the shapes of a layout's subpixels: their edges across and down."""
-    return list(dict.fromkeys((s.across, s.down) for s in as_layout(scene.panel.layout).all()))
+def _kinds(scene: SceneRecord) -> dict[tuple, Subpixel]:
+    """Return the shapes and periods of a layout's subpixels, and one subpixel of each."""
+    kinds: dict[tuple, Subpixel] = {}
+    for subpixel in as_layout(scene.panel.layout).all():
+        kinds.setdefault(_shape(subpixel), subpixel)
+    return kinds
+
+
+def _shape(subpixel: Subpixel) -> tuple:
+    return subpixel.across, subpixel.down, subpixel.period
 
 
 def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
-    return _kinds(scene).index((subpixel.across, subpixel.down))
+    return list(_kinds(scene)).index(_shape(subpixel))
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _orders(scene: Scene) -> list[list[tuple[int, int]]]:
+    """Return the harmonics of each kind of subpixel."""
+    layout, harmonics = as_layout(scene.panel.layout), scene.plan().method.harmonics
+    return [own_orders(s, layout, harmonics) for s in _kinds(scene).values()]
 
 
 def _subpixels(scene: SceneRecord) -> list[Subpixel]:
@@ -151,12 +168,13 @@ def _subpixels(scene: SceneRecord) -> list[Subpixel]:
 
 @functools.lru_cache(maxsize=KEPT)
 def _cell(scene: Scene) -> Cell:
-    layout, method = as_layout(scene.panel.layout), scene.plan().method
+    method = scene.plan().method
     if method.name == "mean":
         subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
-        return lowering.lower_cell(subpixels, (1, 1), method.taps // 2)
+        return lowering.lower_cell(subpixels, [(1, 1)] * 3, [[]] * 3, method.taps // 2)
     subpixels = [(s.channel, s.centre, _kind(scene, s)) for s in _subpixels(scene)]
-    return lowering.lower_cell(subpixels, layout.period, method.taps // 2)
+    periods = [s.period for s in _kinds(scene).values()]
+    return lowering.lower_cell(subpixels, periods, _orders(scene), method.taps // 2)
 
 
 @functools.lru_cache(maxsize=KEPT)

@@ -102,7 +102,7 @@ def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
 
 
 def _strongest(scene: SceneRecord, k: Tensor, l: Tensor) -> Tensor:
-    """Return how strong each harmonic of the panel's light can be, in its strongest colour."""
+    """Return how strong each of a layout's harmonics can be, in its strongest colour."""
     panel, layout = scene.panel, as_layout(scene.panel.layout)
     lit = inside(panel.lit, points=9)
     along = inside(panel.lit_x, points=5), inside(panel.lit_y, points=5)
@@ -111,8 +111,12 @@ def _strongest(scene: SceneRecord, k: Tensor, l: Tensor) -> Tensor:
     height = (emitting[:, 0].sqrt() * emitting[:, 2])[None]
     strongest = torch.zeros(3, len(k), dtype=torch.float64)
     for subpixel in layout.all():
-        c = coefficient(subpixel, layout.period, k[:, None], l[:, None], width, height)
-        strongest[subpixel.channel] += c.abs().amax(1)
+        # in cycles per cell of its own, which must be whole
+        across = k / (layout.period[0] // subpixel.period[0])
+        down = l / (layout.period[1] // subpixel.period[1])
+        there = (across == across.round()) & (down == down.round())
+        c = coefficient(subpixel, across[:, None], down[:, None], width, height)
+        strongest[subpixel.channel] += c.abs().amax(1) * there
     return strongest.amax(0)
 
 
@@ -143,30 +147,32 @@ def narrowest(scene: SceneRecord) -> float:
 
 
 def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool) -> list[tuple]:
-    """Return `(footprint, width)` in cells along each axis of each kind of subpixel, for the widest
-    spread that the optics allow."""
+    """Return `(footprint, width, period)` along each axis of each kind of subpixel, for the widest
+    spread that the optics allow: footprint and width in cells, the cell's period in panel
+    pixels."""
     sensor, lens = scene.sensor, scene.lens
     # as if the hand moved in every direction
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
     blur = math.hypot(bounds(lens.blur)[1], motion)
     widest = (bounds(sensor.fill)[1], blur, bounds(lens.olpf)[1], 0.0, 0.0)
     optics = Optics(*(torch.tensor([value]).double() for value in widest))
-    layout, one = as_layout(scene.panel.layout), torch.ones(1, dtype=torch.float64)
-    kinds = [(WHOLE_PIXEL, (1, 1))] if whole_pixel else [(s, layout.period) for s in layout.all()]
+    one = torch.ones(1, dtype=torch.float64)
+    kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
     found = []
-    for subpixel, period in dict.fromkeys(kinds):
-        for axis in (0, 1):
-            width, slant = extent(subpixel, period, axis, one, one)
-            across = seen[None, :, axis, :] * (alpha / sensor.scale / period[axis])
+    for subpixel in kinds:
+        for axis, period in enumerate(subpixel.period):
+            width, slant = extent(subpixel, axis, one, one)
+            across = seen[None, :, axis, :] * (alpha / sensor.scale / period)
             print_ = content.footprint(across, optics)
-            found.append((content.Footprint(print_.box, print_.variance + slant), float(width)))
+            print_ = content.Footprint(print_.box, print_.variance + slant)
+            found.append((print_, float(width), period))
     return found
 
 
 def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
     """Return how many cells to each side a sensor pixel sees at most."""
     most = 0.0
-    for seen_along, width in footprints(
+    for seen_along, width, _ in footprints(
         scene, seen, bounds(scene.panel.scale)[1], whole_pixel=whole_pixel
     ):
         most = max(most, float(seen_along.reach().max()) + width / 2)

@@ -53,8 +53,8 @@ class Point(Exposure):
         plane = torch.zeros_like(x, dtype=light.dtype)
         for s in layout.of(channel):
             (left, top), (right, bottom) = s.corners()[0], s.corners()[2]
-            across, px = _raster(x, left, right, layout.raster, layout.period[0], ends[0])
-            down, py = _raster(y, top, bottom, layout.raster, layout.period[1], ends[1])
+            across, px = _raster(x, left, right, layout.raster, s.period[0], ends[0])
+            down, py = _raster(y, top, bottom, layout.raster, s.period[1], ends[1])
             content = grids.look_up(light[:, channel, None], px / alpha, py / alpha)[:, 0]
             plane = plane + content * (across * down).to(light.dtype)
         return plane * (width * height).to(light.dtype)[:, None, None]
@@ -130,12 +130,11 @@ class Supersample(Exposure):
         self, plane: Tensor, s, x: Tensor, y: Tensor, width: Tensor, height: Tensor, shot
     ) -> Tensor:
         """Return what one kind of subpixel emits at panel points."""
-        period, alpha = as_layout(shot.scene.panel.layout).period, shot.panel.scale[:, None, None]
-        column, row = cell_of(s, period, x, y)
-        px, py = (
-            (n * p + c) / alpha for n, p, c in zip((column, row), period, s.pixel, strict=True)
-        )
-        lit = emits(s, period, x, y, width, height).to(plane.dtype)
+        alpha = shot.panel.scale[:, None, None]
+        column, row = cell_of(s, x, y)
+        px = (column * s.period[0] + s.pixel[0]) / alpha
+        py = (row * s.period[1] + s.pixel[1]) / alpha
+        lit = emits(s, x, y, width, height).to(plane.dtype)
         light = grids.look_up(plane[:, None], px, py)[:, 0] * lit
         if shot.scene.develop.registered:
             return light

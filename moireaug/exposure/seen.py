@@ -16,7 +16,7 @@ from moireaug.exposure.optics import optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
 from moireaug.panel.fourier import emitting_share
-from moireaug.scene.layout import Subpixel
+from moireaug.scene.subpixel import Subpixel
 
 WHOLE_PIXEL = Subpixel(0, (0.5, 0.5), (1.0, 0.0), (0.0, 1.0))
 
@@ -65,41 +65,38 @@ def look_at_panel(
     return Sight(position, step * alpha[..., None].to(accuracy) / scale)
 
 
-def wave(k: int, axis: int, along: AlongAxis, period: tuple[int, int], sight: Sight) -> Wave:
-    """Return the k-th harmonic along x (axis 0) or y (axis 1)."""
+def wave(k: int, axis: int, along: AlongAxis, period: int, sight: Sight) -> Wave:
+    """Return the k-th harmonic along x (axis 0) or y (axis 1), for a period in panel pixels."""
     dtype = along.share[0].dtype
-    fu, fv = (sight.step[..., axis, :] * (k / period[axis])).to(dtype).unbind(-1)
+    fu, fv = (sight.step[..., axis, :] * (k / period)).to(dtype).unbind(-1)
     cycles = k * along.cells
     # drop whole cycles before the cast, so that the phase stays precise far from the origin
     phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
     return Wave(fu, fv, torch.cos(phase), torch.sin(phase))
 
 
-def extent(
-    subpixel: Subpixel, period: tuple[int, int], axis: int, width: Tensor, height: Tensor
-) -> tuple[Tensor, Tensor]:
+def extent(subpixel: Subpixel, axis: int, width: Tensor, height: Tensor) -> tuple[Tensor, Tensor]:
     """Return a subpixel's width along one axis and the variance that its slant adds, in cells; (B,)
     each."""
+    period = subpixel.period[axis]
     edges = [
-        (subpixel.across[axis] * width).abs() / period[axis],
-        (subpixel.down[axis] * height).abs() / period[axis],
+        (subpixel.across[axis] * width).abs() / period,
+        (subpixel.down[axis] * height).abs() / period,
     ]
     return torch.maximum(*edges), torch.minimum(*edges).square() / 12
 
 
-def along_axis(
-    axis: int, subpixel: Subpixel, period: tuple[int, int], sight: Sight, shot, screen: Screen
-) -> AlongAxis:
+def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen) -> AlongAxis:
     """Return one kind of subpixel along x (axis 0) or y (axis 1)."""
-    taps, dtype = screen.taps, screen.light.dtype
-    cells = (sight.position[..., axis] - subpixel.centre[axis]) / period[axis]
+    taps, dtype, period = screen.taps, screen.light.dtype, subpixel.period[axis]
+    cells = (sight.position[..., axis] - subpixel.centre[axis]) / period
     nearest = cells.detach().round()
     across, down = emitting_share(shot.panel)
     if subpixel is WHOLE_PIXEL:
         across, down = torch.ones_like(across), torch.ones_like(down)
-    width, slant = extent(subpixel, period, axis, across, down)
+    width, slant = extent(subpixel, axis, across, down)
     width, slant = (t.to(sight.step.dtype)[:, None, None] for t in (width, slant))
-    seen = content.footprint(sight.step[..., axis, :] / period[axis], optics_of(shot))
+    seen = content.footprint(sight.step[..., axis, :] / period, optics_of(shot))
     seen = Footprint(seen.box, seen.variance + slant)
     kept, lost = content.fitted(seen, width, taps)
     shares = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
@@ -109,11 +106,11 @@ def along_axis(
         return found
     ends = shot.panel.scale[:, None, None] * shot.size[1 - axis]
     # a narrowed view sees as much of the picture as the whole view does
-    past = (sight.position[..., axis] - ends / 2) / period[axis]
-    (whole,) = content.shares(past, Footprint(*(t.double() for t in seen)), ends / period[axis], 1)
+    past = (sight.position[..., axis] - ends / 2) / period
+    (whole,) = content.shares(past, Footprint(*(t.double() for t in seen)), ends / period, 1)
     lit = []
     for k in range(-(taps // 2), taps // 2 + 1):
-        at = (nearest + k) * period[axis] + subpixel.pixel[axis]
+        at = (nearest + k) * period + subpixel.pixel[axis]
         lit.append(
             torch.where(lost > 0, whole.clamp(min=0), ((at >= 0) & (at < ends)).double()).to(dtype)
         )
@@ -136,7 +133,7 @@ def _added(terms: Iterable[Tensor]) -> Tensor:
 
 
 def panel_pixels(
-    screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period
+    screen: Screen, channel: int, x: AlongAxis, y: AlongAxis, subpixel: Subpixel
 ) -> Tensor:
     """Return the panel pixels that the subpixels around show, weighted by their shares: (B, h, w).
 
@@ -148,10 +145,10 @@ def panel_pixels(
     if y.lit is not None:
         down = [share * lit for share, lit in zip(down, y.lit, strict=True)]
     column, row = (
-        (along.nearest - screen.taps // 2) * period[axis] + math.floor(subpixel.pixel[axis])
-        for axis, along in enumerate((x, y))
+        (along.nearest - screen.taps // 2) * period + math.floor(pixel)
+        for along, period, pixel in zip((x, y), subpixel.period, subpixel.pixel, strict=True)
     )
-    shown = screen.look(channel, column, row, period)
+    shown = screen.look(channel, column, row, subpixel.period)
 
     def line(j: int) -> Tensor:
         return _added(in_column * shown[j][i] for i, in_column in enumerate(across))

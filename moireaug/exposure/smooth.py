@@ -27,8 +27,9 @@ from moireaug.exposure.seen import (
 )
 from moireaug.geometry.sensor import CFA, Site, cell
 from moireaug.numeric import is_transformed
-from moireaug.panel.fourier import coefficient, emitting_share, mean_light
-from moireaug.scene.layout import Subpixel, as_layout
+from moireaug.panel.fourier import coefficient, emitting_share, mean_light, own_orders
+from moireaug.scene.layout import as_layout
+from moireaug.scene.subpixel import Subpixel
 
 # readings of one site that are computed together, in bands of rows
 AT_ONCE = {"cpu": 2**16, "cuda": 2**22}
@@ -101,23 +102,25 @@ class BySubpixel(SmoothExposure):
         layout = as_layout(shot.scene.panel.layout)
         total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
         for subpixel in layout.of(channel):
-            x, y = (
-                along_axis(axis, subpixel, layout.period, sight, shot, screen) for axis in (0, 1)
-            )
-            through = self.transmission(x, y, subpixel, layout.period, sight, shot)
-            total = total + panel_pixels(screen, channel, x, y, subpixel, layout.period) * through
+            x, y = (along_axis(axis, subpixel, sight, shot, screen) for axis in (0, 1))
+            through = self.transmission(x, y, subpixel, sight, shot)
+            total = total + panel_pixels(screen, channel, x, y, subpixel) * through
         return total
 
     @abstractmethod
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot
     ) -> Tensor:
         """Return the share of the view that the subpixels fill, (B, h, w)."""
 
 
 class Spectral(BySubpixel):
     """The panel's harmonics, each weighted by its modulation transfer: exact in the aperture, the
-    lens and the view's local scale."""
+    lens and the view's local scale.
+
+    Args:
+        harmonics: (k, l) in cycles per cell of the layout, conjugates and (0, 0) left out.
+    """
 
     name = "spectral"
     reason = "harmonics by their modulation transfer"
@@ -127,17 +130,18 @@ class Spectral(BySubpixel):
         self.harmonics = harmonics
 
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot
     ) -> Tensor:
         dtype, optics = x.share[0].dtype, optics_of(shot)
-        optics = Optics(*(t.to(dtype) for t in optics))
+        optics, layout = Optics(*(t.to(dtype) for t in optics)), as_layout(shot.scene.panel.layout)
         width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
-        across = {k: wave(k, 0, x, period, sight) for k in {k for k, _ in self.harmonics}}
-        down = {l: wave(l, 1, y, period, sight) for l in {l for _, l in self.harmonics}}
-        light = coefficient(subpixel, period, 0, 0, width, height).expand(x.cells.shape)
-        for k, l in self.harmonics:
+        orders, (px, py) = own_orders(subpixel, layout, self.harmonics), subpixel.period
+        across = {k: wave(k, 0, x, px, sight) for k in {k for k, _ in orders}}
+        down = {l: wave(l, 1, y, py, sight) for l in {l for _, l in orders}}
+        light = coefficient(subpixel, 0, 0, width, height).expand(x.cells.shape)
+        for k, l in orders:
             along_x, along_y = across[k], down[l]
-            amplitude = 2 * coefficient(subpixel, period, k, l, width, height)
+            amplitude = 2 * coefficient(subpixel, k, l, width, height)
             passed = amplitude * optics.transfer(along_x.fu + along_y.fu, along_x.fv + along_y.fv)
             light = light + passed * (along_x.cos * along_y.cos - along_x.sin * along_y.sin)
         return light
@@ -151,7 +155,7 @@ class Box(BySubpixel):
     reason = "the overlap of subpixel and aperture"
 
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, period, sight: Sight, shot
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot
     ) -> Tensor:
         return covered(x) * covered(y)
 
@@ -167,8 +171,8 @@ class Mean(SmoothExposure):
         share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)[
             :, None, None
         ]
-        x, y = (along_axis(axis, WHOLE_PIXEL, (1, 1), sight, shot, screen) for axis in (0, 1))
-        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL, (1, 1)) * share
+        x, y = (along_axis(axis, WHOLE_PIXEL, sight, shot, screen) for axis in (0, 1))
+        return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * share
 
 
 def bands_of(light: Tensor, shot) -> int:

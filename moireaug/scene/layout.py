@@ -2,52 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+import functools
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
+from moireaug.scene.subpixel import Subpixel, in_smallest_cell, overlap
+
 RED, GREEN, BLUE = 0, 1, 2
 MOST_RASTER = 24  # raster subpixels along a panel pixel, where no smaller number fits
-Vector = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Subpixel:
-    """A parallelogram that emits one channel, in panel pixels from the cell's upper left corner, x
-    right, y down.
-
-    Args:
-        channel: 0 red, 1 green, 2 blue.
-        centre: centre of the parallelogram.
-        across, down: its two edge vectors; (width, 0) and (0, height) make a rectangle.
-    """
-
-    channel: int
-    centre: Vector
-    across: Vector
-    down: Vector
-
-    @property
-    def area(self) -> float:
-        """Area, in squared panel pixels."""
-        return abs(self.across[0] * self.down[1] - self.across[1] * self.down[0])
-
-    @property
-    def is_rectangle(self) -> bool:
-        return self.across[1] == 0 and self.down[0] == 0
-
-    @property
-    def pixel(self) -> Vector:
-        """Centre of the panel pixel whose value it shows: the one that its own centre lies in."""
-        return math.floor(self.centre[0]) + 0.5, math.floor(self.centre[1]) + 0.5
-
-    def corners(self) -> list[Vector]:
-        """Return the four corners, in order around it."""
-        (cx, cy), (ax, ay), (dx, dy) = self.centre, self.across, self.down
-        turns = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
-        return [(cx + s * ax + t * dx, cy + s * ay + t * dy) for s, t in turns]
 
 
 @dataclass(frozen=True)
@@ -93,12 +56,13 @@ class Layout:
         _check_overlaps(self)
 
     def of(self, channel: int) -> tuple[Subpixel, ...]:
-        """Return the subpixels of one channel."""
-        return tuple(_subpixel(numbers) for numbers in self.subpixels if numbers[0] == channel)
+        """Return the subpixels of one channel, in the smallest cell that its colour repeats with,
+        which may be a part of the layout's."""
+        return _of(self, channel)
 
     def all(self) -> tuple[Subpixel, ...]:
-        """Return every subpixel."""
-        return tuple(_subpixel(numbers) for numbers in self.subpixels)
+        """Return the subpixels of every channel, each in its colour's smallest cell."""
+        return (*self.of(RED), *self.of(GREEN), *self.of(BLUE))
 
     @property
     def is_solid(self) -> bool:
@@ -117,6 +81,12 @@ class Layout:
         return MOST_RASTER
 
 
+@functools.lru_cache(maxsize=256)
+def _of(layout: Layout, channel: int) -> tuple[Subpixel, ...]:
+    found = [_subpixel(row, layout.period) for row in layout.subpixels if row[0] == channel]
+    return tuple(in_smallest_cell(found))
+
+
 def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
     """Return one subpixel's numbers as a tuple, or raise if they are invalid."""
     numbers = tuple(numbers)
@@ -131,7 +101,7 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
             f"a subpixel's channel must be 0 (red), 1 (green) or 2 (blue); got {numbers[0]!r} in "
             f"{numbers!r}."
         )
-    subpixel = _subpixel(numbers)
+    subpixel = _subpixel(numbers, period)
     if len(numbers) == 5:
         _, x0, y0, x1, y1 = numbers
         if not (0 <= x0 < x1 <= period[0] and 0 <= y0 < y1 <= period[1]):
@@ -158,52 +128,22 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
     return (int(numbers[0]), *numbers[1:])
 
 
-def _subpixel(numbers: tuple[float, ...]) -> Subpixel:
+def _subpixel(numbers: tuple[float, ...], period: tuple[int, int]) -> Subpixel:
     if len(numbers) == 7:
         channel, cx, cy, ax, ay, dx, dy = numbers
-        return Subpixel(int(channel), (cx, cy), (ax, ay), (dx, dy))
+        return Subpixel(int(channel), (cx, cy), (ax, ay), (dx, dy), period)
     channel, x0, y0, x1, y1 = numbers
     # rounded, so that three thirds have one width
-    return Subpixel(
-        int(channel),
-        ((x0 + x1) / 2, (y0 + y1) / 2),
-        (round(x1 - x0, 12), 0.0),
-        (0.0, round(y1 - y0, 12)),
-    )
+    width, height = round(x1 - x0, 12), round(y1 - y0, 12)
+    centre = ((x0 + x1) / 2, (y0 + y1) / 2)
+    return Subpixel(int(channel), centre, (width, 0.0), (0.0, height), period)
 
 
 def _check_overlaps(layout: Layout) -> None:
-    for channel in (RED, GREEN, BLUE):
-        rows = [numbers for numbers in layout.subpixels if numbers[0] == channel]
-        for i, a in enumerate(rows):
-            for b in rows[:i]:
-                for copy in _copies(_subpixel(b), layout.period):
-                    if _overlap(_subpixel(a), copy):
-                        raise ValueError(
-                            f"subpixels of one channel must not overlap; got {b!r} and {a!r}."
-                        )
-
-
-def _copies(subpixel: Subpixel, period: tuple[int, int]) -> Iterator[Subpixel]:
-    """Yield a subpixel and its copies in the eight cells around it."""
-    cx, cy = subpixel.centre
-    for right in (-period[0], 0, period[0]):
-        for down in (-period[1], 0, period[1]):
-            yield replace(subpixel, centre=(cx + right, cy + down))
-
-
-def _overlap(a: Subpixel, b: Subpixel) -> bool:
-    """Whether two parallelograms share an area: no edge of either separates them."""
-    for axis in (a.across, a.down, b.across, b.down):
-        normal = (-axis[1], axis[0])
-        spans = []
-        for subpixel in (a, b):
-            along = [x * normal[0] + y * normal[1] for x, y in subpixel.corners()]
-            spans.append((min(along), max(along)))
-        (low_a, high_a), (low_b, high_b) = spans
-        if high_a <= low_b + 1e-9 or high_b <= low_a + 1e-9:
-            return False
-    return True
+    for i, a in enumerate(layout.subpixels):
+        for b in layout.subpixels[:i]:
+            if a[0] == b[0] and overlap(_subpixel(a, layout.period), _subpixel(b, layout.period)):
+                raise ValueError(f"subpixels of one channel must not overlap; got {b!r} and {a!r}.")
 
 
 def as_layout(value: Layout | str | dict[str, Any]) -> Layout:

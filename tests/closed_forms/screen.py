@@ -104,8 +104,7 @@ def check_mean_light(dtype):
     for layout in (*LAYOUTS, CELL):
         cell = as_layout(layout)
         area = [
-            sum(s.area for s in cell.of(site.channels[0])) / math.prod(cell.period)
-            for site in SITES
+            sum(s.area / math.prod(s.period) for s in cell.of(site.channels[0])) for site in SITES
         ]
         followed = methods if layout in (*RASTERED, CELL) else {"mean": 1e-5, "spectral": 1e-5}
         for lit in (1.0, 0.6):
@@ -147,8 +146,8 @@ def check_box(dtype):
                 for s in cell.of(channel):
                     widths = s.across[0] * lit**0.5, s.down[1] * lit**0.5
                     sides = [(o - w / 2, w) for o, w in zip(s.centre, widths, strict=True)]
-                    down = overlap(centres[0], reach, *sides[1], cell.period[1])[r::2]
-                    across = overlap(centres[1], reach, *sides[0], cell.period[0])[c::2]
+                    down = overlap(centres[0], reach, *sides[1], s.period[1])[r::2]
+                    across = overlap(centres[1], reach, *sides[0], s.period[0])[c::2]
                     light = light + down[:, None] * across / (2 * reach) ** 2
                 assert np.abs(plane.numpy() - light).max() < 1e-6
 
@@ -175,11 +174,9 @@ def check_point(dtype):
             )
             for plane, (r, c, (channel,)) in zip(raw, SITES, strict=True):
                 raster = np.zeros((height, width))
-                for s in cell.of(channel):
-                    (x0, y0), _, (x1, y1), _ = (
-                        [round(v * cell.raster) for v in corner] for corner in s.corners()
-                    )
-                    raster[y0:y1, x0:x1] = 1
+                for colour, *sides in cell.subpixels:
+                    x0, y0, x1, y1 = (round(v * cell.raster) for v in sides)
+                    raster[y0:y1, x0:x1] += colour == channel
                 light = 0
                 for y, x in np.ndindex(2, 2):
                     down, across = (np.abs(1 - k - (at - left))[i::2] for k, i in ((y, r), (x, c)))

@@ -100,6 +100,7 @@ SCENES = {
     ),
     "black matrix": Scene(panel=Panel(lit=(0.35, 0.9)), view=TURNED, lens=BENT, sensor=TWICE),
     "pentile": Scene(panel=Panel(layout="pentile"), view=TURNED, lens=BENT, sensor=TWICE),
+    "diamonds": Scene(panel=Panel(layout="pentile_diamond"), view=TURNED, lens=BENT, sensor=TWICE),
     "led": Scene(panel=Panel(layout="led"), view=TURNED, lens=BENT, sensor=TWICE),
     "delta": Scene(panel=Panel(layout=DELTA), view=TURNED, lens=Lens(blur=0.4), sensor=TWICE),
     "mean": Scene(
@@ -139,8 +140,19 @@ def test_equals_the_reference_on_every_preset(name):
 def test_any_number_of_panel_pixels_in_view(name, pitch, taps):
     scene = SCENES[name]
     scene = dataclasses.replace(scene, panel=dataclasses.replace(scene.panel, scale=2.0 / pitch))
-    assert scene.plan().method.taps == taps or name == "pentile"  # whose cells are twice as large
+    assert scene.plan().method.taps == taps
     assert_equal(*readings(scene, (24, 32)))
+
+
+@pytest.mark.parametrize("execution", [expose, pipeline.expose])
+def test_stripes_are_stripes_in_any_cell(execution):
+    stripes = tuple((c, x + c / 3, 0, x + (c + 1) / 3, 1) for x in range(4) for c in range(3))
+    images, readings = torch.rand(2, 3, 40, 52), []
+    for layout in ("rgb_stripe", Layout(stripes, (4, 1))):
+        scene = dataclasses.replace(SCENES["everything"], panel=Panel(layout=layout, lit=0.6))
+        shot = scene.sample(2, (40, 52), torch.Generator().manual_seed(3))
+        readings.append(execution(images, shot))
+    assert (readings[0] - readings[1]).abs().max() < 1e-5
 
 
 def random_scene(i):
@@ -156,7 +168,7 @@ def random_scene(i):
     return Scene(
         panel=Panel(
             scale=between(0.4, 3),
-            layout=one_of("rgb_stripe", "rgb_column", "pentile", "led", DELTA),
+            layout=one_of("rgb_stripe", "rgb_column", "pentile", "pentile_diamond", "led", DELTA),
             lit=between(0.35, 1),
             lit_x=between(0.7, 1),
             lit_y=between(0.7, 1),

@@ -5,9 +5,12 @@ import math
 import pickle
 
 import pytest
+import torch
 
 from moireaug import Panel, Scene, Shot
-from moireaug.scene.layout import LAYOUTS, Layout, Subpixel, as_layout
+from moireaug.panel.mask import emits
+from moireaug.scene.layout import LAYOUTS, Layout, as_layout
+from moireaug.scene.subpixel import Subpixel
 
 OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))
 RED_ONLY = Layout(((0, 0.0, 0.0, 0.5, 1.0),))
@@ -94,8 +97,8 @@ def test_rectangles_of_different_colours_may_overlap():
 
 def test_subpixels_know_their_place():
     (red,), (green,), (blue,) = (OWN.of(c) for c in range(3))
-    assert red == Subpixel(0, (0.25, 0.5), (0.5, 0.0), (0.0, 1.0))
-    assert green == Subpixel(1, (0.75, 0.2), (0.5, 0.0), (0.0, 0.4))
+    assert red == Subpixel(0, (0.25, 0.5), (0.5, 0.0), (0.0, 1.0), (2, 1))
+    assert green == Subpixel(1, (0.75, 0.2), (0.5, 0.0), (0.0, 0.4), (2, 1))
     assert blue.corners() == [(1.25, 0.5), (1.75, 0.5), (1.75, 1.0), (1.25, 1.0)]
     assert (blue.area, blue.centre, blue.pixel, blue.is_rectangle) == (
         0.25,
@@ -103,8 +106,40 @@ def test_subpixels_know_their_place():
         (1.5, 0.5),
         True,
     )
-    assert [s.pixel for s in LAYOUTS["pentile"].of(1)] == [(0.5, 0.5), (1.5, 0.5)]
+    assert [s.pixel for s in LAYOUTS["pentile"].all()] == [(0.5, 0.5), (0.5, 0.5), (1.5, 0.5)]
     assert RED_ONLY.of(1) == ()
+
+
+# a layout, and the period and the number of subpixels of each colour in its smallest cell
+STRIPES = tuple((c, x + c / 3, 0, x + (c + 1) / 3, 2) for x in range(3) for c in range(3))
+CHECKS = ((0, 0, 0, 1, 1), (0, 1, 1, 2, 2), (1, 0, 1, 1, 2), (2, 0, 0, 0.5, 2), (2, 1, 0, 1.5, 2))
+ALMOST = ((0, 0, 0, 0.5, 1), (0, 1, 0, 1.5, 1), (0, 2, 0, 2.500001, 1))
+# at the end of its cell, as a parallelogram may be
+ON_THE_EDGE = ((0, 2.0, 0.5, 0.4, 0.0, 0.2, 0.5), (0, 1.0, 0.5, 0.4, 0.0, 0.2, 0.5))
+REPEATED = {
+    "pentile": (LAYOUTS["pentile"], [((2, 1), 1), ((1, 1), 1), ((2, 1), 1)]),
+    "diamonds": (LAYOUTS["pentile_diamond"], [((2, 2), 2), ((1, 1), 1), ((2, 2), 2)]),
+    "chevrons": (LAYOUTS["chevron"], [((1, 2), 2)] * 3),
+    "stripes in a cell of six": (Layout(STRIPES, (3, 2)), [((1, 2), 1)] * 3),
+    "checks": (Layout(CHECKS, (2, 2)), [((2, 2), 2), ((2, 2), 1), ((1, 2), 1)]),
+    "almost": (Layout(ALMOST, (3, 1)), [((3, 1), 3)]),
+    "on the edge": (Layout(ON_THE_EDGE, (2, 1)), [((1, 1), 1)]),
+}
+
+
+@pytest.mark.parametrize("name", REPEATED)
+def test_a_colour_takes_the_smallest_cell_that_it_repeats_with(name):
+    """The panel emits the same as the subpixels that were declared."""
+    layout, expected = REPEATED[name]
+    for channel, (period, n) in enumerate(expected):
+        assert [s.period for s in layout.of(channel)] == [period] * n
+    x, y = 40 * torch.rand(2, 5000, generator=torch.Generator().manual_seed(0)).double() - 20
+    share = torch.tensor(0.9).double()
+    for channel in range(len(expected)):
+        rows = [row for row in layout.subpixels if row[0] == channel]
+        declared = [Layout((row,), layout.period) for row in rows]
+        wanted = sum(emits(*one.all(), x, y, share, share) for one in declared)
+        assert torch.equal(wanted, sum(emits(s, x, y, share, share) for s in layout.of(channel)))
 
 
 def test_parallelograms_know_their_place():

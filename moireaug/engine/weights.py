@@ -1,0 +1,192 @@
+"""The cells that a sensor pixel's light comes from, and their weights.
+
+They change slowly over a photo: they are computed on a grid of nodes and interpolated linearly.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from moireaug.engine.compiling import fill, inner, loop
+from moireaug.engine.lookup import NARROW, WIDE
+from moireaug.engine.tables import TAIL_END, add_integral, integral
+from moireaug.engine.vectors import peek, poke
+from moireaug.engine.view import jacobian
+from moireaug.exposure.content import TAIL
+
+NARROWEST = 1e-12  # variance in cells
+GUARD = 1e-9
+FEWEST_PHASES, MOST_PHASES = 64, 512
+SMOOTH = 2e-3  # error of a weight that is interpolated linearly between phases
+FAINT = 1e-3  # of a pixel's light: cells that give less are not looked at
+
+
+@inner
+def spreads(out, u, v, camera, period, width, skew, taps):
+    """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in
+    cells, at a photo point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted`
+    does. Return whether any was narrowed."""
+    narrowed = False
+    xu, xv, yu, yv = jacobian(u, v, camera)
+    beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
+    for axis in range(2):
+        ju, jv = (abs(xu), abs(xv)) if axis == 0 else (abs(yu), abs(yv))
+        ju, jv = ju / period[axis], jv / period[axis]
+        moved = xu * camera.motion_x + xv * camera.motion_y
+        if axis == 1:
+            moved = yu * camera.motion_x + yv * camera.motion_y
+        moved /= period[axis]
+        short = min(ju, jv) * camera.fill
+        out[axis, 0] = max(ju, jv) * camera.fill
+        variance = short * short / 12 + (ju * ju + jv * jv) * beside + moved * moved + skew[axis]
+        out[axis, 1] = math.sqrt(variance + NARROWEST)
+        reach = out[axis, 0] / 2 + TAIL * out[axis, 1]
+        shrink = min(1.0, max(taps + 0.5 - width[axis] / 2, NARROWEST) / reach)
+        out[axis, 0] *= shrink
+        out[axis, 1] *= shrink
+        narrowed = narrowed or shrink < 1
+    return narrowed
+
+
+@inner
+def _phases(spread, axis):
+    """Return how many phases tables of weights need along an axis, over spreads (n, axis, 2)."""
+    needed = 1.0
+    for i in range(len(spread)):
+        needed = max(needed, 1 / math.sqrt(SMOOTH * spread[i, axis, 0] * spread[i, axis, 1]))
+    return FEWEST_PHASES * min(math.ceil(needed / FEWEST_PHASES), MOST_PHASES // FEWEST_PHASES)
+
+
+@inner
+def _cells(spread, widths, taps):
+    """Return how many cells along each axis are looked at, over spreads (n, axis, 2): NARROW where
+    none beyond matters."""
+    for i in range(len(spread)):
+        for axis in range(2):
+            box, sigma, width = spread[i, axis, 0], spread[i, axis, 1], widths[axis]
+            if taps > 1 and _light(2.0, box, sigma, width) > FAINT * box * width:
+                return WIDE
+    return NARROW
+
+
+@inner
+def _light(x, box, sigma, width):
+    """Return the light from a subpixel at distance x, of all light that a box of 1 would see."""
+    far, near = (box + width) / 2, (box - width) / 2
+    seen = integral(x + far, sigma) - integral(x + near, sigma)
+    return max(seen - integral(x - near, sigma) + integral(x - far, sigma), 0.0)
+
+
+@inner
+def _add_two(total, light, middle):
+    """Add the light of the cells `middle` before and behind."""
+    for q in range(len(total)):
+        total[q] += light[middle - q] + light[middle + q]
+
+
+@inner
+def _shares(out, box, sigma, width, taps, phases, light, total):
+    """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to
+    1/2 from the nearest cell's centre. Distance 0 is there twice, as the first of the cells changes
+    there.
+
+    light, total: workspaces of (2 taps + 1) phases / 2 + 1 and phases / 2 + 1 numbers.
+    """
+    half, cells = phases // 2, out.shape[1]
+    seen = min(int(((box + width) / 2 + TAIL_END * sigma) * phases) + 2, len(light))
+    fill(light, 0.0)
+    far, near, line = (box + width) / 2, (box - width) / 2, light[:seen]
+    add_integral(line, 1.0, far, 1 / phases, sigma)
+    add_integral(line, -1.0, near, 1 / phases, sigma)
+    add_integral(line, -1.0, -near, 1 / phases, sigma)
+    add_integral(line, 1.0, -far, 1 / phases, sigma)
+    for i in range(seen):
+        light[i] = max(light[i], 0.0)  # rounding may leave it a digit below zero
+    guard = GUARD * box
+    for q in range(half + 1):
+        total[q] = light[q] + guard
+    for k in range(1, taps + 1):
+        _add_two(total, light, k * phases)
+    for q in range(half + 1):
+        total[q] = 1 / total[q]
+    for j in range(cells):
+        k = j - cells // 2
+        for q in range(half + 1):
+            # a pixel q phases before the nearest cell's centre; as far behind, weights are mirrored
+            at = abs(k) * phases + (q if k >= 0 else -q)
+            share = np.float32(
+                (light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= taps else 0.0
+            )
+            out[half - q, j] = share
+            out[half + 1 + q, cells - 1 - j] = share
+
+
+@inner
+def sizes(phases, cells):
+    """Return how many weights a node has along x, and along both axes; phases: (2,)."""
+    of_x = (phases[0] + 2) * cells
+    return of_x, of_x + (phases[1] + 2) * cells
+
+
+@loop
+def weights(us, vs, camera, cell, widths, skew):
+    """Return the weights of cells on nodes of the photo, the phases of each kind along both axes,
+    (kinds, 2) int64, and its cells along each axis, (kinds,) int64.
+
+    The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
+    cells) along x and then along y; see `_shares`.
+
+    widths, skew: (kinds, 2), see `record.Exposure`.
+    """
+    kinds, rows, cols, taps = len(widths), len(vs), len(us), cell.taps
+    spread = np.empty((kinds, rows * cols, 2, 2), np.float64)
+    phases, cells = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
+    most, finest = 0, 0
+    for kind in range(kinds):
+        for i in range(rows * cols):
+            spreads(
+                spread[kind, i],
+                us[i % cols],
+                vs[i // cols],
+                camera,
+                cell.period[kind],
+                widths[kind],
+                skew[kind],
+                taps,
+            )
+        for axis in range(2):
+            phases[kind, axis] = _phases(spread[kind], axis)
+            finest = max(finest, phases[kind, axis])
+        cells[kind] = _cells(spread[kind], widths[kind], taps)
+        most = max(most, sizes(phases[kind], cells[kind])[1])
+    tables = np.empty((kinds, rows, cols * most), np.float32)
+    light = np.empty((2 * taps + 1) * finest // 2 + 1, np.float64)
+    total = np.empty(finest // 2 + 1, np.float64)
+    for i in range(kinds * rows * cols):
+        kind, r, c = i // (rows * cols), i // cols % rows, i % cols
+        of_x, of_both = sizes(phases[kind], cells[kind])
+        node = tables[kind, r, c * of_both : (c + 1) * of_both]
+        for axis in range(2):
+            n, out = phases[kind, axis], node[:of_x] if axis == 0 else node[of_x:]
+            box, sigma = spread[kind, r * cols + c, axis]
+            _shares(
+                out.reshape(n + 2, cells[kind]),
+                box,
+                sigma,
+                widths[kind, axis],
+                taps,
+                n,
+                light[: (2 * taps + 1) * n // 2 + 1],
+                total[: n // 2 + 1],
+            )
+    return tables, phases, cells
+
+
+@inner
+def blend(out, low, high, f):
+    """Fill out (n,) with the values f of the way from one row of nodes to the next."""
+    for i in range(len(out)):
+        a = peek(low, i)
+        poke(out, i, a + f * (peek(high, i) - a))
