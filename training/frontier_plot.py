@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import MaxNLocator, NullLocator
 
 from moireaug.evaluation.report.plots import FAINT, INK, OURS, THEIRS
 from training.summaries import Recipe, pareto
@@ -22,7 +22,7 @@ SIZE, DPI = (10.0, 4.9), 100  # inches: 1000 x 490 pixels
 PANELS = {"worst_4": "noise up to 4/255", "worst_8": "noise up to 8/255"}
 TICKS = (0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000)
 RIVALS = "#777777"
-MOST_TICKS = 8
+FEWEST_TICKS, MOST_TICKS = 2, 8
 FAR = 20  # pixels from a point to its name, beyond which a line joins them
 
 
@@ -130,9 +130,7 @@ def _front(places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     ax.set(xlim=_costs(recipes), ylim=_accuracies(recipes, key))
     left, right = ax.get_xlim()
-    inside = [tick for tick in TICKS if left <= tick <= right]
-    every = math.ceil(len(inside) / MOST_TICKS)
-    ticks = inside[::every]
+    ticks = _ticks(left, right)
     ax.set_xticks(ticks, [f"{tick:g}×" for tick in ticks])
     ax.xaxis.set_minor_locator(NullLocator())
     ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
@@ -140,6 +138,15 @@ def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[:].set_color("#999999")
+
+
+def _ticks(left: float, right: float) -> list[float]:
+    """Return round numbers between two ends, of which there are few where recipes cost alike."""
+    inside = [tick for tick in TICKS if left <= tick <= right]
+    if len(inside) < FEWEST_TICKS:
+        evenly = MaxNLocator(MOST_TICKS // 2).tick_values(left, right).tolist()
+        inside = [tick for tick in evenly if left <= tick <= right]
+    return inside[:: math.ceil(len(inside) / MOST_TICKS)]
 
 
 def _costs(recipes: Sequence[Recipe]) -> tuple[float, float]:

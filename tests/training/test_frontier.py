@@ -181,6 +181,12 @@ def test_hard_cases_are_drawn(tmp_path):
     put(tmp_path, "clean", 0, worst=(0.0, 0.0))
     found = read(tmp_path)
     assert draw(summarise(found.points), found.shared)  # a point alone
+    alone = tmp_path / "alone"
+    put(alone, "clean", 0, attacked=False)
+    put(alone, "moire_at", 0, seconds=34.0)  # between two of the usual ticks
+    (recipe,) = recipes = summarise(read(alone).points)
+    ticks = figure(recipes, found.shared).axes[0].get_xticks()
+    assert recipe.relative.value == pytest.approx(4.4) and len(ticks) > 1
     for seed, seconds in enumerate((1.0, 900.0)):  # an interval of time that reaches below 0
         put(tmp_path, r"$\\broken_$ré", seed, worst=(0.0, 1.0), seconds=seconds)
     recipes = summarise(read(tmp_path).points)
