@@ -144,8 +144,8 @@ def _ticks(left: float, right: float) -> list[float]:
     """Return round numbers between two ends, of which there are few where recipes cost alike."""
     inside = [tick for tick in TICKS if left <= tick <= right]
     if len(inside) < FEWEST_TICKS:
-        evenly = MaxNLocator(MOST_TICKS // 2).tick_values(left, right).tolist()
-        inside = [tick for tick in evenly if left <= tick <= right]
+        evenly = MaxNLocator(MOST_TICKS // 2).tick_values(left, right)
+        inside = [float(tick) for tick in evenly if left <= tick <= right]
     return inside[:: math.ceil(len(inside) / MOST_TICKS)]
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from moireaug.engine import finish, nodes, panel, picture
-from moireaug.engine.compiling import fill, kernel, loop
+from moireaug.engine.compiling import fill, kernel, loop, part
 from moireaug.engine.develop import develop as develop_image
 from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
@@ -50,7 +50,7 @@ def fits(e):
     return out
 
 
-@loop
+@part
 def _light(light, floats, codes, i, e):
     """Return the light of picture i, (3, H, W) float32: the picture itself if it is light already,
     else `light`, filled from it."""
@@ -63,7 +63,7 @@ def _light(light, floats, codes, i, e):
     return floats[i]
 
 
-@loop
+@part
 def _panel(shown, e, i):
     """Return the part of shown that picture i takes as the panel shows it, (3, h, w)."""
     h, w = panel.shape(e.size, _camera(e.cameras[i]).alpha, e.cell)
@@ -80,7 +80,7 @@ def panel_size(e):
     return most
 
 
-@loop
+@part
 def _show(shown, light, floats, codes, e, i):
     light, alpha = _light(light, floats, codes, i, e), _camera(e.cameras[i]).alpha
     panel.show(_panel(shown, e, i), light, alpha, e.cell, e.dark)
@@ -149,7 +149,7 @@ def expose_points(raw, light, floats, codes, e, first, last):
         )
 
 
-@loop
+@part
 def _way_back(registration, i):
     k1, k2 = registration.lens[i]
     return registration.views[i], k1, k2
@@ -161,7 +161,7 @@ def photo_size(d):
     return room(d.size[0], d.size[1])
 
 
-@loop
+@part
 def _photo(photo, inside, raw, d, i, top, bottom):
     """Fill rows `top` to `bottom` of photo (3, H, W), in the camera's frame, from image i's raw."""
     if d.finishes:
@@ -194,7 +194,7 @@ def develop(photos, taken, inside, raw, d, first, last, top, bottom):
         resample(photos[i], taken, view, k1, k2, False, top, bottom)
 
 
-@loop
+@part
 def _photo_back(raw_grad, grad, codes_grad, inside, raw, d, i):
     """Fill raw_grad with the gradient in image i's raw, from that in its photo in the camera's
     frame; codes_grad: workspace for `finish.finish_back`."""

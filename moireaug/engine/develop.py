@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, inner, loop
+from moireaug.engine.compiling import fill, inner, loop, part
 from moireaug.engine.record import LANES
 from moireaug.engine.tables import encode
 from moireaug.engine.vectors import add, add_taps, peek, poke
@@ -298,7 +298,7 @@ def _develop(photo, raw, codes, work, tone, image, line, top, bottom):
                         add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
 
 
-@loop
+@part
 def develop(photo, raw, codes, image, top, bottom):
     """Fill rows `top` to `bottom` of photo (3, H, W) float32, codes in the camera's frame, from raw
     (4 or 3, h, w) float32.

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, inner, loop
+from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.develop import SITES, counts, gather, light_of_row, mix_row, tone_of, workspace
 from moireaug.engine.record import LANES
 from moireaug.engine.tables import encode, encode_slope
@@ -150,7 +150,7 @@ def _develop_back(raw_grad, photo_grad, raw, codes, work, tone, matrix, transpos
         _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, wide, codes.saturates)
 
 
-@loop
+@part
 def develop_back(raw_grad, photo_grad, raw, codes, image):
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop`."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine import harmonics, lookup
-from moireaug.engine.compiling import fill, inner, loop
+from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
 from moireaug.engine.random_numbers import keys
@@ -99,7 +99,7 @@ def _sites(first, asked, sites, filters):
                 asked[first[plane], colour] = True
 
 
-@loop
+@part
 def _places(w, planes, sites, nodes, filters):
     """Return the _Places of a reading w wide."""
     kinds = len(nodes.tables)
@@ -125,7 +125,7 @@ def _places(w, planes, sites, nodes, filters):
     return _Places(u, column, share, first, asked)
 
 
-@loop
+@part
 def _row(w, cell, nodes):
     """Return the _Row of a reading w wide."""
     kinds, _, n = nodes.tables.shape
@@ -277,7 +277,7 @@ def _expose(
             read(out, light, camera, start, noise, noise_keys, numbers, clips)
 
 
-@loop
+@part
 def expose(
     raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips, top,
     bottom,

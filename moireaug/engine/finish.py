@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import copy, fill, inner, loop
+from moireaug.engine.compiling import copy, fill, inner, part
 from moireaug.engine.detail import above, enter, filter_of, filter_row, needed
 from moireaug.engine.develop import (
     along,
@@ -96,7 +96,7 @@ def _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, l
         _resize_row(out, row, y, line, detail.rows, detail.cols, top, bottom)
 
 
-@loop
+@part
 def finish(out, inside, raw, codes, detail, image, top, bottom):
     """Fill rows `top` to `bottom` of out (3, H, W) float32, codes in the camera's frame, from raw
     (4 or 3, h, w) float32.
@@ -131,7 +131,7 @@ def _finish_back(codes_grad, grad, inside, detail, f, row, line):
             copy(codes_grad[c, y], row[c])
 
 
-@loop
+@part
 def finish_back(codes_grad, grad, inside, detail, image):
     """Fill codes_grad (3, h, w) with the gradient in the codes of every sensor pixel, from grad
     (3, H, W) and what `finish` filled `inside` with, (3, h, w)."""

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from moireaug.engine import harmonics, optics, weights
-from moireaug.engine.compiling import inner, loop
+from moireaug.engine.compiling import inner, loop, part
 from moireaug.engine.record import Nodes
 from moireaug.engine.view import jacobian
 
@@ -93,7 +93,7 @@ def fits(camera, cell, widths, skew, sites, dark):
     return most <= MOST
 
 
-@loop
+@part
 def _line(positions, count):
     """Return `count` nodes from the first to the last position, and the step between two."""
     first, last = positions[0], positions[len(positions) - 1]
@@ -116,7 +116,7 @@ def bracket(at, first, step, count, most):
     return base, t - base
 
 
-@loop
+@part
 def _cubics(ends, weight, positions, first, step):
     """Fill ends and weight of `harmonics.along_row` for pixels at (n,) ascending positions.
 
@@ -135,7 +135,7 @@ def _cubics(ends, weight, positions, first, step):
         ends[j] = len(positions)
 
 
-@loop
+@part
 def prepare(camera, cell, coefficients, widths, skew, sites):
     """Return the Nodes of an image; arguments as in `record.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step

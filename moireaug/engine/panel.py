@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import inner, loop
+from moireaug.engine.compiling import inner, part
 from moireaug.engine.vectors import peek, poke
 
 AROUND = 5  # cells of margin beyond `taps`: half of the widest window, and one
@@ -73,7 +73,7 @@ def _across(out, row, first, share):
         poke(out, i, low + peek(share, i) * (peek(row, np.int32(x + np.int32(1))) - low))
 
 
-@loop
+@part
 def show(panel, light, alpha, cell, dark):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 

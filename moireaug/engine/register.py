@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import inner, loop
+from moireaug.engine.compiling import inner, loop, part
 from moireaug.engine.vectors import peek, poke
 
 NEAR_HORIZON = 1e-3
@@ -88,7 +88,7 @@ def _scatter(photo, grad, at, fx, fy, weight, right, down):
         photo[k + down + right] += below * f
 
 
-@loop
+@part
 def looked_at(view, k1, k2, h, w, top, bottom):
     """Return the first and one past the last row of a photo (3, h, w) that `register` reads for
     rows `top` to `bottom`."""
@@ -112,7 +112,7 @@ def room(h, w):
     return 3 * h * w + w + 1
 
 
-@loop
+@part
 def register(out, photo, view, k1, k2, back, top, bottom):
     """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
     photo does not show the image.
