@@ -15,8 +15,8 @@ from numba import njit
 
 # divisions by zero give infinity and need no branch
 loop = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-# for what only calls loops: it becomes a part of its caller before types are inferred, which saves a
-# sixth of the compilation of all kernels
+# for what only calls loops: a part of its caller before types are inferred, which saves a sixth of
+# the compilation of all kernels
 part = njit(error_model="numpy", inline="always")
 # for loops that neither allocate nor return arrays: their callers hold all that they work on, so
 # they need not count references, which took a quarter of a kernel's time
