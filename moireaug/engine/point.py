@@ -17,12 +17,24 @@ ONE32 = np.int32(1)
 
 
 @inner
+def _lies_in(column, low, high, around):
+    """Return the share of a raster column that lies between `low` and `high`, or in their copies
+    `around` columns before and behind."""
+    share = max(min(column + 1, high) - max(column, low), 0.0)
+    if low < 0:
+        share += max(min(column + 1 - around, high) - max(column - around, low), 0.0)
+    if high > around:
+        share += max(min(column + 1 + around, high) - max(column + around, low), 0.0)
+    return share
+
+
+@inner
 def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
     """Along one axis, find the light at panel coordinates `at` that comes from a rectangle, `low`
     to `high` in panel pixels, interpolated between the two nearest of n raster subpixels per panel
     pixel; and where on the picture it comes from.
     """
-    whole = low == 0 and high == period
+    whole = high - low >= period
     low, high, around, end = low * n, high * n, n * period, alpha * size
     for i in range(len(light)):
         place = peek(at, i) * n - 0.5
@@ -31,9 +43,9 @@ def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
         first_light = 1 - second
         if not whole:
             column = left - np.floor(left / around) * around
-            first_light *= max(min(column + 1, high) - max(column, low), 0.0)
+            first_light *= _lies_in(column, low, high, around)
             column = column + 1 if column + 1 < around else 0.0
-            second *= max(min(column + 1, high) - max(column, low), 0.0)
+            second *= _lies_in(column, low, high, around)
         here, there = np.floor((left + 0.5) / n) + 0.5, np.floor((left + 1.5) / n) + 0.5
         if dark:
             first_light *= 1.0 if (here >= 0) & (here < end) else 0.0

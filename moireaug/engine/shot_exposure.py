@@ -108,10 +108,7 @@ def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _point_of(shot: ShotRecord) -> Point:
     layout, (width, height) = as_layout(shot.scene.panel.layout), emitting_share(shot.panel)
-    rectangles = []
-    for subpixel in _subpixels(shot.scene):
-        corners = subpixel.corners()
-        rectangles.append((*corners[0], *corners[2]))
+    rectangles = [subpixel.box() for subpixel in _subpixels(shot.scene)]
     return Point(np.array(rectangles, np.float64), layout.raster, (width * height).detach().numpy())
 
 

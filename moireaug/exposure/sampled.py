@@ -52,7 +52,7 @@ class Point(Exposure):
             ends = (alpha * shot.size[1], alpha * shot.size[0])
         plane = torch.zeros_like(x, dtype=light.dtype)
         for s in layout.of(channel):
-            (left, top), (right, bottom) = s.corners()[0], s.corners()[2]
+            left, top, right, bottom = s.box()
             across, px = _raster(x, left, right, layout.raster, s.period[0], ends[0])
             down, py = _raster(y, top, bottom, layout.raster, s.period[1], ends[1])
             content = grids.look_up(light[:, channel, None], px / alpha, py / alpha)[:, 0]
@@ -70,10 +70,11 @@ def _raster(
     left = at.floor().detach()
     second = at - left
     first = 1 - second
-    if (low, high) != (0, period):
-        place = left % (n * period)
-        first = first * _lies_in(place, low * n, high * n)
-        second = second * _lies_in((place + 1) % (n * period), low * n, high * n)
+    if high - low < period:
+        around = n * period
+        place = left % around
+        first = first * _lies_in(place, low * n, high * n, around)
+        second = second * _lies_in((place + 1) % around, low * n, high * n, around)
     here, there = ((left + k + 0.5).div(n).floor() + 0.5 for k in (0, 1))
     if end is not None:
         first, second = (t * ((p >= 0) & (p < end)) for t, p in ((first, here), (second, there)))
@@ -82,10 +83,14 @@ def _raster(
     return light, here + (there - here) * second / light.clamp(min=1e-12)
 
 
-def _lies_in(column: Tensor, low: float, high: float) -> Tensor:
+def _lies_in(column: Tensor, low: float, high: float, around: int) -> Tensor:
     """Return the share of each raster column, given by its left edge, that lies between `low` and
-    `high`."""
-    return ((column + 1).clamp(max=high) - column.clamp(min=low)).clamp(min=0)
+    `high` or in their copies `around` columns before and behind: a subpixel may reach into the next
+    cell."""
+    share = torch.zeros_like(column)
+    for copy in (column - around, column, column + around):
+        share = share + ((copy + 1).clamp(max=high) - copy.clamp(min=low)).clamp(min=0)
+    return share
 
 
 class Supersample(Exposure):

@@ -53,6 +53,11 @@ class Subpixel:
         turns = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
         return [(cx + s * ax + t * dx, cy + s * ay + t * dy) for s, t in turns]
 
+    def box(self) -> tuple[float, float, float, float]:
+        """Return left, top, right and bottom of the smallest upright rectangle around it."""
+        x, y = zip(*self.corners(), strict=True)
+        return min(x), min(y), max(x), max(y)
+
     def moved(self, x: float, y: float) -> Subpixel:
         """Return it with its centre moved."""
         return replace(self, centre=(self.centre[0] + x, self.centre[1] + y))

@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
 from moireaug.scene.layout import Layout
 
 OWN = Layout(((0, 0.0, 0.0, 0.5, 1.0), (1, 0.5, 0.0, 1.0, 0.4), (2, 1.25, 0.5, 1.75, 1.0)), (2, 1))
@@ -94,6 +94,28 @@ def test_a_cell_slanted_the_other_way_gives_another_photo():
         tuple((c, cx, cy, ax, -ay, -dx, dy) for c, cx, cy, ax, ay, dx, dy in SLANTED.subpixels)
     )
     assert distance(mirrored, 24) > 0.04
+
+
+# centre and edges of rectangles, in a cell of two by one panel pixels
+RECTANGLES = {
+    "inside": (1.0, 0.5, 0.5, 0.0, 0.0, 0.75),
+    "over the left edge": (0.125, 0.5, 0.5, 0.0, 0.0, 0.75),
+    "over the right edge": (1.875, 0.5, 0.5, 0.0, 0.0, 0.75),
+    "over the upper edge": (1.0, 0.125, 0.5, 0.0, 0.0, 0.75),
+    "over the lower right corner": (1.875, 0.875, 0.5, 0.0, 0.0, 0.75),
+    "edges to the left and up": (1.0, 0.5, -0.5, 0.0, 0.0, -0.75),
+}
+
+
+@pytest.mark.parametrize("execution", [expose, pipeline.expose])
+@pytest.mark.parametrize("name", RECTANGLES)
+def test_points_find_a_rectangle_wherever_it_lies(name, execution):
+    """Over whole cells, sampled at every eighth of a panel pixel, the light is the area."""
+    layout = Layout(((0, *RECTANGLES[name]),), (2, 1))
+    panel, sensor = Panel(layout=layout), Sensor(scale=8.0, cfa="none", exposure="point")
+    shot = Scene(panel=panel, sensor=sensor).sample(1, (6, 6))
+    raw = execution(torch.ones(1, 3, 6, 6), shot)
+    assert raw.mean((0, 2, 3)).tolist() == pytest.approx([0.5 * 0.75 / 2, 0, 0], abs=1e-6)
 
 
 def test_points_of_slanted_subpixels_are_refused():
