@@ -172,8 +172,8 @@ UNBOUNDED = {
 
 @pytest.mark.parametrize("attack", UNBOUNDED.values(), ids=UNBOUNDED)
 def test_attacks_that_take_rows_one_by_one_or_few_at_a_time(learnt, attack):
-    """All rows are fooled by the smallest noise where each meets its own shot; with another's, most
-    need luck."""
+    """Where each row meets its own shot, nearly all are fooled by the smallest noise; with
+    another's, less than half as many."""
     model, images, labels, shot = learnt
     camera, naive = Photographed(model, images, shot), Naive(model, shot).eval()
     naive.clean = camera.clean
@@ -182,7 +182,7 @@ def test_attacks_that_take_rows_one_by_one_or_few_at_a_time(learnt, attack):
         x = attack(which, labels)
         assert (x - camera.clean).abs().max() < 0.5
         fooled[which] = (predicted(model, develop(x, shot)) != labels).float().mean()
-    assert fooled[camera] >= 0.9 > fooled[naive] + 0.1
+    assert fooled[camera] > max(0.8, 2 * fooled[naive])
 
 
 @pytest.mark.parametrize("noise_at", CAMERAS)
