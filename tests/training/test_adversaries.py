@@ -141,11 +141,10 @@ PARTS = {  # recipe, share, natural
 
 
 @pytest.mark.parametrize(("recipe", "share", "natural"), PARTS.values(), ids=PARTS)
-def test_a_batch_has_its_parts(recipe, share, natural, monkeypatch):
+def test_a_batch_has_its_parts(recipe, share, natural):
     cfg = configured(
         f"recipe={recipe}", *TINY, f"adversary.share={share}", f"adversary.natural={natural}"
     )
-    monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
     model = classifier_of(cfg, 16)
     model.model = Seeing()
     model.adversary = Adversaries(model.model, model.scene, cfg.adversary)
@@ -165,7 +164,6 @@ def test_a_batch_has_its_parts(recipe, share, natural, monkeypatch):
 
 def test_a_replayed_batch_is_photographed_once(monkeypatch):
     cfg = configured("recipe=moire_free", *TINY)
-    monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
     model = classifier_of(cfg, 16)
     taken = []
     problem = MoireAttack.problem
@@ -182,9 +180,8 @@ def test_a_replayed_batch_is_photographed_once(monkeypatch):
     assert not model._kept
 
 
-def test_batches_too_small_for_the_share_are_replayed_without_an_attack(monkeypatch):
+def test_batches_too_small_for_the_share_are_replayed_without_an_attack():
     cfg = configured("recipe=moire_free", *TINY, "adversary.share=0.1", "adversary.natural=0.1")
-    monkeypatch.setattr(Classifier, "current_epoch", property(lambda self: 0))
     model = classifier_of(cfg, 16)
     model.model = Seeing()
     images, labels = torch.randint(0, 256, (4, 3, 24, 24), dtype=torch.uint8), torch.arange(4)
