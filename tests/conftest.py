@@ -1,6 +1,7 @@
 """What every test shares: small images, threads that do not fight over the cores, and quiet third
 parties."""
 
+import gc
 import os
 
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
@@ -10,6 +11,12 @@ import torch
 
 # pytest-xdist gives each core a process of its own: two threads in each would wait for one another.
 THREADS = 1 if "PYTEST_XDIST_WORKER" in os.environ else 2
+
+
+def pytest_collection_finish():
+    # what is imported stays: collections that pass over it save a twentieth of the suite's time
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)
