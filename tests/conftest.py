@@ -19,6 +19,10 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+def pytest_sessionfinish():
+    gc.unfreeze()  # nanobind would list what is never collected
+
+
 @pytest.fixture(autouse=True)
 def _threads_and_seed():
     torch.set_num_threads(THREADS)

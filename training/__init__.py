@@ -1,5 +1,6 @@
 """Recipes for robust training: `fit.py` trains, `reattack.py` attacks, `frontier.py` compares."""
 
+import gc
 import os
 
 # Before torch is loaded: OpenMP's threads wait for work by spinning. A command alone on its cores
@@ -9,3 +10,6 @@ os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 from moireaug.extras import require
 
 require("train", "training")
+
+# What torch made stays: a command starts and ends a second sooner where collections pass over it.
+gc.freeze()
