@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import hashlib
 import os
 from pathlib import Path
@@ -24,7 +25,7 @@ inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
 
 
 @functools.lru_cache(maxsize=1)
-def _folder() -> str | None:
+def folder() -> str | None:
     """Return the folder of compiled kernels, named by a hash of the sources and of numba's and
     llvmlite's versions; None if no place is writable."""
     here = Path(__file__).parent
@@ -36,20 +37,20 @@ def _folder() -> str | None:
     for place in (numba.config.CACHE_DIR, here / "__pycache__", home):
         if not place:
             continue
-        folder = Path(place) / f"moireaug-{name}"
+        kept = Path(place) / f"moireaug-{name}"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            kept.mkdir(parents=True, exist_ok=True)
         except OSError:
             continue
-        if os.access(folder, os.W_OK):
-            return str(folder)
+        if os.access(kept, os.W_OK):
+            return str(kept)
     return None
 
 
 def cold() -> bool:
     """Return whether these kernels are yet to be compiled on this machine."""
-    folder = _folder()
-    return folder is None or not any(Path(folder).rglob("*.nbi"))
+    kept = folder()
+    return kept is None or not any(Path(kept).rglob("*.nbi"))
 
 
 def kernel(function):
@@ -59,15 +60,15 @@ def kernel(function):
     Numba's own cache checks only the function's own file, and would miss a change in what the
     function calls.
     """
-    folder, before = _folder(), numba.config.CACHE_DIR
-    if folder is None:
+    kept, before = folder(), numba.config.CACHE_DIR
+    if kept is None:
         return njit(error_model="numpy", nogil=True)(function)
-    numba.config.CACHE_DIR = folder
+    numba.config.CACHE_DIR = kept
     try:
         compiled = njit(error_model="numpy", nogil=True, cache=True)(function)
     finally:
         numba.config.CACHE_DIR = before
-    compiled.compile = _locked(compiled.compile, Path(folder) / f"{function.__name__}.lock")
+    compiled.compile = _locked(compiled.compile, Path(kept) / f"{function.__name__}.lock")
     return compiled
 
 
@@ -79,9 +80,23 @@ def _locked(compile_, path):
         with contextlib.ExitStack() as held:
             with contextlib.suppress(OSError):  # a file system without locks
                 held.enter_context(FileLock(path, fallback_to_soft=False))
+            held.enter_context(_uncollected())
             return compile_(signature)
 
     return locked
+
+
+@contextlib.contextmanager
+def _uncollected():
+    """Pause garbage collection: passing over what torch holds takes a sixth of a compilation."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 @inner

@@ -16,6 +16,12 @@ ONE = np.float32(1)
 ONE32 = np.int32(1)
 
 
+def room(h: int, w: int) -> int:
+    """Return the length of a photo's flattened planes, with the values beyond them that a bilinear
+    look-up at the last pixel reads with weight 0."""
+    return 3 * h * w + w + 1
+
+
 @loop
 def undistortion(k1, k2):
     """Return the factor that takes ideal points to photo points, at STEPS + 2 squares of the ideal
@@ -105,13 +111,6 @@ def looked_at(view, k1, k2, h, w, top, bottom):
     return first, min(last + 2, h)
 
 
-@inner
-def room(h, w):
-    """Return the length of a photo's flattened planes, with the values beyond them that a bilinear
-    look-up at the last pixel reads with weight 0."""
-    return 3 * h * w + w + 1
-
-
 @part
 def register(out, photo, view, k1, k2, back, top, bottom):
     """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
@@ -133,7 +132,7 @@ def register(out, photo, view, k1, k2, back, top, bottom):
     for r in range(top, bottom):
         _place(at, fx, fy, weight, r + 0.5 - h / 2, view, factor, per_square, h, w)
         for c in range(3):
-            plane = photo[c * h * w : room(h, w)]
+            plane = photo[c * h * w :]
             if back:
                 _scatter(plane, out[c, r], at, fx, fy, weight, right, down)
             else:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from moireaug.engine.compiling import cold
+from moireaug.engine import ahead, compiling
 from moireaug.engine.record import Development, Exposure
 from moireaug.engine.threads import each, each_share, surplus
 
@@ -23,11 +23,13 @@ def announce(message: str) -> None:
 
 @functools.lru_cache(maxsize=1)
 def prepare() -> None:
-    """Announce, on a machine's first call, that kernels are being compiled."""
-    if cold():
+    """Announce, on a machine's first call, that kernels are being compiled, and start on those that
+    come later."""
+    if compiling.cold():
         announce(
             "moireaug compiles its CPU kernels, once on this machine; this takes up to a minute."
         )
+        ahead.start(compiling.folder())
 
 
 def fits(exposure: Exposure) -> np.ndarray:
@@ -50,19 +52,19 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     h, w = len(sites.rows) // step, len(sites.cols) // step
     raw = _empty(n, planes, h, w)
     pictures, readings = picture.detach().contiguous().numpy(), raw.numpy()
-    none = pictures[:0]
-    if pictures.dtype == np.uint8:
-        floats, codes = none.astype(np.float32), pictures
-    else:
-        floats, codes = pictures, none.astype(np.uint8)
-    light = functools.partial(np.empty, (3, *exposure.size), np.float32)
+    size = batch.panel_size(exposure)
 
     def points(first: int, last: int) -> None:
-        batch.expose_points(readings, light(), floats, codes, exposure, first, last)
+        light = np.empty((3, *exposure.size), np.float32)
+        for i in range(first, last):
+            batch.expose_points(readings, light, pictures, exposure, i)
 
     def images(first: int, last: int) -> None:
-        shown = np.empty(batch.panel_size(exposure), np.float32)
-        batch.expose(readings, shown, light(), floats, codes, exposure, first, last, 0, h)
+        shown = np.empty(size, np.float32)
+        light = np.empty((3, *exposure.size), np.float32)
+        for i in range(first, last):
+            batch.show(shown, light, pictures, exposure, i)
+            batch.expose(readings, shown, exposure, i, 0, h)
 
     if exposure.point:
         each(points, n)
@@ -70,12 +72,9 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     whole = n - surplus(n, h)
     each(images, whole)
     for i in range(whole, n):
-        shown, there = np.empty(batch.panel_size(exposure), np.float32), light()[:, :0, :0]
-        batch.show(shown, light(), floats, codes, exposure, i)
-        rows = functools.partial(
-            batch.expose, readings, shown, there, floats, codes, exposure, i, i + 1
-        )
-        each_share(rows, h)
+        shown = np.empty(size, np.float32)
+        batch.show(shown, np.empty((3, *exposure.size), np.float32), pictures, exposure, i)
+        each_share(functools.partial(batch.expose, readings, shown, exposure, i), h)
     return raw
 
 
@@ -99,16 +98,20 @@ class _Develop(torch.autograd.Function):
         out = _empty(len(raw), 3, *d.size)
         readings, photos, notes = raw.detach().contiguous().numpy(), out.numpy(), inside.numpy()
         n, h = len(raw), d.size[0]
-        size = batch.photo_size(d) if d.registers else 0
 
-        def kernel(first: int, last: int, top: int, bottom: int) -> None:
-            taken = np.empty(size, np.float32)
-            batch.develop(photos, taken, notes, readings, d, first, last, top, bottom)
+        def images(first: int, last: int) -> None:
+            taken = np.zeros(size, np.float32)
+            for i in range(first, last):
+                batch.develop(photos, taken, notes, readings, d, i, 0, h)
 
-        whole = n - surplus(n, h)
-        each(lambda first, last: kernel(first, last, 0, h), whole)
+        def rows(i: int, top: int, bottom: int) -> None:
+            taken = np.zeros(size, np.float32)
+            batch.develop(photos, taken, notes, readings, d, i, top, bottom)
+
+        whole, size = n - surplus(n, h), batch.photo_size(d)
+        each(images, whole)
         for i in range(whole, n):
-            each_share(functools.partial(kernel, i, i + 1), h)
+            each_share(functools.partial(rows, i), h)
         return out
 
     @staticmethod
@@ -120,10 +123,14 @@ class _Develop(torch.autograd.Function):
         out = _empty(*raw.shape)
         readings, notes = raw.detach().contiguous().numpy(), inside.numpy()
         grads, results = grad.contiguous().numpy(), out.numpy()
-        each(
-            lambda first, last: batch.develop_back(results, grads, notes, readings, d, first, last),
-            len(raw),
-        )
+
+        def images(first: int, last: int) -> None:
+            taken = np.empty(size, np.float32)
+            for i in range(first, last):
+                batch.develop_back(results, grads, taken, notes, readings, d, i)
+
+        size = batch.photo_size(d)
+        each(images, len(raw))
         return out, None
 
 

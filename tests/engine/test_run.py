@@ -6,12 +6,13 @@ import subprocess
 import sys
 import threading
 
+import numpy as np
 import pytest
 import torch
 from torch.utils.data import DataLoader, Dataset
 
 from moireaug import Scene, capture, develop, expose
-from moireaug.engine import compiling, explain, reference, run, threads
+from moireaug.engine import ahead, compiling, explain, reference, run, threads
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -115,7 +116,14 @@ def test_sharing_an_images_rows_changes_no_bit(preset, frame, size, monkeypatch)
         shared.append(rows)
         threads.each_share(work, rows)
 
+    def unset(shape, dtype=float):
+        out = np.zeros(shape, dtype)
+        if out.dtype.kind == "f":
+            out.fill(np.nan)
+        return out
+
     monkeypatch.setattr(run, "each_share", spy)
+    monkeypatch.setattr(np, "empty", unset)  # memory that nobody has written to
     for count in (1, 2, 3):
         torch.set_num_threads(count)
         raw = expose(images, shot).requires_grad_()
@@ -141,16 +149,65 @@ def test_an_error_in_one_image_reaches_the_caller():
 def test_the_first_call_on_a_machine_is_announced_once(tmp_path, monkeypatch):
     said = []
     monkeypatch.setattr(run, "announce", said.append)
-    monkeypatch.setattr(compiling, "_folder", lambda: str(tmp_path))
+    monkeypatch.setattr(compiling, "folder", lambda: str(tmp_path))
+    monkeypatch.setattr(ahead, "start", lambda folder: said.append(folder))
     run.prepare.cache_clear()
     run.prepare()
     run.prepare()
-    assert len(said) == 1
+    assert len(said) == 2
     assert "compiles" in said[0]
+    assert said[1] == str(tmp_path)
     (tmp_path / "kernel.nbi").touch()
     run.prepare.cache_clear()
     run.prepare()
-    assert len(said) == 1
+    assert len(said) == 2
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Record the commands of processes instead of starting them."""
+    commands = []
+
+    class Process:
+        def __init__(self, command, **_):
+            commands.append(command)
+
+    monkeypatch.setattr(subprocess, "Popen", Process)
+    monkeypatch.setattr(ahead.atexit, "register", lambda *_: None)
+    return commands
+
+
+def test_one_process_compiles_ahead_for_a_folder_of_kernels(tmp_path, started):
+    ahead.start(str(tmp_path))
+    ahead.start(str(tmp_path))
+    assert [command[0] for command in started] == [sys.executable]
+
+
+@pytest.mark.parametrize("program", ["/opt/game/game", "", None])
+def test_nothing_is_compiled_ahead_by_a_program_that_embeds_python(
+    tmp_path, started, monkeypatch, program
+):
+    monkeypatch.setattr(sys, "executable", program)
+    ahead.start(str(tmp_path))
+    assert not started
+
+
+def test_nothing_is_compiled_ahead_where_kernels_are_not_kept(tmp_path, started):
+    ahead.start(None)
+    ahead.start(str(tmp_path / "gone"))
+    assert not started
+
+
+def test_what_is_compiled_ahead_is_what_is_called():
+    raw = expose(IMAGES, SHOT).requires_grad_()
+    develop(raw, SHOT).sum().backward()  # compiled now, if never before
+    count = """
+from moireaug.engine import batch
+print([len(k.stats.cache_misses) for k in (batch.develop, batch.develop_back)])
+"""
+    command = [sys.executable, "-c", ahead.CODE + count, str(ahead.ROOT)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.stdout == "[0, 0]\n", done.stderr
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])

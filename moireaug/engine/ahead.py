@@ -1,0 +1,56 @@
+"""Compilation of what comes later in another process, while this one compiles what it needs now.
+
+Exposing and developing take about as long to compile; two processes halve the wait for a machine's
+first photo.
+"""
+
+from __future__ import annotations
+
+import atexit
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+CODE = """
+import sys
+sys.path.append(sys.argv[1])
+
+import torch
+from moireaug import Scene, develop
+
+shot = Scene.preset("screen_photo").sample(1, (8, 8))
+raw = torch.zeros(shot.raw_shape(), requires_grad=True)
+develop(raw, shot).sum().backward()
+"""
+
+
+def start(folder: str | None) -> None:
+    """Start a process that compiles the kernels of developing, forwards and backwards, unless one
+    was started before for this folder of kernels. It ends with this process, if not before.
+
+    Nothing depends on it: a kernel that it has not finished is waited for, and one that it has not
+    begun is compiled here.
+
+    Args:
+        folder: from `compiling.folder`; None if kernels are not kept.
+    """
+    # an interpreter that a program embeds may answer to the program's own options
+    if folder is None or not Path(sys.executable or "").stem.startswith("python"):
+        return
+    try:
+        Path(folder, "ahead").touch(exist_ok=False)
+        process = subprocess.Popen(
+            [sys.executable, "-c", CODE, str(ROOT)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    except OSError:
+        return
+    atexit.register(_stop, process)
+
+
+def _stop(process: subprocess.Popen) -> None:
+    process.terminate()
+    process.wait()
