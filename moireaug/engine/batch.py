@@ -1,5 +1,5 @@
-"""The kernels that Python calls, each on an image of a batch, or on some rows of it. The other
-modules' loops are compiled into them."""
+"""The kernels that Python calls, each on some of a batch's images, or on some rows of one. The
+other modules' loops are compiled into them."""
 
 from __future__ import annotations
 
@@ -71,64 +71,68 @@ def panel_size(e) -> int:
 
 
 @kernel
-def show(shown, light, pictures, e, i):
-    """Fill shown with picture i as the panel shows it.
+def show(shown, light, pictures, e, first, last):
+    """Fill shown with the pictures from `first` to `last` as the panel shows them.
 
     Args:
-        shown: (`panel_size`(e),) float32. light: (3, H, W) float32, workspace.
+        shown: (last - first, `panel_size`(e)) float32, or more rows. light: (3, H, W) float32,
+            workspace.
         pictures: (B, 3, H, W) float32 or uint8.
         e: see `record.Exposure`.
     """
-    alpha = _camera(e.cameras[i]).alpha
-    _light(light, pictures, e, i)
-    panel.show(_panel(shown, alpha, e), light, alpha, e.cell, e.dark)
+    for i in range(first, last):
+        alpha = _camera(e.cameras[i]).alpha
+        _light(light, pictures, e, i)
+        panel.show(_panel(shown[i - first], alpha, e), light, alpha, e.cell, e.dark)
 
 
 @kernel
-def expose(raw, shown, e, i, top, bottom):
-    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the reading of picture i,
-    from what `show` filled shown with."""
-    camera = _camera(e.cameras[i])
-    expose_image(
-        raw[i],
-        _panel(shown, camera.alpha, e),
-        (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
-        camera,
-        e.filters[i],
-        e.white[i],
-        e.cell,
-        nodes.prepare(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites),
-        e.sites,
-        e.flicker[i],
-        e.noise,
-        e.seeds[i],
-        e.clips,
-        top,
-        bottom,
-    )
+def expose(raw, shown, e, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the
+    pictures from `first` to `last`, from what `show` filled shown with."""
+    for i in range(first, last):
+        camera = _camera(e.cameras[i])
+        expose_image(
+            raw[i],
+            _panel(shown[i - first], camera.alpha, e),
+            (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
+            camera,
+            e.filters[i],
+            e.white[i],
+            e.cell,
+            nodes.prepare(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites),
+            e.sites,
+            e.flicker[i],
+            e.noise,
+            e.seeds[i],
+            e.clips,
+            top,
+            bottom,
+        )
 
 
 @kernel
-def expose_points(raw, light, pictures, e, i):
-    """Fill raw (B, planes, h, w) float32 with the reading of picture i at points of the panel;
-    arguments as in `show`."""
-    _light(light, pictures, e, i)
-    expose_point(
-        raw[i],
-        light,
-        _camera(e.cameras[i]),
-        e.filters[i],
-        e.white[i],
-        e.cell,
-        e.point,
-        e.point.lit[i],
-        e.sites,
-        e.flicker[i],
-        e.noise,
-        e.seeds[i],
-        e.clips,
-        e.dark,
-    )
+def expose_points(raw, light, pictures, e, first, last):
+    """Fill raw (B, planes, h, w) float32 with the readings of the pictures from `first` to `last`
+    at points of the panel; arguments as in `show`."""
+    for i in range(first, last):
+        _light(light, pictures, e, i)
+        expose_point(
+            raw[i],
+            light,
+            _camera(e.cameras[i]),
+            e.filters[i],
+            e.white[i],
+            e.cell,
+            e.point,
+            e.point.lit[i],
+            e.sites,
+            e.flicker[i],
+            e.noise,
+            e.seeds[i],
+            e.clips,
+            e.dark,
+        )
 
 
 @part
@@ -142,10 +146,27 @@ def photo_size(d) -> int:
     return room(*d.size) if d.registers else 0
 
 
+@part
+def _develop(photo, taken, inside, raw, d, i, top, bottom):
+    """Fill rows `top` to `bottom` of photo (3, H, W) from image i's raw."""
+    h, w = d.size
+    camera_photo, highest, lowest = photo, top, bottom
+    if d.registers:
+        view, k1, k2 = _way_back(d.registration, i)
+        camera_photo = taken[: 3 * h * w].reshape(3, h, w)
+        highest, lowest = looked_at(view, k1, k2, h, w, top, bottom)
+    if d.finishes:
+        finish.finish(camera_photo, inside[i : i + 1], raw, d.codes, d.detail, i, highest, lowest)
+    else:
+        develop_image(camera_photo, raw, d.codes, i, highest, lowest)
+    if d.registers:
+        resample(photo, taken, view, k1, k2, False, top, bottom)
+
+
 @kernel
-def develop(photos, taken, inside, raw, d, i, top, bottom):
-    """Fill rows `top` to `bottom` of photo i of photos (B, 3, H, W) float32, sRGB codes, from raw
-    (B, planes, h, w) float32.
+def develop(photos, taken, inside, raw, d, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of photos (B, 3, H, W) float32, sRGB codes, from `first` to
+    `last` from raw (B, planes, h, w) float32.
 
     Args:
         taken: (`photo_size`(d),) float32, workspace of zeros: a look-up at a plane's last pixels
@@ -153,25 +174,14 @@ def develop(photos, taken, inside, raw, d, i, top, bottom):
         inside: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
         d: see `record.Development`.
     """
-    h, w = d.size
-    photo, highest, lowest = photos[i], top, bottom
-    if d.registers:
-        view, k1, k2 = _way_back(d.registration, i)
-        photo = taken[: 3 * h * w].reshape(3, h, w)
-        highest, lowest = looked_at(view, k1, k2, h, w, top, bottom)
-    if d.finishes:
-        finish.finish(photo, inside[i : i + 1], raw[i], d.codes, d.detail, i, highest, lowest)
-    else:
-        develop_image(photo, raw[i], d.codes, i, highest, lowest)
-    if d.registers:
-        resample(photos[i], taken, view, k1, k2, False, top, bottom)
+    for i in range(first, last):
+        _develop(photos[i], taken, inside, raw[i], d, i, top, bottom)
 
 
-@kernel
-def develop_back(raw_grad, photo_grad, taken, inside, raw, d, i):
-    """Fill raw_grad[i], of raw's shape, with the gradient in raw i; arguments as in `develop`."""
+@part
+def _develop_back(raw_grad, grad, taken, inside, raw, d, i):
+    """Fill raw_grad with the gradient in image i's raw, from that in its photo."""
     h, w = d.size
-    grad = photo_grad[i]
     if d.registers:
         view, k1, k2 = _way_back(d.registration, i)
         fill(taken, ZERO)
@@ -182,4 +192,11 @@ def develop_back(raw_grad, photo_grad, taken, inside, raw, d, i):
         codes_grad = np.empty((3, h, w), np.float32)
         finish.finish_back(codes_grad, grad, inside[i], d.detail, i)
         grad = codes_grad
-    develop_image_back(raw_grad[i], grad, raw[i], d.codes, i)
+    develop_image_back(raw_grad, grad, raw, d.codes, i)
+
+
+@kernel
+def develop_back(raw_grad, photo_grad, taken, inside, raw, d, first, last):
+    """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
+    for i in range(first, last):
+        _develop_back(raw_grad[i], photo_grad[i], taken, inside, raw[i], d, i)

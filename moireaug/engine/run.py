@@ -14,6 +14,8 @@ from moireaug.engine import ahead, compiling
 from moireaug.engine.record import Development, Exposure
 from moireaug.engine.threads import each, each_share, surplus
 
+HELD = 2**16  # values of small panels that are filled before any is read
+
 
 def announce(message: str) -> None:
     """Tell the user that kernels are about to be compiled. Replace this function to say it
@@ -53,18 +55,20 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     raw = _empty(n, planes, h, w)
     pictures, readings = picture.detach().contiguous().numpy(), raw.numpy()
     size = batch.panel_size(exposure)
+    held = max(1, HELD // size)
+
+    def light() -> np.ndarray:
+        return np.empty((3, *exposure.size), np.float32)
 
     def points(first: int, last: int) -> None:
-        light = np.empty((3, *exposure.size), np.float32)
-        for i in range(first, last):
-            batch.expose_points(readings, light, pictures, exposure, i)
+        batch.expose_points(readings, light(), pictures, exposure, first, last)
 
     def images(first: int, last: int) -> None:
-        shown = np.empty(size, np.float32)
-        light = np.empty((3, *exposure.size), np.float32)
-        for i in range(first, last):
-            batch.show(shown, light, pictures, exposure, i)
-            batch.expose(readings, shown, exposure, i, 0, h)
+        shown, space = np.empty((held, size), np.float32), light()
+        for start in range(first, last, held):
+            end = min(start + held, last)
+            batch.show(shown, space, pictures, exposure, start, end)
+            batch.expose(readings, shown, exposure, start, end, 0, h)
 
     if exposure.point:
         each(points, n)
@@ -72,9 +76,9 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     whole = n - surplus(n, h)
     each(images, whole)
     for i in range(whole, n):
-        shown = np.empty(size, np.float32)
-        batch.show(shown, np.empty((3, *exposure.size), np.float32), pictures, exposure, i)
-        each_share(functools.partial(batch.expose, readings, shown, exposure, i), h)
+        shown = np.empty((1, size), np.float32)
+        batch.show(shown, light(), pictures, exposure, i, i + 1)
+        each_share(functools.partial(batch.expose, readings, shown, exposure, i, i + 1), h)
     return raw
 
 
@@ -99,19 +103,14 @@ class _Develop(torch.autograd.Function):
         readings, photos, notes = raw.detach().contiguous().numpy(), out.numpy(), inside.numpy()
         n, h = len(raw), d.size[0]
 
-        def images(first: int, last: int) -> None:
+        def kernel(first: int, last: int, top: int, bottom: int) -> None:
             taken = np.zeros(size, np.float32)
-            for i in range(first, last):
-                batch.develop(photos, taken, notes, readings, d, i, 0, h)
-
-        def rows(i: int, top: int, bottom: int) -> None:
-            taken = np.zeros(size, np.float32)
-            batch.develop(photos, taken, notes, readings, d, i, top, bottom)
+            batch.develop(photos, taken, notes, readings, d, first, last, top, bottom)
 
         whole, size = n - surplus(n, h), batch.photo_size(d)
-        each(images, whole)
+        each(lambda first, last: kernel(first, last, 0, h), whole)
         for i in range(whole, n):
-            each_share(functools.partial(rows, i), h)
+            each_share(functools.partial(kernel, i, i + 1), h)
         return out
 
     @staticmethod
@@ -124,13 +123,12 @@ class _Develop(torch.autograd.Function):
         readings, notes = raw.detach().contiguous().numpy(), inside.numpy()
         grads, results = grad.contiguous().numpy(), out.numpy()
 
-        def images(first: int, last: int) -> None:
+        def kernel(first: int, last: int) -> None:
             taken = np.empty(size, np.float32)
-            for i in range(first, last):
-                batch.develop_back(results, grads, taken, notes, readings, d, i)
+            batch.develop_back(results, grads, taken, notes, readings, d, first, last)
 
         size = batch.photo_size(d)
-        each(images, len(raw))
+        each(kernel, len(raw))
         return out, None
 
 
