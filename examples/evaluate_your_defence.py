@@ -21,7 +21,7 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from moireaug import attacks, defenses, evaluation
 from training import signs
-from training.models import SmallResNet
+from training.small_resnet import SmallResNet
 
 EPS = 4 / 255
 

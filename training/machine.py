@@ -13,6 +13,7 @@ import torch
 from training.schema import Trainer
 
 CPUINFO = Path("/proc/cpuinfo")
+BFLOAT16 = {"amx_bf16", "avx512_bf16"}  # flags of CPUs that multiply it faster than float32
 
 
 def environment() -> dict[str, Any]:
@@ -43,8 +44,8 @@ def _cpu() -> str:
 
 def precision(trainer: Trainer) -> Any:
     """Return the precision that a classifier is trained in: what is set, or for null "bf16-mixed"
-    on hardware that multiplies bfloat16 (NVIDIA's GPUs from Ampere on, CPUs with AMX) and
-    "32-true" on any other."""
+    on hardware that multiplies bfloat16 (NVIDIA's GPUs from Ampere on, CPUs with AMX or
+    AVX512_BF16) and "32-true" on any other."""
     if trainer.precision is not None:
         return trainer.precision
     return "bf16-mixed" if _multiplies_bfloat16(trainer.accelerator) else "32-true"
@@ -54,9 +55,10 @@ def _multiplies_bfloat16(accelerator: str) -> bool:
     if torch.cuda.is_available() and accelerator != "cpu":
         return torch.cuda.is_bf16_supported(including_emulation=False)
     try:
-        return "amx_bf16" in CPUINFO.read_text()
+        flags = set(CPUINFO.read_text().split())
     except OSError:  # not Linux
         return False
+    return not flags.isdisjoint(BFLOAT16)
 
 
 def command(argv: list[str] | None = None) -> str:

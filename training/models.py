@@ -1,5 +1,5 @@
-"""Classifiers to train and to attack: one compact ResNet for small images, and every torchvision
-classifier by name."""
+"""Classifiers to train and to attack, by name: compact ResNets for small images, and every
+torchvision classifier."""
 
 import argparse
 import difflib
@@ -12,65 +12,7 @@ import torchvision
 from torch import Tensor, nn
 
 from moireaug.attacks import Normalized
-
-
-class ResidualBlock(nn.Module):
-    """Pre-activation residual block: (B, inputs, H, W) to (B, outputs, H / stride, W / stride),
-    rounded up.
-
-    Source: He et al., "Identity Mappings in Deep Residual Networks" (2016), figure 1b.
-    """
-
-    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
-        super().__init__()
-        self.norm1 = nn.BatchNorm2d(inputs)
-        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
-        self.norm2 = nn.BatchNorm2d(outputs)
-        self.conv2 = nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False)
-        same = inputs == outputs and stride == 1
-        self.shortcut = None if same else nn.Conv2d(inputs, outputs, 1, stride, bias=False)
-
-    def forward(self, x: Tensor) -> Tensor:
-        y = torch.relu(self.norm1(x))
-        skip = x if self.shortcut is None else self.shortcut(y)
-        y = self.conv1(y)
-        return skip + self.conv2(torch.relu(self.norm2(y)))
-
-
-class SmallResNet(nn.Module):
-    """A ResNet for images of 32 to 64 px, small enough to train on a CPU.
-
-    Args:
-        num_classes: number of logits.
-        width: channels of the stem; the two stages have twice and four times as many.
-        stride: of the stem. 2 is for 48 px and more, where full resolution costs most of the time
-            and changes little; 1 for images of 32 px.
-
-    Takes images (B, 3, H, W), float in [0, 1], and returns logits (B, num_classes). The input is
-    centred inside, so an attack in [0, 1] needs no wrapper.
-    """
-
-    def __init__(self, num_classes: int, width: int = 16, stride: int = 2) -> None:
-        super().__init__()
-        if num_classes < 1 or width < 1:
-            raise ValueError(
-                f"SmallResNet got num_classes={num_classes} and width={width}; both must be at "
-                "least 1. Please pass positive integers."
-            )
-        self.stem = nn.Conv2d(3, width, 3, stride, 1, bias=False)
-        self.blocks = nn.Sequential(
-            ResidualBlock(width, 2 * width, stride=2),
-            ResidualBlock(2 * width, 2 * width),
-            ResidualBlock(2 * width, 4 * width, stride=2),
-            ResidualBlock(4 * width, 4 * width),
-        )
-        self.norm = nn.BatchNorm2d(4 * width)
-        self.head = nn.Linear(4 * width, num_classes)
-
-    def forward(self, images: Tensor) -> Tensor:
-        x = self.blocks(self.stem((images - 0.5) * 4.0))
-        return self.head(torch.relu(self.norm(x)).mean((2, 3)))
-
+from training.small_resnet import OWN, SmallResNet
 
 # The auxiliary heads serve training from scratch in the original recipes, and turn the output into
 # a tuple. transform_input undoes the ImageNet normalisation that every other torchvision model
@@ -78,8 +20,6 @@ class SmallResNet(nn.Module):
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
-# the project's own models: channels and stride of their stems
-STEMS = {"small_resnet": (16, 2), "small_resnet_x2": (32, 2), "small_resnet_full": (16, 1)}
 # How checkpoints name the state_dict that they hold, and what wrappers put before its names.
 _HOLDERS = ("state_dict", "model_state_dict", "model")
 _WRAPPERS = ("module.", "model.", "_orig_mod.")
@@ -93,12 +33,12 @@ def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = 
     """
     # in this layout convolutions are up to twice as fast on CPU
     model = build(name, num_classes, weights, whole=whole).to(memory_format=torch.channels_last)
-    return model if name in STEMS else Normalized(model)
+    return model if name in OWN else Normalized(model)
 
 
 def names() -> list[str]:
     """Return every name that `build` knows, own models first."""
-    return [*STEMS, *torchvision.models.list_models(module=torchvision.models)]
+    return [*OWN, *torchvision.models.list_models(module=torchvision.models)]
 
 
 def build(
@@ -107,9 +47,8 @@ def build(
     """Return a classifier by name, freshly initialised or with weights.
 
     Args:
-        name: "small_resnet", "small_resnet_x2" with twice the channels, "small_resnet_full", which
-            keeps the full resolution of its input (all take [0, 1] images), or any torchvision
-            classifier (its ImageNet normalisation is the caller's to apply).
+        name: one of `small_resnet.OWN`, which take [0, 1] images, or any torchvision classifier,
+            whose ImageNet normalisation is the caller's to apply.
         num_classes: number of logits.
         weights: a file with a state_dict, or a checkpoint that holds one as "state_dict",
             "model_state_dict" or "model", with or without a wrapper's "module.", "model." or
@@ -127,7 +66,7 @@ def build(
         hint = f" Closest: {', '.join(closest)}." if closest else ""
         raise ValueError(
             f"There is no model named {name!r}.{hint} "
-            f"Please use {', '.join(map(repr, STEMS))}, or a name from "
+            f"Please use {', '.join(map(repr, OWN))}, or a name from "
             "torchvision.models.list_models(module=torchvision.models)."
         )
     if num_classes < 1:
@@ -143,8 +82,8 @@ def build(
 
 
 def _fresh(name: str, num_classes: int) -> nn.Module:
-    if name in STEMS:
-        return SmallResNet(num_classes, *STEMS[name])
+    if name in OWN:
+        return SmallResNet(num_classes, **OWN[name])
     return torchvision.models.get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
 
 
@@ -156,7 +95,7 @@ def _state(name: str, weights: str) -> Mapping[str, Tensor]:
 
 
 def _published_names(name: str) -> list[str]:
-    if name in STEMS:
+    if name in OWN:
         return []
     return list(torchvision.models.get_model_weights(name).__members__)
 

@@ -43,7 +43,7 @@ def test_a_run_leaves_what_it_promises(whole):
         "moire_at",
         0,
         "signs",
-        "small_resnet",
+        "attention_resnet",
     )
     assert (
         m["train"]["epochs"] == 2
@@ -91,9 +91,9 @@ def test_a_run_prints_no_line_but_its_own(whole):
     assert [line for line in done.stderr.splitlines() if not line.startswith(once)] == []
     own = (
         r"The (start|baseline) comes first: recipe \w+, with the same settings\.",
-        r"Training small_resnet on signs, recipe \w+: 2 epochs( after the 2 of its start)?, lr \S+",
+        r"Training attention_resnet on signs, recipe \w+: 2 epochs( after the 2 of its start)?, lr .*",
         r"Epoch [12] of 2: loss \S+, val_clean \S+(, val_perturbed \S+)?, val_score \S+",
-        r"signs, small_resnet, screen_photo, n = 24, accuracy in %, eps in 1/255",
+        r"signs, attention_resnet, screen_photo, n = 24, accuracy in %, eps in 1/255",
         r" +eps( +codes +dB)?( +[a-z_]+)+ +(gain \[95 %\]|95 %)",
         r"(clean image|dimmed|photo|moiré|Moiré Attack|targeted|PGD|worst of)\b.*",
         r"codes, dB: largest change of a code of 255, and PSNR, .*",
@@ -184,7 +184,7 @@ def test_the_gain_is_against_the_baseline_and_not_against_the_start():
         "recipe": "x",
         "seed": 0,
         "data": "signs",
-        "model": "small_resnet",
+        "model": "attention_resnet",
         "clean_accuracy": 0.0,
         "train": None,
         "reattack": [],

@@ -10,6 +10,7 @@ from tests.training.small import TINY, configured
 from training import guard
 from training.batches import Batches
 from training.models import build
+from training.schema import Config
 from training.train import classifier_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -106,7 +107,7 @@ def test_options_of_training_train(tmp_path):
 @pytest.mark.parametrize(("given", "moves"), [(None, False), (True, True), (False, False)])
 def test_fine_tuning_keeps_the_weights_own_statistics(given, moves, tmp_path):
     path = tmp_path / "weights.pt"
-    torch.save(build("small_resnet", 16).state_dict(), path)
+    torch.save(build(Config.model, 16).state_dict(), path)
     setting = f"train.batch_statistics={'null' if given is None else given}"
     model, _, _ = trained(tmp_path, f"weights={path}", setting)
     statistics = {k: v for k, v in model.model.state_dict().items() if "running" in k}

@@ -5,34 +5,46 @@ import torch
 from torch import nn
 
 from training import models
+from training.small_resnet import OWN, AttentionPooling, SmallResNet
 
 
 @pytest.mark.parametrize("size", [(32, 32), (48, 48), (64, 64), (33, 47)])
 @pytest.mark.parametrize("width", [4, 16])
-def test_small_resnet_maps_images_to_logits(size, width):
-    logits = models.SmallResNet(7, width)(torch.rand(2, 3, *size))
+@pytest.mark.parametrize("heads", [0, 1, 3])
+def test_small_resnet_maps_images_to_logits(size, width, heads):
+    logits = SmallResNet(7, width, heads=heads)(torch.rand(2, 3, *size))
     assert logits.shape == (2, 7) and logits.isfinite().all()
 
 
 def test_small_resnet_is_small():
-    assert (
-        80_000
-        < sum(parameter.numel() for parameter in models.SmallResNet(16).parameters())
-        < 200_000
-    )
+    assert 80_000 < sum(parameter.numel() for parameter in SmallResNet(16).parameters()) < 200_000
 
 
-def test_every_parameter_and_the_image_receive_a_gradient():
-    model, images = models.SmallResNet(5, 4), torch.rand(4, 3, 32, 32, requires_grad=True)
+@pytest.mark.parametrize("heads", [0, 2])
+def test_every_parameter_and_the_image_receive_a_gradient(heads):
+    torch.manual_seed(0)
+    model = SmallResNet(5, 4, activation=nn.SiLU, heads=heads)
+    images = torch.rand(4, 3, 32, 32, requires_grad=True)
     nn.functional.cross_entropy(model(images), torch.arange(4)).backward()
-    assert all(
-        parameter.grad is not None and parameter.grad.any() for parameter in model.parameters()
-    )
+    for parameter in model.parameters():
+        assert parameter.grad is not None and parameter.grad.any()
     assert images.grad.any()
 
 
+def test_attention_pooling_takes_the_mean_where_it_attends():
+    x = torch.rand(2, 3, 4, 5, dtype=torch.float64)
+    pool = AttentionPooling(3, heads=2).double()
+    pool.score.weight.data.zero_()
+    everywhere = x.mean((2, 3))
+    assert torch.allclose(pool(x), torch.cat([everywhere, everywhere], 1))
+    # the second head attends to where the first channel is large: to a single position
+    pool.score.weight.data[1, 0] = 1000
+    x[:, 0, 1, 2] = 2
+    assert torch.allclose(pool(x), torch.cat([x.mean((2, 3)), x[:, :, 1, 2]], 1))
+
+
 def test_small_resnet_leaves_its_input_alone_and_centres_it():
-    model, images = models.SmallResNet(5, 4).eval(), torch.full((1, 3, 32, 32), 0.5)
+    model, images = SmallResNet(5, 4).eval(), torch.full((1, 3, 32, 32), 0.5)
     seen = []
     model.stem.register_forward_hook(lambda module, inputs, output: seen.append(inputs[0]))
     model(images)
@@ -45,7 +57,7 @@ def test_small_resnet_learns():
     images = torch.rand(32, 3, 32, 32, generator=generator) * 0.5
     images[labels == 1, :, :16] += 0.3
     torch.manual_seed(0)
-    model = models.SmallResNet(2, 4)
+    model = SmallResNet(2, 4)
     optimiser = torch.optim.SGD(model.parameters(), 0.05, momentum=0.9)
     for _ in range(15):
         optimiser.zero_grad()
@@ -57,12 +69,12 @@ def test_small_resnet_learns():
 @pytest.mark.parametrize("arguments", [(0, 16), (5, 0)])
 def test_small_resnet_refuses_empty_layers(arguments):
     with pytest.raises(ValueError, match="at least 1"):
-        models.SmallResNet(*arguments)
+        SmallResNet(*arguments)
 
 
 def test_own_models_take_images_as_they_are_and_differ_in_their_stems():
-    built = {name: models.as_model(name, 5, None) for name in models.STEMS}
-    assert all(isinstance(model, models.SmallResNet) for model in built.values())
+    built = {name: models.as_model(name, 5, None) for name in OWN}
+    assert all(isinstance(model, SmallResNet) for model in built.values())
     assert built["small_resnet_x2"].head.in_features == 2 * built["small_resnet"].head.in_features
     images = torch.rand(1, 3, 32, 32)
     assert built["small_resnet"].stem(images).shape[-1] == 16
@@ -83,6 +95,7 @@ def test_names_hold_classifiers_only():
         "small_resnet",
         "small_resnet_x2",
         "small_resnet_full",
+        "attention_resnet",
         "squeezenet1_1",
         "shufflenet_v2_x0_5",
         "mnasnet0_5",

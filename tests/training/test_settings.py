@@ -184,6 +184,7 @@ def test_ranks_and_steps_draw_differently(monkeypatch):
     ("flags", "asked", "got"),
     [
         ("avx512f amx_bf16 amx_tile", None, "bf16-mixed"),
+        ("avx512f avx512_bf16", None, "bf16-mixed"),
         ("avx512f", None, "32-true"),
         (None, None, "32-true"),  # no such file
         ("avx512f amx_bf16", "32-true", "32-true"),

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from training import models
+from training.small_resnet import SmallResNet
 
 
 def saved(model, path):
@@ -148,7 +149,7 @@ def test_weights_of_another_model_are_refused_even_with_other_classes(tmp_path):
 
 
 def test_weights_of_another_width_are_refused(tmp_path):
-    path = saved(models.SmallResNet(7, width=8), tmp_path / "weights.pth")
+    path = saved(SmallResNet(7, width=8), tmp_path / "weights.pth")
     with pytest.raises(ValueError, match="of another shape"):
         models.build("small_resnet", 7, path)
 
