@@ -6,17 +6,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from moireaug.engine.codes import codes_of_row, tone_of, workspace
 from moireaug.engine.compiling import copy, fill, inner, part
 from moireaug.engine.detail import above, enter, filter_of, filter_row, needed
-from moireaug.engine.develop import (
-    along,
-    blank,
-    codes_of_row,
-    gather,
-    sources,
-    tone_of,
-    workspace,
-)
+from moireaug.engine.develop import along, blank, gather, sources
 from moireaug.engine.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)

@@ -1,0 +1,216 @@
+"""A row of a reading as codes: saturation, demosaicing, white balance and encoding."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine.compiling import fill, inner, loop
+from moireaug.engine.record import LANES
+from moireaug.engine.tables import encode
+from moireaug.engine.vectors import add_taps
+
+ZERO, ONE = np.float32(0), np.float32(1)
+TWO = np.float32(2)
+SITES = 4
+
+
+class Workspace(NamedTuple):
+    """The rows that a development works on.
+
+    Args:
+        step: sensor rows, and columns, of a cell. width, lanes: a cell row's pixels, and those with
+            padding.
+        colours: (4 sites * 3 * lanes,) float32, the colours of a cell row.
+        ring: (3, ...) float32, prepared cell rows. held: (3,), which ones.
+    """
+
+    step: int
+    width: int
+    lanes: int
+    colours: np.ndarray
+    ring: np.ndarray
+    held: np.ndarray
+
+
+@loop
+def workspace(codes, w):
+    """Return the Workspace of readings w wide."""
+    lanes = (w + LANES - 1) // LANES * LANES
+    held = np.empty(3, np.int64)
+    fill(held, -1)
+    return Workspace(
+        2 if codes.mosaic else 1,
+        w,
+        lanes,
+        np.zeros(SITES * 3 * lanes, np.float32),
+        np.zeros((3, SITES * (lanes + LANES)), np.float32),
+        held,
+    )
+
+
+@inner
+def counts(rows, row):
+    """Return whether any photo pixel is made from this sensor row."""
+    return rows.first[row] <= rows.last[row]
+
+
+@inner
+def _prepare(out, raw, saturates, levels):
+    """Copy a plane's row (w,) to out (w + 2,), its end values repeated: saturated if `saturates`,
+    and rounded if levels > 0."""
+    w = len(raw)
+    for i in range(w):
+        value = raw[i]
+        if saturates:
+            value = min(value, ONE)
+        out[i + 1] = value
+    if levels > 0:
+        for i in range(w):
+            out[i + 1] = np.rint(min(max(out[i + 1], ZERO), ONE) * levels) / levels
+    out[0], out[w + 1] = out[1], out[w]
+
+
+@inner
+def _mix(red, green, blue, matrix):
+    """Multiply the colours of a row by a matrix (3, 3), in place."""
+    rr, rg, rb = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    gr, gg, gb = matrix[1, 0], matrix[1, 1], matrix[1, 2]
+    br, bg, bb = matrix[2, 0], matrix[2, 1], matrix[2, 2]
+    for i in range(len(red)):
+        r, g, b = red[i], green[i], blue[i]
+        red[i] = rr * r + rg * g + rb * b
+        green[i] = gr * r + gg * g + gb * b
+        blue[i] = br * r + bg * g + bb * b
+
+
+class Tone(NamedTuple):
+    """How one image's light becomes codes; see `record.Codes`. Passing it costs little, unlike a
+    record of arrays."""
+
+    coded: bool
+    toned: bool
+    shoulder: np.float32
+    contrast: np.float32
+    brighten: np.float32
+
+
+@inner
+def tone_of(codes, image):
+    """Return an image's Tone."""
+    return Tone(
+        codes.coded,
+        codes.toned,
+        codes.shoulder[image],
+        codes.contrast[image],
+        codes.brighten[image],
+    )
+
+
+@inner
+def _code(out, gain, tone):
+    """Turn a row of an image's light into codes, in place."""
+    shoulder, contrast = tone.shoulder, tone.contrast
+    if tone.coded:
+        for i in range(len(out)):
+            out[i] = encode(out[i] * gain)
+    else:
+        for i in range(len(out)):
+            out[i] *= gain
+    if tone.toned:
+        for i in range(len(out)):
+            x = min(max(out[i], ZERO), ONE)
+            x *= (ONE + shoulder) / (ONE + shoulder * x)
+            out[i] = x + contrast * (TWO * x - ONE) * x * (ONE - x)
+    for i in range(len(out)):
+        out[i] = min(max(out[i] + tone.brighten, ZERO), ONE)
+
+
+@inner
+def _colours(colours, ring, y, h, lanes, stencil, rows):
+    """Fill colours (4 sites * 3 * lanes,) with the colours of cell row y, from the prepared rows in
+    `ring`."""
+    fill(colours, ZERO)
+    for site in range(SITES):
+        if not counts(rows, 2 * y + site // 2):
+            continue
+        for channel in range(3):
+            for dy in range(-1, 2):
+                row = min(max(y + dy, 0), h - 1) % 3
+                first = stencil.first[site, channel, dy + 1]
+                count = stencil.count[site, channel, dy + 1]
+                if not count:
+                    continue
+                start = (site * 3 + channel) * lanes
+                add_taps(
+                    colours,
+                    start,
+                    lanes,
+                    stencil.weight,
+                    first,
+                    count,
+                    ring[row],
+                    stencil.offset,
+                    0,
+                )
+
+
+@inner
+def _fill(ring, held, raw, y, saturates, levels, wide):
+    """Prepare cell row y of the packed planes in the ring, unless it is there already."""
+    if held[y % 3] == y:
+        return
+    w = raw.shape[2]
+    for plane in range(SITES):
+        start = plane * wide
+        _prepare(ring[y % 3, start : start + w + 2], raw[plane, y], saturates, levels)
+    held[y % 3] = y
+
+
+@inner
+def light_of_row(work, raw, y, codes):
+    """Fill the workspace's colours with those of row y of raw: of four sites, or of one where the
+    sensor has no colour filters."""
+    _, h, w = raw.shape
+    lanes, ring, saturates, levels = work.lanes, work.ring, codes.saturates, codes.levels
+    if codes.mosaic:
+        wide = ring.shape[1] // SITES
+        for dy in range(-1, 2):
+            _fill(ring, work.held, raw, min(max(y + dy, 0), h - 1), saturates, levels, wide)
+        _colours(work.colours, ring, y, h, lanes, codes.stencil, codes.rows)
+        return
+    for channel in range(3):
+        _prepare(ring[0], raw[channel, y], saturates, levels)
+        for i in range(w):
+            work.colours[channel * lanes + i] = ring[0, i + 1]
+
+
+@inner
+def mix_row(colours, r, step, lanes, w, matrix):
+    """Multiply the colours of one row of a cell, its even and its odd columns, by a matrix."""
+    for c in range(step):
+        start = (r * 2 + c) * 3 * lanes
+        _mix(
+            colours[start : start + w],
+            colours[start + lanes : start + lanes + w],
+            colours[start + 2 * lanes : start + 2 * lanes + w],
+            matrix,
+        )
+
+
+@inner
+def codes_of_row(work, raw, y, codes, tone, image):
+    """Fill the workspace's colours with the codes of row y of raw."""
+    w, lanes, matrix = raw.shape[2], work.lanes, codes.matrix[image]
+    light_of_row(work, raw, y, codes)
+    for r in range(work.step):
+        if not counts(codes.rows, y * work.step + r):
+            continue
+        if codes.mixes:
+            mix_row(work.colours, r, work.step, lanes, w, matrix)
+        for channel in range(3):
+            gain = ONE if codes.mixes else matrix[channel, channel]
+            for c in range(work.step):
+                start = ((r * 2 + c) * 3 + channel) * lanes
+                _code(work.colours[start : start + w], gain, tone)
