@@ -3,8 +3,8 @@
     python benchmarks/training_steps.py
 
 A step is forward, backward and update of `training.classifier.Classifier` on one batch of
-photographs: small_resnet at 48 px, where the camera weighs as much as the network, and resnet18 at
-224 px, where it does not. Loading is the DataLoader of `training.batches` over a folder of JPEG
+photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at 224
+px, beside which it does not. Loading is the DataLoader of `training.batches` over a folder of JPEG
 files, made for the purpose. Prints three tables and writes results/training_steps.json.
 """
 
@@ -34,7 +34,7 @@ from training.train import classifier_of
 
 # models: name, batch, side of its images
 FULL = {
-    "models": (("small_resnet", 64, 48), ("resnet18", 8, 224)),
+    "models": (("attention_resnet", 64, 48), ("resnet18", 8, 224)),
     "repeats": 9,
     "files": 192,
     "sides": (48, 256),
