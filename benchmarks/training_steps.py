@@ -3,9 +3,9 @@
     python benchmarks/training_steps.py
 
 A step is forward, backward and update of `training.classifier.Classifier` on one batch of
-photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at 224
-px, beside which it does not. Loading is the DataLoader of `training.batches` over a folder of JPEG
-files, made for the purpose. Prints three tables and writes results/training_steps.json.
+photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at
+224 px, beside which it does not. Loading is the DataLoader of `training.batches` over a folder of
+JPEG files, made for the purpose. Prints three tables and writes results/training_steps.json.
 """
 
 from __future__ import annotations
