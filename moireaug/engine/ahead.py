@@ -23,6 +23,8 @@ shot = Scene.preset("screen_photo").sample(1, (8, 8))
 raw = torch.zeros(shot.raw_shape(), requires_grad=True)
 develop(raw, shot).sum().backward()
 """
+# -P: a torch.py in the folder that somebody works in is not what the code means
+ARGUMENTS = ("-P", "-c", CODE, str(ROOT))
 
 
 def start(folder: str | None) -> None:
@@ -41,7 +43,7 @@ def start(folder: str | None) -> None:
     try:
         Path(folder, "ahead").touch(exist_ok=False)
         process = subprocess.Popen(
-            [sys.executable, "-c", CODE, str(ROOT)],
+            [sys.executable, *ARGUMENTS],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
