@@ -8,7 +8,7 @@ import torch
 
 from tests.training.frontier_runs import put
 from tests.training.tiny_suites import configured
-from training import models
+from training import attacking, models, reattack
 from training.attacking import protocol_of
 from training.data import load
 from training.schema import as_config
@@ -53,3 +53,10 @@ def weights(tmp_path_factory):
         model.head.bias[label] += logits.max() - logits[label] + 1e-3
     torch.save(model.state_dict(), path)
     return path
+
+
+@pytest.fixture
+def nothing_attacked(monkeypatch):
+    """No time may be spent."""
+    for module, name in ((attacking.Plan, "run"), (reattack, "load")):
+        monkeypatch.setattr(module, name, lambda *args, **settings: pytest.fail("time was spent"))

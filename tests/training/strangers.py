@@ -4,7 +4,7 @@ import torch
 from omegaconf import OmegaConf
 
 from tests.training.small import TINY, configured
-from training import models, runs, signs
+from training import models, reattack, runs, signs
 from training.schema import as_values
 
 
@@ -42,3 +42,9 @@ def images(root, *classes):
                     torch.full((3, 24, 24), 60 * k, dtype=torch.uint8), str(path / f"{k}.png")
                 )
     return root
+
+
+def attack(folder, *given):
+    """Attack a run as the command does."""
+    given = [f"run={folder}", "trainer.accelerator=cpu", *given]
+    return reattack.reattack(configured(*given, name="reattack"), given)

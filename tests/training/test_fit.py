@@ -6,10 +6,9 @@ import re
 import shutil
 
 import pytest
-import torch
 
 from tests.training.small import BRIEF, TINY, command, configured, inside, train
-from training import fit, reattack, runs, saved
+from training import fit, runs, saved
 from training.data import load
 from training.results import compare
 from training.train import train_model
@@ -260,46 +259,6 @@ def test_reattack_of_a_run(whole):
     assert m["baseline"]["recipe"] == "baseline" and m["baseline"]["reattack"][0]["n"] == 12
     assert m["start"]["recipe"] == "clean" and m["start"]["reattack"][0]["n"] == 12
     assert path.with_name("report.html").is_file()
-
-
-def test_reattack_of_weights_on_a_folder(tmp_path):
-    from torchvision.io import write_png
-    from torchvision.models import get_model
-
-    for i, folder in enumerate(("n01", "n02")):
-        (tmp_path / "images" / folder).mkdir(parents=True)
-        for k in range(3):
-            write_png(
-                torch.full((3, 40, 50), 80 * i + 20 * k, dtype=torch.uint8),
-                str(tmp_path / "images" / folder / f"{k}.png"),
-            )
-    (tmp_path / "labels.csv").write_text("wnid,class_index\nn01,7\nn02,123\n")
-    torch.manual_seed(0)
-    torch.save(get_model("squeezenet1_1").state_dict(), tmp_path / "weights.pth")
-    cfg = configured(
-        "model=squeezenet1_1",
-        f"weights={tmp_path / 'weights.pth'}",
-        "data=folder",
-        f"data.root={tmp_path / 'images'}",
-        f"data.class_index={tmp_path / 'labels.csv'}",
-        "data.size=32",
-        "scene=paper_code",
-        "reattack.n=4",
-        "reattack.steps=1",
-        "reattack.batch_size=2",
-        f"runs={tmp_path / 'runs'}",
-        name="reattack",
-    )
-    metrics = reattack.reattack(cfg, [])
-    assert (
-        metrics["baseline"] is None
-        and metrics["start"] is None
-        and metrics["reattack"][0]["n"] == 4
-    )
-    (page,) = (tmp_path / "runs/reattack/squeezenet1_1").glob(
-        "folder-images-paper_code-n4-steps1-*/ladder/report.html"
-    )
-    assert page.stat().st_size > 10_000
 
 
 def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):

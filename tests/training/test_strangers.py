@@ -1,5 +1,4 @@
-"""A run's folder from a stranger is data, and settings that an attack on it would ignore are
-refused before it begins."""
+"""A run's folder from a stranger is data: nothing in it runs, and its text is not resolved."""
 
 import json
 import os
@@ -10,8 +9,8 @@ import torch
 import yaml
 
 from tests.training.small import TINY, command, configured
-from tests.training.strangers import images, put
-from training import attacking, overrides, reattack, runs, saved, signs
+from tests.training.strangers import attack, put
+from training import overrides, runs, saved, signs
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -20,18 +19,6 @@ pathlib.Path(__file__).with_name('it_ran').touch()
 def clean(images):
     return images
 """
-
-
-def attack(folder, *given):
-    given = [f"run={folder}", "trainer.accelerator=cpu", *given]
-    return reattack.reattack(configured(*given, name="reattack"), given)
-
-
-@pytest.fixture
-def nothing_attacked(monkeypatch):
-    """No time may be spent."""
-    for module, name in ((attacking.Plan, "run"), (reattack, "load")):
-        monkeypatch.setattr(module, name, lambda *args, **settings: pytest.fail("time was spent"))
 
 
 def added(line):
@@ -213,81 +200,6 @@ def test_a_run_that_is_data_is_attacked_and_its_settings_are_read_back(tmp_path)
     )
     (path,) = folder.glob("reattack/*-paper_code-*/ladder/metrics.json")
     assert "oc.env" not in path.read_text()
-
-
-REFUSED = [
-    (["model=resnet18"], r"model= does not go with run=\S+, which has its own model"),
-    (["weights=FILE"], "weights= does not go with run="),
-    (["runs=elsewhere"], "runs= does not go with run=.* a report into its own folder"),
-    (["+recipe=moire_at"], "recipe= says how a model is trained"),
-    (["seed=3"], "seed= says how a model is trained.* reattack.seed is the attack's"),
-    (["train.lr=0.2"], "train.lr= says how a model is trained"),
-    (["adversary.eps=0.2"], "adversary.eps= says how"),
-    (["resume=true"], "resume= says how"),
-    (["data.augment=shift"], "data.augment= says how"),
-    (
-        ["targets={resnet18: FILE}"],
-        "targets= is for suite=transfer or paper or trust; suite=ladder has no use",
-    ),
-    (
-        ["demoire=torch:relu", "suite=jpeg"],
-        "demoire= is for suite=defences or demoireing or paper; suite=jpeg",
-    ),
-    (["networks=DIR", "suite=jpeg"], "networks= is for suite=demoireing or paper; suite=jpeg"),
-    (["trainer.devices=2"], "trainer.devices= has no effect here"),
-    (["trainer.precision=bf16-mixed", "suite=jpeg"], "trainer.precision= has no effect here"),
-    (["reattack.n=0"], "reattack.n must be at least 1; got 0"),
-    (["reattack.steps=-1"], r"reattack.steps must be in \[0, 100000\]; got -1"),
-    (["suite=defenses"], "suite must be one of"),
-]
-
-
-@pytest.mark.parametrize(("given", "message"), REFUSED, ids=[" ".join(r[0]) for r in REFUSED])
-def test_what_an_attack_on_a_run_cannot_obey_is_refused(given, message, tmp_path, nothing_attacked):
-    folder = put(tmp_path)
-    with pytest.raises(ValueError, match=message):
-        attack(folder, *given)
-    assert not (folder / "reattack").exists()
-
-
-@pytest.mark.parametrize("given", ["train.lr=0.2", "+recipe=clean", "seed=1"])
-def test_weights_are_attacked_without_settings_of_training(given, nothing_attacked):
-    given = ["model=resnet18", "weights=DEFAULT", given]
-    with pytest.raises(ValueError, match="says how a model is trained"):
-        reattack.reattack(configured(*given, name="reattack"), given)
-
-
-@pytest.mark.parametrize(
-    ("trained_on", "classes", "message"),
-    [
-        ("ab", "abc", "was trained on 2 classes, and the data folder has 3"),
-        ("abc", "abd", "class 2 of .* is 'c', and 'd' in the data folder"),
-        ("abc", "abc", None),
-    ],
-)
-def test_data_of_other_classes_is_refused(trained_on, classes, message, tmp_path, monkeypatch):
-    folder = put(
-        tmp_path / "runs",
-        "data=folder",
-        "data.size=24",
-        "data.root=gone",
-        classes=tuple(trained_on),
-    )
-    root = images(tmp_path / "images", *classes)
-    seen = []
-    monkeypatch.setattr(
-        reattack, "suite_config", lambda cfg, *_: seen.append(cfg) or pytest.skip("reached")
-    )
-    given = ["data=folder", f"data.root={root}", "suite=jpeg", "data.val=1"]
-    if message:
-        with pytest.raises(ValueError, match=message):
-            attack(folder, *given)
-        assert not seen
-        given[2] = f"suite=transfer\ttargets={{other: {folder}}}"
-    else:
-        with pytest.raises(pytest.skip.Exception):
-            attack(folder, *given)
-        assert seen[0].data.size == 24, "the size that the model was trained on"
 
 
 def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):

@@ -1,0 +1,69 @@
+"""Settings and input that no attack takes, and what each is told."""
+
+import math
+
+import pytest
+
+from moireaug.attacks import CW, PGD, MoireAttack, Normalized, SquareMoire
+from moireaug.transforms import AdversarialMoire
+from tests.attacks.common import SCENE
+
+BAD = [
+    (lambda m, x, y: MoireAttack(model=m, eps=-0.1), "eps must be a number >= 0"),
+    (lambda m, x, y: MoireAttack(model=m, eps=math.nan), "eps must be a number >= 0"),
+    (lambda m, x, y: MoireAttack(model=m, eps=[]), "eps must be a number >= 0"),
+    (lambda m, x, y: MoireAttack(model=m, eps=True), "eps must be a number >= 0"),
+    (lambda m, x, y: MoireAttack(m, scene=SCENE).walk(x * 255, y), "Divide them by 255"),
+    (lambda m, x, y: MoireAttack(model=m, eps=4), "Divide by 255?"),
+    (lambda m, x, y: MoireAttack(model=m, steps=-1), "steps must be an integer >= 0"),
+    (lambda m, x, y: MoireAttack(model=m, restarts=0), "restarts must be an integer >= 1"),
+    (lambda m, x, y: MoireAttack(model=m, eot=0), "eot must be an integer >= 1"),
+    (lambda m, x, y: MoireAttack(model=m, step_size=0), "step_size must be above 0"),
+    (lambda m, x, y: MoireAttack(m, steps=2, random_start=2.0), "for a single step"),
+    (lambda m, x, y: MoireAttack(model=m, loss="margins"), "Did you mean 'margin'?"),
+    (lambda m, x, y: MoireAttack(model=m, scene="papers"), "Did you mean 'paper'?"),
+    (lambda m, x, y: MoireAttack(m, rule="signs"), "Did you mean 'sign'?"),
+    (lambda m, x, y: MoireAttack(m, noise_at="raws"), "Did you mean 'raw'?"),
+    (lambda m, x, y: MoireAttack(m, rule="printed", eot=2), "needs eot = 1"),
+    (
+        lambda m, x, y: MoireAttack(m, scene=SCENE, rule="printed", optimise=("view",)),
+        "'printed' adds to the reading",
+    ),
+    (lambda m, x, y: PGD(m, rule="printed"), "a pixel attack has none"),
+    (
+        lambda m, x, y: PGD(lambda i: m(i)[:, :2], loss="dlr")(x, y * 0),
+        "at least 3 classes; got logits of 2",
+    ),
+    (lambda m, x, y: SquareMoire(m, rule="momentum"), "no use for rule = 'momentum'"),
+    (lambda m, x, y: SquareMoire(m, step_size=0.1), "no use for step_size"),
+    (lambda m, x, y: SquareMoire(m, eot=2), "no use for eot"),
+    (lambda m, x, y: SquareMoire(m)(x, y + 5), "the model's classes; got"),
+    (lambda m, x, y: CW(m, c=0), "c must be a finite number above 0"),
+    (lambda m, x, y: CW(m, lr=math.nan), "lr must be a finite number above 0"),
+    (lambda m, x, y: CW(m, confidence=-1), "confidence must be"),
+    (lambda m, x, y: CW(m, steps=1.5), "steps must be an integer >= 0"),
+    (lambda m, x, y: CW(m)(x, y, shot=SCENE.sample(6, (16, 16))), "no camera"),
+    (lambda m, x, y: CW(m)(x, y + 5), "the model's classes; got"),
+    (lambda m, x, y: CW(m)(x, y[:2]), "shape (6,)"),
+    (lambda m, x, y: PGD(model=m)(x, y + 5), "[0, 4], the model's classes; got"),
+    (lambda m, x, y: PGD(model=m)(x, y - 9), "class indices >= 0"),
+    (lambda m, x, y: PGD(model=m)(x, y.float()), "integer tensor"),
+    (lambda m, x, y: PGD(model=m)(x, y[:2]), "shape (6,)"),
+    (lambda m, x, y: PGD(model=m)(x, y, y + 7), "the model's classes"),
+    (lambda m, x, y: PGD(model=m)(x * 255, y), "lie in [0, 1]"),
+    (lambda m, x, y: PGD(model=m)(x, y, shot=SCENE.sample(6, (16, 16))), "no camera"),
+    (
+        lambda m, x, y: MoireAttack(model=m)(x, y, shot=SCENE.sample(2, (16, 16))),
+        "drawn for 2 images",
+    ),
+    (lambda m, x, y: PGD(model=lambda i: i)(x, y), "must return logits (B, K)"),
+    (lambda m, x, y: AdversarialMoire(m, p=2), "p must be a probability"),
+    (lambda m, x, y: Normalized(m, std=(0.1, 0.0, 0.1)), "every std must be above 0"),
+]
+
+
+@pytest.mark.parametrize(("do", "sentence"), BAD, ids=[b[1][:28] for b in BAD])
+def test_wrong_input_gets_a_sentence(do, sentence, model, batch):
+    with pytest.raises((ValueError, TypeError)) as error:
+        do(model, *batch)
+    assert sentence in str(error.value)

@@ -1,0 +1,52 @@
+"""Scenes and pictures that cannot be photographed: each gets a sentence with what is allowed."""
+
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
+
+REFUSED = [
+    (lambda: Panel(black=1.1), "Panel.black must lie in [0, 1]"),
+    (lambda: Panel(glare_x=0.6), "Panel.glare_x must lie in [-0.5, 0.5]"),
+    (lambda: Lens(motion_y=-21), "Lens.motion_y must lie in [-20, 20]"),
+    (lambda: Sensor(crosstalk=0.4), "Sensor.crosstalk must lie in [0, 0.3]"),
+    (lambda: Develop(contrast=-1.1), "Develop.contrast must lie in [-1, 1]"),
+    (lambda: Develop(shoulder=-0.1), "Develop.shoulder must lie in [0, 10]"),
+    (lambda: Develop(sharpen_radius=0), "Develop.sharpen_radius must lie in [0.3, 20]"),
+    (lambda: Lens(k1=-0.4), "fold the photo onto itself"),
+    (lambda: Lens(k1=(-0.1, 0.1), k2=(-0.5, 0.0)), "fold the photo onto itself"),
+    (lambda: View(yaw=90), "View.yaw must lie in [-89, 89]"),
+    (lambda: Panel(scale=0), "Panel.scale must lie in [0.001, 1000]"),
+    (lambda: Sensor(fill=0), "Sensor.fill must lie in [0.001, 1]"),
+    (lambda: View(zoom=1e-300), "View.zoom must lie in [0.001, 100]"),
+    (lambda: Sensor(bits=0), "Sensor.bits must be a whole number in [1, 16]"),
+    (lambda: Sensor(cfa="rgb"), "Sensor.cfa must be one of 'rggb', 'none'"),
+    (lambda: Develop(denoise="nl"), "Did you mean 'nlm'?"),
+    (lambda: Panel(scale=10**400), "Panel.scale must lie in"),
+    (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
+    (
+        lambda: Scene().sample(1, 8),
+        r"size (height, width) of at least 1 x 1 pixels; got n = 1, size = 8",
+    ),
+    (
+        lambda: capture(
+            torch.rand(1, 3, 4, 4), Scene().sample(1, (4, 4)), torch.full((1, 4, 2, 2), torch.nan)
+        ),
+        "finite",
+    ),
+    (lambda: Develop(jpeg=101), "Develop.jpeg must lie in [0, 100]"),
+    *[
+        (
+            lambda v=v: Scene().capture(torch.full((1, 3, 4, 4), v)),
+            "must be finite and lie in [0, 1]",
+        )
+        for v in (float("nan"), float("inf"), -0.2, 1.2)
+    ],
+]
+
+
+@pytest.mark.parametrize(("make", "sentence"), REFUSED, ids=range(len(REFUSED)))
+def test_what_cannot_be_photographed_is_refused(make, sentence):
+    with pytest.raises(ValueError) as error:
+        make()
+    assert sentence in str(error.value)

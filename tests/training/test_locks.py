@@ -1,0 +1,78 @@
+"""A run's folder belongs to one command at a time, and what is said where the system refuses."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+from tests.training.small import LONG, ROOT
+from training import commands, runs
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+import torch
+from torch.utils.data import DataLoader, TensorDataset
+from training import runs
+with runs.held(Path(sys.argv[1])):
+    data = TensorDataset(torch.zeros(8))
+    loader = DataLoader(
+        data, 1, num_workers=1, persistent_workers=True, multiprocessing_context="fork"
+    )
+    batches = iter(loader)
+    next(batches)
+    print("held", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_killed_command_gives_up_its_folder_at_once_though_its_workers_live_on(tmp_path):
+    folder = tmp_path / "runs/clean/seed0"
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(folder)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout.readline() == b"held\n"
+    workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    with pytest.raises(ValueError, match="another command is at work"), runs.held(folder):
+        pass
+    process.kill()
+    process.wait(LONG)
+    with runs.held(folder):
+        alive = [pid for pid in workers if Path(f"/proc/{pid}").exists()]
+    assert alive, "the worker ended before the folder was taken: this shows nothing"
+    process.stdout.close()
+
+
+def test_a_disk_without_locks_is_worked_on_without_one(tmp_path, monkeypatch):
+    def refuse(number):
+        def acquire(self):
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(FileLock, "_acquire", acquire)
+
+    refuse(errno.ENOLCK)
+    with runs.held(tmp_path / "seed0"):
+        pass
+    refuse(errno.EROFS)
+    with pytest.raises(OSError, match="Read-only"), runs.held(tmp_path / "seed0"):
+        pass
+
+
+def test_the_systems_own_errors_say_how_to_go_on():
+    full = commands.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
+    assert (
+        "No space left" in full
+        and "runs/report.html" in full
+        and "resume with the same command" in full
+    )
+    assert (
+        commands.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n"))
+        == "this."
+    )
+    assert commands.sentence(ValueError("this.")) == "this."

@@ -1,0 +1,126 @@
+"""The attack on given weights and on a run: what it writes, and settings that it would ignore are
+refused before it begins."""
+
+import pytest
+import torch
+
+from tests.training.small import configured
+from tests.training.strangers import attack, images, put
+from training import reattack
+
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
+
+def test_reattack_of_weights_on_a_folder(tmp_path):
+    from torchvision.io import write_png
+    from torchvision.models import get_model
+
+    for i, folder in enumerate(("n01", "n02")):
+        (tmp_path / "images" / folder).mkdir(parents=True)
+        for k in range(3):
+            write_png(
+                torch.full((3, 40, 50), 80 * i + 20 * k, dtype=torch.uint8),
+                str(tmp_path / "images" / folder / f"{k}.png"),
+            )
+    (tmp_path / "labels.csv").write_text("wnid,class_index\nn01,7\nn02,123\n")
+    torch.manual_seed(0)
+    torch.save(get_model("squeezenet1_1").state_dict(), tmp_path / "weights.pth")
+    cfg = configured(
+        "model=squeezenet1_1",
+        f"weights={tmp_path / 'weights.pth'}",
+        "data=folder",
+        f"data.root={tmp_path / 'images'}",
+        f"data.class_index={tmp_path / 'labels.csv'}",
+        "data.size=32",
+        "scene=paper_code",
+        "reattack.n=4",
+        "reattack.steps=1",
+        "reattack.batch_size=2",
+        f"runs={tmp_path / 'runs'}",
+        name="reattack",
+    )
+    metrics = reattack.reattack(cfg, [])
+    assert (
+        metrics["baseline"] is None
+        and metrics["start"] is None
+        and metrics["reattack"][0]["n"] == 4
+    )
+    (page,) = (tmp_path / "runs/reattack/squeezenet1_1").glob(
+        "folder-images-paper_code-n4-steps1-*/ladder/report.html"
+    )
+    assert page.stat().st_size > 10_000
+
+
+REFUSED = [
+    (["model=resnet18"], r"model= does not go with run=\S+, which has its own model"),
+    (["weights=FILE"], "weights= does not go with run="),
+    (["runs=elsewhere"], "runs= does not go with run=.* a report into its own folder"),
+    (["+recipe=moire_at"], "recipe= says how a model is trained"),
+    (["seed=3"], "seed= says how a model is trained.* reattack.seed is the attack's"),
+    (["train.lr=0.2"], "train.lr= says how a model is trained"),
+    (["adversary.eps=0.2"], "adversary.eps= says how"),
+    (["resume=true"], "resume= says how"),
+    (["data.augment=shift"], "data.augment= says how"),
+    (
+        ["targets={resnet18: FILE}"],
+        "targets= is for suite=transfer or paper or trust; suite=ladder has no use",
+    ),
+    (
+        ["demoire=torch:relu", "suite=jpeg"],
+        "demoire= is for suite=defences or demoireing or paper; suite=jpeg",
+    ),
+    (["networks=DIR", "suite=jpeg"], "networks= is for suite=demoireing or paper; suite=jpeg"),
+    (["trainer.devices=2"], "trainer.devices= has no effect here"),
+    (["trainer.precision=bf16-mixed", "suite=jpeg"], "trainer.precision= has no effect here"),
+    (["reattack.n=0"], "reattack.n must be at least 1; got 0"),
+    (["reattack.steps=-1"], r"reattack.steps must be in \[0, 100000\]; got -1"),
+    (["suite=defenses"], "suite must be one of"),
+]
+
+
+@pytest.mark.parametrize(("given", "message"), REFUSED, ids=[" ".join(r[0]) for r in REFUSED])
+def test_what_an_attack_on_a_run_cannot_obey_is_refused(given, message, tmp_path, nothing_attacked):
+    folder = put(tmp_path)
+    with pytest.raises(ValueError, match=message):
+        attack(folder, *given)
+    assert not (folder / "reattack").exists()
+
+
+@pytest.mark.parametrize("given", ["train.lr=0.2", "+recipe=clean", "seed=1"])
+def test_weights_are_attacked_without_settings_of_training(given, nothing_attacked):
+    given = ["model=resnet18", "weights=DEFAULT", given]
+    with pytest.raises(ValueError, match="says how a model is trained"):
+        reattack.reattack(configured(*given, name="reattack"), given)
+
+
+@pytest.mark.parametrize(
+    ("trained_on", "classes", "message"),
+    [
+        ("ab", "abc", "was trained on 2 classes, and the data folder has 3"),
+        ("abc", "abd", "class 2 of .* is 'c', and 'd' in the data folder"),
+        ("abc", "abc", None),
+    ],
+)
+def test_data_of_other_classes_is_refused(trained_on, classes, message, tmp_path, monkeypatch):
+    folder = put(
+        tmp_path / "runs",
+        "data=folder",
+        "data.size=24",
+        "data.root=gone",
+        classes=tuple(trained_on),
+    )
+    root = images(tmp_path / "images", *classes)
+    seen = []
+    monkeypatch.setattr(
+        reattack, "suite_config", lambda cfg, *_: seen.append(cfg) or pytest.skip("reached")
+    )
+    given = ["data=folder", f"data.root={root}", "suite=jpeg", "data.val=1"]
+    if message:
+        with pytest.raises(ValueError, match=message):
+            attack(folder, *given)
+        assert not seen
+        given[2] = f"suite=transfer\ttargets={{other: {folder}}}"
+    else:
+        with pytest.raises(pytest.skip.Exception):
+            attack(folder, *given)
+        assert seen[0].data.size == 24, "the size that the model was trained on"

@@ -1,0 +1,113 @@
+"""Settings of the command that makes pairs: what it refuses, and that it writes nothing then."""
+
+import csv
+import json
+
+import pytest
+from filelock import FileLock
+from PIL import Image
+
+from moireaug import Scene, Shot
+from tests.synthesis.folders import put
+from tests.training.pairs import FEW, hashes, made
+from training import synthesise
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return put(tmp_path / "pictures")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("n=12", "n: 10 there, 12 now"),
+        ("seed=3", "seed: 0 there, 3 now"),
+        ("encoding=jpeg", "encoding: png there, jpeg now"),
+        ("scene=screen_photo", "scene: another there"),
+        ("per_shard=5", "per_shard: 4 there, 5 now"),
+    ],
+)
+def test_other_settings_are_refused_in_the_same_folder(tmp_path, given, said):
+    before = made(tmp_path / "out", "shard=0/3")
+    with pytest.raises(SystemExit, match=r"holds a data set with other settings") as end:
+        made(tmp_path / "out", given)
+    assert said in end.value.code and hashes(tmp_path / "out") == before
+
+
+def test_other_pictures_are_refused_in_the_same_folder(tmp_path, folder):
+    made(tmp_path / "out", "shard=0/3")
+    Image.new("RGB", (50, 50)).save(folder / "new.png")
+    with pytest.raises(SystemExit, match="images: another there"):
+        made(tmp_path / "out")
+
+
+def test_a_folder_that_is_something_else_is_refused(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/000000.tar").write_text("of someone else")
+    with pytest.raises(SystemExit, match=r"holds files, but no dataset\.json"):
+        made(tmp_path / "out")
+    (tmp_path / "out/dataset.json").write_text("{")
+    with pytest.raises(SystemExit, match=r"dataset\.json is damaged"):
+        made(tmp_path / "out")
+    assert hashes(tmp_path / "out").keys() == {"000000.tar", "dataset.json"}
+
+
+def test_different_shards_do_not_lock_each_other_out(tmp_path):
+    made(tmp_path / "out", "shard=0/3")
+    with FileLock(tmp_path / "out/.shard-0-of-3.lock"):
+        made(tmp_path / "out", "shard=1/3")
+        with pytest.raises(SystemExit, match="another command is at work on shard=0/3"):
+            made(tmp_path / "out", "shard=0/3")
+    assert sorted(p.name for p in (tmp_path / "out").glob("0*")) == ["000000.tar", "000001.tar"]
+
+
+def test_a_scene_may_be_a_file(tmp_path):
+    (tmp_path / "dim.yaml").write_text("preset: phone_at_monitor\nsensor: {gain: 1.5}\n")
+    made(tmp_path / "out", "scene=dim.yaml", "shard=0/3", "format=imagefolder")
+    settings = json.loads((tmp_path / "out/dataset.json").read_text())["settings"]
+    with (tmp_path / "out/000000/metadata.csv").open() as file:
+        shots = [Shot.from_dict(json.loads(row["shot"])) for row in csv.DictReader(file)]
+    for scene in (Scene.from_dict(settings["scene"]), shots[0].scene):
+        assert scene.sensor.gain == 1.5
+        assert scene.view == Scene.preset("phone_at_monitor").view
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["sed=1"], r"a setting must be one of .*; got 'sed'. Did you mean 'seed'"),
+        (["twin"], "a setting is given as twin=VALUE"),
+        (["n=1e6"], r"n: Value '1e6' of type 'str' could not be converted to Integer"),
+        (["n=0"], "n must be an integer at least 1; got 0"),
+        (["out=null"], "out: "),
+        (["out=${DIR}"], "DIR"),
+        (["shard=3/3"], r"0 <= i < n, .*; got 3/3. It counts from 0: with Slurm, --array=0-15"),
+        (["shard=1"], "shard must be i/n"),
+        (["shard=/4"], "shard must be i/n"),
+        (["format=zip"], "format must be one of 'webdataset', 'imagefolder'"),
+        (["encoding=jpg"], "encoding must be one of .* Did you mean 'jpeg'"),
+        (["quality=90"], "PNG is lossless: leave it out"),
+        (["encoding=jpeg", "quality=0"], r"quality must be in \[1, 100\]; got 0"),
+        (["per_shard=0"], "per_shard must be at least 1"),
+        (["workers=-1"], r"workers must be in \[0, 1024\]"),
+        (["scene=paper"], "leaves its photos in the camera's frame"),
+        (["scene=none.yaml"], r"scene=none.yaml could not be read \(No such file or directory\)"),
+        (["images=nowhere"], "nowhere is not a folder"),
+        (["out=pictures/pairs"], "would be taken for pictures"),
+        (["out=pictures/class0/0.png"], "would be taken for pictures"),
+        (["out=file"], "cannot be a folder: there is a file of that name"),
+    ],
+)
+def test_a_wrong_command_line_gets_a_sentence_before_anything_is_written(tmp_path, given, said):
+    (tmp_path / "file").touch()
+    before = hashes(tmp_path)
+    with pytest.raises(SystemExit, match=f"^error: .*{said}"):
+        synthesise.main([*FEW, "images=pictures", "out=out", *given])
+    assert hashes(tmp_path) == before
+
+
+def test_what_must_be_given_is_asked_for():
+    with pytest.raises(SystemExit, match=r"^error: images, n, out must be given, as in: python"):
+        synthesise.main([])
