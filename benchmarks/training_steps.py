@@ -10,7 +10,6 @@ JPEG files, made for the purpose. Prints three tables and writes results/trainin
 
 from __future__ import annotations
 
-import itertools
 import sys
 import tempfile
 from collections.abc import Callable
@@ -27,7 +26,7 @@ from benchmarks import measure
 from benchmarks.problems import images
 from training import machine
 from training.adversaries import passes
-from training.batches import Batch, Batches
+from training.batches import Batches
 from training.data import load
 from training.schema import RECIPES, Config, as_config, register
 from training.train import classifier_of
@@ -102,40 +101,26 @@ def main() -> None:
 
 
 def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return a row for each model and recipe: the time of a step; of one that replays its batches,
-    the mean over a batch's visits."""
+    """Return a row for each model and recipe: the time of a step."""
     rows = []
     for model, batch, side in settings["models"]:
         configured, calls = {}, {}
         for path in sorted(RECIPES.glob("*.yaml")):
             cfg = configure(f"recipe={path.stem}", f"model={model}")
             configured[path.stem] = cfg
-            calls[path.stem] = repeated(step(cfg, batch, side), cfg.adversary.replays)
+            calls[path.stem] = step(cfg, batch, side)
         times = measure.timed_together(calls, settings["repeats"], budget=60.0)
-        each = {}
-        for name, cfg in configured.items():
-            each[name] = times[name] / cfg.adversary.replays
-        for name in sorted(each, key=lambda name: each[name].median):
+        for name in sorted(times, key=lambda name: times[name].median):
             rows.append(
                 {
                     "model": model,
                     "recipe": name,
-                    "seconds": each[name]._asdict(),
-                    "relative": each[name].median / each["clean"].median,
+                    "seconds": times[name]._asdict(),
+                    "relative": times[name].median / times["clean"].median,
                     "passes": passes(configured[name].adversary),
                 }
             )
     return rows
-
-
-def repeated(call: Callable[[], None], times: int) -> Callable[[], None]:
-    """Return a function that makes a call `times` times."""
-
-    def every() -> None:
-        for _ in range(times):
-            call()
-
-    return every
 
 
 def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
@@ -162,19 +147,18 @@ def configure(*overrides: str) -> Config:
 
 
 def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
-    """Return a step of training outside Lightning's loop; each call is the next visit of one
-    batch."""
+    """Return a step of training, always on the same batch, outside Lightning's loop."""
     torch.manual_seed(0)
     model = classifier_of(cfg, 16)
     model._strength, model.log = (lambda: 1.0), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
     optimizer = torch.optim.SGD(model.parameters(), 1e-3, momentum=0.9)
     shown = (images("photo", batch, side) * 255).to(torch.uint8)
-    labels, visits = torch.arange(batch) % 16, itertools.cycle(range(cfg.adversary.replays))
+    labels = torch.arange(batch) % 16
     half = machine.precision(cfg.trainer) == "bf16-mixed"
 
     def once() -> None:
         with torch.autocast("cpu", torch.bfloat16, enabled=half):
-            loss = model.training_step(Batch(shown, labels, visit=next(visits)), 0)
+            loss = model.training_step((shown, labels), 0)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -203,9 +187,7 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
                 cfg = configure(
                     *given, f"data.root={root}", f"data.workers={workers}", "data.val=2"
                 )
-                batches = Batches(
-                    load(cfg.data), cfg.train, cfg.adversary, workers=workers, seed=cfg.seed
-                )
+                batches = Batches(load(cfg.data), batch, workers=workers, seed=cfg.seed)
                 loader = batches.train_dataloader()
                 n = len(loader) * min(batch, settings["files"])
                 taken = measure.timed(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from torch import Tensor, nn
@@ -16,35 +15,6 @@ from training.schema import Adversary
 
 KINDS = ("none", "moire", "moire_attack", "pgd")
 STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
-
-
-@dataclass
-class Shown:
-    """Images under attack, whose noise moves on with the training step's own gradient.
-
-    Args:
-        render: noise to images (B, 3, H, W) in [0, 1], differentiable.
-        noise: what is rendered; after a backward pass its gradient is in `noise.grad`.
-    """
-
-    render: Callable[[Tensor], Tensor]
-    noise: Tensor
-
-    def images(self) -> Tensor:
-        return self.render(self.noise.requires_grad_(True))
-
-    def stepped(self, step: float, eps: float) -> Shown:
-        """Return the same images after a sign step along the last gradient, within eps.
-
-        Raises:
-            RuntimeError: `images` was not followed by a backward pass.
-        """
-        if self.noise.grad is None:
-            raise RuntimeError(
-                "the noise has no gradient: call backward on a loss of images() before stepped()."
-            )
-        moved = self.noise.detach() + step * eps * self.noise.grad.sign()
-        return replace(self, noise=moved.clamp(-eps, eps))
 
 
 class Adversaries:
@@ -72,35 +42,19 @@ class Adversaries:
         """
         if self.cfg.kind == "none":
             return images
-        if self.cfg.kind == "moire":
+        if self.attack is None:
             return self.photograph(images)
-        return self._attack_at(strength).last(images, labels, shot=self._shot(images))
+        attack = replace(self.attack, eps=strength * self.cfg.eps)
+        return attack.last(images, labels, shot=self._shot(images))
 
     def photograph(self, images: Tensor) -> Tensor:
         """Return photos of images (B, 3, H, W) in [0, 1], each by a random shot, unattacked."""
         return capture(images, self.scene.sample(len(images), _size(images)))
 
-    def show(self, images: Tensor, labels: Tensor, strength: float = 1.0) -> Shown:
-        """Return the attacked images as `Shown`, for recipes that replay them.
-
-        Raises:
-            ValueError: an adversary without an attack, "none" or "moire".
-        """
-        attack = self._attack_at(strength)
-        problem, point = attack.walk(images, labels, shot=self._shot(images))
-        return Shown(problem.render, point["noise"])
-
     def _shot(self, images: Tensor) -> Shot | None:
         if self.cfg.kind == "pgd":
             return None
         return self.scene.sample(len(images), _size(images))
-
-    def _attack_at(self, strength: float) -> Attack:
-        if self.attack is None:
-            raise ValueError(
-                f"the adversary {self.cfg.kind!r} has no attack: use moire_attack or pgd."
-            )
-        return replace(self.attack, eps=strength * self.cfg.eps)
 
 
 def _size(images: Tensor) -> tuple[int, int]:
@@ -134,14 +88,6 @@ def check(cfg: Adversary) -> None:
             "adversary.share and adversary.natural are parts of one batch and must not add up to "
             f"more than 1; got {cfg.share} and {cfg.natural}."
         )
-    for name in ("replays", "window"):
-        if getattr(cfg, name) < 1:
-            raise ValueError(f"adversary.{name} must be at least 1; got {getattr(cfg, name)}.")
-    if cfg.replays > 1 and cfg.kind not in ("moire_attack", "pgd"):
-        raise ValueError(
-            f"adversary.replays={cfg.replays} replays an attack's noise; the kind {cfg.kind!r} has "
-            "none. Use moire_attack or pgd, or replays=1."
-        )
 
 
 def strengthened(a: Adversary) -> Adversary:
@@ -159,4 +105,4 @@ def passes(cfg: Adversary) -> float:
     """Return the forward and backward passes per image in a training step."""
     if cfg.kind not in ("moire_attack", "pgd"):
         return 1.0
-    return 1 + cfg.share * cfg.steps / cfg.replays
+    return 1 + cfg.share * cfg.steps

@@ -31,8 +31,6 @@ BOUNDS: dict[str, tuple[float, float | None]] = {
     "adversary.step_size": (1e-6, 100),
     "adversary.warmup": (0, 1),
     "adversary.random_start": (0, 100),
-    "adversary.replays": (1, 1000),
-    "adversary.window": (1, None),
     "train.epochs": (1, None),
     "train.batch_size": (1, None),
     "train.lr": (1e-8, 10),

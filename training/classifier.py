@@ -13,9 +13,8 @@ from torch import Tensor, nn
 from moireaug.attacks import NoAnswerError, predicted
 from moireaug.evaluation.statistics import mix
 from moireaug.scene.scene import Scene
-from training.adversaries import STRONG, Adversaries, Shown, strengthened
+from training.adversaries import STRONG, Adversaries, strengthened
 from training.augmentation import augment
-from training.batches import Batch
 from training.models import as_model as as_model
 from training.schema import Adversary, Train
 from training.tuning import tuning
@@ -65,7 +64,6 @@ class Classifier(L.LightningModule):
         self.tuning = tuning(train, fine=fine)
         self.history: list[dict[str, float]] = []
         self.collapsed_at: int | None = None
-        self._kept: dict[int, tuple[Tensor, Shown]] = {}
         self._loss: list[Tensor] = []
         self._hits: dict[str, list[Tensor]] = {}
         self._began, self._trained = time.perf_counter(), 0.0
@@ -106,21 +104,18 @@ class Classifier(L.LightningModule):
         self.adversary = Adversaries(self.model, self.scene, strengthened(self.threat))
 
     def on_train_epoch_start(self) -> None:
-        self._loss, self._kept, self._began = [], {}, time.perf_counter()
+        self._loss, self._began = [], time.perf_counter()
 
-    def training_step(self, batch: tuple[Tensor, ...], index: int) -> Tensor:
+    def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
         # all draws follow from seed, epoch, batch and rank, so that a resumed run repeats them
         torch.manual_seed(mix(self.seed, self.current_epoch, index, self.global_rank))
-        drawn = Batch(*batch)  # type: ignore[arg-type]
+        images, labels = batch
+        images = augment(images.float() / 255, self.augment)
         try:
-            images, shown = self._turned(drawn)
+            images = self._turned(images, labels)
         except NoAnswerError:
             raise self._diverged("loss became nan", index) from None
-        if shown is not None:
-            images = torch.cat([shown.images(), images[len(shown.noise) :]])
-        loss = F.cross_entropy(
-            self(images), drawn.labels, label_smoothing=self.settings.label_smoothing
-        )
+        loss = F.cross_entropy(self(images), labels, label_smoothing=self.settings.label_smoothing)
         if not torch.isfinite(loss):
             raise self._diverged(f"loss became {loss.item()}", index)
         self._loss.append(loss.detach())
@@ -134,38 +129,18 @@ class Classifier(L.LightningModule):
             "the run's folder."
         )
 
-    def _augmented(self, batch: Batch) -> Tensor:
-        return augment(batch.images.float() / 255, self.augment)
-
-    def _turned(self, batch: Batch) -> tuple[Tensor, Shown | None]:
+    def _turned(self, images: Tensor, labels: Tensor) -> Tensor:
         """Return a batch's images: its first ones attacked, those after them photographed, the rest
-        clean; batches are shuffled, so that each part is random.
-
-        Where batches are replayed, all of this happens on the first visit. Later ones move the
-        noise along the gradient of the visit before, so that neither exposure nor network is
-        computed for the noise alone; the caller renders the attacked images from `Shown`.
-        """
-        cfg, strength = self.threat, self._strength()
-        if batch.visit and batch.slot in self._kept:  # a small batch may have no attacked images
-            images, shown = self._kept[batch.slot]
-            step = 1.0 if cfg.step_size is None else cfg.step_size
-            shown = shown.stepped(step, strength * cfg.eps)
-            self._kept[batch.slot] = images, shown
-            return images, shown
-        images = self._augmented(batch)
+        clean; batches are shuffled, so that each part is random."""
+        cfg = self.threat
         n = round(cfg.share * len(images)) if cfg.kind != "none" else 0
         end = n + round(cfg.natural * len(images))
         attacked, photos, clean = images[:n], images[n:end], images[end:]
         if len(photos):
             photos = self.adversary.photograph(photos)
-        if n and cfg.replays > 1:
-            shown = self.adversary.show(attacked, batch.labels[:n], strength)
-            images = torch.cat([attacked, photos, clean])
-            self._kept[batch.slot] = images, shown
-            return images, shown
-        if n:
-            attacked = self.adversary(attacked, batch.labels[:n], strength)
-        return torch.cat([attacked, photos, clean]), None
+        if len(attacked):
+            attacked = self.adversary(attacked, labels[:n], self._strength())
+        return torch.cat([attacked, photos, clean])
 
     def _strength(self) -> float:
         """Return the share of eps in force, which rises linearly over `adversary.warmup`."""
@@ -173,9 +148,6 @@ class Classifier(L.LightningModule):
         if not self.threat.warmup:
             return 1.0
         return min(1.0, (self.global_step + 1) / (self.threat.warmup * total))
-
-    def on_train_epoch_end(self) -> None:
-        self._kept = {}
 
     def on_validation_epoch_start(self) -> None:
         self._hits, self._trained = (

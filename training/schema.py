@@ -59,10 +59,6 @@ class Adversary:
     step_size: float | None = None  # in units of eps; null is min(1, 2.5 / steps)
     warmup: float = 0.0  # share of training over which eps rises from 0
     random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
-    # times that a batch is trained on, its noise moved along the gradient of the time before
-    replays: int = 1
-    # batches that are replayed in turn, held in memory with their photographs and noise
-    window: int = 16
 
 
 @dataclass

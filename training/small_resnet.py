@@ -114,4 +114,5 @@ OWN: dict[str, dict[str, Any]] = {
     "small_resnet_x2": {"width": 32},
     "small_resnet_full": {"width": 16, "stride": 1},
     "attention_resnet": {"width": 32, "activation": nn.SiLU, "heads": 4},
+    "attention_resnet_full": {"width": 16, "stride": 1, "activation": nn.SiLU, "heads": 4},
 }

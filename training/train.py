@@ -67,7 +67,11 @@ def train_model(
     if done:
         say(f"Resuming from {last} after {len(done)} epochs.")
     batches = Batches(
-        splits, cfg.train, cfg.adversary, workers=cfg.data.workers, seed=cfg.seed, first=len(done)
+        splits,
+        cfg.train.batch_size,
+        workers=cfg.data.workers,
+        seed=cfg.seed,
+        first=len(done),
     )
     trainer = trainer_of(cfg.trainer, classifier.tuning, cfg.train.epochs, out, splits.classes)
     began = time.perf_counter()

@@ -1,15 +1,12 @@
-"""What recipes train on: each one's batch, step and cost, and replayed noise."""
+"""What recipes train on: each one's batch, step and cost."""
 
 import pytest
 import torch
-import torch.nn.functional as F
 from torch import nn
 
-from moireaug.attacks import MoireAttack
 from moireaug.scene.scene import Scene
 from tests.training.small import TINY, configured
-from training.adversaries import Adversaries, Shown, check, passes
-from training.batches import Batch
+from training.adversaries import Adversaries, check, passes
 from training.classifier import Classifier
 from training.schema import RECIPES, Adversary
 from training.train import classifier_of
@@ -74,32 +71,6 @@ def test_passes_are_what_the_network_is_asked_for(cfg, cost):
     assert 1 + counted == pytest.approx(cost)
 
 
-def test_passes_of_replayed_training():
-    free = Adversary(kind="moire_attack", share=0.5, steps=1, replays=3)
-    assert passes(free) == pytest.approx(1 + 0.5 / 3)
-
-
-def test_replayed_noise_follows_the_training_steps_gradient():
-    model = Counting()
-    images, labels = batch()
-    adversary = Adversaries(
-        model, SCENE, Adversary(kind="moire_attack", eps=0.03, steps=1, replays=3)
-    )
-    torch.manual_seed(0)
-    shown = adversary.show(images, labels)
-    before = F.cross_entropy(model(shown.images()), labels)
-    before.backward()
-    after = shown.stepped(0.2, 0.03)
-    assert after.noise.abs().max() <= 0.03
-    assert F.cross_entropy(model(after.images()), labels) > before
-    moved = (after.noise - shown.noise).abs()
-    assert torch.allclose(moved[moved > 0].max(), torch.tensor(0.006), atol=1e-7)
-    # the reading is the same: without noise, both are the same photo
-    assert torch.equal(
-        after.render(torch.zeros_like(after.noise)), shown.render(torch.zeros_like(shown.noise))
-    )
-
-
 def test_eps_rises_linearly(monkeypatch):
     model = classifier_of(configured("recipe=moire_at", *TINY, "adversary.warmup=0.5"), 16)
     model._trainer = type("Trainer", (), {"estimated_stepping_batches": 40})
@@ -110,11 +81,11 @@ def test_eps_rises_linearly(monkeypatch):
     assert strengths == pytest.approx([0.05, 0.25, 0.5, 1, 1])
 
 
-def stepped(model, *args, **kwargs):
+def stepped(model, *batch):
     """One training step away from a trainer."""
     model._strength = lambda: 1.0
     model.log = lambda *a, **k: None
-    return model.training_step(Batch(*args, **kwargs), 0)
+    return model.training_step(batch, 0)
 
 
 class Seeing(nn.Module):
@@ -134,7 +105,6 @@ PARTS = {  # recipe, share, natural
     "attacked, photographed, clean": ("moire_at", 0.5, 0.25),
     "attacked and clean": ("moire_at", 0.5, 0.0),
     "no clean one": ("moire_at", 0.75, 0.25),
-    "replayed": ("moire_free", 0.5, 0.25),
     "pixels beside photos": ("pgd_at", 0.25, 0.5),
     "photos alone": ("clean", 1.0, 0.5),  # a share of nothing
 }
@@ -162,41 +132,11 @@ def test_a_batch_has_its_parts(recipe, share, natural):
         assert torch.equal(photo, images[n:end] / 255)
 
 
-def test_a_replayed_batch_is_photographed_once(monkeypatch):
-    cfg = configured("recipe=moire_free", *TINY)
-    model = classifier_of(cfg, 16)
-    taken = []
-    problem = MoireAttack.problem
-    monkeypatch.setattr(MoireAttack, "problem", lambda *a: taken.append(1) or problem(*a))
-    images, labels = torch.randint(0, 256, (8, 3, 24, 24), dtype=torch.uint8), torch.arange(8)
-    noises = []
-    for visit in range(3):
-        stepped(model, images, labels, slot=2, visit=visit).backward()
-        noises.append(model._kept[2][1].noise.detach().clone())
-    assert len(taken) == 1 and list(model._kept) == [2]
-    assert not torch.equal(noises[0], noises[1]) and not torch.equal(noises[1], noises[2])
-    assert max(x.abs().max() for x in noises) <= 6.01 / 255
-    model.on_train_epoch_end()
-    assert not model._kept
-
-
-def test_batches_too_small_for_the_share_are_replayed_without_an_attack():
-    cfg = configured("recipe=moire_free", *TINY, "adversary.share=0.1", "adversary.natural=0.1")
-    model = classifier_of(cfg, 16)
-    model.model = Seeing()
-    images, labels = torch.randint(0, 256, (4, 3, 24, 24), dtype=torch.uint8), torch.arange(4)
-    for visit in range(2):
-        stepped(model, images, labels, visit=visit)
-        assert torch.equal(model.model.seen, images / 255)
-
-
 REFUSED = [
     ({"kind": "pdg"}, "Did you mean 'pgd'?"),
     ({"share": 1.5}, "adversary.share must lie in"),
     ({"natural": -1.0}, "adversary.natural must lie in"),
     ({"kind": "pgd", "share": 0.75, "natural": 0.5}, "must not add up to more than 1"),
-    ({"replays": 0}, "adversary.replays must be at least 1"),
-    ({"kind": "moire", "replays": 2}, "Use moire_attack or pgd"),
 ]
 
 
@@ -204,11 +144,3 @@ REFUSED = [
 def test_adversaries_that_cannot_be_get_a_sentence(settings, sentence):
     with pytest.raises(ValueError, match=sentence.replace("?", r"\?")):
         check(Adversary(**settings))
-
-
-def test_shown_moves_within_its_ball():
-    shown = Shown(lambda noise: noise.clamp(0, 1), torch.full((2, 3), 0.019))
-    shown.images().sum().backward()
-    assert torch.equal(shown.stepped(1.0, 0.02).noise, torch.full((2, 3), 0.02))
-    with pytest.raises(RuntimeError, match="call backward"):
-        Shown(lambda noise: noise, torch.zeros(2, 3)).stepped(1.0, 0.02)

@@ -29,7 +29,7 @@ def test_every_number_of_the_schema_has_bounds():
 
 
 def test_every_default_and_recipe_is_within_them():
-    for recipe in ("clean", "baseline", "moire_at", "moire_free", "pgd_fast"):
+    for recipe in ("clean", "baseline", "moire_at", "moire_fast", "pgd_at"):
         assert fit.check(configured(f"recipe={recipe}")) is None
     for data in ("cifar10", "folder"):  # no recipe says anything of the data
         assert fit.check(configured("recipe=moire_at", f"data={data}")) is None
@@ -70,7 +70,6 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
         ("reattack.eps=[-0.1]", "eps must be a number"),
         ("adversary.share=2", "adversary.share must be in"),
         ("adversary.natural=0.9", "parts of one batch"),
-        ("adversary.replays=2", "replays an attack's noise"),
         ("train.init=cleen", "Did you mean 'clean'"),
         ("data.augment=flip", "data.augment must be one of"),
     ],
@@ -79,7 +78,7 @@ def test_nothing_is_begun(override, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         fit.fit(
             configured(
-                "recipe=moire_aug" if "replays" in override else "recipe=moire_at",
+                "recipe=moire_at",
                 override,
                 "trainer.accelerator=cpu",
                 f"runs={tmp_path / 'runs'}",

@@ -89,7 +89,7 @@ def test_a_command_line_gives_the_settings_back():
             "reattack.eps=[0.01, 0.02]",
         ],
         [
-            "recipe=moire_free",
+            "recipe=moire_fast",
             "scene={preset: paper, view: {roll: [-3, 3]}}",
             "model=resnet18",
             "data.train=null",

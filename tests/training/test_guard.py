@@ -45,12 +45,17 @@ class Loud(L.Callback):
         module.history[-1]["perturbed"] = 0.05 if trainer.current_epoch == 1 else 0.6
 
 
+ONE_STEP = ["adversary.steps=1", "adversary.step_size=1", "adversary.random_start=2"]
+
+
 def trained(tmp_path, *overrides):
     from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint
 
     from training.data import load
 
-    cfg = configured("recipe=moire_fast", *TINY, "train.init=random", "train.epochs=3", *overrides)
+    cfg = configured(
+        "recipe=moire_at", *TINY, *ONE_STEP, "train.init=random", "train.epochs=3", *overrides
+    )
     L.seed_everything(0, verbose=False)
     model, loud = classifier_of(cfg, 16), Loud()
     best = ModelCheckpoint(
@@ -66,7 +71,7 @@ def trained(tmp_path, *overrides):
         enable_model_summary=False,
         enable_progress_bar=False,
     )
-    trainer.fit(model, Batches(load(cfg.data), cfg.train, cfg.adversary, workers=0, seed=cfg.seed))
+    trainer.fit(model, Batches(load(cfg.data), cfg.train.batch_size, workers=0, seed=cfg.seed))
     return model, loud, torch.load(tmp_path / "best.ckpt", weights_only=True)
 
 
@@ -80,7 +85,7 @@ def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(t
     # the collapse outlives the process
     kept: dict = {}
     model.on_save_checkpoint(kept)
-    resumed = classifier_of(configured("recipe=moire_fast", *TINY), 16)
+    resumed = classifier_of(configured("recipe=moire_at", *TINY, *ONE_STEP), 16)
     resumed.on_load_checkpoint(kept)
     assert (
         resumed.hardened

@@ -23,7 +23,7 @@ PLANS = [
     (["recipe=moire_at"], "clean", "baseline"),
     (["recipe=moire_at", "train.init=random"], None, "clean"),
     (
-        ["recipe=pgd_fast", "weights=FILE", "train.lr=0.01", "scene={preset: paper}"],
+        ["recipe=pgd_at", "weights=FILE", "train.lr=0.01", "scene={preset: paper}"],
         "clean",
         "baseline",
     ),
