@@ -125,7 +125,7 @@ def damage(run: runs.Run) -> str | None:
         if at == "begun":
             read_checkpoint(folder / "last.ckpt")
     except ValueError as error:
-        return str(error).split(". ")[0]
+        return str(error).split(". ")[0].rstrip(".")
     return None
 
 
@@ -146,10 +146,10 @@ def read_config(path: Path) -> Config:
         one_of("model", cfg.model, names())
         scene_of(cfg)
     except (OmegaConfBaseException, ValueError, TypeError) as error:
-        said = str(error).splitlines()[0]
+        said = str(error).splitlines()[0].rstrip(".")
         raise ValueError(
-            f"{path} is not a run's settings: {said} A run holds keys of training/schema.py alone, "
-            "as fit.py of this version writes them."
+            f"{path} is not a run's settings: {said}. A run holds keys of training/schema.py "
+            "alone, as fit.py of this version writes them."
         ) from None
     return as_config(cfg)  # type: ignore[arg-type]
 
