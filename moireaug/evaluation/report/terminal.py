@@ -123,7 +123,8 @@ def run_parts(metrics: Metrics) -> list[Part]:
         parts.append(Grid([_head(run), *lines], rule=len(controls)))
     if run["noise"]:
         parts.append(
-            "codes, dB: largest change of a code of 255, and PSNR, by no more noise than it took"
+            "codes, dB: largest change of a code of 255, and PSNR; an image that is fooled gets no "
+            "further noise"
         )
     parts += _training(run)
     if run["unanswered"]:
