@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 from torch import Tensor, nn
 
 from moireaug.attacks import PGD, Attack, MoireAttack
 from moireaug.capture import capture
 from moireaug.scene.fields import one_of
-from moireaug.scene.scene import Scene, Shot
+from moireaug.scene.scene import Scene
 from training.schema import Adversary
 
-KINDS = ("none", "moire", "moire_attack", "pgd")
+KINDS = ("none", "moire_attack", "pgd")
 STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
 
 
@@ -26,7 +25,7 @@ class Adversaries:
         cfg: the settings.
 
     Raises:
-        ValueError: settings that are out of range or do not go together.
+        ValueError: settings that do not go together.
     """
 
     def __init__(self, model: nn.Module, scene: Scene, cfg: Adversary) -> None:
@@ -35,74 +34,55 @@ class Adversaries:
         self.attack = _attack(model, scene, cfg)
 
     def __call__(self, images: Tensor, labels: Tensor, strength: float = 1.0) -> Tensor:
-        """Return images (B, 3, H, W) in [0, 1] as the adversary leaves them, without gradient.
+        """Return images (B, 3, H, W) in [0, 1] under attack, without gradient; where the kind is
+        "none", photographed.
 
         Args:
             labels: (B,) int64. strength: share of eps that is in force, in [0, 1].
         """
-        if self.cfg.kind == "none":
-            return images
         if self.attack is None:
             return self.photograph(images)
-        attack = replace(self.attack, eps=strength * self.cfg.eps)
-        return attack.last(images, labels, shot=self._shot(images))
+        return replace(self.attack, eps=strength * self.cfg.eps).last(images, labels)
 
     def photograph(self, images: Tensor) -> Tensor:
         """Return photos of images (B, 3, H, W) in [0, 1], each by a random shot, unattacked."""
-        return capture(images, self.scene.sample(len(images), _size(images)))
-
-    def _shot(self, images: Tensor) -> Shot | None:
-        if self.cfg.kind == "pgd":
-            return None
-        return self.scene.sample(len(images), _size(images))
-
-
-def _size(images: Tensor) -> tuple[int, int]:
-    return images.shape[-2], images.shape[-1]
+        size = images.shape[-2], images.shape[-1]
+        return capture(images, self.scene.sample(len(images), size))
 
 
 def _attack(model: nn.Module, scene: Scene, cfg: Adversary) -> Attack | None:
-    steps: dict[str, Any] = {
-        "eps": cfg.eps,
-        "steps": cfg.steps,
-        "step_size": cfg.step_size,
-        "random_start": cfg.random_start,
-    }
     if cfg.kind == "moire_attack":
-        return MoireAttack(model=model, scene=scene, **steps)
-    return PGD(model=model, **steps) if cfg.kind == "pgd" else None
+        return MoireAttack(model, scene=scene, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
+    if cfg.kind == "pgd":
+        return PGD(model, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
+    return None
 
 
 def check(cfg: Adversary) -> None:
-    """Refuse invalid settings.
+    """Refuse settings that do not go together; `bounds` has their ranges.
 
     Raises:
         ValueError: with what was got, what is allowed and what to do.
     """
     one_of("adversary.kind", cfg.kind, KINDS)
-    for name in ("share", "natural", "warmup"):
-        if not 0 <= getattr(cfg, name) <= 1:
-            raise ValueError(f"adversary.{name} must lie in [0, 1]; got {getattr(cfg, name)}.")
-    if cfg.kind != "none" and cfg.share + cfg.natural > 1:
+    if cfg.kind == "none" and cfg.share:
+        raise ValueError(
+            f"adversary.share={cfg.share} is the share of images that are attacked, and the kind "
+            "none attacks none: use moire_attack or pgd, or adversary.natural for photos without "
+            "an attack."
+        )
+    if cfg.share + cfg.natural > 1:
         raise ValueError(
             "adversary.share and adversary.natural are parts of one batch and must not add up to "
             f"more than 1; got {cfg.share} and {cfg.natural}."
         )
 
 
-def strengthened(a: Adversary) -> Adversary:
-    """Return the same adversary with at least three steps and a start within eps."""
-    few = a.steps < STRONG
-    return replace(
-        a,
-        steps=max(a.steps, STRONG),
-        step_size=None if few else a.step_size,
-        random_start=min(1.0, a.random_start),
-    )
+def strengthened(cfg: Adversary) -> Adversary:
+    """Return the same adversary with at least three steps."""
+    return replace(cfg, steps=max(cfg.steps, STRONG))
 
 
 def passes(cfg: Adversary) -> float:
     """Return the forward and backward passes per image in a training step."""
-    if cfg.kind not in ("moire_attack", "pgd"):
-        return 1.0
     return 1 + cfg.share * cfg.steps

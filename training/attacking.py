@@ -101,7 +101,6 @@ class Plan:
         check: bool = True,
     ) -> None:
         self.config = config or protocol.config()
-        self.suite = suite
         self.tables = tables_of(suite, self.config)
         self.trust = trust(self.config)
         self.every = range(len(protocol.batches))

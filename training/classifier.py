@@ -15,9 +15,21 @@ from moireaug.evaluation.statistics import mix
 from moireaug.scene.scene import Scene
 from training.adversaries import STRONG, Adversaries, strengthened
 from training.augmentation import augment
-from training.models import as_model as as_model
 from training.schema import Adversary, Train
 from training.tuning import tuning
+
+FLOOR = 0.2  # accuracy below which a model has nothing to lose yet
+FALL = 0.5  # share of the best accuracy that counts as a collapse
+
+
+def collapsed(perturbed: list[float]) -> bool:
+    """Return whether accuracy in the last epoch has fallen below half of the best before it.
+
+    Args:
+        perturbed: accuracy of each epoch under an attack of at least three steps, in [0, 1].
+    """
+    *before, now = perturbed
+    return bool(before) and max(before) > FLOOR and now < FALL * max(before)
 
 
 class Classifier(L.LightningModule):
@@ -92,7 +104,7 @@ class Classifier(L.LightningModule):
     @property
     def few_steps(self) -> bool:
         """Return whether the model may learn to defeat only the few steps of its adversary."""
-        return self.threat.kind in ("moire_attack", "pgd") and self.threat.steps < STRONG
+        return self.threat.kind != "none" and self.threat.steps < STRONG
 
     @property
     def hardened(self) -> bool:
@@ -132,9 +144,8 @@ class Classifier(L.LightningModule):
     def _turned(self, images: Tensor, labels: Tensor) -> Tensor:
         """Return a batch's images: its first ones attacked, those after them photographed, the rest
         clean; batches are shuffled, so that each part is random."""
-        cfg = self.threat
-        n = round(cfg.share * len(images)) if cfg.kind != "none" else 0
-        end = n + round(cfg.natural * len(images))
+        n = round(self.threat.share * len(images))
+        end = round((self.threat.share + self.threat.natural) * len(images))
         attacked, photos, clean = images[:n], images[n:end], images[end:]
         if len(photos):
             photos = self.adversary.photograph(photos)
@@ -155,13 +166,13 @@ class Classifier(L.LightningModule):
             time.perf_counter() - self._began,
         )
         self._rng = torch.random.get_rng_state()
-        torch.manual_seed(self.seed)
+        torch.manual_seed(self.seed + self.global_rank)
 
     def validation_step(self, batch: tuple[Tensor, Tensor], index: int) -> None:
         images, labels = batch
         images = images.float() / 255
         self._hits["clean"].append((predicted(self(images)) == labels).float())
-        if self.threat.kind != "none":
+        if self.threat.kind != "none" or self.threat.natural:
             try:
                 shown = self.validation_adversary(images, labels)
             except NoAnswerError:  # no answer is wrong, attacked or not
@@ -170,11 +181,11 @@ class Classifier(L.LightningModule):
 
     def on_validation_epoch_end(self) -> None:
         torch.random.set_rng_state(self._rng)
-        if self.trainer.sanity_checking:
-            return
         means = {k: torch.cat(v).mean() for k, v in self._hits.items() if v}
         means = {k: self.trainer.strategy.reduce(v, reduce_op="mean") for k, v in means.items()}
         means["score"] = torch.stack(list(means.values())).mean()
+        if self._collapses(means):
+            means["score"] = torch.zeros_like(means["score"])  # never the best epoch
         for name, value in means.items():
             self.log(f"val_{name}", value, prog_bar=True, logger=False)
         loss = float(torch.stack(self._loss).mean()) if self._loss else float("nan")
@@ -186,6 +197,13 @@ class Classifier(L.LightningModule):
             "validation_seconds": validation,
         }
         self.history.append(row | {k: float(v) for k, v in means.items()})
+
+    def _collapses(self, means: dict[str, Tensor]) -> bool:
+        """Return whether the epoch with these means ends in catastrophic overfitting."""
+        if not self.few_steps or self.hardened:
+            return False
+        perturbed = [row["perturbed"] for row in self.history]
+        return collapsed([*perturbed, float(means["perturbed"])])
 
     def configure_optimizers(self) -> Any:
         t = self.settings

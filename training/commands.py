@@ -8,15 +8,14 @@ import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.utilities import rank_zero_only
 
-from training import runs
-from training.messages import Lines as Lines
-from training.messages import complain as complain
-from training.messages import sentence as sentence
+from training import machine, runs
+from training.messages import Lines, complain, sentence
 from training.schema import RunConfig, check_keys
 
 EXPECTED = (ValueError, TypeError, FloatingPointError, OSError, MisconfigurationException)
@@ -65,7 +64,7 @@ def sentences(kept: str) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        again = runs.command([a for a in sys.argv if not a.startswith("resume=")])
+        again = machine.command([a for a in sys.argv if not a.startswith("resume=")])
         rank_zero_only(print)(f"\nInterrupted. {kept}; the same command continues:\n  {again}")
         raise SystemExit(130) from None
     except Exception as error:
@@ -78,7 +77,8 @@ def sentences(kept: str) -> Iterator[None]:
             not isinstance(error, ConnectionError) or runs.is_first()
         ):  # the first process speaks for all
             complain(f"error: {sentence(error)}")
-        if job is None:
+        # the processes of this run are not started again for the next job
+        if job is None or torch.distributed.is_initialized():
             raise SystemExit(1) from None
         _failed.append(f"{job}: {sentence(error).splitlines()[0]}")
 

@@ -35,6 +35,15 @@ def settings(metrics: Metrics) -> Metrics:
     return found
 
 
+def training(metrics: Metrics) -> Metrics:
+    """Return what the seeds of one recipe must share."""
+    found: Metrics = {}
+    for part in ("adversary", "train"):
+        for name, value in metrics["config"][part].items():
+            found[f"{part}.{name}"] = value
+    return found
+
+
 def attackers(again: Metrics) -> Metrics:
     """Return the attackers of a re-attack's worst case, which differ between versions."""
     lines = again["tables"]["worst_case"]
@@ -58,7 +67,7 @@ def same(every: Mapping[Path, Metrics], what: str) -> Metrics:
         ValueError: one differs from most; it is named, with what differs.
     """
     shared: Metrics = {}
-    for key in next(iter(every.values()), {}):
+    for key in sorted({key for own in every.values() for key in own}):
         values = {folder: own.get(key) for folder, own in every.items()}
         usual = Counter(map(repr, values.values())).most_common(1)[0][0]
         for folder, value in values.items():

@@ -79,7 +79,9 @@ def finished(cfg: Config) -> Metrics:
     """
     out = runs.folder(cfg)
     known = runs.read_metrics(out) or {}
-    if "trust" in known or not runs.is_first():
+    if not runs.is_first():
+        return known
+    if "trust" in known:
         report.show(report.run_parts(known))
     else:
         splits = load(cfg.data)
@@ -129,7 +131,7 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         runs.make(out)
     with runs.held(out):
         if damage := saved.damage(runs.run_of(cfg)):
-            say(f"The {role} is damaged and trained again: {damage}.")
+            say(f"The {role} cannot be reused and is trained again: {damage}.")
             cfg = replace(cfg, resume=False)
         elif known := reused(cfg, splits, role=role):
             return known

@@ -9,21 +9,8 @@ import lightning as L
 from lightning.pytorch.callbacks import WeightAveraging
 from lightning.pytorch.utilities import rank_zero_only
 
-from training.classifier import Classifier
+from training.classifier import Classifier, collapsed
 from training.files import read_checkpoint
-
-FLOOR = 0.2  # accuracy below which a model has nothing to lose yet
-FALL = 0.5  # share of the best accuracy that counts as a collapse
-
-
-def collapsed(perturbed: list[float]) -> bool:
-    """Return whether accuracy in the last epoch has fallen below half of the best before it.
-
-    Args:
-        perturbed: accuracy of each epoch under an attack of at least three steps, in [0, 1].
-    """
-    *before, now = perturbed
-    return bool(before) and max(before) > FLOOR and now < FALL * max(before)
 
 
 class Guard(L.Callback):
@@ -43,17 +30,33 @@ class Guard(L.Callback):
     def on_train_epoch_start(  # type: ignore[override]
         self, trainer: L.Trainer, module: Classifier
     ) -> None:
-        history = [h["perturbed"] for h in module.history if "perturbed" in h]
-        if module.hardened or not module.few_steps or not history or not collapsed(history):
+        if not _fell(module):
             return
         good = read_checkpoint(self.best)
         restore(trainer, module, good)
         module.harden(int(module.history[-1]["epoch"]))
-        rank_zero_only(print)(
-            f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three "
-            f"steps fell to {history[-1]:.0%} from {max(history):.0%}. "
-            f"Back to epoch {good['epoch']}, and training continues with three steps."
-        )
+        _say(module, f"Back to epoch {good['epoch']}, and training continues with three steps.")
+
+    def on_train_end(  # type: ignore[override]
+        self, trainer: L.Trainer, module: Classifier
+    ) -> None:
+        if _fell(module):
+            module.collapsed_at = int(module.history[-1]["epoch"])
+            _say(module, "It was the last epoch: an earlier one is kept.")
+
+
+def _fell(module: Classifier) -> bool:
+    """Return whether the model has collapsed in the last epoch of its history."""
+    history = [row["perturbed"] for row in module.history if "perturbed" in row]
+    return module.few_steps and not module.hardened and bool(history) and collapsed(history)
+
+
+def _say(module: Classifier, then: str) -> None:
+    *before, now = [row["perturbed"] for row in module.history]
+    rank_zero_only(print)(
+        f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three steps "
+        f"fell to {now:.0%} from {max(before):.0%}. {then}"
+    )
 
 
 def restore(trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]) -> None:

@@ -119,6 +119,12 @@ def _compared(root: Path, trained: Mapping[Path, Metrics], others: list[str]) ->
     settings = comparable.same(
         {folder: comparable.settings(metrics) for folder, metrics in trained.items()}, "runs"
     )
+    for recipe in sorted({metrics["recipe"] for metrics in trained.values()}):
+        seeds = {}
+        for folder, metrics in trained.items():
+            if metrics["recipe"] == recipe:
+                seeds[folder] = comparable.training(metrics)
+        comparable.same(seeds, f"seeds of {recipe}")
     attacked = {}
     for folder, metrics in trained.items():
         if again := _again(folder, metrics):

@@ -16,7 +16,7 @@ from lightning.pytorch.plugins.environments import LightningEnvironment
 from lightning.pytorch.strategies.launchers import subprocess_script
 from torch.distributed import DistError
 
-from training.commands import complain
+from training.messages import complain
 
 LOST = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "

@@ -178,7 +178,7 @@ def attack_by_suite(
     fabric.barrier()
     if fabric.global_rank:
         return {}
-    return publish_suite(out, cfg, cfg.suite, plan.results(), protocol, splits.classes, seconds)
+    return publish_suite(out, cfg, plan.results(), protocol, splits.classes, seconds)
 
 
 def lpips_of(cfg: ReattackConfig) -> LPIPS | None:

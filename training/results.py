@@ -15,9 +15,9 @@ from moireaug.evaluation.examples import run_examples, table_examples
 from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
 from moireaug.files import write_text
-from training import runs
+from training import machine, runs
 from training.attacking import Attacked, Protocol
-from training.schema import Config, scene_of
+from training.schema import Config, ReattackConfig, scene_of
 from training.train import with_totals
 
 # what metrics.json says of the start and of the baseline
@@ -92,8 +92,8 @@ def about(cfg: Config) -> Metrics:
         "plan": str(scene.plan()),
         "config": settings,
         "fingerprint": runs.fingerprint(settings),
-        "environment": runs.environment(),
-        "command": runs.command(),
+        "environment": machine.environment(),
+        "command": machine.command(),
     }
 
 
@@ -150,8 +150,7 @@ def publish(
 
 def publish_suite(
     out: Path,
-    cfg: Config,
-    suite: str,
+    cfg: ReattackConfig,
     attacked: Attacked,
     protocol: Protocol,
     classes: Mapping[int, str],
@@ -160,14 +159,14 @@ def publish_suite(
     """Write report.html, tables.md, results.csv and metrics.json of a suite, and print its summary.
 
     Args:
-        out: the folder that they go into. suite: its name. seconds: spent so far, by phase.
+        out: the folder that they go into. seconds: spent so far, by phase.
     """
     tables = {}
     for name, lines in attacked.lines.groupby("table", sort=False):
         known = lines.drop(columns="table").astype(object)
         tables[str(name)] = known.where(known.notna(), None).to_dict("records")
     metrics = {
-        "suite": suite,
+        "suite": cfg.suite,
         "recipe": cfg.recipe,
         "seed": cfg.seed,
         "data": cfg.data.name,

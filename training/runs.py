@@ -17,11 +17,8 @@ from typing import Any
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
-from training.files import read_checkpoint as read_checkpoint
 from training.files import read_json, read_metrics, read_settings
 from training.locks import locked
-from training.machine import command as command
-from training.machine import environment as environment
 from training.schema import (
     HOME,
     RECIPES,

@@ -50,15 +50,12 @@ DATA = {
 class Adversary:
     """What is done to the training images; `adversaries.passes` gives the cost."""
 
-    # none, moire (random), moire_attack (adversarial noise on it) or pgd (noise on pixels)
-    kind: str = "none"
-    share: float = 1.0  # of each batch
-    natural: float = 0.0  # share of each batch that is photographed and not attacked
+    kind: str = "none"  # none, moire_attack (noise on a photo's reading) or pgd (on the pixels)
+    share: float = 0.0  # of each batch that is attacked
+    natural: float = 0.0  # of each batch that is photographed and not attacked
     eps: float = 0.0
     steps: int = 0
-    step_size: float | None = None  # in units of eps; null is min(1, 2.5 / steps)
     warmup: float = 0.0  # share of training over which eps rises from 0
-    random_start: float = 1.0  # radius in units of eps; 2 with one step of size 1 is N-FGSM
 
 
 @dataclass

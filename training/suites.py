@@ -11,6 +11,7 @@ from typing import Any
 
 import lightning as L
 import torch
+from lightning.fabric.strategies import DDPStrategy
 from torch import nn
 from torch.utils.data import Subset
 
@@ -25,6 +26,7 @@ from training.data import Splits
 from training.models import as_model, names
 from training.overrides import USES
 from training.schema import Data, ReattackConfig, Trainer
+from training.trainers import WAIT
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
 RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
@@ -37,11 +39,12 @@ def fabric_of(trainer: Trainer) -> L.Fabric:
     kind = trainer.accelerator
     if kind == "auto" and not torch.cuda.is_available():
         kind = "cpu"
+    strategy = DDPStrategy(timeout=WAIT) if trainer.strategy == "ddp" else trainer.strategy
     fabric = L.Fabric(
         accelerator=kind,
         devices=trainer.devices,
         num_nodes=trainer.num_nodes,
-        strategy=trainer.strategy,
+        strategy=strategy,
     )
     fabric.launch()
     return fabric
@@ -76,10 +79,8 @@ def suite_config(
         donors = protocol.batches.others(splits)
         if len(donors):
             cache = records / f"quilting-{runs.fingerprint(runs.settings(cfg)['data'])}.npz"
-            if fabric.global_rank == 0:
-                quilting(donors, cache)
-            fabric.barrier()
-            defences["quilting"] = quilting(donors, cache)
+            with fabric.rank_zero_first():  # the others read the bank that it makes
+                defences["quilting"] = quilting(donors, cache)
         else:
             without["quilting"] = "there are no images for its patch bank besides those attacked"
     return dataclasses.replace(config, defences=defences, networks=networks, without=without)

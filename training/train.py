@@ -51,7 +51,7 @@ def train_model(
     classifier = classifier_of(cfg, splits.num_classes)
     if resumed and (train := read_json(train_json)):
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
-        print(f"Training is complete: the weights are read from {best}.")
+        rank_zero_only(print)(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), with_totals(train, before)
     if start and not resumed:
         classifier.load_state_dict(read_checkpoint(runs.folder(start) / "best.ckpt")["state_dict"])

@@ -7,16 +7,21 @@ import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
+from datetime import timedelta
 from typing import Any
 
 import lightning as L
 import torch
 from lightning.pytorch.callbacks import TQDMProgressBar
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
+from lightning.pytorch.strategies import DDPStrategy
 from lightning.pytorch.utilities import rank_zero_only
 
 from training.checkpoints import AtomicCheckpointIO
 from training.schema import Trainer
+
+# While one process attacks, the others wait for it: longer than the half hour that torch allows
+WAIT = timedelta(days=30)
 
 
 class EpochLines(L.Callback):
@@ -43,6 +48,8 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         given["precision"] = "32-true"
     if given["accelerator"] == "auto" and not torch.cuda.is_available():
         given["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
+    if given["strategy"] == "ddp":
+        given["strategy"] = DDPStrategy(timeout=WAIT)
     plugins: list[Any] = [AtomicCheckpointIO()]
     if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself

@@ -148,27 +148,6 @@ class Attack(ABC):
             problem = self.problem(images, shot, generator)
             return self._run(Task(problem, labels, None, aims, eps, generator))
 
-    def walk(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        *,
-        shot: Shot | None = None,
-        generator: torch.Generator | None = None,
-    ) -> tuple[Problem, Point]:
-        """Return the problem, and the point after the last step, whether or not an earlier step was
-        better: what adversarial training uses, at exactly one forward and backward pass per step.
-        `problem.render(**point)` returns the images, (B, 3, H, W), differentiable in the point.
-        Every step is taken, also for images already fooled. Arguments as in a call; `eps` must be
-        one number."""
-        images = check_images(images)
-        with evaluating(self.model):
-            images = images.detach().clone()
-            labels, _ = check_goals(images, labels, None)
-            problem = self.problem(images, shot, generator)
-            task = Task(problem, labels, None, None, self.one_eps(), generator)
-            return problem, self._ascend(task, self._start(task, restart=0), best=None)
-
     def last(
         self,
         images: Tensor,
@@ -177,8 +156,17 @@ class Attack(ABC):
         shot: Shot | None = None,
         generator: torch.Generator | None = None,
     ) -> Tensor:
-        """Return the images after the last step of a `walk`, (B, 3, H, W)."""
-        problem, point = self.walk(images, labels, shot=shot, generator=generator)
+        """Return the images after the last step, (B, 3, H, W), whether or not an earlier step was
+        better: what adversarial training uses, at exactly one forward and backward pass per step.
+        Every step is taken, also for images already fooled. Arguments as in a call; `eps` must be
+        one number."""
+        images = check_images(images)
+        with evaluating(self.model):
+            images = images.detach().clone()
+            labels, _ = check_goals(images, labels, None)
+            problem = self.problem(images, shot, generator)
+            task = Task(problem, labels, None, None, self.one_eps(), generator)
+            point = self._ascend(task, self._start(task, restart=0), best=None)
         with torch.no_grad():
             return problem.render(**point).detach()
 

@@ -194,7 +194,7 @@ class Runner:
             start = time.perf_counter()
             shown = _shown(condition, batch)
             seconds_shown = _wait(shown, start)
-            measured = condition.measure(batch, shown)
+            measured = _measured(condition, batch, shown)
             found = []
             for judge in judges:
                 both = (_digits(condition.name), _digits(judge.name))
@@ -254,6 +254,20 @@ def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
     middle = len(batch.images) // 2
     halves = [_shown(condition, batch[:middle]), _shown(condition, batch[middle:])]
     return torch.cat(halves)
+
+
+def _measured(condition: Condition, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
+    """Measure the whole batch at once, or, where it does not fit the device's memory, in halves."""
+    try:
+        return condition.measure(batch, shown)
+    except torch.OutOfMemoryError:
+        if len(shown) == 1:
+            raise
+    torch.cuda.empty_cache()  # outside of the handler, as in `_shown`
+    middle = len(shown) // 2
+    first = _measured(condition, batch[:middle], shown[:middle])
+    second = _measured(condition, batch[middle:], shown[middle:])
+    return {name: first[name] + second[name] for name in first}
 
 
 def _wait(shown: Tensor, start: float) -> float:

@@ -13,7 +13,7 @@ BAD = [
     (lambda m, x, y: MoireAttack(model=m, eps=math.nan), "eps must be a number >= 0"),
     (lambda m, x, y: MoireAttack(model=m, eps=[]), "eps must be a number >= 0"),
     (lambda m, x, y: MoireAttack(model=m, eps=True), "eps must be a number >= 0"),
-    (lambda m, x, y: MoireAttack(m, scene=SCENE).walk(x * 255, y), "Divide them by 255"),
+    (lambda m, x, y: MoireAttack(m, scene=SCENE).last(x * 255, y), "Divide them by 255"),
     (lambda m, x, y: MoireAttack(model=m, eps=4), "Divide by 255?"),
     (lambda m, x, y: MoireAttack(model=m, steps=-1), "steps must be an integer >= 0"),
     (lambda m, x, y: MoireAttack(model=m, restarts=0), "restarts must be an integer >= 1"),

@@ -102,6 +102,21 @@ def test_what_does_not_fit_is_shown_in_halves(known):
         ran(known, table_of(Mine(function=never)), (0,))
 
 
+@pytest.mark.filterwarnings("ignore:.*NVIDIA driver.*")
+def test_what_does_not_fit_is_measured_in_halves(known):
+    def measure(batch, shown):
+        if len(shown) > 2:
+            raise torch.OutOfMemoryError("too much")
+        return {"level": shown.mean((1, 2, 3)).tolist()}
+
+    half = Mine(function=lambda batch: batch.images * 0.5)
+    object.__setattr__(half, "measure", measure)
+    record = ran(known, table_of(half), (0,)).record(half, UNDEFENDED, 0)
+    _, batches = known
+    expected = (batches[0][0] * 0.5).mean((1, 2, 3)).tolist()
+    assert record["measured"]["level"] == pytest.approx(expected)
+
+
 def test_success_is_counted_on_what_the_judge_has_right(known):
     def contrary(x):
         """Says the opposite of bright images."""

@@ -35,6 +35,7 @@ def put(
     size=48,
     device=ENVIRONMENT,
     trust=(),
+    eps=0.02,
 ):
     """A finished run as fit.py leaves it, and its re-attack."""
     folder = root / recipe / f"seed{seed}"
@@ -57,6 +58,8 @@ def put(
     if baseline and not started:
         baseline = plain
     config = {
+        "adversary": {"eps": eps},
+        "train": {"epochs": 12},
         "data": {"name": data, "size": size, "root": at},
         "reattack": {"n": 480, "steps": 20, "seed": 1234},
     }

@@ -16,6 +16,7 @@ from hydra.core.global_hydra import GlobalHydra
 
 from training import commands, fit, reattack, runs
 from training.data import load
+from training.files import read_checkpoint
 from training.schema import Config, ReattackConfig, as_config
 from training.train import train_model
 
@@ -89,7 +90,7 @@ def inside(script, *overrides, cwd):
 
 
 def epoch(path):
-    return runs.read_checkpoint(path)["epoch"] if path.is_file() else -1
+    return read_checkpoint(path)["epoch"] if path.is_file() else -1
 
 
 def wait(process, last, at_least):

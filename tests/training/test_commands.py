@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from tests.training.small import TINY, configured, inside
 from tests.training.strangers import put
-from training import commands, fit, reattack, runs, suites
+from training import fit, messages, reattack, runs, suites
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -73,19 +73,19 @@ def test_a_sweep_goes_on_after_a_failed_job_and_lists_what_failed(tmp_path, monk
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_an_error_begins_a_line_below_a_progress_bar(stream, monkeypatch):
     out, err = io.StringIO(), io.StringIO()
-    monkeypatch.setattr(sys, "stdout", commands.Lines(out))
-    monkeypatch.setattr(sys, "stderr", commands.Lines(err))
-    commands.complain("error: first")
+    monkeypatch.setattr(sys, "stdout", messages.Lines(out))
+    monkeypatch.setattr(sys, "stderr", messages.Lines(err))
+    messages.complain("error: first")
     assert err.getvalue() == "error: first\n" and not out.getvalue()
     bar = tqdm(total=3, file=getattr(sys, stream), leave=False, mininterval=0)
     bar.update()
-    commands.complain("error: second")
+    messages.complain("error: second")
     assert (out if stream == "stdout" else err).getvalue().count("\n") == (
         1 if stream == "stdout" else 3
     )
     assert "error: second" in err.getvalue().split("\n")
     bar.close()
-    commands.complain("error: third")
+    messages.complain("error: third")
     assert "error: third" in err.getvalue().split("\n")
 
 
@@ -121,7 +121,7 @@ def test_a_disk_that_takes_nothing_is_found_before_the_work(number, job, tmp_pat
 
 
 def test_a_disk_that_fills_while_an_attack_is_written_gets_a_sentence():
-    full = commands.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
+    full = messages.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
     assert "runs/report.html" in full and "resume with the same command" in full
 
 

@@ -24,6 +24,7 @@ from training.demoireing.module import Demoireing
 from training.demoireing.pairs import Numbers, SimulatedPairs, toned
 from training.demoireing.starting import start_as_identity
 from training.demoireing.testing import clean
+from training.files import read_checkpoint
 from training.schema import check_keys
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -143,7 +144,7 @@ def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
     with monkeypatch.context() as patch, pytest.raises(RuntimeError, match="was killed"):
         patch.setattr(Demoireing, "training_step", lost)
         demoireing.fit(cfg)
-    kept = runs.read_checkpoint(folder / "last.ckpt")["history"]
+    kept = read_checkpoint(folder / "last.ckpt")["history"]
     assert len(kept) == 2 and runs.run_of(cfg).stage() == "begun"
     found = demoireing.fit(cfg)
     assert "Resuming" in capsys.readouterr().out and same(folder, whole[0])

@@ -70,7 +70,7 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
     if torn == "nothing":
         assert trained[0].resume is None
         return
-    assert f"The {role} is damaged and trained again: " in capsys.readouterr().out
+    assert f"The {role} cannot be reused and is trained again: " in capsys.readouterr().out
     assert trained[0].resume is False and trained[0].recipe == recipe
     runs.run_of(trained[0]).prepare()
     assert not any(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 1, (

@@ -9,6 +9,7 @@ from torch import nn
 from tests.training.small import TINY, configured
 from training import guard
 from training.batches import Batches
+from training.classifier import Classifier, collapsed
 from training.models import build
 from training.schema import Config
 from training.train import classifier_of
@@ -27,12 +28,11 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
     ],
 )
 def test_what_counts_as_a_collapse(accuracies, fallen):
-    assert guard.collapsed(accuracies) == fallen
+    assert collapsed(accuracies) == fallen
 
 
-class Loud(L.Callback):
-    """Makes the accuracy under attack look collapsed after epoch 1, and keeps what the weights were
-    then."""
+class Steps(L.Callback):
+    """Keeps the attack's steps in every epoch, and the weights that each began with."""
 
     def __init__(self):
         self.weights, self.steps = {}, {}
@@ -41,25 +41,32 @@ class Loud(L.Callback):
         self.weights[trainer.current_epoch] = {k: v.clone() for k, v in module.state_dict().items()}
         self.steps[trainer.current_epoch] = module.adversary.cfg.steps
 
-    def on_validation_end(self, trainer, module):
-        module.history[-1]["perturbed"] = 0.05 if trainer.current_epoch == 1 else 0.6
+
+STEADY = [(0.5, 0.3), (0.5, 0.3), (0.5, 0.3)]  # accuracy on clean and attacked images, by epoch
+# better in the mean of both
+COLLAPSE = [(0.5, 0.3), (0.9, 0.1), (0.4, 0.3)]
+LATE_COLLAPSE = [(0.4, 0.3), (0.5, 0.3), (0.9, 0.1)]
+ONE_STEP = ["adversary.steps=1"]
 
 
-ONE_STEP = ["adversary.steps=1", "adversary.step_size=1", "adversary.random_start=2"]
-
-
-def trained(tmp_path, *overrides):
+def trained(tmp_path, monkeypatch, accuracies, *overrides):
+    """Train for three epochs with these accuracies in validation."""
     from lightning.pytorch.callbacks import EMAWeightAveraging, ModelCheckpoint
 
     from training.data import load
 
+    def validated(self, batch, index):
+        for name, accuracy in zip(self._hits, accuracies[self.current_epoch], strict=True):
+            self._hits[name].append(torch.tensor([accuracy]))
+
+    monkeypatch.setattr(Classifier, "validation_step", validated)
     cfg = configured(
         "recipe=moire_at", *TINY, *ONE_STEP, "train.init=random", "train.epochs=3", *overrides
     )
     L.seed_everything(0, verbose=False)
-    model, loud = classifier_of(cfg, 16), Loud()
+    model, seen = classifier_of(cfg, 16), Steps()
     best = ModelCheckpoint(
-        dirpath=tmp_path, filename="best", monitor="epoch", mode="min", enable_version_counter=False
+        tmp_path, "best", monitor="val_score", mode="max", enable_version_counter=False
     )
     trainer = L.Trainer(
         max_epochs=3,
@@ -67,54 +74,55 @@ def trained(tmp_path, *overrides):
         logger=False,
         num_sanity_val_steps=0,
         use_distributed_sampler=False,
-        callbacks=[EMAWeightAveraging(decay=0.5), best, guard.Guard(tmp_path / "best.ckpt"), loud],
+        callbacks=[EMAWeightAveraging(decay=0.5), best, guard.Guard(tmp_path / "best.ckpt"), seen],
         enable_model_summary=False,
         enable_progress_bar=False,
     )
     trainer.fit(model, Batches(load(cfg.data), cfg.train.batch_size, workers=0, seed=cfg.seed))
-    return model, loud, torch.load(tmp_path / "best.ckpt", weights_only=True)
+    return model, seen, torch.load(tmp_path / "best.ckpt", weights_only=True)
 
 
-def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(tmp_path, capsys):
-    model, loud, best = trained(tmp_path)
+def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(
+    tmp_path, monkeypatch, capsys
+):
+    model, seen, best = trained(tmp_path, monkeypatch, COLLAPSE)
     assert best["epoch"] == 0
-    assert model.collapsed_at == 1 and loud.steps == {0: 1, 1: 1, 2: 3}
+    assert model.collapsed_at == 1 and seen.steps == {0: 1, 1: 1, 2: 3}
     assert "Back to epoch 0, and training continues with three steps" in capsys.readouterr().out
-    again, before = loud.weights[2], best["current_model_state"]
+    again, before = seen.weights[2], best["current_model_state"]
     assert all(torch.equal(again[k], before[k]) for k in before)
     # the collapse outlives the process
     kept: dict = {}
     model.on_save_checkpoint(kept)
     resumed = classifier_of(configured("recipe=moire_at", *TINY, *ONE_STEP), 16)
     resumed.on_load_checkpoint(kept)
-    assert (
-        resumed.hardened
-        and resumed.adversary.cfg.steps == 3
-        and resumed.adversary.cfg.random_start == 1.0
-    )
+    assert resumed.hardened and resumed.adversary.cfg.steps == 3
 
 
-def test_multi_step_training_is_left_alone(tmp_path):
-    model, loud, _ = trained(
-        tmp_path, "adversary.steps=3", "adversary.random_start=1", "adversary.step_size=null"
-    )
-    assert model.collapsed_at is None and loud.steps[2] == 3
+def test_a_collapse_in_the_last_epoch_is_recorded_and_not_kept(tmp_path, monkeypatch, capsys):
+    model, seen, best = trained(tmp_path, monkeypatch, LATE_COLLAPSE)
+    assert best["epoch"] == 1 and model.collapsed_at == 2 and seen.steps[2] == 1
+    assert "It was the last epoch: an earlier one is kept" in capsys.readouterr().out
 
 
-def test_options_of_training_train(tmp_path):
-    model, _, _ = trained(
-        tmp_path, "train.channels_last=false", "train.label_smoothing=0.1", "train.momentum=0"
-    )
+def test_multi_step_training_is_left_alone(tmp_path, monkeypatch):
+    model, seen, best = trained(tmp_path, monkeypatch, COLLAPSE, "adversary.steps=3")
+    assert model.collapsed_at is None and seen.steps[2] == 3 and best["epoch"] == 1
+
+
+def test_options_of_training_train(tmp_path, monkeypatch):
+    options = ["train.channels_last=false", "train.label_smoothing=0.1", "train.momentum=0"]
+    model, _, _ = trained(tmp_path, monkeypatch, STEADY, *options)
     assert len(model.history) == 3
     assert all(p.is_contiguous() for p in model.model.parameters())
 
 
 @pytest.mark.parametrize(("given", "moves"), [(None, False), (True, True), (False, False)])
-def test_fine_tuning_keeps_the_weights_own_statistics(given, moves, tmp_path):
+def test_fine_tuning_keeps_the_weights_own_statistics(given, moves, tmp_path, monkeypatch):
     path = tmp_path / "weights.pt"
     torch.save(build(Config.model, 16).state_dict(), path)
     setting = f"train.batch_statistics={'null' if given is None else given}"
-    model, _, _ = trained(tmp_path, f"weights={path}", setting)
+    model, _, _ = trained(tmp_path, monkeypatch, STEADY, f"weights={path}", setting)
     statistics = {k: v for k, v in model.model.state_dict().items() if "running" in k}
     assert (
         statistics and any((v != float("var" in k)).any() for k, v in statistics.items()) == moves

@@ -10,7 +10,7 @@ import pytest
 from filelock import FileLock
 
 from tests.training.small import LONG, ROOT
-from training import commands, runs
+from training import messages, runs
 
 HOLDER = """
 import sys, time
@@ -65,14 +65,14 @@ def test_a_disk_without_locks_is_worked_on_without_one(tmp_path, monkeypatch):
 
 
 def test_the_systems_own_errors_say_how_to_go_on():
-    full = commands.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
+    full = messages.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
     assert (
         "No space left" in full
         and "runs/report.html" in full
         and "resume with the same command" in full
     )
     assert (
-        commands.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n"))
+        messages.sentence(ValueError("Caught ValueError in\n  File\nValueError: this.\n"))
         == "this."
     )
-    assert commands.sentence(ValueError("this.")) == "this."
+    assert messages.sentence(ValueError("this.")) == "this."

@@ -147,3 +147,13 @@ def test_times_of_two_machines_and_failed_checks_are_said(tmp_path):
         "The runs were trained on different machines (NVIDIA H100; a slow one, 2 threads)"
     )
     assert checks.endswith(f"failed on {Path(tmp_path, 'clean', 'seed0')}: many steps beat one.")
+
+
+def test_seeds_of_other_settings_are_not_one_recipe(tmp_path):
+    for seed in range(3):
+        put(tmp_path, "good", seed, eps=0.03 if seed == 1 else 0.02)
+        put(tmp_path, "other", seed, eps=0.04)  # another recipe may have its own
+    with pytest.raises(
+        ValueError, match=r"seeds of good with different adversary.eps .*good/seed1 has 0.03"
+    ):
+        read(tmp_path)

@@ -10,6 +10,7 @@ from tests.training.small import configured
 from training import models, runs
 from training.classifier import Classifier
 from training.data import Splits
+from training.files import read_checkpoint
 from training.schema import Train
 from training.train import classifier_of, train_model
 from training.tuning import averaging, tuning
@@ -77,7 +78,7 @@ def tuned(tmp_path, name, batch, size, *more):
     runs.run_of(cfg).prepare()
     model, _ = train_model(cfg, Splits(data, data, data, {}, 2))
     last = classifier_of(cfg, 2)
-    last.load_state_dict(runs.read_checkpoint(runs.folder(cfg) / "last.ckpt")["state_dict"])
+    last.load_state_dict(read_checkpoint(runs.folder(cfg) / "last.ckpt")["state_dict"])
     return before, loss_of(last, data), model.history
 
 

@@ -29,7 +29,7 @@ from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
 from moireaug.synthesis.pairs import SIZES, check_aligned
-from training import commands, runs, scenes
+from training import commands, machine, runs, scenes
 from training.calibration.pairs import find_pairs
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
@@ -123,11 +123,12 @@ def finished(cfg: DemoireConfig) -> Metrics:
     pairs are given."""
     folder = runs.folder(cfg)
     known = runs.read_metrics(folder) or {}
-    if cfg.pairs and cfg.pairs != known["pairs"] and runs.is_first():
+    if not runs.is_first():
+        return known
+    if cfg.pairs and cfg.pairs != known["pairs"]:
         network = demoire.load(folder / "weights.pt")
         return tested(cfg, network, known["train"])
-    if runs.is_first():
-        show(report.said(known))
+    show(report.said(known))
     print(f"{folder} is already finished; resume=false trains it again.")
     return known
 
@@ -173,8 +174,8 @@ def tested(
         "scenes": {name: scene.to_dict() for name, scene in scenes_of(cfg).items()},
         "config": settings,
         "fingerprint": runs.fingerprint(settings),
-        "environment": runs.environment(),
-        "command": runs.command(),
+        "environment": machine.environment(),
+        "command": machine.command(),
     }
     write_text(folder / "scores.csv", found.scores.to_csv(index=False, float_format="%.6g"))
     write_text(folder / "report.html", report.page(metrics, found.shown))

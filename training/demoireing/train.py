@@ -50,7 +50,7 @@ def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[
     module = Demoireing(network, cfg.demoire, cfg.train)
     if resumed and (train := read_json(train_json)):
         module.load_state_dict(read_checkpoint(best)["state_dict"])
-        print(f"Training is complete: the weights are read from {best}.")
+        rank_zero_only(print)(f"Training is complete: the weights are read from {best}.")
         return network.eval(), train
     done = read_checkpoint(last)["history"] if resumed else []
     if runs.is_first():
