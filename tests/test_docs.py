@@ -56,7 +56,7 @@ def check(script, settings):
 
 @pytest.mark.parametrize(("page", "script", "settings"), COMMANDS)
 def test_commands_have_settings_that_exist(page, script, settings):
-    check(script, settings)
+    assert check(script, settings) is None, "it exits where a setting does not exist"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from moireaug.effects.prefilter import SMALL
 from moireaug.engine import dispatch, run
 from moireaug.engine.shot_exposure import exposure_of
 from moireaug.scene.presets import PRESETS
+from tests.engine.readings import assert_equal, readings
 
 DELTA = Layout(
     ((0, 0, 0, 1.2, 0.5), (1, 0.4, 0.5, 2, 1.0), (2, 1, 1, 1.9, 1.9), (2, 0.1, 1.1, 0.8, 1.8)),
@@ -108,21 +109,6 @@ SCENES = {
     ),
     "upside down": Scene(view=View(roll=(150.0, 180.0)), lens=SOFT, sensor=TWICE),
 }
-RMS, MOST = 1e-4, 1 / 512
-
-
-def readings(scene, size, n=2):
-    """What the engine and the reference read of the same shot."""
-    shot = scene.sample(n, size, torch.Generator().manual_seed(3))
-    images = torch.rand(n, 3, *size, generator=torch.Generator().manual_seed(4))
-    assert dispatch.exposes(images, shot)
-    return expose(images, shot).double(), pipeline.expose(images.double(), shot)
-
-
-def assert_equal(got, expected):
-    difference = got - expected
-    assert difference.square().mean().sqrt() < RMS
-    assert difference.abs().max() < MOST
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -262,43 +248,3 @@ def test_another_shot_is_not_equal(change):
     got, expected = expose(image, change(shot)).double(), pipeline.expose(image.double(), shot)
     with pytest.raises(AssertionError):
         assert_equal(got, expected)
-
-
-STEEP = {
-    "oblique": (
-        Scene(panel=Panel(scale=1.1), view=View(yaw=35.0, fov=40.0), lens=SOFT, sensor=TWICE),
-        (40, 40),
-    ),
-    "barrel": (Scene(lens=Lens(k1=0.1, k2=0.02, blur=0.3), sensor=TWICE), (40, 40)),
-    "pincushion": (Scene(lens=Lens(k1=-0.08, blur=0.3), sensor=TWICE), (31, 50)),
-}
-
-
-@pytest.mark.parametrize("name", STEEP)
-def test_steep_views_that_fit_are_equal(name):
-    scene, size = STEEP[name]
-    shot = scene.sample(1, size, torch.Generator().manual_seed(3))
-    assert run.fits(exposure_of(shot, decoded=False)).tolist() == [True]
-    assert_equal(*readings(scene, size, n=1))
-
-
-def test_a_view_of_the_horizon_does_not_fit():
-    scene = Scene(view=View(yaw=(0.0, 85.0), fov=60.0), lens=SOFT, sensor=TWICE)
-    shot = scene.sample(2, (40, 40))
-    view = dataclasses.replace(shot.view, yaw=torch.tensor([5.0, 85.0], dtype=torch.float64))
-    shot = dataclasses.replace(shot, view=view)
-    assert run.fits(exposure_of(shot, decoded=False)).tolist() == [True, False]
-
-
-def test_an_image_is_read_the_same_beside_one_that_does_not_fit():
-    scene = Scene(view=View(yaw=(0.0, 85.0), fov=60.0), lens=SOFT, sensor=TWICE)
-    shot = scene.sample(3, (40, 40), torch.Generator().manual_seed(0))
-    yaw = torch.tensor([5.0, 85.0, -5.0], dtype=torch.float64)
-    shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=yaw))
-    images = torch.rand(3, 3, 40, 40, generator=torch.Generator().manual_seed(1))
-    assert run.fits(exposure_of(shot, decoded=False)).tolist() == [True, False, True]
-    together, alone = (
-        expose(images, shot),
-        [expose(images[i : i + 1], shot[i : i + 1]) for i in range(3)],
-    )
-    assert torch.equal(together, torch.cat(alone))

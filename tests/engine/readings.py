@@ -1,0 +1,22 @@
+"""What the engine and the reference read of the same shot, and how equal that must be."""
+
+import torch
+
+from moireaug import expose, pipeline
+from moireaug.engine import dispatch
+
+RMS, MOST = 1e-4, 1 / 512
+
+
+def readings(scene, size, n=2):
+    """What the engine and the reference read of the same shot."""
+    shot = scene.sample(n, size, torch.Generator().manual_seed(3))
+    images = torch.rand(n, 3, *size, generator=torch.Generator().manual_seed(4))
+    assert dispatch.exposes(images, shot)
+    return expose(images, shot).double(), pipeline.expose(images.double(), shot)
+
+
+def assert_equal(got, expected):
+    difference = got - expected
+    assert difference.square().mean().sqrt() < RMS
+    assert difference.abs().max() < MOST
