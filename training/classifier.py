@@ -16,7 +16,7 @@ from moireaug.scene.scene import Scene
 from training.adversaries import STRONG, Adversaries, strengthened
 from training.augmentation import augment
 from training.schema import Adversary, Train
-from training.tuning import tuning
+from training.tuning import make_optimizer, tuning
 
 FLOOR = 0.2  # accuracy below which a model has nothing to lose yet
 FALL = 0.5  # share of the best accuracy that counts as a collapse
@@ -206,24 +206,18 @@ class Classifier(L.LightningModule):
         return collapsed([*perturbed, float(means["perturbed"])])
 
     def configure_optimizers(self) -> Any:
-        t = self.settings
-        optimizer = torch.optim.SGD(
-            self.parameters(),
-            self.tuning.lr,
-            momentum=t.momentum,
-            weight_decay=t.weight_decay,
-            nesterov=t.momentum > 0,
-        )
+        momentum = self.settings.momentum
+        optimizer = make_optimizer(self.parameters(), self.tuning, momentum)
         # with five steps the warm-up would have length 0, which OneCycleLR divides by
         total = max(6, int(self.trainer.estimated_stepping_batches) + 1)
         schedule = torch.optim.lr_scheduler.OneCycleLR(
             optimizer,
-            self.tuning.lr,
+            [group["lr"] for group in optimizer.param_groups],
             total_steps=total,
             pct_start=0.2,
-            cycle_momentum=t.momentum > 0,
-            max_momentum=t.momentum,
-            base_momentum=max(0.0, t.momentum - 0.1),
+            cycle_momentum=momentum > 0,
+            max_momentum=momentum,
+            base_momentum=max(0.0, momentum - 0.1),
         )
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 

@@ -64,11 +64,12 @@ class Train:
 
     epochs: int = 12
     batch_size: int = 64  # of all devices together
-    # null: 0.1; with `weights`, 0.002 for a batch of 128, in proportion (tuning.py)
+    # by Muon; with `weights`, by SGD. null: 0.02; with `weights`, 0.002 for a batch of 128, in
+    # proportion (tuning.py)
     lr: float | None = None
     # the peak of the one-cycle schedule, which falls by 0.1 and rises back
     momentum: float = 0.95
-    weight_decay: float = 5e-4
+    weight_decay: float | None = None  # null: 0.05; with `weights`, 5e-4
     label_smoothing: float = 0.0
     # "random", or "clean": start from the weights of recipe clean, trained with the same settings
     init: str = "random"

@@ -13,6 +13,7 @@ import lightning as L
 from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import OmegaConf
 
+from moireaug.evaluation.statistics import mix
 from moireaug.files import write_text
 from training import machine, ranks, runs
 from training.adversaries import passes
@@ -70,7 +71,7 @@ def train_model(
         splits,
         cfg.train.batch_size,
         workers=cfg.data.workers,
-        seed=cfg.seed,
+        seed=draws(cfg),
         first=len(done),
     )
     trainer = trainer_of(cfg.trainer, classifier.tuning, cfg.train.epochs, out, splits.classes)
@@ -99,10 +100,16 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
         cfg.train,
         cfg.adversary,
         scene_of(cfg),
-        seed=cfg.seed,
+        seed=draws(cfg),
         augment=cfg.data.augment,
         fine=cfg.weights is not None,
     )
+
+
+def draws(cfg: Config) -> int:
+    """Return the seed of the batches and of what is drawn in them: not that of the run's start,
+    whose order and augmentations would be repeated epoch by epoch."""
+    return mix(cfg.seed, int(cfg.train.init == "clean"))
 
 
 def cost(classifier: Classifier, images: int) -> dict[str, Any]:
