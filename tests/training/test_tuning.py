@@ -13,25 +13,26 @@ from training.data import Splits
 from training.files import read_checkpoint
 from training.schema import Train
 from training.train import classifier_of, train_model
-from training.tuning import averaging, tuning
+from training.tuning import Tuning, averaging, tuning
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 
 @pytest.mark.parametrize(
-    ("given", "lr", "clip", "ema", "rising"),
+    ("given", "expected"),
     [
-        ((), 0.1, None, 0.98, False),
-        (("train.lr=0.05", "train.ema=0.9"), 0.05, None, 0.9, False),
-        (("weights=x",), 0.001, 1.0, 0.98, True),
-        (("weights=x", "train.batch_size=128"), 0.002, 1.0, 0.98, True),
-        (("weights=x", "train.batch_size=8"), 0.002 / 16, 1.0, 0.98, True),
-        (("weights=x", "train.lr=0.01", "train.ema=0"), 0.01, 1.0, 0, False),
+        ((), Tuning(False, 0.02, 0.05, None, 0.98, False)),
+        (("train.lr=0.05", "train.ema=0.9"), Tuning(False, 0.05, 0.05, None, 0.9, False)),
+        (("train.weight_decay=0",), Tuning(False, 0.02, 0, None, 0.98, False)),
+        (("weights=x",), Tuning(True, 0.001, 5e-4, 1.0, 0.98, True)),
+        (("weights=x", "train.batch_size=128"), Tuning(True, 0.002, 5e-4, 1.0, 0.98, True)),
+        (("weights=x", "train.batch_size=8"), Tuning(True, 0.000125, 5e-4, 1.0, 0.98, True)),
+        (("weights=x", "train.lr=0.01", "train.ema=0"), Tuning(True, 0.01, 5e-4, 1.0, 0, False)),
     ],
 )
-def test_null_is_chosen_and_what_is_given_stays(given, lr, clip, ema, rising):
+def test_null_is_chosen_and_what_is_given_stays(given, expected):
     cfg = configured(*given)
-    assert tuning(cfg.train, fine=cfg.weights is not None) == (pytest.approx(lr), clip, ema, rising)
+    assert tuning(cfg.train, fine=cfg.weights is not None) == expected
 
 
 def test_a_rising_average_follows_few_steps_and_then_keeps_its_decay():
