@@ -9,12 +9,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 
 import numpy as np
 import torch
 
-from benchmarks.checkouts import HERE, Checkout, plain
+from benchmarks.checkouts import HERE, Checkout
 from benchmarks.measure import Timing, timed_together
 from benchmarks.rows import Row, Size, in_ms
 from moireaug import Scene, capture
@@ -32,23 +31,17 @@ START, FIRST = 1.5, 15.0  # seconds above `import torch` alone
 
 
 def executions(size: Size) -> Iterator[Row]:
-    """Yield the engine against the reference and the older checkout, each in its own process."""
-    with ExitStack() as stack:
-        runs = {
-            "the engine": stack.enter_context(Checkout(HERE, size.threads)),
-            "the reference": stack.enter_context(Checkout(HERE, size.threads, engine=False)),
-        }
-        if size.before:
-            runs["the older checkout"] = stack.enter_context(Checkout(size.before, size.threads))
-        for run in runs.values():
-            run.ask(
-                "hold", key=SCENE, scene=plain(Scene.preset(SCENE)), images=size.images().numpy()
-            )
+    """Yield the engine against the reference, each in its own process."""
+    scene, images = Scene.preset(SCENE).to_dict(), size.images().numpy()
+    with Checkout(HERE, size.threads) as fast, Checkout(HERE, size.threads, engine=False) as plain:
+        for run in (fast, plain):
+            run.ask("hold", key=SCENE, scene=scene, images=images)
         for stage in STAGES:
-            calls = {name: run.call(SCENE, stage) for name, run in runs.items()}
+            calls = {"engine": fast.call(SCENE, stage), "reference": plain.call(SCENE, stage)}
             times = timed_together(calls, size.repeats)
-            for name in list(runs)[1:]:
-                yield in_ms(f"{stage}, the engine", times["the engine"], name, times[name])
+            yield in_ms(
+                f"{stage}, the engine", times["engine"], "the reference", times["reference"]
+            )
 
 
 def doors(size: Size) -> Iterator[Row]:

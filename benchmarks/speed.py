@@ -6,7 +6,7 @@ Prints a table and writes results/speed.json. A ratio is ours over the other's, 
 turns; `met` says whether it keeps its bar. Rows without a bar are for
 information. Images are float32 of 224 px in batches of 16 and gradients are off, unless a row says
 otherwise; the scene is the default, "screen_photo". `--before` names an older checkout of the
-project (`git worktree add DIR COMMIT`), which takes turns with this one.
+project (`git worktree add DIR COMMIT`), whose DataLoaders take turns with this one's.
 """
 
 from __future__ import annotations
@@ -282,10 +282,7 @@ def main() -> None:
                 print(f"{group.__name__} measured", file=sys.stderr)
     print(report(rows))
     if not args.before:
-        print(
-            "Without --before DIR, the rows against an older checkout and those of DataLoaders "
-            "are missing."
-        )
+        print("Without --before DIR, the rows of DataLoaders are missing.")
     # no path of this machine among the results
     sizes = dataclasses.asdict(replace(size, before=None))
     measure.write_json(
