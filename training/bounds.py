@@ -30,6 +30,7 @@ BOUNDS: dict[str, tuple[float, float | None]] = {
     "adversary.steps": (0, 10_000),
     "adversary.warmup": (0, 1),
     "train.epochs": (1, None),
+    "train.length": (0.01, 1),
     "train.batch_size": (1, None),
     "train.lr": (1e-8, 10),
     "train.momentum": (0, 0.9999),

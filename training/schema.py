@@ -63,6 +63,7 @@ class Train:
     """How the weights are trained."""
 
     epochs: int = 12
+    length: float = 1.0  # of `epochs`, in this recipe; its start and its baseline take all of them
     batch_size: int = 64  # of all devices together
     # by Muon; with `weights`, by SGD. null: 0.02; with `weights`, 0.002 for a batch of 128, in
     # proportion (tuning.py)

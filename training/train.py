@@ -60,11 +60,12 @@ def train_model(
     if runs.is_first():
         write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
     say = rank_zero_only(print)
-    epochs = f"{cfg.train.epochs} epochs"
+    epochs = max(1, round(cfg.train.length * cfg.train.epochs))
+    planned = f"{epochs} epochs"
     if before:
-        epochs += f" after the {before['epochs']} of its start"
+        planned += f" after the {before['epochs']} of its start"
     what = f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}"
-    say(f"{what}: {epochs}, lr {classifier.tuning.lr:g}")
+    say(f"{what}: {planned}, lr {classifier.tuning.lr:g}")
     if done:
         say(f"Resuming from {last} after {len(done)} epochs.")
     batches = Batches(
@@ -74,7 +75,7 @@ def train_model(
         seed=draws(cfg),
         first=len(done),
     )
-    trainer = trainer_of(cfg.trainer, classifier.tuning, cfg.train.epochs, out, splits.classes)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, splits.classes)
     began = time.perf_counter()
     ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
