@@ -12,9 +12,9 @@ report.html, metrics.json, best.ckpt, last.ckpt and config.yaml; with other data
 than the default the folder is runs/<data>-<model>/<recipe>/seed<k>/.
 
 Most recipes start from the weights of recipe `clean` and are compared with recipe `baseline`, plain
-training that starts from the same weights and takes as many epochs. Both are trained first, with
-the same settings, or reused if they were trained before. The same command resumes an interrupted
-run.
+training that starts from the same weights and takes at least as many epochs. Both are trained
+first, with the same settings, or reused if they were trained before. The same command resumes an
+interrupted run.
 """
 
 from __future__ import annotations

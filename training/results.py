@@ -63,7 +63,7 @@ def compare(
     Args:
         described: the run's own figures. train: what its training cost, where it was trained here.
         start: metrics of the run whose weights it started from. baseline: metrics of the plainly
-            trained run, of as many epochs in all, over which the gain is measured.
+            trained run, of at least as many epochs in all, over which the gain is measured.
     """
     metrics = {
         "recipe": cfg.recipe,

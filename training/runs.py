@@ -110,10 +110,10 @@ def start_config(cfg: Config) -> Config | None:
 
 
 def baseline_config(cfg: Config) -> Config | None:
-    """Return the settings of the plain run of as many epochs that this one is compared with.
+    """Return the settings of the plain run that this one is compared with.
 
-    That is recipe `baseline` where the run starts from the weights of `clean`, else `clean`; all
-    other settings are the same. None for these two recipes themselves.
+    That is recipe `baseline` where the run starts from the weights of `clean`, else `clean`, in at
+    least as many epochs; all other settings are the same. None for these two recipes themselves.
     """
     if cfg.recipe in PLAIN:
         return None

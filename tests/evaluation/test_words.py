@@ -19,7 +19,7 @@ def test_headline_says_what_was_gained_and_paid(metrics):
     title, lead, shares = headline(metrics)
     assert title == "moire_at raises accuracy under the Moiré Attack from 8 % to 76 %"
     assert lead == (
-        "Compared with plain training of equal length, accuracy under the Moiré Attack rose from "
+        "Compared with plain training, accuracy under the Moiré Attack rose from "
         "8 % to 76 % "
         "(+68 points, 95 % interval +62 to +74, n = 200); clean accuracy went from 95.0 % to "
         "90.0 %. "
