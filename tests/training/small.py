@@ -113,7 +113,7 @@ def train(tmp_path, name, *overrides):
     """Three epochs of one recipe, without its baseline and re-attack: the run's folder, and what it
     cost."""
     cfg = configured(
-        "recipe=moire_fast",
+        "recipe=moire_at",
         *TINY,
         "train.epochs=3",
         "train.init=random",

@@ -87,7 +87,7 @@ def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight
     real = os.fsync
 
     def full(file):
-        if epoch(tmp_path / "runs/moire_fast/seed0/last.ckpt") == 1:
+        if epoch(tmp_path / "runs/moire_at/seed0/last.ckpt") == 1:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         real(file)
 
@@ -97,10 +97,10 @@ def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight
         match=r"ckpt could not be written \(No space left on device\): it needs .* MB are free",
     ):
         train(tmp_path, "runs")
-    folder = tmp_path / "runs/moire_fast/seed0"
+    folder = tmp_path / "runs/moire_at/seed0"
     assert epoch(folder / "last.ckpt") == 1 and not list(folder.glob(".*"))
     monkeypatch.setattr(files.os, "fsync", real)
-    shutil.move(folder, tmp_path / "elsewhere/moire_fast/seed0")  # a larger disk
+    shutil.move(folder, tmp_path / "elsewhere/moire_at/seed0")  # a larger disk
     out, found = train(tmp_path, "elsewhere")
     assert same(out, straight[0])
     assert [h["loss"] for h in found["history"]] == [h["loss"] for h in straight[1]["history"]]
@@ -133,7 +133,7 @@ def test_a_nan_loss_ends_at_the_last_whole_epoch(tmp_path, monkeypatch, straight
     monkeypatch.setattr(Classifier, "forward", broken)
     with pytest.raises(FloatingPointError, match="the loss became nan in epoch 1"):
         train(tmp_path, "runs")
-    folder = tmp_path / "runs/moire_fast/seed0"
+    folder = tmp_path / "runs/moire_at/seed0"
     assert epoch(folder / "last.ckpt") == 0
     assert all(v.isfinite().all() for v in weights(folder / "last.ckpt").values())
     monkeypatch.setattr(Classifier, "forward", forward)
@@ -199,9 +199,9 @@ def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, mo
 
 
 def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
-    shutil.copytree(straight[0], tmp_path / "moire_fast/seed0")
-    given = ["recipe=moire_fast", *TINY, "train.epochs=3", "train.init=random", f"runs={tmp_path}"]
-    cfg, folder = configured(*given, "resume=false"), tmp_path / "moire_fast/seed0"
+    shutil.copytree(straight[0], tmp_path / "moire_at/seed0")
+    given = ["recipe=moire_at", *TINY, "train.epochs=3", "train.init=random", f"runs={tmp_path}"]
+    cfg, folder = configured(*given, "resume=false"), tmp_path / "moire_at/seed0"
     asides = []
     for _ in range(2):
         kept = (folder / "best.ckpt").read_bytes()
@@ -220,9 +220,9 @@ def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
 
 
 def test_resume_true_requires_something_to_resume(tmp_path, straight):
-    shutil.copytree(straight[0], tmp_path / "moire_fast/seed0")
+    shutil.copytree(straight[0], tmp_path / "moire_at/seed0")
     given = [
-        "recipe=moire_fast",
+        "recipe=moire_at",
         *TINY,
         "train.epochs=3",
         "train.init=random",
@@ -237,8 +237,8 @@ def test_resume_true_requires_something_to_resume(tmp_path, straight):
 
 
 def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):
-    shutil.copytree(straight[0], tmp_path / "runs/moire_fast/seed0")
-    last = tmp_path / "runs/moire_fast/seed0/last.ckpt"
+    shutil.copytree(straight[0], tmp_path / "runs/moire_at/seed0")
+    last = tmp_path / "runs/moire_at/seed0/last.ckpt"
     last.write_bytes(last.read_bytes()[:5000])
     (last.parent / "train.json").unlink()
     with pytest.raises(

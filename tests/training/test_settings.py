@@ -5,13 +5,13 @@ import torch
 from omegaconf import OmegaConf
 from PIL import Image
 
-from tests.training.small import TINY, configured
+from tests.training.small import TINY, configured, train
 from training import fit, machine, reattack, runs, saved
 from training.augmentation import augment
 from training.classifier import Classifier
 from training.data import load
 from training.schema import Config, Data, ReattackConfig, Train, Trainer, as_values, check_keys
-from training.train import classifier_of, trainer_of
+from training.train import classifier_of, draws, trainer_of
 from training.tuning import tuning
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -160,7 +160,7 @@ def test_config_files_are_read_back(tmp_path):
 
 
 def test_ranks_and_steps_draw_differently(monkeypatch):
-    cfg = configured("recipe=moire_fast", *TINY, "adversary.natural=0")
+    cfg = configured("recipe=moire_at", *TINY, "adversary.natural=0")
     batch = (torch.randint(0, 256, (4, 3, 24, 24), dtype=torch.uint8), torch.arange(4))
     seen = []
 
@@ -201,3 +201,27 @@ def test_precision_follows_the_hardware_unless_it_is_given(
     settings = Trainer(accelerator="cpu", precision=asked)
     made = trainer_of(settings, tuning(Train(), fine=False), 1, tmp_path, {})
     assert made.precision == got
+
+
+@pytest.mark.parametrize(
+    ("given", "length"), [([], 0.5), (["train.length=0.25"], 0.25), (["train.epochs=30"], 0.5)]
+)
+def test_a_recipe_may_be_shorter_than_its_start_and_its_baseline(given, length):
+    cfg = configured("recipe=moire_fast", *given)
+    assert cfg.train.length == length
+    for plain in (runs.start_config(cfg), runs.baseline_config(cfg)):
+        assert plain.train.length == 1.0
+        assert plain.train.epochs == cfg.train.epochs
+
+
+@pytest.mark.parametrize(("length", "epochs"), [(0.5, 2), (0.01, 1), (1.0, 3)])
+def test_length_is_a_share_of_the_epochs(tmp_path, length, epochs):
+    _, found = train(tmp_path, "runs", f"train.length={length}")
+    assert len(found["history"]) == epochs
+
+
+def test_a_recipe_does_not_repeat_the_draws_of_its_start():
+    cfg = configured("recipe=moire_at", *TINY)
+    assert draws(cfg) == draws(runs.baseline_config(cfg))
+    assert draws(cfg) != draws(runs.start_config(cfg))
+    assert draws(cfg) != draws(configured("recipe=moire_at", "seed=1"))

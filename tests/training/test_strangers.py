@@ -208,7 +208,7 @@ def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):
     out, _ = train(tmp_path, "runs", "train.epochs=1")
     assert saved.read(out).classes == dict(enumerate(signs.CLASSES))
     cfg = configured(
-        "recipe=moire_fast",
+        "recipe=moire_at",
         *TINY,
         "train.epochs=1",
         "train.init=random",
