@@ -63,9 +63,12 @@ class Muon(torch.optim.Optimizer):
 
     def _update(self, p: nn.Parameter, group: dict[str, Any]) -> None:
         lr, momentum = group["lr"], group["momentum"]
-        sum_ = self.state[p].setdefault("momentum_buffer", torch.zeros_like(p))
-        sum_.mul_(momentum).add_(p.grad)
-        step = p.grad + momentum * sum_
+        state = self.state[p]
+        if not state:
+            state["momentum_buffer"] = torch.zeros_like(p)
+        total = state["momentum_buffer"]
+        total.mul_(momentum).add_(p.grad)
+        step = p.grad + momentum * total
         if group["orthogonal"]:
             step = orthogonal(step.flatten(1)).view(p.shape)
             p.mul_(1 - lr * group["weight_decay"])
@@ -73,22 +76,24 @@ class Muon(torch.optim.Optimizer):
 
 
 def orthogonal(matrix: Tensor) -> Tensor:
-    """Return a matrix (N, M) with the same singular vectors and all singular values near 1.
+    """Return a matrix (N, M) with the same singular vectors and singular values of 0.7 to 1.2.
 
-    It is multiplied by a polynomial of its own Gram matrix, so that all but the first and the last
-    product are of the shorter side. A tall one is longer by sqrt(N / M), as a gradient is.
+    Those below 0.01 of the matrix's norm stay smaller. It is multiplied by a polynomial of its own
+    Gram matrix, so that all but the first and the last product are square, of the shorter side;
+    half precision is computed in float32. The result is longer by sqrt(N / M) where N > M.
 
     Source: Jordan et al. (2024), who apply the polynomial to the whole matrix.
     """
     rows, columns = matrix.shape
     if rows > columns:
         return (rows / columns) ** 0.5 * orthogonal(matrix.mT).mT
-    start = matrix / matrix.norm().clamp(min=1e-7)
+    start = matrix.to(torch.promote_types(matrix.dtype, torch.float32))
+    start = start / start.norm().clamp(min=1e-7)
     gram = start @ start.mT
-    product = torch.eye(rows, dtype=matrix.dtype, device=matrix.device)
+    product = torch.eye(rows, dtype=start.dtype, device=start.device)
     for _ in range(ITERATIONS):
         factor = CUBIC * gram + QUINTIC * (gram @ gram)
         factor.diagonal().add_(LINEAR)
         product = factor @ product
-        gram = factor @ gram @ factor  # all three commute
-    return product @ start
+        gram = factor @ gram @ factor  # that of product @ start, as all three commute
+    return (product @ start).to(matrix.dtype)

@@ -53,6 +53,22 @@ def test_float32_is_as_good_as_float64():
     )
 
 
+def test_half_precision_is_computed_in_float32():
+    given, _ = matrix((16, 144), dtype=torch.bfloat16)
+    made = orthogonal(given)
+    assert made.dtype == torch.bfloat16
+    torch.testing.assert_close(made, orthogonal(given.float()).bfloat16())
+
+
+@pytest.mark.parametrize("shape", [(64, 576), (576, 64)])
+def test_one_direction_alone_is_kept_finite(shape):
+    g = torch.Generator().manual_seed(0)
+    made = orthogonal(torch.randn(shape[0], 1, generator=g) @ torch.randn(1, shape[1], generator=g))
+    values = torch.linalg.svdvals(made) / max(1.0, shape[0] / shape[1]) ** 0.5
+    assert 0.6 < values[0] < 1.25
+    assert values[1] < 1e-3
+
+
 def test_no_gradient_gives_no_step():
     assert orthogonal(torch.zeros(8, 16)).abs().max() == 0
 
