@@ -4,7 +4,8 @@
 
 A step is forward, backward and update of `training.classifier.Classifier` on one batch of
 photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at
-224 px, beside which it does not. Loading is the DataLoader of `training.batches` over a folder of
+224 px, beside which it does not. The small one is trained from random weights, by Muon, and the
+large one is fine-tuned, by SGD. Loading is the DataLoader of `training.batches` over a folder of
 JPEG files, made for the purpose. Prints three tables and writes results/training_steps.json.
 """
 
@@ -30,6 +31,7 @@ from training.batches import Batches
 from training.data import load
 from training.schema import RECIPES, Config, as_config, register
 from training.train import classifier_of
+from training.tuning import make_optimizer, tuning
 
 # models: name, batch, side of its images
 FULL = {
@@ -46,6 +48,7 @@ QUICK = {
     "sides": (16,),
     "compile": False,
 }
+SMALL = 64  # px; networks of larger images are fine-tuned
 OPTIONS = {
     "as it is": [],
     "train.channels_last=false": ["train.channels_last=false"],
@@ -151,7 +154,8 @@ def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
     torch.manual_seed(0)
     model = classifier_of(cfg, 16)
     model._strength, model.log = (lambda: 1.0), (lambda *args, **kwargs: None)  # type: ignore[method-assign]
-    optimizer = torch.optim.SGD(model.parameters(), 1e-3, momentum=0.9)
+    chosen = tuning(cfg.train, fine=side > SMALL)
+    optimizer = make_optimizer(model.parameters(), chosen, cfg.train.momentum)
     shown = (images("photo", batch, side) * 255).to(torch.uint8)
     labels = torch.arange(batch) % 16
     half = machine.precision(cfg.trainer) == "bf16-mixed"
