@@ -4,8 +4,8 @@
 
 A step is forward, backward and update of `training.classifier.Classifier` on one batch of
 photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at
-224 px, beside which it does not. The small one is trained from random weights, by Muon, and the
-large one is fine-tuned, by SGD. Loading is the DataLoader of `training.batches` over a folder of
+224 px, beside which it does not. The small one takes steps of Muon, the large one of SGD, as
+fine-tuning does. Loading is the DataLoader of `training.batches` over a folder of
 JPEG files, made for the purpose. Prints three tables and writes results/training_steps.json.
 """
 
@@ -48,7 +48,7 @@ QUICK = {
     "sides": (16,),
     "compile": False,
 }
-SMALL = 64  # px; networks of larger images are fine-tuned
+SMALL = 64  # px; networks of larger images take steps of SGD
 OPTIONS = {
     "as it is": [],
     "train.channels_last=false": ["train.channels_last=false"],

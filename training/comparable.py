@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 _WHERE = ("root", "workers", "download")  # settings of the data that no image depends on
+_OWN = ("init", "length", "epochs")  # settings of training in which recipes may differ
 Metrics = dict[str, Any]
 
 
@@ -30,6 +31,9 @@ def settings(metrics: Metrics) -> Metrics:
     for name, value in metrics["config"]["data"].items():
         if name not in _WHERE:
             found[f"data.{name}"] = value
+    for name, value in metrics["config"]["train"].items():
+        if name not in _OWN:
+            found[f"train.{name}"] = value
     for name, value in metrics["scene"].items():
         found[f"scene.{name}"] = value
     return found

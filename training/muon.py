@@ -17,8 +17,8 @@ SGD_LR = 5.0  # of the other parameters, in learning rates of the matrices
 class Muon(torch.optim.Optimizer):
     """Takes orthogonal steps in weight matrices, and those of SGD in all other parameters.
 
-    A gradient has few strong directions, and SGD learns along those alone; an orthogonal step is as
-    long along all. A convolution's weight (out, in, height, width) is taken as a matrix
+    A gradient is strong in few directions, and SGD learns mostly in those; an orthogonal step is
+    equally long in all. A convolution's weight (out, in, height, width) is taken as a matrix
     (out, in * height * width); a depthwise one, like biases and normalisation, is left to SGD.
 
     `torch.optim.Muon` refuses convolutions, and works in bfloat16, which is 20 times as slow on a
@@ -26,8 +26,9 @@ class Muon(torch.optim.Optimizer):
 
     Args:
         params: of a model.
-        lr: every singular value of a matrix's step is about lr. SGD has 5 times that rate.
-        momentum: of the gradients, after Nesterov, in [0, 1).
+        lr: about the singular values of a matrix's step, times sqrt(N / M) where it is taller (N)
+            than wide (M). SGD has 5 times that rate.
+        momentum: Nesterov's, in [0, 1).
         weight_decay: a matrix loses lr * weight_decay of itself in each step; the others nothing.
 
     Source: K. Jordan et al., "Muon: An optimizer for hidden layers in neural networks" (2024).
@@ -39,7 +40,7 @@ class Muon(torch.optim.Optimizer):
         matrices: list[nn.Parameter] = []
         others: list[nn.Parameter] = []
         for p in params:
-            hidden = p.ndim > 1 and p.shape[1] > 1
+            hidden = p.ndim > 1 and min(p.shape[:2]) > 1
             (matrices if hidden else others).append(p)
         groups = [
             {"params": matrices, "orthogonal": True, "lr": lr},

@@ -45,7 +45,8 @@ class Point:
             of recipe `clean` with the same seed and settings.
         passes: forward and backward, per image of its own training. images_per_second: of the same.
         collapsed: whether catastrophic overfitting was seen while it was trained.
-        baseline: the recipe of plain training, at least as long; None for plain training itself.
+        baseline: the recipe of plain training of at least as many epochs; None for plain training
+            itself.
     """
 
     recipe: str

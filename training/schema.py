@@ -63,10 +63,10 @@ class Train:
     """How the weights are trained."""
 
     epochs: int = 12
-    length: float = 1.0  # of `epochs`, in this recipe; its start and its baseline take all of them
+    length: float = 1.0  # share of `epochs` that this recipe takes; start and baseline take all
     batch_size: int = 64  # of all devices together
-    # by Muon; with `weights`, by SGD. null: 0.02; with `weights`, 0.002 for a batch of 128, in
-    # proportion (tuning.py)
+    # null: 0.02, of Muon; with `weights`, 0.002 for a batch of 128, in proportion, of SGD
+    # (tuning.py)
     lr: float | None = None
     # the peak of the one-cycle schedule, which falls by 0.1 and rises back
     momentum: float = 0.95

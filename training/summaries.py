@@ -29,8 +29,8 @@ class Recipe:
 
     Args:
         rates: the names of `RATES` to accuracies in [0, 1].
-        gains: the same minus those of the plainly trained runs and the same seeds;
-            empty where these were not attacked.
+        gains: the same minus those of plain training with the same seeds; empty where it was not
+            attacked.
         seconds, start_seconds, passes, images_per_second: means over seeds, as `Point` has them.
         relative: training with its start, over the mean of recipe `clean`.
         collapsed: number of seeds whose training collapsed.
@@ -123,8 +123,7 @@ def summarise(points: Sequence[Point]) -> list[Recipe]:
 
 
 def gains(own: Sequence[Point], by_name: dict[str, list[Point]]) -> dict[str, Estimate]:
-    """Return the gains over the plainly trained runs; empty where there are none of
-    the same seeds."""
+    """Return the gains over plain training; empty where none of its runs has the same seeds."""
     plain = by_name.get(own[0].baseline or "", [])
     plain_seeds = {point.seed for point in plain}
     if not any(point.seed in plain_seeds for point in own):

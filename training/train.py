@@ -108,9 +108,12 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
 
 
 def draws(cfg: Config) -> int:
-    """Return the seed of the batches and of what is drawn in them: not that of the run's start,
-    whose order and augmentations would be repeated epoch by epoch."""
-    return mix(cfg.seed, int(cfg.train.init == "clean"))
+    """Return the seed of the batches and of all draws in them.
+
+    It is far from that of the start, whose epochs would be repeated otherwise: a sampler's order in
+    epoch e is that of seed + e.
+    """
+    return mix(cfg.seed, int(cfg.train.init == "clean"), 0)
 
 
 def cost(classifier: Classifier, images: int) -> dict[str, Any]:

@@ -22,7 +22,7 @@ class Tuning(NamedTuple):
     """How the weights are updated.
 
     Args:
-        fine: whether training starts from given weights: then by SGD, else by Muon.
+        fine: whether the weights of `weights=` are fine-tuned: then by SGD, else by Muon.
         lr: the peak learning rate of the schedule. weight_decay: of the optimizer.
         clip: bound of the gradient's norm, or None.
         ema: decay of the averaged weights a step.

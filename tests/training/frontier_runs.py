@@ -36,6 +36,8 @@ def put(
     device=ENVIRONMENT,
     trust=(),
     eps=0.02,
+    decay=None,
+    length=1.0,
 ):
     """A finished run as fit.py leaves it, and its re-attack."""
     folder = root / recipe / f"seed{seed}"
@@ -59,7 +61,7 @@ def put(
         baseline = plain
     config = {
         "adversary": {"eps": eps},
-        "train": {"epochs": 12},
+        "train": {"epochs": 12, "length": length, "weight_decay": decay},
         "data": {"name": data, "size": size, "root": at},
         "reattack": {"n": 480, "steps": 20, "seed": 1234},
     }

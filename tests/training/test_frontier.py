@@ -57,7 +57,7 @@ def test_intervals_hold_seeds_and_images(root):
     assert "cover the choice of seeds and of images" in words and "lone in 1 of 1 seeds" in words
 
 
-def test_gains_are_over_plain_training_of_equal_length(tmp_path):
+def test_gains_are_over_plain_training_of_as_many_epochs(tmp_path):
     for seed in range(3):
         put(tmp_path, "clean", seed, worst=(0.0, 0.0))
         put(tmp_path, "baseline", seed, worst=(0.1 + 0.05 * seed, 0.0))

@@ -101,6 +101,10 @@ def test_worst_cases_of_other_attackers_do_not_compare(tmp_path):
             "re-attacks with different reattack.steps cannot be compared: .* has 20, most others "
             "have 50",
         ),
+        (
+            {"decay": 5e-4},
+            "different train.weight_decay cannot be compared: .* has 0.0005, most others have None",
+        ),
         ({"n": 480}, r"different reattack.n cannot be compared: \S+odd/seed0 has 480"),
     ],
 )
@@ -108,6 +112,11 @@ def test_what_does_not_compare_is_named(root, odd, message):
     put(root, "odd", 0, **odd)
     with pytest.raises(ValueError, match=message):
         read(root)
+
+
+def test_a_shorter_recipe_compares(root):
+    put(root, "short", 0, length=0.5)
+    assert "short" in {point.recipe for point in read(root).points}
 
 
 def test_mistakes_get_a_sentence(tmp_path):

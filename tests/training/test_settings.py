@@ -223,5 +223,6 @@ def test_length_is_a_share_of_the_epochs(tmp_path, length, epochs):
 def test_a_recipe_does_not_repeat_the_draws_of_its_start():
     cfg = configured("recipe=moire_at", *TINY)
     assert draws(cfg) == draws(runs.baseline_config(cfg))
-    assert draws(cfg) != draws(runs.start_config(cfg))
-    assert draws(cfg) != draws(configured("recipe=moire_at", "seed=1"))
+    epochs = 1000  # the order of images in epoch e is that of draws + e
+    assert abs(draws(cfg) - draws(runs.start_config(cfg))) > epochs
+    assert abs(draws(cfg) - draws(configured("recipe=moire_at", "seed=1"))) > epochs

@@ -245,7 +245,7 @@ def _cost(metrics: Metrics, baseline: Metrics | None) -> dict[str, Any] | None:
         ("training time, s", "total_seconds", "seconds", 1),
         ("epochs", "total_epochs", "epochs", 0),
         ("images per second", "images_per_second", None, 0),
-        ("passes per image", "passes", None, 2),
+        ("passes per image and epoch", "passes", None, 2),
     )
     lines = []
     for title, key, otherwise, digits in asked:
