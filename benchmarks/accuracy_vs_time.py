@@ -31,22 +31,25 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import torch
 from torch import Tensor
 
-from benchmarks import checkouts, measure, plots
+from benchmarks import accuracy_tables, checkouts, measure, plots
 from benchmarks.colour import visible_difference
 from benchmarks.problems import SET, Problem, images, problem
-from benchmarks.runs import WITHOUT, runs_of
+from benchmarks.runs import WITHOUT, Run, runs_of
 from moireaug import Scene, Shot, develop, expose
 
-SAMPLES = (2, 4, 8, 16)
-TOLERANCES = {"1/64": 1 / 64, "1/512": 1 / 512, "1/4096": 1 / 4096}
 METHODS: dict[str, dict[str, Any]] = {
     "point": {"exposure": "point"},
-    **{f"supersample:{n}": {"exposure": f"supersample:{n}"} for n in SAMPLES},
-    **{f"spectral {t}": {"exposure": "spectral", "tolerance": v} for t, v in TOLERANCES.items()},
+    "supersample:2": {"exposure": "supersample:2"},
+    "supersample:4": {"exposure": "supersample:4"},
+    "supersample:8": {"exposure": "supersample:8"},
+    "supersample:16": {"exposure": "supersample:16"},
+    "spectral 1/64": {"exposure": "spectral", "tolerance": 1 / 64},
+    "spectral 1/512": {"exposure": "spectral", "tolerance": 1 / 512},
+    "spectral 1/4096": {"exposure": "spectral", "tolerance": 1 / 4096},
     "box": {"exposure": "box"},
     "auto": {"exposure": "auto"},
 }
-WITHIN, AT_MOST = 1.0, 2.0  # bars of auto: RMSE in %, and time over that of WITHOUT
+WITHIN = 1.0  # bar of auto's RMSE, in %
 SAME = 1.02  # errors within this factor count as equal: they vary with the picture
 FULL = {"problems": 1, "sensor_pixels": 120, "batch": 8, "points": 96, "repeats": 15, "budget": 1.5}
 QUICK = {"problems": 4, "sensor_pixels": 24, "batch": 1, "points": 12, "repeats": 1, "budget": 0.0}
@@ -57,24 +60,22 @@ def main() -> None:
     checkouts.add_before(parser)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    facts, settings = measure.metadata(), QUICK if args.quick else FULL
+    facts = measure.metadata()
+    settings = QUICK if args.quick else FULL
     print(measure.told(facts), end="\n\n")
     found = []
     with ExitStack() as stack:
-        before = (
-            stack.enter_context(checkouts.Checkout(args.before, args.threads))
-            if args.before
-            else None
-        )
+        before = None
+        if args.before:
+            before = stack.enter_context(checkouts.Checkout(args.before, args.threads))
         for numbers in SET[:: settings["problems"]]:
-            found.append(solve(problem(**numbers), settings, before))
-            print(report(found[-1]), end="\n\n", flush=True)
-    print(summary(found))
-    facts |= {"before": checkouts.commit(args.before)}
-    measure.write_json(
-        args.out / "accuracy_vs_time.json",
-        {"metadata": facts, "settings": settings, "problems": found},
-    )
+            result = solve(problem(**numbers), settings, before)
+            print(accuracy_tables.report(result), end="\n\n", flush=True)
+            found.append(result)
+    print(accuracy_tables.summary(found, WITHIN))
+    facts["before"] = checkouts.commit(args.before)
+    content = {"metadata": facts, "settings": settings, "problems": found}
+    measure.write_json(args.out / "accuracy_vs_time.json", content)
     plots.accuracy_vs_time(found, args.out / "accuracy_vs_time.png")
 
 
@@ -84,35 +85,25 @@ def solve(
 ) -> dict[str, Any]:
     """Run every method on one problem; return its rows, and the brute force's own convergence."""
     shown = images(problem.picture, settings["batch"], problem.side(settings["sensor_pixels"]))
-    first = shown[:1]
-    shots = {
-        name: draw(with_method(problem.scene, **wanted), shown) for name, wanted in METHODS.items()
-    }
-    exact, brute = converged(problem.scene, first, settings["points"])
+    shots = {}
+    for name, wanted in METHODS.items():
+        shots[name] = draw(with_method(problem.scene, **wanted), shown)
     runs = runs_of(shots, shown, before)
     calls = {name: run.timed for name, run in runs.items()}
     times = measure.timed_together(calls, settings["repeats"], budget=settings["budget"])
+
+    first = shown[:1]
+    exact, brute = converged(problem.scene, first, settings["points"])
     brightness = float(first.mean() / exact.mean())
-    lit = developed(exact, draw(problem.scene, first), brightness)
+    photo = developed(exact, draw(problem.scene, first), brightness)
     rows = []
     for name, run in runs.items():
-        raw = run.reading().double()
-        seen = visible_difference(developed(raw, run.shot[:1], brightness), lit)
-        plan = run.shot.scene.plan()
-        rows.append(
-            {"method": name, "by": run.by, "plan": plan.exposure}
-            | {"samples": samples(plan.exposure, len(plan.harmonics))}
-            | {
-                "seconds": (times[name] / len(shown))._asdict(),
-                "rmse_percent": rms(raw - exact, exact),
-            }
-            | {
-                "max_percent": float(100 * (raw - exact).abs().max() / exact.mean()),
-                "delta_e": float(seen.mean()),
-            }
-        )
+        row = row_of(name, run, exact, photo, brightness)
+        row["seconds"] = (times[name] / len(shown))._asdict()
+        rows.append(row)
     floor = brute["error_left_percent"]
-    rows = [row | {"frontier": not beaten_by(row, rows, floor)} for row in rows]
+    for row in rows:
+        row["frontier"] = not beaten_by(row, rows, floor)
     return {
         "title": problem.title,
         "pitch": problem.pitch,
@@ -121,6 +112,28 @@ def solve(
         "brute_force": brute,
         "rows": rows,
         "auto": judge(rows, floor),
+    }
+
+
+def row_of(name: str, run: Run, exact: Tensor, photo: Tensor, brightness: float) -> dict[str, Any]:
+    """Return what a method is and how far its reading is from the exact one, without its time.
+
+    Args:
+        exact: the brute force's reading (1, planes, h, w), and `photo` its photo (1, 3, H, W).
+        brightness: by which photos are multiplied.
+    """
+    raw = run.reading().double()
+    error = raw - exact
+    seen = visible_difference(developed(raw, run.shot[:1], brightness), photo)
+    plan = run.shot.scene.plan()
+    return {
+        "method": name,
+        "by": run.by,
+        "plan": plan.exposure,
+        "samples": samples(plan.exposure, len(plan.harmonics)),
+        "rmse_percent": rms(error, exact),
+        "max_percent": float(100 * error.abs().max() / exact.mean()),
+        "delta_e": float(seen.mean()),
     }
 
 
@@ -145,8 +158,11 @@ def converged(scene: Scene, shown: Tensor, n: int) -> tuple[Tensor, dict[str, An
     too; above 1, less error is left than estimated.
     """
     light = shown.double()
-    scenes = (with_method(scene, f"supersample:{m}") for m in (n // 4, n // 2, n))
-    coarse, middle, fine = (expose(light, draw(s, light)) for s in scenes)
+    readings = []
+    for m in (n // 4, n // 2, n):
+        shot = draw(with_method(scene, f"supersample:{m}"), light)
+        readings.append(expose(light, shot))
+    coarse, middle, fine = readings
     before, last = rms(middle - coarse, fine), rms(fine - middle, fine)
     return fine, {
         "method": f"supersample:{n}",
@@ -176,115 +192,38 @@ def samples(plan: str, harmonics: int) -> int | None:
 def beaten_by(row: dict[str, Any], rows: list[dict[str, Any]], floor: float) -> list[str]:
     """Return the methods that are at once faster, quartile against quartile, and more accurate, by
     more than `SAME`; errors below the floor count as the floor."""
-    error, time = max(row["rmse_percent"], floor), row["seconds"]["low"]
-    faster = [other for other in rows if other["seconds"]["high"] < time]
-    return [other["method"] for other in faster if max(other["rmse_percent"], floor) * SAME < error]
+    error = max(row["rmse_percent"], floor)
+    found = []
+    for other in rows:
+        faster = other["seconds"]["high"] < row["seconds"]["low"]
+        if faster and max(other["rmse_percent"], floor) * SAME < error:
+            found.append(other["method"])
+    return found
 
 
 def judge(rows: list[dict[str, Any]], floor: float) -> dict[str, Any]:
     """Return what auto chose, what beats it, and how many times its time the cheapest supersampling
     takes that is as accurate, or the finest where none is."""
-    auto = next(row for row in rows if row["method"] == "auto")
-    brute = [row for row in rows if row["method"].startswith("supersample")]
+    named = {row["method"]: row for row in rows}
+    auto = named["auto"]
+    seconds = auto["seconds"]["median"]
     enough = max(auto["rmse_percent"], floor) * SAME
+    brute = [row for row in rows if row["method"].startswith("supersample")]
     able = [row for row in brute if row["rmse_percent"] <= enough]
     rival = min(able, key=lambda row: row["seconds"]["median"]) if able else brute[-1]
-    without = [row["seconds"]["median"] for row in rows if row["method"] == WITHOUT]
+    over_without = None
+    if WITHOUT in named:
+        over_without = seconds / named[WITHOUT]["seconds"]["median"]
     return {
         "within": auto["rmse_percent"] <= math.hypot(WITHIN, floor),
         "rmse_percent": auto["rmse_percent"],
-        "over_without": auto["seconds"]["median"] / without[0] if without else None,
+        "over_without": over_without,
         "chosen": auto["plan"],
         "beaten_by": beaten_by(auto, rows, floor),
         "rival": rival["method"],
         "rival_is_as_accurate": bool(able),
-        "times_as_fast": rival["seconds"]["median"] / auto["seconds"]["median"],
+        "times_as_fast": rival["seconds"]["median"] / seconds,
     }
-
-
-def report(result: dict[str, Any]) -> str:
-    """Return one problem's table."""
-    brute, n = result["brute_force"], result["size"]
-    order = brute["order_seen"]
-    head = (
-        f"{result['title']}; {n[0]} images of {n[2]} x {n[3]}\n"
-        f"  brute force {brute['method']}, {brute['dtype']}: "
-        f"{brute['difference_to_half_percent']:.2g} % from half of n, so about "
-        f"{brute['error_left_percent']:.2g} % is left"
-        f"{f'; order seen {order:.1f}' if order is not None else ''}"
-    )
-    columns = (
-        "method",
-        "by",
-        "samples",
-        "ms an image",
-        "quartiles",
-        "RMSE %",
-        "max %",
-        "dE",
-        "frontier",
-    )
-    lines = []
-    for row in result["rows"]:
-        name = f"auto = {row['plan']}" if row["method"] == "auto" else row["method"]
-        errors = row["rmse_percent"], row["max_percent"], row["delta_e"]
-        lines.append(
-            (
-                name,
-                row["by"],
-                row["samples"],
-                *measure.in_ms(row["seconds"]),
-                *errors,
-                "*" if row["frontier"] else "",
-            )
-        )
-    return head + "\n" + measure.table(columns, lines)
-
-
-def summary(found: list[dict[str, Any]]) -> str:
-    """Return a table of auto against its bars and the other methods, one line per problem."""
-    rows = []
-    for result in found:
-        auto = result["auto"]
-        beaten = "on the frontier"
-        if auto["beaten_by"]:
-            beaten = f"beaten by {', '.join(auto['beaten_by'])}"
-        speed = f"{auto['times_as_fast']:.1f} x {auto['rival']}"
-        if not auto["rival_is_as_accurate"]:
-            speed = f"more than {speed}"
-        left = result["brute_force"]["error_left_percent"]
-        rows.append(
-            (
-                result["title"],
-                auto["chosen"],
-                auto["rmse_percent"],
-                left,
-                auto["within"],
-                auto["over_without"],
-                beaten,
-                speed,
-            )
-        )
-    good = sum(not result["auto"]["beaten_by"] for result in found)
-    close = sum(result["auto"]["within"] for result in found)
-    quick = sum((result["auto"]["over_without"] or math.inf) <= AT_MOST for result in found)
-    aims = f"within {WITHIN:g} %"
-    columns = (
-        "problem",
-        "auto takes",
-        "RMSE %",
-        "brute %",
-        aims,
-        "time, x one panel pixel",
-        "auto is",
-        "as fast as",
-    )
-    return (
-        f"{measure.table(columns, rows)}\nbrute % is the error left in the brute force: a part of "
-        f"the RMSE that is not auto's\nauto is {aims} on {close} of {len(found)} "
-        f"problems, takes at most {AT_MOST:g} times as long as with one panel pixel on {quick}, "
-        f"and is on the frontier of {good}"
-    )
 
 
 if __name__ == "__main__":
