@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 
 from matplotlib.axes import Axes
@@ -15,6 +16,7 @@ SIZE, DPI = (10.4, 6.4), 100
 MAIN = "codes RMS"  # the unit of most, on the left
 APART = 0.17  # between the two marks of a line, in lines
 LEAST = 0.05  # codes, on the logarithmic axis
+REAL, SIMULATED = (OURS, "o"), (THEIRS, "D")  # colour and marker
 
 
 def draw(lines: Sequence[Line], name: str) -> bytes:
@@ -43,17 +45,18 @@ def draw(lines: Sequence[Line], name: str) -> bytes:
 
 
 def _panel(ax: Axes, group: Sequence[Line], name: str) -> None:
-    logarithmic = group[0].statistic.unit == MAIN
-    if logarithmic:
+    least = -math.inf
+    if group[0].statistic.unit == MAIN:
         ax.set_xscale("log")
         ax.xaxis.set_major_formatter("{x:g}")
+        least = LEAST
     for row, line in enumerate(group):
-        label = {"real": "real photos", "simulated": name} if row == 0 else {}
+        # a legend needs each name once
+        real_name, simulated_name = ("real photos", name) if row == 0 else (None, None)
         shift = APART if line.simulated else 0
-        _mark(ax, line.real, row - shift, OURS, "o", label.get("real"), logarithmic)
+        _mark(ax, line.real, row - shift, least, REAL, real_name)
         if line.simulated:
-            simulated = label.get("simulated")
-            _mark(ax, line.simulated, row + shift, THEIRS, "D", simulated, logarithmic)
+            _mark(ax, line.simulated, row + shift, least, SIMULATED, simulated_name)
     ax.set_yticks(range(len(group)), [line.statistic.title for line in group], size=9.5)
     ax.set_ylim(len(group) - 0.5, -0.5)
     ax.set_xlabel(group[0].statistic.unit or "share", size=9.5, color=INK, labelpad=1)
@@ -65,14 +68,10 @@ def _panel(ax: Axes, group: Sequence[Line], name: str) -> None:
 
 
 def _mark(
-    ax: Axes,
-    values: Span,
-    y: float,
-    colour: str,
-    marker: str,
-    label: str | None,
-    logarithmic: bool,
+    ax: Axes, values: Span, y: float, least: float, style: tuple[str, str], label: str | None
 ) -> None:
-    low, median, high = (max(LEAST, value) if logarithmic else value for value in values)
+    """Draw a span as a bar and its median as a marker; smaller values are drawn at `least`."""
+    colour, marker = style
+    low, median, high = (max(least, value) for value in values)
     ax.plot([low, high], [y, y], color=colour, linewidth=2, alpha=0.55, solid_capstyle="butt")
     ax.plot([median], [y], marker, color=colour, markersize=5.5, label=label)
