@@ -137,20 +137,16 @@ def told(facts: Mapping[str, Any]) -> str:
 def table(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return plain text with aligned columns: those with any value but words and None to the right,
     words to the left."""
-    cells = [[show(value) for value in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(columns, *cells, strict=True)]
-    right = [
-        any(not isinstance(row[i], str) and row[i] is not None for row in rows)
-        for i in range(len(columns))
-    ]
-
-    def line(row: Sequence[str]) -> str:
-        placed = (
-            f"{c:>{w}}" if r else f"{c:<{w}}" for c, w, r in zip(row, widths, right, strict=True)
-        )
-        return "  ".join(placed).rstrip()
-
-    return "\n".join([line(columns), "  ".join("-" * w for w in widths), *map(line, cells)])
+    aligned = []
+    for i, name in enumerate(columns):
+        values = [row[i] for row in rows]
+        cells = [name, *map(show, values)]
+        width = max(map(len, cells))
+        cells.insert(1, "-" * width)
+        to_the_right = any(not isinstance(v, str) and v is not None for v in values)
+        place = str.rjust if to_the_right else str.ljust
+        aligned.append([place(cell, width) for cell in cells])
+    return "\n".join("  ".join(line).rstrip() for line in zip(*aligned, strict=True))
 
 
 def show(value: Any) -> str:

@@ -28,6 +28,7 @@ STYLE = {
 }
 INK, FAINT, LINE = "#222222", "#DDDDDD", "#999999"
 COLUMNS = 3
+BELOW = "below the brute force's own error"
 FLOOR = {"color": "#F0E442", "alpha": 0.35, "linewidth": 0}
 AUTO = {
     "marker": "o",
@@ -69,30 +70,8 @@ def draw(axis: Axes, result: dict[str, Any]) -> None:
     for row in result["rows"]:
         families.setdefault(family(row["method"]), []).append(row)
     for name, rows in families.items():
-        x, y = (
-            [1e3 * row["seconds"]["median"] for row in rows],
-            [row["rmse_percent"] for row in rows],
-        )
-        if name == "auto":
-            axis.plot(x, y, **AUTO, zorder=4)
-            continue
-        colour, marker = STYLE[name]
-        bars = [
-            [1e3 * abs(r["seconds"][end] - r["seconds"]["median"]) for r in rows]
-            for end in ("low", "high")
-        ]
-        look = {
-            "color": colour,
-            "marker": marker,
-            "markersize": 6,
-            "linewidth": 0.8,
-            "elinewidth": 1.4,
-        }
-        axis.errorbar(x, y, xerr=bars, **look, zorder=3)
-    points = [(1e3 * row["seconds"]["median"], row["rmse_percent"]) for row in result["rows"]]
-    told_apart = [(time, max(error, floor)) for time, error in points]
-    best = [points[i] for i in frontier(told_apart)]
-    axis.step([time for time, _ in best], [error for _, error in best], where="post", **FRONTIER)
+        draw_family(axis, name, rows)
+    draw_frontier(axis, result["rows"], floor)
     axis.set(xscale="log", yscale="log")
     for scale in (axis.xaxis, axis.yaxis):
         scale.set_major_locator(LogLocator(subs=(1.0,) if spans(scale) else (1.0, 2.0, 5.0)))
@@ -109,6 +88,40 @@ def draw(axis: Axes, result: dict[str, Any]) -> None:
     axis.tick_params(labelsize=8, labelcolor=INK, color=FAINT, which="both")
     axis.spines[["top", "right"]].set_visible(False)
     axis.spines[:].set_color(LINE)
+
+
+def draw_family(axis: Axes, name: str, rows: Sequence[dict[str, Any]]) -> None:
+    """Draw one method in all its settings."""
+    errors = [row["rmse_percent"] for row in rows]
+    times, below, above = [], [], []
+    for row in rows:
+        seconds = row["seconds"]
+        times.append(1e3 * seconds["median"])
+        below.append(1e3 * (seconds["median"] - seconds["low"]))
+        above.append(1e3 * (seconds["high"] - seconds["median"]))
+    if name == "auto":
+        axis.plot(times, errors, **AUTO, zorder=4)
+        return
+    colour, marker = STYLE[name]
+    axis.errorbar(
+        times,
+        errors,
+        xerr=[below, above],
+        color=colour,
+        marker=marker,
+        markersize=6,
+        linewidth=0.8,
+        elinewidth=1.4,
+        zorder=3,
+    )
+
+
+def draw_frontier(axis: Axes, rows: Sequence[dict[str, Any]], floor: float) -> None:
+    """Draw the Pareto frontier; errors below the floor count as the floor."""
+    points = [(1e3 * row["seconds"]["median"], row["rmse_percent"]) for row in rows]
+    told_apart = [(time, max(error, floor)) for time, error in points]
+    times, errors = zip(*[points[i] for i in frontier(told_apart)], strict=True)
+    axis.step(times, errors, where="post", **FRONTIER)
 
 
 def spans(scale: Axis) -> bool:
@@ -140,22 +153,13 @@ def legend(figure: Figure, found: Sequence[dict[str, Any]]) -> None:
     for name, label in labels.items():
         if name in drawn:
             colour, marker = STYLE[name]
-            handles.append(
-                Line2D(
-                    [], [], color=colour, marker=marker, linewidth=0.8 * ("," in label), label=label
-                )
-            )
+            width = 0.8 if "," in label else 0.0  # a line joins several settings
+            line = Line2D([], [], color=colour, marker=marker, linewidth=width, label=label)
+            handles.append(line)
     handles += [
         Line2D([], [], **(AUTO | {"markersize": 11}), label="what auto chooses"),
         Line2D([], [], **FRONTIER, label="Pareto frontier"),
-        Line2D(
-            [],
-            [],
-            color=FLOOR["color"],
-            alpha=0.6,
-            linewidth=7,
-            label="below the brute force's own error",
-        ),
+        Line2D([], [], **(FLOOR | {"alpha": 0.6, "linewidth": 7}), label=BELOW),
     ]
     note = (
         "picture, panel layout, pitch in sensor pixels a panel pixel, view; bars span the "

@@ -15,6 +15,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
@@ -52,30 +53,18 @@ QUICK = Size(
 def transforms(size: Size) -> Iterator[Row]:
     """Yield the random transform of both doors beside kornia's JPEG, and with few images chosen."""
     images = size.images()
-    bytes_ = (255 * images).to(torch.uint8)
     doors = {"torchvision": RandomMoire, "kornia": kornia_door.RandomMoire}
-    every = {name: door(p=1) for name, door in doors.items()}
-    jpeg = RandomJPEG(p=1)
-    calls: dict[str, Callable] = {
-        name: lambda door=door: door(images) for name, door in every.items()
-    }
-    calls["torchvision, uint8"] = lambda: every["torchvision"](bytes_)
-    times = timed_together(calls | {"jpeg": lambda: jpeg(images)}, size.repeats, warmup=2)
-    for name in calls:
-        bars = {} if "uint8" in name else {"bar": 0.25, "stretch": 0.15}
-        yield in_ms(
-            f"RandomMoire(p=1), {name} door",
-            times[name],
-            "kornia RandomJPEG(p=1)",
-            times["jpeg"],
-            **bars,
-        )
+    calls: dict[str, Callable] = {"jpeg": partial(RandomJPEG(p=1), images)}
     for name, door in doors.items():
-        seldom, always = door(p=0.1), every[name]
-        calls = {
-            "few": lambda seldom=seldom: seldom(images),
-            "all": lambda always=always: always(images),
-        }
+        calls[name] = partial(door(p=1), images)
+    calls["torchvision, uint8"] = partial(RandomMoire(p=1), (255 * images).to(torch.uint8))
+    times = timed_together(calls, size.repeats, warmup=2)
+    rival = times.pop("jpeg")
+    for name, own in times.items():
+        bars = {"bar": 0.25, "stretch": 0.15} if name in doors else {}
+        yield in_ms(f"RandomMoire(p=1), {name} door", own, "kornia RandomJPEG(p=1)", rival, **bars)
+    for name, door in doors.items():
+        calls = {"few": partial(door(p=0.1), images), "all": partial(door(p=1), images)}
         times = timed_together(calls, size.calls, budget=20.0)
         # means, because how many images are chosen varies by call
         few, whole = times["few"], times["all"]
@@ -153,10 +142,7 @@ def panels(size: Size) -> Iterator[Row]:
     # no colour filters, and so no need of more pixels
     sensor = replace(default.sensor, cfa="none", scale=1)
     even = replace(default, panel=replace(default.panel, layout="even"), sensor=sensor)
-    calls = {
-        name: running(capture, scene, images)
-        for name, scene in (("default", default), ("even", even))
-    }
+    calls = {"default": running(capture, default, images), "even": running(capture, even, images)}
     times = timed_together(calls, size.repeats)
     yield in_ms("capture without any lattice", times["even"], "the default scene", times["default"])
 
