@@ -8,7 +8,7 @@ everything is float64 and differentiable in every field.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -42,18 +42,24 @@ def _rotation_columns(yaw: Tensor, pitch: Tensor, roll: Tensor) -> tuple[Tensor,
     return *across, *down, *depth
 
 
-def camera_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
-    """Return the homography (B, 3, 3) of a pinhole camera before zoom, fit and shift, about the
-    centres of image and photo."""
+def camera_pose(
+    view: dict[str, Tensor], k1: Tensor, k2: Tensor, size: tuple[int, int], fit: bool
+) -> Tensor:
+    """Return the homography (B, 3, 3) of a pinhole camera, about the centres of image and photo.
+    Arguments as in `homography`."""
+    h, w = size
     xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
-    diagonal = (size[0] ** 2 + size[1] ** 2) ** 0.5
+    diagonal = (h**2 + w**2) ** 0.5
     f = diagonal / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
-    return _matrix([[xx, xy, 0.0], [yx, yy, 0.0], [zx / f, zy / f, 1.0]], f)
+    turned = _matrix([[xx, xy, 0.0], [yx, yy, 0.0], [zx / f, zy / f, 1.0]], f)
+    zoom = view["zoom"] * (_fitting_zoom(turned, k1, k2, size) if fit else 1.0)
+    right, down = view["shift_x"] * w, view["shift_y"] * h
+    return _matrix([[zoom, 0, right], [0, zoom, down], [0, 0, 1.0]], zoom) @ turned
 
 
 def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:
-    """Return the homography of the paper's released code, M = A2 T RX RY RZ A1, in indices of the
-    sensor's raster.
+    """Return the homography (B, 3, 3) of the paper's released code, M = A2 T RX RY RZ A1 in indices
+    of the sensor's raster, about the centres of image and photo.
 
     The focal length is d / (2 sin gamma), and d where sin gamma = 0, d being the raster's diagonal;
     a negative one is kept. There, gamma turns clockwise and theta moves the lower edge
@@ -88,12 +94,6 @@ def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) 
     return m / m[:, 2:, 2:]  # depth positive in the centre, whatever the sign of the focal length
 
 
-POSES: dict[str, Callable[[dict[str, Tensor], tuple[int, int], float], Tensor]] = {
-    "camera": camera_pose,
-    "released": released_pose,
-}
-
-
 def homography(
     view: dict[str, Tensor],
     k1: Tensor,
@@ -111,17 +111,13 @@ def homography(
         k1, k2: (B,) lens coefficients, so that a fitted picture stays in view after the distortion.
         size: height and width of image and photo.
         scale: sensor pixels per photo pixel; only the "released" pose reads it.
-        pose: a key of `POSES`.
-        fit: see `View`.
+        pose, fit: see `View`.
     """
-    m = POSES[pose](view, size, scale)
+    if pose == "released":
+        m = released_pose(view, size, scale)
+    else:
+        m = camera_pose(view, k1, k2, size, fit)
     h, w = size
-    if pose == "camera":
-        zoom = view["zoom"] * (_fitting_zoom(m, k1, k2, size) if fit else 1.0)
-        place = _matrix(
-            [[zoom, 0, view["shift_x"] * w], [0, zoom, view["shift_y"] * h], [0, 0, 1.0]], zoom
-        )
-        m = place @ m
     centre = m.new_tensor([[1, 0, w / 2], [0, 1, h / 2], [0, 0, 1]])
     back = m.new_tensor([[1, 0, -w / 2], [0, 1, -h / 2], [0, 0, 1]])
     return centre @ m @ back
