@@ -14,7 +14,7 @@ from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure import content, extremes
 from moireaug.exposure.choose import exposure_of
 from moireaug.exposure.optics import optics_of
-from moireaug.exposure.sampled import Point, Supersample
+from moireaug.exposure.sampled import Sampled
 from moireaug.exposure.seen import WHOLE_PIXEL, extent
 from moireaug.exposure.smooth import Mean
 from moireaug.geometry import grids
@@ -96,7 +96,7 @@ def most_lost(scene: SceneRecord) -> float:
     """Return the most variance that a view loses when narrowed to the cells that are looked up, in
     squared image pixels."""
     method, most = exposure_of(scene), 0.0
-    if isinstance(method, (Point, Supersample)):
+    if isinstance(method, Sampled):
         return 0.0
     seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
     for alpha in extremes.inside(scene.panel.scale, points=3):

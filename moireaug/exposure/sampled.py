@@ -4,6 +4,7 @@ aperture."""
 from __future__ import annotations
 
 import functools
+from abc import abstractmethod
 
 import torch
 from torch import Tensor
@@ -18,7 +19,41 @@ from moireaug.panel.mask import cell_of, emits
 from moireaug.scene.layout import as_layout
 
 
-class Point(Exposure):
+class Sampled(Exposure):
+    """The mean of the panel's light at some points around each sensor pixel's centre."""
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        pixels, alpha = shot.sampled_pixels(), shot.panel.scale[:, None, None]
+        rows, cols = (axis.positions(light.device) for axis in pixels)
+        offsets = self.offsets(shot)
+        down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
+        inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
+        planes = []
+        for site in CFA[shot.scene.sensor.cfa]:
+            totals = [torch.zeros(())] * len(site.channels)
+            for i in range(offsets.shape[2]):
+                v = rows[site.row :: step] + down[:, i, None]
+                u = cols[site.column :: step] + across[:, i, None]
+                points = grids.grid(v, u)
+                seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
+                x, y = (seen * alpha[..., None]).unbind(-1)
+                read = functools.partial(self.read, light, x, y, shot)
+                for j, reading in enumerate(through_filters(read, site, shot)):
+                    totals[j] = totals[j] + reading
+            planes += [total / offsets.shape[2] for total in totals]
+        return torch.stack(planes, 1)
+
+    @abstractmethod
+    def offsets(self, shot) -> Tensor:
+        """Return the points of each sensor pixel, (B, 2, N) float64, down and across from its
+        centre in sensor pixels."""
+
+    @abstractmethod
+    def read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+        """Return one channel's light at panel positions x, y (B, h, w): (B, h, w)."""
+
+
+class Point(Sampled):
     """The panel's raster of subpixels at each sensor pixel's centre, bilinear: the paper's steps 2
     and 3.
 
@@ -30,21 +65,10 @@ class Point(Exposure):
     name = "point"
     reason = "the panel read at each sensor pixel's centre"
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
-        alpha = shot.panel.scale[:, None, None]
-        rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
-        inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
-        planes = []
-        for site in CFA[shot.scene.sensor.cfa]:
-            points = grids.grid(rows[site.row :: step], cols[site.column :: step])
-            seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
-            x, y = (seen * alpha[..., None]).unbind(-1)
-            read = functools.partial(self._read, light, x, y, shot)
-            planes += through_filters(read, site, shot)
-        return torch.stack(planes, 1)
+    def offsets(self, shot) -> Tensor:
+        return shot.panel.scale.new_zeros(len(shot), 2, 1)
 
-    def _read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
-        """Return what sensor pixels that look at panel positions x, y read of one channel."""
+    def read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
         layout, alpha = as_layout(shot.scene.panel.layout), shot.panel.scale[:, None, None]
         width, height = emitting_share(shot.panel)
         ends: tuple = (None, None)
@@ -93,7 +117,7 @@ def _lies_in(column: Tensor, low: float, high: float, around: int) -> Tensor:
     return share
 
 
-class Supersample(Exposure):
+class Supersample(Sampled):
     """The mean over n * n points of the aperture and the lens's spread. Converges to the integral:
     the reference."""
 
@@ -102,29 +126,10 @@ class Supersample(Exposure):
         self.name = f"supersample:{n}"
         self.reason = f"the mean over {n * n} points of the aperture and the lens spread"
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
-        pixels, alpha = shot.sampled_pixels(), shot.panel.scale[:, None, None]
-        rows, cols = (axis.positions(light.device) for axis in pixels)
-        offsets = optics_of(shot).offsets(self.n)
-        down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
-        inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
-        planes = []
-        for site in CFA[shot.scene.sensor.cfa]:
-            totals = [torch.zeros(())] * len(site.channels)
-            for i in range(offsets.shape[2]):
-                v = rows[site.row :: step] + down[:, i, None]
-                u = cols[site.column :: step] + across[:, i, None]
-                points = grids.grid(v, u)
-                seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
-                x, y = (seen * alpha[..., None]).unbind(-1)
-                read = functools.partial(self._read, light, x, y, shot)
-                for j, reading in enumerate(through_filters(read, site, shot)):
-                    totals[j] = totals[j] + reading
-            planes += [total / offsets.shape[2] for total in totals]
-        return torch.stack(planes, 1)
+    def offsets(self, shot) -> Tensor:
+        return optics_of(shot).offsets(self.n)
 
-    def _read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
-        """Return what a channel's subpixels emit at panel points."""
+    def read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
         width, height = (t[:, None, None] for t in emitting_share(shot.panel))
         total = torch.zeros_like(x, dtype=light.dtype)
         for s in as_layout(shot.scene.panel.layout).of(channel):
