@@ -15,7 +15,7 @@ from moireaug.exposure import content, extremes
 from moireaug.exposure.choose import exposure_of
 from moireaug.exposure.optics import optics_of
 from moireaug.exposure.sampled import Sampled
-from moireaug.exposure.seen import WHOLE_PIXEL, extent
+from moireaug.exposure.seen import WHOLE_PIXEL, footprint_of
 from moireaug.exposure.smooth import Mean
 from moireaug.geometry import grids
 from moireaug.scene.fields import bounds
@@ -76,11 +76,10 @@ def variance_at(points: Tensor, shot) -> Tensor:
     kinds = as_layout(shot.scene.panel.layout).all()
     if isinstance(method, Mean):
         kinds = (WHOLE_PIXEL,)
-    one, lost = torch.ones_like(alpha[:, 0, 0]), [torch.zeros_like(coarse)]
+    lit, lost = torch.ones_like(shot.panel.scale), [torch.zeros_like(coarse)]
     for subpixel in kinds:
         for axis, period in enumerate(subpixel.period):
-            width = extent(subpixel, axis, one, one)[0][:, None, None]
-            along = content.footprint(step[..., axis, :] / period, optics_of(shot))
+            along, width = footprint_of(subpixel, axis, step, (lit, lit), optics_of(shot))
             lost.append(content.fitted(along, width, method.taps)[1] * (period / alpha) ** 2)
     return coarse + torch.stack(lost).amax(0)
 

@@ -9,9 +9,8 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.exposure import content
 from moireaug.exposure.optics import Optics
-from moireaug.exposure.seen import WHOLE_PIXEL, extent
+from moireaug.exposure.seen import WHOLE_PIXEL, footprint_of
 from moireaug.geometry.grids import image_to_photo, jacobian
 from moireaug.geometry.homography import homography
 from moireaug.panel.fourier import coefficient
@@ -156,16 +155,14 @@ def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: b
     blur = math.hypot(bounds(lens.blur)[1], motion)
     widest = (bounds(sensor.fill)[1], blur, bounds(lens.olpf)[1], 0.0, 0.0)
     optics = Optics(*(torch.tensor([value]).double() for value in widest))
-    one = torch.ones(1, dtype=torch.float64)
+    lit = torch.ones(1, dtype=torch.float64)
+    step = seen[None, :, None] * (alpha / sensor.scale)
     kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
     found = []
     for subpixel in kinds:
         for axis, period in enumerate(subpixel.period):
-            width, slant = extent(subpixel, axis, one, one)
-            across = seen[None, :, axis, :] * (alpha / sensor.scale / period)
-            print_ = content.footprint(across, optics)
-            print_ = content.Footprint(print_.box, print_.variance + slant)
-            found.append((print_, float(width), period))
+            along, width = footprint_of(subpixel, axis, step, (lit, lit), optics)
+            found.append((along, float(width), period))
     return found
 
 

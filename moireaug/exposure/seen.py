@@ -12,7 +12,7 @@ from torch import Tensor
 
 from moireaug.exposure import content
 from moireaug.exposure.content import Footprint
-from moireaug.exposure.optics import optics_of
+from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
 from moireaug.panel.fourier import emitting_share
@@ -75,15 +75,24 @@ def wave(k: int, axis: int, along: AlongAxis, period: int, sight: Sight) -> Wave
     return Wave(fu, fv, torch.cos(phase), torch.sin(phase))
 
 
-def extent(subpixel: Subpixel, axis: int, width: Tensor, height: Tensor) -> tuple[Tensor, Tensor]:
-    """Return a subpixel's width along one axis and the variance that its slant adds, in cells; (B,)
-    each."""
-    period = subpixel.period[axis]
-    edges = [
-        (subpixel.across[axis] * width).abs() / period,
-        (subpixel.down[axis] * height).abs() / period,
-    ]
-    return torch.maximum(*edges), torch.minimum(*edges).square() / 12
+def footprint_of(
+    subpixel: Subpixel, axis: int, step: Tensor, lit: tuple[Tensor, Tensor], optics: Optics
+) -> tuple[Footprint, Tensor]:
+    """Return what sensor pixels see along x (axis 0) or y (axis 1), (B, h, w) each, and the width
+    of a subpixel there, (B, 1, 1); in cells. The slant of a subpixel adds variance to the view.
+
+    Args:
+        step: (B, h, w, 2, 2), change in panel pixels per sensor pixel; see `Sight`.
+        lit: the shares of the subpixel's width and height that emit light, (B,) each.
+        optics: (B,) fields.
+    """
+    period, (lit_x, lit_y) = subpixel.period[axis], lit
+    across = (subpixel.across[axis] * lit_x).abs() / period
+    down = (subpixel.down[axis] * lit_y).abs() / period
+    width, slant = torch.maximum(across, down), torch.minimum(across, down).square() / 12
+    width, slant = (t.to(step.dtype)[:, None, None] for t in (width, slant))
+    seen = content.footprint(step[..., axis, :] / period, optics)
+    return Footprint(seen.box, seen.variance + slant), width
 
 
 def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen) -> AlongAxis:
@@ -94,10 +103,7 @@ def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen
     across, down = emitting_share(shot.panel)
     if subpixel is WHOLE_PIXEL:
         across, down = torch.ones_like(across), torch.ones_like(down)
-    width, slant = extent(subpixel, axis, across, down)
-    width, slant = (t.to(sight.step.dtype)[:, None, None] for t in (width, slant))
-    seen = content.footprint(sight.step[..., axis, :] / period, optics_of(shot))
-    seen = Footprint(seen.box, seen.variance + slant)
+    seen, width = footprint_of(subpixel, axis, sight.step, (across, down), optics_of(shot))
     kept, lost = content.fitted(seen, width, taps)
     shares = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
     share = content.normalised([s.to(dtype) for s in shares])

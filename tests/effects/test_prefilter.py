@@ -110,6 +110,15 @@ def test_what_taps_do_not_hold_is_blurred_first():
     ).all()
 
 
+@pytest.mark.parametrize("layout", ["rgb_stripe", "chevron", "pentile_diamond"])
+def test_the_plan_names_the_blur_that_a_shot_gets(layout):
+    """From the front, every place and every subpixel, slanted ones included, needs the same."""
+    scene = Scene(panel=Panel(layout=layout), view=View(zoom=0.1, fit=False), lens=Lens(blur=0.1))
+    points = grids.pixel_centres((8, 8), torch.device("cpu"))
+    variance = variance_at(points, scene.sample(1, (8, 8)))
+    assert variance.flatten().tolist() == pytest.approx([scene.plan().prefilter] * 64)
+
+
 @pytest.mark.parametrize("exposure", ["spectral", "point", "supersample:2"])
 def test_a_coarse_panel_shows_no_detail_of_its_own(exposure):
     """Half as many panel pixels as image pixels: stripes of one pixel are nearly grey, whatever the
