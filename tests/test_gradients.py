@@ -7,7 +7,6 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.attacks import LOSSES
-from moireaug.scene.fields import ranged_fields
 from moireaug.scene.parts import PARTS
 
 SCENES = {
@@ -90,10 +89,7 @@ SCENES["box"] = dataclasses.replace(
     SCENES["spectral"], sensor=dataclasses.replace(SCENES["spectral"].sensor, exposure="box")
 )
 FIELDS = [
-    (part, f)
-    for part in PARTS
-    for f in ranged_fields(getattr(SCENES["spectral"], part))
-    if f != "jpeg"
+    (part, f) for part in PARTS for f in getattr(SCENES["spectral"], part).ranged if f != "jpeg"
 ]  # of a file's quality there is no gradient
 
 

@@ -8,7 +8,6 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, transforms
 from moireaug.attacks import MoireAttack
-from moireaug.scene.fields import ranged_fields
 from moireaug.scene.layout import Layout
 from moireaug.scene.parts import PARTS
 
@@ -128,8 +127,7 @@ def test_gradients_are_finite(name):
     image = IMAGES["random"]().double()[:1].requires_grad_()
     shot = CASES[name].sample(1, (9, 12), torch.Generator().manual_seed(1))
     drawn = {
-        p: {k: getattr(getattr(shot, p), k).clone() for k in ranged_fields(getattr(shot, p))}
-        for p in PARTS
+        p: {k: getattr(getattr(shot, p), k).clone() for k in getattr(shot, p).ranged} for p in PARTS
     }
     leaves = [t.requires_grad_() for fields in drawn.values() for t in fields.values()]
     moved = dataclasses.replace(

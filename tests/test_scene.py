@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
-from moireaug.scene.fields import bounds, ranged_fields
+from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.scene import as_scene
@@ -74,7 +74,7 @@ def test_draws_fill_their_ranges(name):
     scene = Scene.preset(name)
     shot = scene.sample(400, (8, 8), torch.Generator().manual_seed(0))
     for part in PARTS:
-        for field in ranged_fields(getattr(scene, part)):
+        for field in getattr(scene, part).ranged:
             low, high = bounds(getattr(getattr(scene, part), field))
             drawn = getattr(getattr(shot, part), field)
             assert drawn.shape == (400,) and drawn.dtype == torch.float64

@@ -15,8 +15,7 @@ from moireaug.attacks.losses import likeliest, margin
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Problem, Result
 from moireaug.checks import check_images
-from moireaug.scene.fields import ranged_fields
-from moireaug.scene.parts import PARTS
+from moireaug.scene.by_name import parts_with
 from moireaug.scene.scene import Shot
 
 
@@ -134,11 +133,7 @@ def _with_rows(found: Result, rows: Tensor, other: Result, picked: Tensor) -> Re
 
 def _shot_with_rows(shot: Shot, rows: Tensor, other: Shot) -> Shot:
     """Replace the numbers drawn for some rows of a shot by those of another."""
-    other, parts = other.to(shot.device), {}
-    for name in PARTS:
-        part, new = getattr(shot, name), getattr(other, name)
-        numbers = {}
-        for k in ranged_fields(part):
-            numbers[k] = getattr(part, k).index_copy(0, rows, getattr(new, k))
-        parts[name] = dataclasses.replace(part, **numbers)
-    return dataclasses.replace(shot, **parts)
+    new, numbers = other.to(shot.device).numbers(), {}
+    for name, values in shot.numbers().items():
+        numbers[name] = values.index_copy(0, rows, new[name])
+    return dataclasses.replace(shot, **parts_with(shot, numbers))

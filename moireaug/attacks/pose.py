@@ -8,7 +8,7 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from moireaug.scene.fields import bounds, one_of, ranged_fields
+from moireaug.scene.fields import bounds, one_of
 from moireaug.scene.parts import PARTS
 from moireaug.scene.scene import Scene, Shot
 
@@ -29,7 +29,7 @@ def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
             continue
         record = getattr(scene, part)
         varied = []
-        for k in ranged_fields(record):
+        for k in record.ranged:
             low, high = bounds(getattr(record, k))
             if low < high:
                 varied.append((part, k))

@@ -14,7 +14,7 @@ from moireaug.exposure.seen import WHOLE_PIXEL, footprint_of
 from moireaug.geometry.grids import image_to_photo, jacobian
 from moireaug.geometry.homography import homography
 from moireaug.panel.fourier import coefficient
-from moireaug.scene.fields import Range, bounds, ranged_fields
+from moireaug.scene.fields import Range, bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
@@ -42,7 +42,7 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
     poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
     yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), dtype=torch.float64).T
-    fields = {k: torch.zeros_like(yaw) for k in ranged_fields(v)}
+    fields = {k: torch.zeros_like(yaw) for k in v.ranged}
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
     fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
     found = []

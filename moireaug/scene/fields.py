@@ -94,11 +94,6 @@ class Part:
             object.__setattr__(self, f.name, value)
 
 
-def ranged_fields(part: Part) -> tuple[str, ...]:
-    """Return the names of a part's ranged fields, in the order in which they are drawn."""
-    return part.ranged
-
-
 def bounds(value: Range) -> tuple[float, float]:
     """Return `(low, high)` of a range; a plain number is a range of zero width."""
     return value if isinstance(value, tuple) else (value, value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,8 @@ import torch
 
 from moireaug.capture import capture
 from moireaug.pipeline import Plan, make_plan
-from moireaug.scene.fields import bounds, one_of, ranged_fields
+from moireaug.scene.by_name import parts_with, values_of
+from moireaug.scene.fields import bounds, one_of
 from moireaug.scene.parts import PARTS, part_from_dict
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.record import SceneRecord
@@ -137,23 +137,18 @@ class Shot(ShotRecord):
                 f"a shot's dict must have the keys scene, size, seed, {', '.join(PARTS)}; missing "
                 f"{missing}."
             )
-        scene, n, parts = Scene.from_dict(values["scene"]), len(values["seed"]), {}
-        for name in PARTS:
-            part = getattr(scene, name)
-            for k in ranged_fields(part):
-                if len(values[name].get(k, ())) != n:
-                    raise ValueError(
-                        f"a shot's {name}.{k} must hold {n} numbers, one per image of its seed "
-                        "list."
-                    )
-            drawn = {
-                k: torch.tensor(values[name][k], dtype=torch.float64) for k in ranged_fields(part)
-            }
-            parts[name] = dataclasses.replace(part, **drawn)
+        scene, n, numbers = Scene.from_dict(values["scene"]), len(values["seed"]), {}
+        for name in values_of(scene):
+            part, field = name.split(".")
+            given = values[part].get(field, ())
+            if len(given) != n:
+                raise ValueError(
+                    f"a shot's {name} must hold {n} numbers, one per image of its seed list."
+                )
+            numbers[name] = torch.tensor(given, dtype=torch.float64)
         h, w = values["size"]
-        return Shot(
-            scene=scene, size=(h, w), seed=torch.tensor(values["seed"], dtype=torch.int64), **parts
-        )
+        seed = torch.tensor(values["seed"], dtype=torch.int64)
+        return Shot(scene=scene, size=(h, w), seed=seed, **parts_with(scene, numbers))
 
 
 def draw(
@@ -175,27 +170,19 @@ def draw(
             "a shot needs n >= 0 and a size (height, width) of at least 1 x 1 pixels; "
             f"got n = {n}, size = {size}."
         )
-    names, lows, highs = [], [], []
-    for name in PARTS:
-        part = getattr(scene, name)
-        for field in ranged_fields(part):
-            low, high = bounds(getattr(part, field))
-            names.append((name, field))
-            lows.append(low)
-            highs.append(high)
-    varied = [i for i in range(len(names)) if lows[i] < highs[i]]
+    ranges = {name: bounds(value) for name, value in values_of(scene).items()}
+    varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]
     u = torch.rand(n, len(varied) + 1, dtype=torch.float64, generator=generator)
-    low, high = torch.tensor([lows, highs], dtype=torch.float64)[..., None]
+    low, high = torch.tensor(list(ranges.values()), dtype=torch.float64).mT[..., None]
     values = low.repeat(1, n)
     values[varied] = low[varied] + (high - low)[varied] * u[:, :-1].mT
-    drawn: dict[str, dict[str, torch.Tensor]] = {name: {} for name in PARTS}
-    for (name, field), value in zip(names, values.unbind(), strict=True):
-        drawn[name][field] = value.clone()  # a row of the table would be pickled with all of it
-    if scene.view.pose == "released":
-        for field, value in drawn["view"].items():
-            drawn["view"][field] = value.floor()  # the released code turns by whole degrees
-    parts = {name: getattr(scene, name).drawn(drawn[name]) for name in PARTS}
-    return Shot(scene=scene, size=(h, w), seed=(u[:, -1] * 2**53).to(torch.int64), **parts)
+    numbers = {}
+    for name, row in zip(ranges, values, strict=True):
+        numbers[name] = row.clone()  # a row of the table would be pickled with all of it
+        if scene.view.pose == "released" and name.startswith("view."):
+            numbers[name] = row.floor()  # the released code turns by whole degrees
+    seed = (u[:, -1] * 2**53).to(torch.int64)
+    return Shot(scene=scene, size=(h, w), seed=seed, **parts_with(scene, numbers))
 
 
 def as_scene(scene: Scene | str | dict[str, Any]) -> Scene:

@@ -12,8 +12,9 @@ from torch import Tensor
 from moireaug.geometry import grids
 from moireaug.geometry.homography import homography
 from moireaug.geometry.sensor import SampledPixels, sampled_pixels
-from moireaug.scene.fields import bounds, ranged_fields
-from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
+from moireaug.scene.by_name import by_part, parts_with, values_of
+from moireaug.scene.fields import bounds
+from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
 
 if TYPE_CHECKING:
     from moireaug.pipeline import Plan
@@ -57,13 +58,8 @@ class ShotRecord:
         return self.seed.device
 
     def _map(self, f: Any) -> Self:
-        parts = {}
-        for name in PARTS:
-            part = getattr(self, name)
-            parts[name] = dataclasses.replace(
-                part, **{k: f(getattr(part, k)) for k in ranged_fields(part)}
-            )
-        return dataclasses.replace(self, **parts, seed=f(self.seed))
+        numbers = {name: f(values) for name, values in self.numbers().items()}
+        return dataclasses.replace(self, **parts_with(self, numbers), seed=f(self.seed))
 
     def to(self, device: torch.device | str) -> Self:
         """Return the same shot on another device."""
@@ -103,7 +99,7 @@ class ShotRecord:
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
         Differentiable in every View field that the scene's pose reads."""
-        view = {k: getattr(self.view, k) for k in ranged_fields(self.view)}
+        view = {k: getattr(self.view, k) for k in self.view.ranged}
         pose, fit, scale = self.scene.view.pose, self.scene.view.fit, self.scene.sensor.scale
         k1, k2 = self._drawn("lens", "k1"), self._drawn("lens", "k2")
         return homography(view, k1, k2, self.size, scale, pose=pose, fit=fit)
@@ -156,25 +152,13 @@ class ShotRecord:
 
     def numbers(self) -> dict[str, Tensor]:
         """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
-        found = {}
-        for name in PARTS:
-            part = getattr(self, name)
-            for field in ranged_fields(part):
-                found[f"{name}.{field}"] = getattr(part, field)
-        return found
+        return values_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return exact plain numbers and lists; `Shot.from_dict` is the inverse."""
-        drawn = {
-            name: {
-                k: getattr(getattr(self, name), k).tolist()
-                for k in ranged_fields(getattr(self, name))
-            }
-            for name in PARTS
-        }
         return {
             "scene": self.scene.to_dict(),
             "size": list(self.size),
             "seed": self.seed.tolist(),
-            **drawn,
+            **by_part({name: values.tolist() for name, values in self.numbers().items()}),
         }

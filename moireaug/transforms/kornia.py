@@ -3,15 +3,13 @@ device."""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, NoReturn
 
 import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
-from moireaug.scene.fields import ranged_fields
-from moireaug.scene.parts import PARTS
+from moireaug.scene.by_name import parts_with, values_of
 from moireaug.scene.scene import Scene, Shot, as_scene
 from moireaug.transforms._convert import (
     check_format,
@@ -139,20 +137,16 @@ def _refuse(what: str) -> NoReturn:
 
 def to_params(shot: Shot) -> dict[str, Tensor]:
     """Return a shot as (B,) tensors named part_field, and seed: what kornia keeps of a draw."""
-    drawn = {
-        f"{part}_{k}": getattr(getattr(shot, part), k)
-        for part in PARTS
-        for k in ranged_fields(getattr(shot, part))
-    }
+    drawn = {_key(name): values for name, values in shot.numbers().items()}
     return {**drawn, "seed": shot.seed}
 
 
 def from_params(scene: Scene, size: tuple[int, int], params: dict[str, Tensor]) -> Shot:
     """Return the inverse of `to_params`, for images of `size` (height, width)."""
-    parts = {}
-    for name in PARTS:
-        part = getattr(scene, name)
-        parts[name] = dataclasses.replace(
-            part, **{k: params[f"{name}_{k}"] for k in ranged_fields(part)}
-        )
-    return Shot(scene=scene, size=size, seed=params["seed"], **parts)
+    drawn = {name: params[_key(name)] for name in values_of(scene)}
+    return Shot(scene=scene, size=size, seed=params["seed"], **parts_with(scene, drawn))
+
+
+def _key(name: str) -> str:
+    """Return a number's name as kornia's parameters have it, such as "view_yaw"."""
+    return name.replace(".", "_")

@@ -9,7 +9,7 @@ import torch
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.pose import aim, moved_fields, pose_of
-from moireaug.scene.fields import bounds, ranged_fields
+from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 
 SCENE = Scene(
@@ -35,9 +35,7 @@ TABLE = {
 
 
 def fields_of(shot):
-    return {
-        (p, k): getattr(getattr(shot, p), k) for p in PARTS for k in ranged_fields(getattr(shot, p))
-    }
+    return {(p, k): getattr(getattr(shot, p), k) for p in PARTS for k in getattr(shot, p).ranged}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,38 @@
+"""The ranged fields of all five parts at once, by names such as "view.yaw"."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from moireaug.scene.parts import PARTS
+
+
+def values_of(record: Any) -> dict[str, Any]:
+    """Return the ranged fields of a scene or a shot by name, in the order in which they are
+    drawn."""
+    found = {}
+    for name in PARTS:
+        part = getattr(record, name)
+        for field in part.ranged:
+            found[f"{name}.{field}"] = getattr(part, field)
+    return found
+
+
+def parts_with(record: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the five parts of a scene or a shot with drawn numbers, (B,) each, in their ranged
+    fields; by name, as `dataclasses.replace` takes them."""
+    parts = {}
+    for name in PARTS:
+        part = getattr(record, name)
+        parts[name] = part.drawn({field: numbers[f"{name}.{field}"] for field in part.ranged})
+    return parts
+
+
+def by_part(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return numbers by part and field, as a dict of a shot holds them."""
+    parts: dict[str, dict[str, Any]] = {name: {} for name in PARTS}
+    for name, value in numbers.items():
+        part, field = name.split(".")
+        parts[part][field] = value
+    return parts

@@ -1,0 +1,31 @@
+"""How a scene is told in few words: the preset that it is, or what it changes."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+from moireaug.scene.parts import PARTS
+from moireaug.scene.presets import PRESETS
+from moireaug.scene.scene import Scene
+
+
+def preset_name(scene: Scene) -> str:
+    """Return the name of the preset that equals a scene, or an empty string."""
+    for name in PRESETS:
+        if Scene.preset(name) == scene:
+            return name
+    return ""
+
+
+def changed_fields(scene: Scene) -> dict[str, dict[str, Any]]:
+    """Return the fields in which a scene's parts differ from those of `Scene()`, by part."""
+    changed: dict[str, dict[str, Any]] = {}
+    for name in PARTS:
+        given, default = getattr(scene, name), getattr(Scene(), name)
+        changed[name] = {}
+        for field in fields(given):
+            value = getattr(given, field.name)
+            if value != getattr(default, field.name):
+                changed[name][field.name] = value
+    return changed
