@@ -9,12 +9,11 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from moireaug import Scene
-from moireaug.scene.parts import PARTS
+from moireaug.scene.naming import changed_fields
 
 HERE = Path(__file__).resolve().parents[1]
 
@@ -74,15 +73,7 @@ class Checkout:
 def plain(scene: Scene) -> dict[str, Any]:
     """Return the fields in which a scene differs from the default one; an older checkout may not
     know them all."""
-    changed: dict[str, Any] = {"tolerance": scene.tolerance}
-    for part in PARTS:
-        given, default = getattr(scene, part), getattr(Scene(), part)
-        changed[part] = {}
-        for field in fields(given):
-            value = getattr(given, field.name)
-            if value != getattr(default, field.name):
-                changed[part][field.name] = value
-    return changed
+    return {"tolerance": scene.tolerance, **changed_fields(scene)}
 
 
 def add_before(parser: argparse.ArgumentParser) -> None:

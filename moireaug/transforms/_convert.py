@@ -12,8 +12,7 @@ from torch import Tensor
 from moireaug.capture import capture, develop
 from moireaug.checks import channels_last
 from moireaug.engine import dispatch
-from moireaug.scene.parts import PARTS
-from moireaug.scene.presets import PRESETS
+from moireaug.scene.naming import changed_fields, preset_name
 from moireaug.scene.scene import Scene, Shot
 
 LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
@@ -25,6 +24,20 @@ def check_probability(p: float) -> float:
     if isinstance(p, bool) or not isinstance(p, Real) or not 0 <= p <= 1:
         raise ValueError(f"p must be a probability in [0, 1]; got {p!r}.")
     return float(p)
+
+
+def check_adversary(model: object, eps: object) -> None:
+    """Refuse a model that cannot be called, and an `eps` that is several bounds.
+
+    Raises:
+        TypeError, ValueError: with what was got and what is allowed.
+    """
+    if not callable(model):
+        raise TypeError(
+            f"model must be a module or a function of images; got {type(model).__name__}."
+        )
+    if isinstance(eps, (list, tuple)):
+        raise ValueError(f"eps must be one number here; got {eps!r}.")
 
 
 def moves(scene: Scene) -> bool:
@@ -43,16 +56,11 @@ def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
 def describe(scene: Scene) -> str:
     """Return a scene for a `repr`: its preset's name in quotes, or the fields in which it differs
     from `Scene()`."""
-    for name in PRESETS:
-        if scene == Scene.preset(name):
-            return repr(name)
+    if preset_name(scene):
+        return repr(preset_name(scene))
     changed = []
-    for part in PARTS:
-        given, default = getattr(scene, part), getattr(Scene(), part)
-        for field in dataclasses.fields(given):
-            value = getattr(given, field.name)
-            if value != getattr(default, field.name):
-                changed.append(f"{part}.{field.name}={value!r}")
+    for part, fields in changed_fields(scene).items():
+        changed += [f"{part}.{name}={value!r}" for name, value in fields.items()]
     if scene.tolerance != Scene().tolerance:
         changed.append(f"tolerance={scene.tolerance!r}")
     return f"Scene({', '.join(changed)})"

@@ -17,7 +17,14 @@ from torchvision.tv_tensors import Video
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import check_labels
 from moireaug.scene.scene import Scene, as_scene
-from moireaug.transforms._convert import as_given, as_shown, check_probability, describe, moves
+from moireaug.transforms._convert import (
+    as_given,
+    as_shown,
+    check_adversary,
+    check_probability,
+    describe,
+    moves,
+)
 from moireaug.transforms.torchvision import CARRIED, SHOWN, wrap
 
 
@@ -71,12 +78,7 @@ class AdversarialMoire(v2.Transform):
         p: float = 1.0,
     ) -> None:
         super().__init__()
-        if not callable(model):
-            raise TypeError(
-                f"model must be a module or a function of images; got {type(model).__name__}."
-            )
-        if isinstance(eps, (list, tuple)):
-            raise ValueError(f"eps must be one number here; got {eps!r}.")
+        check_adversary(model, eps)
         self.p = check_probability(p)
         self.attack = MoireAttack(
             model=model,

@@ -30,7 +30,7 @@ from moireaug.transforms._arrays import (
     pictures_of,
     planes,
 )
-from moireaug.transforms._convert import as_shown, check_probability, moves
+from moireaug.transforms._convert import as_shown, check_adversary, check_probability, moves
 from moireaug.transforms._workers import seed_worker as seed_worker
 
 
@@ -198,12 +198,7 @@ class AdversarialMoire(RandomMoire):
         p: float = 0.5,
     ) -> None:
         super().__init__(scene, p)
-        if not callable(model):
-            raise TypeError(
-                f"model must be a module or a function of images; got {type(model).__name__}."
-            )
-        if isinstance(eps, (list, tuple)):
-            raise ValueError(f"eps must be one number here; got {eps!r}.")
+        check_adversary(model, eps)
         self.label_key, self.name = label_key, name
         self._available_keys.add(label_key)  # or Compose(strict=True) refuses it
         self.attack = MoireAttack(

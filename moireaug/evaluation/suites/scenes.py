@@ -5,6 +5,7 @@ from __future__ import annotations
 from moireaug.evaluation import threat
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, row_of
+from moireaug.scene.naming import preset_name
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.scene import Scene
 
@@ -42,14 +43,6 @@ def other_scenes(scene: Scene) -> dict[str, Scene]:
         if preset.develop.registered and preset != scene:
             found[name] = preset
     return found
-
-
-def preset_name(scene: Scene) -> str:
-    """Return the name of the preset that equals a scene, or an empty string."""
-    for name in PRESETS:
-        if Scene.preset(name) == scene:
-            return name
-    return ""
 
 
 def unseen(config: SuiteConfig) -> Table:
