@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from moireaug.defenses import DEFENSES
-from moireaug.evaluation.conditions import Condition, Defence, Model
+from moireaug.evaluation.conditions import Condition, Defence, Model, codes
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.scene.scene import Scene
 
@@ -132,6 +132,11 @@ def crossed(rows: Mapping[str, Judge], columns: Mapping[str, Condition]) -> list
         for column, condition in columns.items():
             cells.append(Cell(row, column, (condition,), judge))
     return cells
+
+
+def eps_row(eps: float) -> str:
+    """Return the name of a row that stands for a bound."""
+    return f"eps_{codes(eps)}"
 
 
 def row_of(row: str, columns: Mapping[str, Condition]) -> list[Cell]:

@@ -23,7 +23,7 @@ from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import SquareAttacker
 from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise, codes
 from moireaug.evaluation.judges import Judge
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row
 
 SLACK = 0.02  # two points, or one image where that is more
 MASKED, SUSPECT = 0.5, 0.3  # shares of gradients that are exactly zero
@@ -92,18 +92,14 @@ def trust(config: SuiteConfig) -> Table:
         Cell("shattered", MODEL, (through,), rounded),
     ]
     for size in sizes(config):
-        cells.append(Cell(_row(size), MODEL, (MoireAttacker(eps=size, steps=steps),)))
+        cells.append(Cell(eps_row(size), MODEL, (MoireAttacker(eps=size, steps=steps),)))
     for name, model in config.targets.items():
         if model is not None:
             judge = Judge(name, model=model)
             whole = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
-            cells.append(Cell(_row(eps), name, (whole,), judge))
+            cells.append(Cell(eps_row(eps), name, (whole,), judge))
             cells.append(Cell("random", name, (RandomNoise(eps=eps),), judge))
     return Table("trust", tuple(cells))
-
-
-def _row(eps: float) -> str:
-    return f"eps_{codes(eps)}"
 
 
 @dataclass(frozen=True)
@@ -145,7 +141,7 @@ class Seen:
     @property
     def attack(self) -> float:
         """Success of the attack that the suites compare."""
-        return self.success[_row(self.config.middle)]
+        return self.success[eps_row(self.config.middle)]
 
 
 def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> list[Check]:
@@ -166,7 +162,7 @@ def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> li
     for name in config.targets:
         other = lines[lines["column"] == name].set_index("row")["success"]
         if len(other) and np.isfinite(other).all():
-            transfer[name] = (other[_row(config.middle)], other["random"])
+            transfer[name] = (other[eps_row(config.middle)], other["random"])
     own_images = images[images["column"] == MODEL]
     seen = Seen(
         config,
@@ -191,7 +187,7 @@ def _converged(seen: Seen) -> Check:
 
 def _grows(seen: Seen) -> Check:
     eps = sizes(seen.config)
-    values = [seen.success[_row(e)] for e in eps]
+    values = [seen.success[eps_row(e)] for e in eps]
     growing = all(b >= a - seen.slack for a, b in pairwise(values))
     says = ", ".join(f"{_pc(v)} at {codes(e)}/255" for e, v in zip(eps, values, strict=True))
     verdict = _verdict(growing and values[-1] >= 1.0)

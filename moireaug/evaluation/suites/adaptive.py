@@ -7,8 +7,8 @@ from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnkn
 from moireaug.evaluation.autoattack import Apgd, SquareAttacker, TargetedApgd
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.judges import UNDEFENDED
-from moireaug.evaluation.suites.paper import controls, eps_row
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, row_of, worst_of
+from moireaug.evaluation.suites.paper import controls
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, eps_row, row_of, worst_of
 
 ADAPTED = ("jpeg_60", "median_3", "pixel_deflection")  # a codec, a filter, a randomised one
 WORST_EPS = (4 / 255, 8 / 255)
@@ -62,12 +62,8 @@ def standard(config: SuiteConfig) -> Table:
         cells += row_of(row, columns)
         tried = [column for column in columns if column not in ("clean", "random")]
         cells.append(worst_of(cells, row, tried))
-    shown = []
-    for cell in cells:
-        if cell.row == eps_row(WORST_EPS[0]) and not cell.worst:
-            shown.append((cell.row, cell.column))
     facts = {"why_not_turned": why, "queries": QUERIES * steps}
-    return Table("standard", tuple(cells), pictures=tuple(shown), facts=facts)
+    return Table("standard", tuple(cells), pictures=_shown(cells), facts=facts)
 
 
 def worst_case(config: SuiteConfig) -> Table:
@@ -85,8 +81,11 @@ def worst_case(config: SuiteConfig) -> Table:
         cells += row_of(row, columns)
         cells.append(worst_of(cells, row, CAMERA))
         cells.append(Cell(row, "pgd", (PixelAttacker(attack="pgd", eps=eps, steps=steps),)))
-    shown = []
-    for cell in cells:
-        if cell.row == eps_row(WORST_EPS[0]) and not cell.worst:
-            shown.append((cell.row, cell.column))
-    return Table("worst_case", tuple(cells), pictures=tuple(shown))
+    return Table("worst_case", tuple(cells), pictures=_shown(cells))
+
+
+def _shown(cells: list[Cell]) -> tuple[tuple[str, str], ...]:
+    """Return the places of all cells at the smaller bound but the worst case, which has no picture
+    of its own."""
+    row = eps_row(WORST_EPS[0])
+    return tuple((cell.row, cell.column) for cell in cells if cell.row == row and not cell.worst)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from moireaug.attacks.patch import Patch
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.suites.paper import controls, eps_row
-from moireaug.evaluation.tables import SuiteConfig, Table, row_of
+from moireaug.evaluation.suites.paper import controls
+from moireaug.evaluation.tables import SuiteConfig, Table, eps_row, row_of
 
 
 def appearance(config: SuiteConfig) -> Table:

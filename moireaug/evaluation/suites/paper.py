@@ -15,7 +15,7 @@ from moireaug.evaluation.conditions import (
     codes,
 )
 from moireaug.evaluation.judges import UNDEFENDED, Judge
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, row_of
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, eps_row, row_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.scene import Scene
 
@@ -39,11 +39,6 @@ def rivals(config: SuiteConfig) -> dict[str, Condition]:
         bound = 0.0 if name == "cw" else eps
         found[name] = PixelAttacker(attack=name, eps=bound, steps=steps, until_fooled=False)
     return found
-
-
-def eps_row(eps: float) -> str:
-    """Return the name of a row that stands for a bound."""
-    return f"eps_{codes(eps)}"
 
 
 def is_published(config: SuiteConfig) -> bool:
