@@ -11,7 +11,6 @@ from moireaug.evaluation.report.numbers import finite
 from moireaug.evaluation.report.page import title_of
 
 Metrics = Mapping[str, Any]
-SIDES = ("start", "baseline", "ours")
 WIDE_CHANGE = 0.05  # a change of rates from which on no decimal is shown
 
 
