@@ -242,18 +242,28 @@ def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
     """Show the whole batch at once, or, where it does not fit the device's memory, in halves. The
     halves then draw their random numbers one after the other: not those of the whole batch, but the
     same each time."""
-    states = batch.generator.get_state(), torch.get_rng_state()
+    generators = _generators(batch)
+    states = [generator.get_state() for generator in generators]
     try:
         return condition.show(batch)
     except torch.OutOfMemoryError:
         if len(batch.images) == 1:
             raise
-    batch.generator.set_state(states[0])
-    torch.set_rng_state(states[1])
+    for generator, state in zip(generators, states, strict=True):
+        generator.set_state(state)
     torch.cuda.empty_cache()  # outside of the handler, whose traceback keeps the tensors alive
     middle = len(batch.images) // 2
     halves = [_shown(condition, batch[:middle]), _shown(condition, batch[middle:])]
     return torch.cat(halves)
+
+
+def _generators(batch: EvalBatch) -> list[torch.Generator]:
+    """Return all that a condition may draw from: the batch's generator, and the global ones of the
+    CPU and of the images' device."""
+    found = [batch.generator, torch.default_generator]
+    if batch.images.is_cuda:
+        found.append(torch.cuda.default_generators[batch.images.device.index])
+    return found
 
 
 def _measured(condition: Condition, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:

@@ -1,6 +1,7 @@
 """The runner: the same figures however the work is split, and nothing computed twice."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from moireaug.evaluation.conditions import (
 )
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
-from moireaug.evaluation.runner import jobs_of
+from moireaug.evaluation.runner import _generators, jobs_of
 from moireaug.evaluation.tables import crossed
 from tests.evaluation.haze import EPS, HAZE, TABLE, ran, results, table_of
 
@@ -234,6 +235,15 @@ def test_an_attempt_that_did_not_fit_leaves_no_trace(known):
     (whole,) = seen[1:]
     for k in (0, 1):
         assert torch.equal(torch.cat([h[k] for h in halves]), whole[k])
+
+
+def test_an_attempt_on_a_gpu_may_draw_from_its_generator(monkeypatch):
+    own, first, second = (torch.Generator() for _ in range(3))
+    monkeypatch.setattr(torch.cuda, "default_generators", (first, second))
+    for device, extra in (("cpu", []), ("cuda:0", [first]), ("cuda:1", [second])):
+        images = SimpleNamespace(is_cuda=device != "cpu", device=torch.device(device))
+        batch = SimpleNamespace(generator=own, images=images)
+        assert _generators(batch) == [own, torch.default_generator, *extra]
 
 
 def test_a_model_without_a_choice_is_refused(known):
