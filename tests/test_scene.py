@@ -91,6 +91,16 @@ def test_released_pose_turns_by_whole_degrees():
         assert angle.min() >= -20 and angle.max() <= 19
 
 
+def test_released_pose_keeps_what_else_is_drawn():
+    """Its homography reads none of it."""
+    view = View(roll=(-20, 20), zoom=(0.5, 2), shift_x=(-0.3, 0.3), fov=(20, 50), pose="released")
+    drawn = Scene(view=view).sample(200, (8, 8)).view
+    for field in ("zoom", "shift_x", "fov"):
+        low, high = bounds(getattr(view, field))
+        values = getattr(drawn, field)
+        assert (values >= low).all() and (values <= high).all() and (values != values.round()).any()
+
+
 def test_same_seed_same_shot_and_prefix():
     scene = Scene.preset("screen_photo")
     a, b = (scene.sample(n, (8, 8), torch.Generator().manual_seed(5)) for n in (6, 3))

@@ -17,6 +17,8 @@ from moireaug.scene.presets import PRESETS
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
+ANGLES = ("view.yaw", "view.pitch", "view.roll")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(SceneRecord):
@@ -179,8 +181,9 @@ def draw(
     numbers = {}
     for name, row in zip(ranges, values, strict=True):
         numbers[name] = row.clone()  # a row of the table would be pickled with all of it
-        if scene.view.pose == "released" and name.startswith("view."):
-            numbers[name] = row.floor()  # the released code turns by whole degrees
+    if scene.view.pose == "released":
+        for angle in ANGLES:
+            numbers[angle] = numbers[angle].floor()  # the released code turns by whole degrees
     seed = (u[:, -1] * 2**53).to(torch.int64)
     return Shot(scene=scene, size=(h, w), seed=seed, **parts_with(scene, numbers))
 
