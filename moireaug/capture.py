@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from moireaug import pipeline
-from moireaug.checks import check_images, check_raw, check_shot
+from moireaug.checks import check_images, check_noise, check_raw, check_shape, check_shot
 from moireaug.engine import dispatch
 from moireaug.scene.shot import ShotRecord
 
@@ -26,8 +26,8 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
             overshoot or noise, are clipped, with gradient 1 in [0, 1] and 0 outside;
             `moireaug.checks` says how much is allowed.
         shot: one draw for B images of this size.
-        noise: the attacker's delta, of shape `shot.raw_shape()`, in raw units; added to the raw
-            reading.
+        noise: the attacker's delta, a tensor of shape `shot.raw_shape()`, in raw units; added to
+            the raw reading, in its dtype and on its device.
 
     Returns:
         (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where
@@ -37,21 +37,9 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
     Raises:
         TypeError, ValueError: an image that is not a float batch of three channels, or not a
             picture in [0, 1]: normalised, 0 to 255, NaN, infinite; a shot or noise of another batch
-            or size, or with NaN or infinity.
+            or size, or with NaN or infinity; noise that is not a tensor.
     """
-    raw = expose(image, shot)
-    if noise is not None:
-        if noise.shape != raw.shape:
-            raise ValueError(
-                f"noise must have the raw reading's shape {tuple(raw.shape)}, see "
-                f"Shot.raw_shape(); got {tuple(noise.shape)}."
-            )
-        if not torch.compiler.is_compiling() and not noise.isfinite().all():
-            raise ValueError(
-                "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
-            )
-        raw = raw + noise.to(raw)
-    return develop(raw, shot).to(image.dtype)
+    return photo_of(check_images(image), shot, noise).to(image.dtype)
 
 
 def expose(image: Tensor, shot: ShotRecord) -> Tensor:
@@ -62,19 +50,12 @@ def expose(image: Tensor, shot: ShotRecord) -> Tensor:
     Arguments, gradients and errors as in `capture`. The reading is float64 for float64
     images, else float32.
     """
-    image = check_images(image)
-    check_shot(image, shot)
-    shot = shot.to(image.device)
-    light = image if image.dtype == torch.float64 else image.float()
-    with torch.autocast(image.device.type, enabled=False):
-        if dispatch.exposes(light, shot):
-            return dispatch.expose(light, shot)
-        return pipeline.expose(light, shot)
+    return reading_of(check_images(image), shot)
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photo of a raw reading, the paper's g2: `shot.raw_shape()` to (B, 3, H, W) in [0,
-    1].
+    1], of the reading's dtype; half precision is computed in float32.
 
     Differentiable in raw, and in every field of the shot that developing reads, except the JPEG
     quality.
@@ -84,8 +65,37 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
         ValueError: a raw reading of another batch or size than the shot's.
     """
     check_raw(raw, shot)
+    light = _single(raw)
     with torch.autocast(raw.device.type, enabled=False):
         shot = shot.to(raw.device)
-        if dispatch.develops(raw, shot):
-            return dispatch.develop(raw, shot)
-        return pipeline.develop(raw, shot)
+        if dispatch.develops(light, shot):
+            return dispatch.develop(light, shot).to(raw.dtype)
+        return pipeline.develop(light, shot).to(raw.dtype)
+
+
+def photo_of(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Tensor:
+    """Return the photo of `image`, of its reading's dtype; arguments as in `reading_of` and
+    `capture`."""
+    raw = reading_of(image, shot)
+    if noise is not None:
+        check_noise(noise, raw)
+        raw = raw + noise.to(raw)
+    return develop(raw, shot)
+
+
+def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
+    """Return the raw reading of images (B, 3, H, W) that are uint8 or have passed `check_images`.
+    The engine reads uint8 as it is."""
+    check_shape(image)
+    check_shot(image, shot)
+    shot = shot.to(image.device)
+    light = _single(image)
+    with torch.autocast(image.device.type, enabled=False):
+        if dispatch.exposes(light, shot):
+            return dispatch.expose(light, shot)
+        return pipeline.expose(dispatch.as_float(light), shot)
+
+
+def _single(values: Tensor) -> Tensor:
+    """Return half precision as float32, any other dtype unchanged."""
+    return values.float() if values.dtype in (torch.float16, torch.bfloat16) else values

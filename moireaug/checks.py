@@ -41,20 +41,11 @@ def check_images(image: Tensor) -> Tensor:
         TypeError: not a tensor, or not floating point.
         ValueError: another shape, NaN, infinity, or an image that the rule above refuses.
     """
-    if not isinstance(image, Tensor):
-        raise TypeError(
-            f"images must be a torch.Tensor; got {type(image).__name__}. Use moireaug.transforms "
-            "for PIL and numpy."
-        )
+    check_shape(image)
     if not image.is_floating_point():
         raise TypeError(
             f"images must be floating point in [0, 1]; got {image.dtype}. Divide uint8 images by "
             "255, or use moireaug.transforms.RandomMoire, which takes them as they are."
-        )
-    if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape[-2:]:
-        raise ValueError(
-            "images must have the shape (B, 3, H, W) with H, W >= 1; got "
-            f"{tuple(image.shape)}.{channels_last(image)}"
         )
     if torch.compiler.is_compiling():
         return clip(image)  # values are unknown while a graph is traced
@@ -65,6 +56,25 @@ def check_images(image: Tensor) -> Tensor:
         return image
     _check_pictures(image.detach())
     return clip(image)
+
+
+def check_shape(image: Tensor) -> None:
+    """Refuse what is not a batch (B, 3, H, W), of any dtype.
+
+    Raises:
+        TypeError: not a tensor.
+        ValueError: another shape.
+    """
+    if not isinstance(image, Tensor):
+        raise TypeError(
+            f"images must be a torch.Tensor; got {type(image).__name__}. Use moireaug.transforms "
+            "for PIL and numpy."
+        )
+    if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape[-2:]:
+        raise ValueError(
+            "images must have the shape (B, 3, H, W) with H, W >= 1; got "
+            f"{tuple(image.shape)}.{channels_last(image)}"
+        )
 
 
 def channels_last(image: Tensor) -> str:
@@ -138,6 +148,29 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
             raise ValueError(
                 f"a shot's numbers must be finite; got {values.tolist()} as shot.{name}."
             )
+
+
+def check_noise(noise: Tensor, raw: Tensor) -> None:
+    """Refuse noise that is not a tensor of the raw reading's shape, or not finite.
+
+    Raises:
+        TypeError: not a tensor.
+        ValueError: another shape, NaN or infinity.
+    """
+    if not isinstance(noise, Tensor):
+        raise TypeError(
+            f"noise must be a torch.Tensor; got {type(noise).__name__}. Convert it with "
+            "torch.as_tensor(noise)."
+        )
+    if noise.shape != raw.shape:
+        raise ValueError(
+            f"noise must have the raw reading's shape {tuple(raw.shape)}, see Shot.raw_shape(); "
+            f"got {tuple(noise.shape)}."
+        )
+    if not torch.compiler.is_compiling() and not noise.isfinite().all():
+        raise ValueError(
+            "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
+        )
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:

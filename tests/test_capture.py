@@ -193,6 +193,25 @@ def test_noise_enters_the_raw_reading(images):
         capture(images, shot, noise[:2])
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+@pytest.mark.parametrize("resize", ["area", "antialias"])
+def test_developing_keeps_the_dtype_and_computes_half_in_single(resize, dtype, images):
+    scene = Scene(sensor=Sensor(scale=1.5), develop=Develop(resize=resize))
+    shot = scene.sample(4, (24, 32))
+    raw = expose(images, shot).to(dtype)
+    photo = develop(raw, shot)
+    assert photo.dtype == dtype
+    if dtype in (torch.float16, torch.bfloat16):
+        assert torch.equal(photo, develop(raw.float(), shot).to(dtype))
+
+
+@pytest.mark.parametrize("kind", [np.asarray, torch.Tensor.tolist])
+def test_noise_of_another_type_is_told_how_to_become_a_tensor(kind, images):
+    shot = Scene().sample(4, (24, 32))
+    with pytest.raises(TypeError, match=r"noise must be a torch.Tensor; got .*as_tensor\(noise\)"):
+        capture(images, shot, kind(torch.zeros(shot.raw_shape())))
+
+
 BAD = [
     (lambda i: i.numpy(), TypeError, "must be a torch.Tensor"),
     (lambda i: (i * 255).to(torch.uint8), TypeError, "Divide uint8 images by 255"),

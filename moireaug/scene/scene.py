@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from moireaug.capture import capture
+from moireaug.checks import check_shape
 from moireaug.pipeline import Plan, make_plan
 from moireaug.scene.by_name import parts_with, values_of
 from moireaug.scene.fields import bounds, one_of
@@ -78,7 +79,12 @@ class Scene(SceneRecord):
     def capture(
         self, images: torch.Tensor, generator: torch.Generator | None = None
     ) -> torch.Tensor:
-        """Draw a shot for `images` (B, 3, H, W) and return their photos, of the same shape."""
+        """Draw a shot for `images` (B, 3, H, W), from `generator` or torch's global one, and return
+        their photos.
+
+        Dtype, gradients and errors as in `capture`.
+        """
+        check_shape(images)
         n, _, h, w = images.shape
         return capture(images, self.sample(n, (h, w), generator))
 

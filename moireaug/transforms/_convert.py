@@ -9,7 +9,7 @@ from numbers import Real
 import torch
 from torch import Tensor
 
-from moireaug.capture import capture, develop
+from moireaug.capture import capture, photo_of
 from moireaug.checks import channels_last
 from moireaug.engine import dispatch
 from moireaug.scene.naming import changed_fields, preset_name
@@ -116,15 +116,15 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
 
     Raises:
         TypeError, ValueError: another dtype or number of channels; a float image that cannot be a
-            picture in [0, 1].
+            picture in [0, 1]; a shot or noise of another batch.
     """
     check_format(images)
     shot = at_size(shot, (images.shape[-2], images.shape[-1]))
-    bytes_of_three = images.dtype == torch.uint8 and images.shape[-3] == 3
-    if bytes_of_three and noise is None and dispatch.exposes(images, shot):
-        # the engine reads uint8 directly
-        return as_given(develop(dispatch.expose(images, shot), shot), images)
-    return as_given(capture(as_shown(images), shot, noise), images)
+    if images.dtype == torch.uint8 and images.shape[-3] == 3:
+        photo = photo_of(images, shot, noise)
+    else:
+        photo = capture(as_shown(images), shot, noise)
+    return as_given(photo, images)
 
 
 def move_boxes(boxes: Tensor, shot: Shot) -> Tensor:

@@ -56,6 +56,15 @@ def test_the_doors_give_the_same_photo(name, channels, dtype, registered):
         )
 
 
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("name", DOORS)
+def test_every_door_refuses_a_shot_of_other_images(name, channels, dtype, registered):
+    image = torch.zeros(channels, 10, 14, dtype=dtype)
+    with pytest.raises(ValueError, match=r"(of|for) 3 images"):
+        DOORS[name](image, registered.sample(3, (10, 14)))
+
+
 # one process each, as what is imported stays; after each statement, what must not be there yet
 IMPORTS = {
     "torchvision last": [
