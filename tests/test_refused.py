@@ -26,7 +26,7 @@ REFUSED = [
     (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
     (
         lambda: Scene().sample(1, 8),
-        r"size (height, width) of at least 1 x 1 pixels; got n = 1, size = 8",
+        "size (height, width) of at least 1 x 1 pixels, in whole numbers; got n = 1, size = 8",
     ),
     (
         lambda: capture(

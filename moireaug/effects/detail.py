@@ -75,8 +75,9 @@ def chroma_blur(photo: Tensor, sigma: Tensor, size: int) -> Tensor:
 
 
 def sharpen(photo: Tensor, amount: Tensor, sigma: Tensor, size: int) -> Tensor:
-    """Return photos (B, 3, H, W) sharpened by an amount (B,): the factor on the difference of
-    brightness from its Gaussian mean, which is added."""
+    """Return photos (B, 3, H, W) sharpened by an amount (B,) >= -1: the factor on the difference
+    of brightness from its Gaussian mean, which is added. Negative amounts smooth; -1 leaves the
+    mean. Arguments as in `chroma_blur`."""
     grey = brightness(photo)
     return photo + per_image(amount, photo) * (grey - gaussian(grey, sigma, size))
 

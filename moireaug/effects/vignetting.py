@@ -29,7 +29,7 @@ class Vignetting(Effect):
 
 def falloff(rows: Tensor, cols: Tensor, size: tuple[int, int], loss: Tensor) -> Tensor:
     """Return the share of light that is left, (B, h, w): 1 in the photo's centre and 1 - `loss`
-    (B,) in its corners.
+    (B,) in its corners. The loss lies in [0, 1).
 
     Args:
         rows, cols: (h,) and (w,) photo coordinates. size: height and width of the photo.

@@ -13,7 +13,8 @@ class Exposure(ABC):
 
     `name` is its name in `Sensor.exposure`, `reason` its reason in the plan. `harmonics` are the
     (k, l) pairs that it sums, if any, and `taps` the panel pixels along each axis whose light it
-    adds up for one sensor pixel.
+    adds up for one sensor pixel. `differentiable_in_shot` says whether the readings have a gradient
+    in the shot's fields.
     """
 
     name: str

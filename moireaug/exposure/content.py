@@ -60,9 +60,13 @@ def footprint(step: Tensor, optics: Optics) -> Footprint:
 
 def fitted(seen: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint, Tensor]:
     """Return the footprint narrowed to what `taps` panel pixels hold, and the variance that it
-    lost, in squared cells.
+    lost, in squared cells; (B, ...) each.
 
     The prefilter blurs the picture by as much.
+
+    Args:
+        seen: the whole footprint along one axis, (B, ...) each.
+        width: of the subpixel along this axis in cells, broadcastable to (B, ...).
     """
     room = taps / 2 - width / 2
     shrink = (room / seen.reach()).clamp(max=1)

@@ -31,7 +31,8 @@ def pixel_centres(size: tuple[int, int], device: torch.device) -> Tensor:
 
 def look_up(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
     """Sample a picture (B, C, H, W) at coordinates x, y (B, h, w): (B, C, h, w). Bilinear between
-    pixel centres; the edge pixels are repeated past the edges."""
+    pixel centres, which lie at half integers; the edge pixels are repeated past the edges.
+    Differentiable in picture and coordinates."""
     h, w = picture.shape[-2:]
     at = torch.stack((x * (2 / w) - 1, y * (2 / h) - 1), -1).to(picture.dtype)
     return F.grid_sample(picture, at, padding_mode="border", align_corners=False)

@@ -81,7 +81,8 @@ def sampled_pixels(size: int, scale: float, resize: str, reach: int) -> SampledP
 
     A point resize needs 1 (odd scale) or 2 (even scale) pixels in each photo pixel's centre, and
     demosaicing `reach` pixels to each side of them; a reach of 0 is a sensor without a filter cell.
-    At a whole scale above their number, no other pixel is exposed; otherwise, all are.
+    At a whole scale above their number, no other pixel is exposed; otherwise, all are. `resize` is
+    a value of `Develop.resize`, or "all", which exposes every pixel for a filter on the sensor.
     """
     whole, side = float(scale).is_integer(), 2 if reach else 1
     step = (1 if scale % 2 else 2) + 2 * reach

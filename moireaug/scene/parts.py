@@ -165,10 +165,10 @@ class Sensor(Part):
         fill: width of the light-sensitive aperture, as a share of the pixel pitch. A range.
         exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the
             panel's harmonics; "box", the overlap of subpixel and aperture; "supersample:n" (n * n
-            samples per pixel); "point" (as the paper does); "mean" (only the panel's mean light: a
-            screen without moiré, the control of every experiment); or "auto": "spectral" if
-            harmonics of up to order 29, and at most 1024 of them, carry all contrast above the
-            scene's tolerance, else "box".
+            samples per pixel, n from 1 to 999); "point" (as the paper does); "mean" (only the
+            panel's mean light: a screen without moiré, the control of every experiment); or "auto":
+            "spectral" if harmonics of up to order 29, and at most 1024 of them, carry all contrast
+            above the scene's tolerance, else "box".
         gain: factor on the raw reading before it saturates at 1. A range.
         shutter: exposure time of each row in seconds; 0 hides a panel's flicker. A range.
         readout: time from the first row's exposure to the last row's in a rolling shutter, in
@@ -247,8 +247,10 @@ class Develop(Part):
             valid.
         linear_light: the panel decodes sRGB codes into light, and the camera encodes light into
             sRGB codes.
-        jpeg: quality at which the photo is compressed to JPEG, 1 to 100; 0 is no JPEG. A range.
-            The values are libjpeg's, with the gradient of a differentiable codec.
+        jpeg: quality at which the photo is compressed to JPEG, 1 to 100; 0 is no JPEG. A range, of
+            which the drawn number is rounded to a whole quality, at least 1: in (0, 90), every
+            photo is compressed. The values are libjpeg's, with the gradient of a differentiable
+            codec.
     """
 
     demosaic: str = "bilinear"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -171,12 +172,14 @@ def draw(
     Raises:
         ValueError: a negative n, or a size that is not two positive integers.
     """
-    sides = (size,) if isinstance(size, int) else tuple(size)
-    h, w = (int(s) for s in sides) if len(sides) == 2 else (0, 0)
+    try:
+        h, w = (operator.index(side) for side in size)
+    except (TypeError, ValueError):  # no pair, or no integers
+        h, w = 0, 0
     if n < 0 or h < 1 or w < 1:
         raise ValueError(
-            "a shot needs n >= 0 and a size (height, width) of at least 1 x 1 pixels; "
-            f"got n = {n}, size = {size}."
+            "a shot needs n >= 0 and a size (height, width) of at least 1 x 1 pixels, in whole "
+            f"numbers; got n = {n}, size = {size}."
         )
     ranges = {name: bounds(value) for name, value in values_of(scene).items()}
     varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]

@@ -45,6 +45,7 @@ def planes(image: np.ndarray) -> torch.Tensor:
 
 
 def move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
+    """Move a mask (H, W) or (H, W, C), of any dtype: nearest pixel, 0 off the image."""
     # torch indexes few unsigned types, and moving pixels only needs their bits
     bits = mask.view(f"i{mask.itemsize}") if mask.dtype.kind == "u" else mask
     pixels = torch.from_numpy(np.array(bits, order="C"))
