@@ -56,8 +56,9 @@ def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
 def describe(scene: Scene) -> str:
     """Return a scene for a `repr`: its preset's name in quotes, or the fields in which it differs
     from `Scene()`."""
-    if preset_name(scene):
-        return repr(preset_name(scene))
+    preset = preset_name(scene)
+    if preset:
+        return repr(preset)
     changed = []
     for part, fields in changed_fields(scene).items():
         changed += [f"{part}.{name}={value!r}" for name, value in fields.items()]
