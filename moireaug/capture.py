@@ -97,5 +97,5 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def _single(values: Tensor) -> Tensor:
-    """Return half precision as float32, any other dtype unchanged."""
-    return values.float() if values.dtype in (torch.float16, torch.bfloat16) else values
+    """Return float64 and uint8 unchanged, any other dtype as float32."""
+    return values if values.dtype in (torch.float64, torch.uint8) else values.float()
