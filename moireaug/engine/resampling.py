@@ -9,16 +9,44 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.engine.record import Resize, Stencil
+from moireaug.engine.record import LANES, Resize, Stencil
 
 
-def _ceil(n: int, unit: int) -> int:
-    return (n + unit - 1) // unit * unit
+def _padded(n: int) -> int:
+    """Return how many lanes a row of n values takes."""
+    return -(-n // LANES) * LANES
+
+
+@functools.lru_cache(maxsize=64)
+def lower_resize(read: int, size: int, n: int, how: str, parity: int) -> Resize:
+    """Return the Resize of one axis.
+
+    Args:
+        read: sensor pixels that are read. size: photo pixels.
+        n: how many of the read pixels, from the first on, are resized.
+        how: see `Develop.resize`.
+        parity: 2 if even and odd columns are held apart, else 1.
+    """
+    start, taps = _weights(n, size, how)
+    return _resize(start, taps, read, parity)
+
+
+@functools.lru_cache(maxsize=64)
+def lower_means(read: int, size: int, step: int, lead: int, reach: int, parity: int) -> Resize:
+    """Return the Resize of one axis to means.
+
+    Args:
+        step, lead, reach: each photo pixel is the mean of its own `step` pixels, which begin after
+            `lead`, less `reach` at each side. The rest as in `lower_resize`.
+    """
+    count = step - 2 * reach
+    start = lead + reach + step * np.arange(size)
+    return _resize(start, np.full((size, count), 1 / count), read, parity)
 
 
 def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first sensor pixel of each of m photo pixels, and the weights (m, T) from there
-    on."""
+    """Return the first of n sensor pixels of each of m photo pixels, and the weights (m, T) from
+    there on."""
     i, scale = np.arange(m), n / m
     if how == "area":
         start, end = i * n // m, -((i + 1) * n // -m)
@@ -30,87 +58,86 @@ def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
         k = np.arange((end - start).max())
         away = np.abs(start[:, None] + k - centre[:, None] + 0.5) / support
         taps = np.where(k < (end - start)[:, None], np.maximum(1 - away, 0.0), 0.0)
-    elif how == "point":
+    else:  # point
         at = np.clip(scale * (i + 0.5) - 0.5, 0.0, n - 1.0)
         start = np.minimum(at.astype(np.int64), max(n - 2, 0))
         taps = np.stack([1 - (at - start), at - start], 1)[:, :n]
-    else:
-        raise ValueError(f'resize must be "area", "antialias" or "point"; got {how!r}.')
     return start, taps / taps.sum(1, keepdims=True)
 
 
-@functools.lru_cache(maxsize=64)
-def lower_resize(
-    read: int, size: int, n: int, how: str, step: int, lead: int, reach: int, parity: int, unit: int
-) -> Resize:
-    """Return one axis' Resize.
-
-    Args:
-        read: sensor pixels that are read. size: photo pixels.
-        n: how many of the read pixels, from the first on, are resized by `how`.
-        step, lead, reach: if step > 1 and `how` is "point", each photo pixel is instead the mean of
-            its own `step` pixels, which begin after `lead`, less `reach` at each side.
-        parity: 2 if even and odd columns are held apart, else 1. unit: the multiple to which rows
-            are padded.
-    """
-    if step > 1 and how == "point":
-        start = lead + np.arange(size) * step + reach
-        taps = np.full((size, step - 2 * reach), 1 / (step - 2 * reach))
-    else:
-        start, taps = _weights(n, size, how)
-    end = start + (taps > 0).sum(1) if how == "antialias" else start + taps.shape[1]
-    end = np.minimum(end, read)
-    photo = np.arange(size)
-    first, last = np.full(read, size), np.full(read, -1)
-    index, weight = (
-        np.zeros((taps.shape[1], size), np.int32),
-        np.zeros((taps.shape[1], size), np.float32),
+def _resize(start: np.ndarray, taps: np.ndarray, read: int, parity: int) -> Resize:
+    """Return the Resize of photo pixels with weights `taps` (m, T) from sensor pixels `start` (m,)
+    on."""
+    size, most = taps.shape
+    pixel = start[:, None] + np.arange(most)
+    used = (pixel < read) & (taps != 0)
+    pixel = np.minimum(pixel, read - 1)
+    first, last = _contributions(pixel, used, read)
+    index, weight = _gathered(pixel, used, taps, read, parity)
+    back_index, back_weight = _transposed(pixel, used, taps, read, parity)
+    return Resize(
+        start=start.astype(np.int64),
+        taps=taps.astype(np.float32),
+        first=first,
+        last=last,
+        index=index,
+        weight=weight,
+        back_index=back_index,
+        back_weight=back_weight,
+        each=most == 1 and bool((start == np.arange(size)).all()),
+        pairs=read == 2 * size and most == 2 and bool((taps == 0.5).all()),
     )
-    transpose: list[list[tuple[int, float]]] = [[] for _ in range(read)]
-    lanes = _ceil(-(-read // parity), unit)
-    for t in range(taps.shape[1]):
-        at = np.minimum(start + t, read - 1)
-        used = (start + t < end) & (taps[:, t] != 0)
-        np.minimum.at(first, at[used], photo[used])
-        np.maximum.at(last, at[used], photo[used])
-        index[t] = at % parity * 3 * lanes + at // parity
-        weight[t] = np.where(used, taps[:, t], 0.0)
-        for pixel, target, share in zip(
-            at[used].tolist(), photo[used].tolist(), taps[used, t].tolist(), strict=True
-        ):
-            transpose[pixel].append((target, share))
-    most = max(1, max(len(entry) for entry in transpose))
-    back = (
-        np.zeros((parity, most, read // parity), np.int32),
-        np.zeros((parity, most, read // parity), np.float32),
-    )
-    for pixel, entries in enumerate(transpose):
-        for t, (target, share) in enumerate(entries):
-            back[0][pixel % parity, t, pixel // parity] = target
-            back[1][pixel % parity, t, pixel // parity] = share
-    each = taps.shape[1] == 1 and bool((start == photo).all())
-    pairs = read == 2 * size and taps.shape[1] == 2 and bool((taps == 0.5).all())
-    rows = (
-        start.astype(np.int64),
-        taps.astype(np.float32),
-        first.astype(np.int64),
-        last.astype(np.int64),
-    )
-    return Resize(*rows, index, weight, *back, each, pairs)
 
 
-def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int, unit: int) -> Stencil:
+def _contributions(pixel: np.ndarray, used: np.ndarray, read: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and the last photo pixel that each sensor pixel contributes to."""
+    first, last = np.full(read, len(pixel)), np.full(read, -1)
+    photo = np.nonzero(used)[0]
+    np.minimum.at(first, pixel[used], photo)
+    np.maximum.at(last, pixel[used], photo)
+    return first, last
+
+
+def _gathered(
+    pixel: np.ndarray, used: np.ndarray, taps: np.ndarray, read: int, parity: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where each tap's pixel is in a row of colours, and its weight, (T, m) each."""
+    # a colour of the odd columns lies the three colours of the even ones further on
+    lanes = _padded(-(-read // parity))
+    index = pixel % parity * 3 * lanes + pixel // parity
+    weight = np.where(used, taps, 0.0)
+    return index.T.astype(np.int32, "C"), weight.T.astype(np.float32, "C")
+
+
+def _transposed(
+    pixel: np.ndarray, used: np.ndarray, taps: np.ndarray, read: int, parity: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the photo pixels that each sensor pixel contributes to, and the weights, in the order
+    of taps."""
+    most = max(1, np.bincount(pixel[used]).max())
+    index = np.zeros((parity, most, read // parity), np.int32)
+    weight = np.zeros((parity, most, read // parity), np.float32)
+    found = [0] * read
+    for tap, photo in zip(*np.nonzero(used.T), strict=True):
+        at = pixel[photo, tap]
+        place = at % parity, found[at], at // parity
+        index[place], weight[place] = photo, taps[photo, tap]
+        found[at] += 1
+    return index, weight
+
+
+def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int) -> Stencil:
     """Return a demosaic's Stencil, found by lighting each pixel of a cell and its neighbours once.
 
     Args:
         demosaic: from RGGB mosaics (B, h, w) to colours (B, 3, h, w); linear, and reading at most
             two pixels to each side. None for a sensor without colour filters.
-        cells: cells in a row. unit: the multiple to which rows are padded.
+        cells: cells in a row.
     """
     weights: list[float] = []
     offsets: list[int] = []
     first, count = np.zeros((4, 3, 3), np.int64), np.zeros((4, 3, 3), np.int64)
-    wide = _ceil(cells, unit) + unit
+    wide = _padded(cells) + LANES
     for site, channel, dy, taps in _taps(demosaic) if demosaic else ():
         first[site, channel, dy], count[site, channel, dy] = len(weights), len(taps)
         for plane, dx, value in taps:

@@ -11,8 +11,8 @@ import torch
 from moireaug.effects.demosaic import DEMOSAICS
 from moireaug.effects.detail import kernel_size
 from moireaug.effects.tone import colour_matrix
-from moireaug.engine.record import LANES, Codes, Detail, Development, Registration, Resize, Stencil
-from moireaug.engine.resampling import lower_resize, lower_stencil
+from moireaug.engine.record import Codes, Detail, Development, Registration, Resize, Stencil
+from moireaug.engine.resampling import lower_means, lower_resize, lower_stencil
 from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, numbers_of
 from moireaug.geometry.sensor import SampledPixels
 from moireaug.scene.shot import REACH, ShotRecord, sampled_by
@@ -106,7 +106,7 @@ def _resampling(scene: Scene, size: tuple[int, int]) -> tuple[Stencil, Resize, R
     demosaic, reach = None, 0
     if mosaic:
         demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
-    stencil = lower_stencil(demosaic, len(cols.index) // 2, LANES)
+    stencil = lower_stencil(demosaic, len(cols.index) // 2)
     whole = any(name in scene.plan() for name in ("denoise", "chroma_blur", "sharpen"))
     return (
         stencil,
@@ -121,13 +121,13 @@ def _kept(pixels: SampledPixels) -> int:
 
 def _resize_of_photo(pixels: SampledPixels, how: str) -> Resize:
     kept = _kept(pixels)
-    return lower_resize(kept, pixels.size, kept, how, 0, 0, 0, 1, LANES)
+    return lower_resize(kept, pixels.size, kept, how, 1)
 
 
 def _resize(pixels: SampledPixels, how: str, reach: int, parity: int, *, whole: bool) -> Resize:
     read, kept = len(pixels.index), _kept(pixels)
     if whole:
-        return lower_resize(read, kept, kept, "area", 0, 0, 0, parity, LANES)
-    return lower_resize(
-        read, pixels.size, kept, how, pixels.step, pixels.lead, reach, parity, LANES
-    )
+        return lower_resize(read, kept, kept, "area", parity)
+    if how == "point" and pixels.step > 1:
+        return lower_means(read, pixels.size, pixels.step, pixels.lead, reach, parity)
+    return lower_resize(read, pixels.size, kept, how, parity)
