@@ -16,7 +16,7 @@ def lower_cameras(
     scales: tuple[float, float],
     fields: dict[str, np.ndarray],
 ) -> np.ndarray:
-    """Return the fields of one Camera per image, (B, 27).
+    """Return the fields of one Camera per image, (B, fields).
 
     Args:
         inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image
@@ -27,20 +27,21 @@ def lower_cameras(
             motion_y, glare, glare_x and glare_y; neutral values for effects that are not planned.
     """
     h, w = size
-    columns = np.empty((len(inverse), len(Camera._fields)))
-    columns[:, :9] = inverse.reshape(-1, 9)
-    columns[:, 9], columns[:, 10] = fields["k1"], fields["k2"]
-    columns[:, 11] = 4 / (h * h + w * w)
-    columns[:, 12] = fields["alpha"]
-    columns[:, 13], columns[:, 14] = scales[1], scales[0]
-    for i, name in enumerate(("fill", "blur", "olpf", "gain", "read", "shot")):
-        columns[:, 15 + i] = fields[name]
-    columns[:, 21] = (1 - fields["vignetting"]) ** -0.5 - 1
-    columns[:, 22], columns[:, 23] = fields["motion_x"], fields["motion_y"]
-    columns[:, 24] = fields["glare"]
-    columns[:, 25] = fields["glare"] * fields["glare_x"] * 2 / w
-    columns[:, 26] = fields["glare"] * fields["glare_y"] * 2 / h
-    return columns
+    columns = fields | {
+        "bend": 4 / (h * h + w * w),
+        "scale_u": scales[1],
+        "scale_v": scales[0],
+        "falloff": (1 - fields["vignetting"]) ** -0.5 - 1,
+        "glare_u": fields["glare"] * fields["glare_x"] * 2 / w,
+        "glare_v": fields["glare"] * fields["glare_y"] * 2 / h,
+    }
+    for row in range(3):
+        for column in range(3):
+            columns[f"h{row}{column}"] = inverse[:, row, column]
+    cameras = np.empty((len(inverse), len(Camera._fields)))
+    for i, name in enumerate(Camera._fields):
+        cameras[:, i] = columns[name]
+    return cameras
 
 
 def lower_cell(

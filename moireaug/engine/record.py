@@ -111,7 +111,7 @@ class Exposure(NamedTuple):
 
     Args:
         size: height and width of the pictures.
-        cameras: (B, 27) float64, the fields of one `Camera` per image.
+        cameras: (B, fields) float64, those of one `Camera` per image.
         filters: (B, 3, 3) float64, what each filter passes of red, green and blue light.
         white: (B, planes) float64, what each plane reads of a white screen on average.
         black: (B,) float32, light of a black pixel as a share of a white one's.
