@@ -64,7 +64,7 @@ def one_cell(shown: Tensor, shot: Shot) -> Tensor:
     centre."""
     whole = exposure_of(shot, decoded=False)
     exposure = whole._replace(
-        cell=whole.cell._replace(taps=0),
+        cell=whole.cell._replace(radius=0),
         # only weights read them, and a single cell has none
         widths=np.minimum(whole.widths, 0.5),
         share=np.zeros_like(whole.share),

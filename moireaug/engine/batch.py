@@ -13,8 +13,8 @@ from moireaug.engine.compiling import fill, kernel, loop, part
 from moireaug.engine.develop import develop as develop_image
 from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
+from moireaug.engine.exposure_records import Camera
 from moireaug.engine.point import expose_point
-from moireaug.engine.record import Camera
 from moireaug.engine.register import looked_at, room
 from moireaug.engine.register import register as resample
 
@@ -33,7 +33,7 @@ def _camera(row):
 @kernel
 def fits(e):
     """Return for each image whether `expose` can follow its view, (B,) bool; e: see
-    `record.Exposure`.
+    `exposure_records.Exposure`.
 
     The reference takes views near the horizon, and panels of far more pixels than the sensor.
     """
@@ -76,7 +76,7 @@ def show(shown, light, pictures, e, first, last):
         shown: (last - first, `panel_size`(e)) float32, or more rows. light: (3, H, W) float32,
             workspace.
         pictures: (B, 3, H, W) float32 or uint8.
-        e: see `record.Exposure`.
+        e: see `exposure_records.Exposure`.
     """
     for i in range(first, last):
         alpha = _camera(e.cameras[i]).alpha
@@ -170,7 +170,7 @@ def develop(photos, taken, inside, raw, d, first, last, top, bottom):
         taken: (`photo_size`(d),) float32, workspace of zeros: a look-up at a plane's last pixels
             reads beyond them with weight 0.
         inside: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
-        d: see `record.Development`.
+        d: see `development_records.Development`.
     """
     for i in range(first, last):
         _develop(photos[i], taken, inside, raw[i], d, i, top, bottom)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.compiling import fill, inner, loop
-from moireaug.engine.record import LANES
+from moireaug.engine.development_records import LANES
 from moireaug.engine.tables import encode
 from moireaug.engine.vectors import add_taps
 
@@ -86,8 +86,8 @@ def _mix(red, green, blue, matrix):
 
 
 class Tone(NamedTuple):
-    """How one image's light becomes codes; see `record.Codes`. Passing it costs little, unlike a
-    record of arrays."""
+    """How one image's light becomes codes; see `development_records.Codes`. Passing it costs
+    little, unlike a record of arrays."""
 
     coded: bool
     toned: bool

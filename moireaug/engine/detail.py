@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine.compiling import copy, fill, inner, loop
-from moireaug.engine.record import LANES
+from moireaug.engine.development_records import LANES
 from moireaug.engine.vectors import add_taps
 
 SMALLEST = 1e-3  # standard deviation, as in the reference

@@ -98,7 +98,7 @@ def develop(photo, raw, codes, image, top, bottom):
     (4 or 3, h, w) float32.
 
     Args:
-        codes: see `record.Codes`. image: index in the batch.
+        codes: see `development_records.Codes`. image: index in the batch.
     """
     work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
     line = np.empty(photo.shape[2], np.float32)

@@ -8,7 +8,7 @@ import numpy as np
 from moireaug.engine.codes import SITES, counts, light_of_row, mix_row, tone_of, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.develop import gather
-from moireaug.engine.record import LANES
+from moireaug.engine.development_records import LANES
 from moireaug.engine.tables import encode, encode_slope
 from moireaug.engine.vectors import add
 

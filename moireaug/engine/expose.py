@@ -47,7 +47,7 @@ def _light(row, panel, size, camera, filters, cell, nodes, sites, places, plane,
     dx, dy, past, through, content = line[0], line[1], line[2], line[3], line[4]
     even, odd, here, beside = row.wave[0], row.wave[1], row.wave[2], row.wave[3]
     cx, sx, cy, sy = row.wave[4], row.wave[5], row.of_y[0], row.of_y[1]
-    share, of_rows, taps = places.share[plane], row.of_rows, cell.taps
+    share, of_rows, taps = places.share[plane], row.of_rows, cell.radius
     # the panel's pixels
     stride = panel.shape[2]
     pixels, low = panel.reshape(3, panel.shape[1] * stride), -taps - 1.0
@@ -139,8 +139,8 @@ def expose(
     Args:
         panel: (3, ...) float32, from `panel.show`.
         size: (height, width) of the panel in panel pixels, rounded up.
-        camera, cell, nodes, sites: see `record`.
-        filters, white: (3, 3) and (planes,) float64, see `record.Exposure`.
+        camera, cell, nodes, sites: see `exposure_records`.
+        filters, white: (3, 3) and (planes,) float64, see `exposure_records.Exposure`.
         flicker: (rows,) float64, each sensor row's light relative to the mean; empty without
             flicker.
         noise: whether there is any. seed: int64, of the noise.

@@ -97,7 +97,7 @@ def finish(out, inside, raw, codes, detail, image, top, bottom):
     Args:
         inside: (1, 3, ...) uint8, filled with which codes of sensor pixels the clip lets through,
             for `finish_back`; (0, 3, ...) if not needed.
-        codes, detail: see `record`. image: index in the batch.
+        codes, detail: see `development_records`. image: index in the batch.
     """
     w = detail.size[1]
     f, work = filter_of(detail, image, False), workspace(codes, raw.shape[2])

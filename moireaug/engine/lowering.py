@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from moireaug.engine.record import Camera, Cell, Sites
+from moireaug.engine.exposure_records import Camera, Cell, Sites
 
 
 def lower_cameras(
@@ -48,13 +48,14 @@ def lower_cell(
     subpixels: Sequence[tuple[int, tuple[float, float], int]],
     periods: Sequence[tuple[int, int]],
     orders: Sequence[Sequence[tuple[int, int]]],
-    taps: int,
+    radius: int,
 ) -> Cell:
     """Return the Cell of (channel, centre, kind) subpixels, centres in panel pixels from their
     cell's corner.
 
     Args:
         periods: of each kind. orders: of each kind, its harmonics (k, l).
+        radius: see `Cell`.
     """
     channel = np.array([s[0] for s in subpixels], np.int64)
     centre = np.array([s[1] for s in subpixels], np.float64).reshape(-1, 2)
@@ -64,7 +65,7 @@ def lower_cell(
     height = _numbered(period[kind, 1], centre[:, 1])
     row = _numbered(kind, height)
     whole, highest = np.lcm.reduce(period), np.array([_highest(o) for o in orders], np.int64)
-    return Cell(whole, period, highest, channel, kind, height, row, centre, pixel, taps)
+    return Cell(whole, period, highest, channel, kind, height, row, centre, pixel, radius)
 
 
 def _numbered(*columns: np.ndarray) -> np.ndarray:
@@ -83,7 +84,7 @@ def lower_shapes(
     periods: Sequence[tuple[int, int]],
     orders: Sequence[Sequence[tuple[int, int]]],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coefficients, widths and skews of `record.Exposure`.
+    """Return the coefficients, widths and skews of `exposure_records.Exposure`.
 
     Args:
         edges: (B, kinds, 2, 2), two edge vectors of each kind, x then y, in panel pixels.

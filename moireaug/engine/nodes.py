@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine import harmonics, optics, weights
 from moireaug.engine.compiling import inner, loop, part
-from moireaug.engine.record import Nodes
+from moireaug.engine.exposure_records import Nodes
 from moireaug.engine.view import jacobian
 
 FLAT = 5e-4  # if the logarithm of the view's scale changes by less, 4 and 2 nodes are enough
@@ -74,7 +74,7 @@ def _narrowed(rows, cols, camera, cell, widths, skew):
         u = cols[(len(cols) - 1) * (i % SAMPLES) // (SAMPLES - 1)]
         for kind in range(len(widths)):
             if weights.spreads(
-                spread, u, v, camera, cell.period[kind], widths[kind], skew[kind], cell.taps
+                spread, u, v, camera, cell.period[kind], widths[kind], skew[kind], cell.radius
             ):
                 return True
     return False
@@ -137,7 +137,7 @@ def _cubics(ends, weight, positions, first, step):
 
 @part
 def prepare(camera, cell, coefficients, widths, skew, sites):
-    """Return the Nodes of an image; arguments as in `record.Exposure`."""
+    """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
     counts = _counts(rows, cols, camera, cell)
     us, step_u = _line(cols, counts[0, 0])

@@ -10,14 +10,14 @@ import numpy as np
 from moireaug.engine.compiling import inner, part
 from moireaug.engine.vectors import peek, poke
 
-AROUND = 5  # cells of margin beyond `taps`: half of the widest window, and one
+AROUND = 5  # cells of margin beyond the cell's `radius`: half of the widest window, and one
 
 
 @inner
 def shape(size, alpha, cell):
     """Return the height and width of the panel's picture with its margins, whole cells of every
     kind."""
-    around, px, py = 2 * (cell.taps + AROUND), cell.whole[0], cell.whole[1]
+    around, px, py = 2 * (cell.radius + AROUND), cell.whole[0], cell.whole[1]
     return (math.ceil(alpha * size[0] / py) + around) * py, (
         math.ceil(alpha * size[1] / px) + around
     ) * px
@@ -26,7 +26,7 @@ def shape(size, alpha, cell):
 @inner
 def margin(cell, axis):
     """Return how many panel pixels of margin lie ahead of the picture."""
-    return (cell.taps + AROUND) * cell.whole[axis]
+    return (cell.radius + AROUND) * cell.whole[axis]
 
 
 @inner

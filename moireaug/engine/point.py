@@ -80,8 +80,8 @@ def expose_point(
     float32.
 
     Args:
-        point: see `record.Point`. lit: share of each subpixel that emits.
-        filters, white, dark: see `record.Exposure`. The rest as in `expose.expose`.
+        point: see `exposure_records.Point`. lit: share of each subpixel that emits.
+        filters, white, dark: see `exposure_records.Exposure`. The rest as in `expose.expose`.
     """
     planes, h, w = raw.shape
     height, width = light.shape[1], light.shape[2]

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.engine.record import LANES, Resize, Stencil
+from moireaug.engine.development_records import LANES, Resize, Stencil
 
 
 def _padded(n: int) -> int:

@@ -11,7 +11,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from moireaug.engine import ahead, compiling
-from moireaug.engine.record import Development, Exposure
+from moireaug.engine.development_records import Development
+from moireaug.engine.exposure_records import Exposure
 from moireaug.engine.threads import each, each_share, surplus
 
 HELD = 2**16  # values of small panels that are filled before any is read

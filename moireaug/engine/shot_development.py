@@ -11,7 +11,14 @@ import torch
 from moireaug.effects.demosaic import DEMOSAICS
 from moireaug.effects.detail import kernel_size
 from moireaug.effects.tone import colour_matrix
-from moireaug.engine.record import Codes, Detail, Development, Registration, Resize, Stencil
+from moireaug.engine.development_records import (
+    Codes,
+    Detail,
+    Development,
+    Registration,
+    Resize,
+    Stencil,
+)
 from moireaug.engine.resampling import lower_means, lower_resize, lower_stencil
 from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, numbers_of
 from moireaug.geometry.sensor import SampledPixels

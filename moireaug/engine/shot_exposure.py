@@ -13,7 +13,7 @@ from moireaug.effects import prefilter
 from moireaug.effects.display import white_readings
 from moireaug.effects.flicker import flicker
 from moireaug.engine import lowering, pose
-from moireaug.engine.record import Cell, Exposure, Point, Sites
+from moireaug.engine.exposure_records import Cell, Exposure, Point, Sites
 from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, numbers_of
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA

@@ -9,6 +9,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from moireaug.engine.compiling import inner
+from moireaug.engine.development_records import LANES
 from moireaug.engine.intrinsics import (
     emit_down_weights,
     emit_peek,
@@ -16,7 +17,6 @@ from moireaug.engine.intrinsics import (
     emit_taps,
     emit_weighted_cells,
 )
-from moireaug.engine.record import LANES
 
 INDEX, NUMBER = types.int32, types.float32
 

@@ -138,9 +138,9 @@ def weights(us, vs, camera, cell, widths, skew):
     The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
     cells) along x and then along y; see `_shares`.
 
-    widths, skew: (kinds, 2), see `record.Exposure`.
+    widths, skew: (kinds, 2), see `exposure_records.Exposure`.
     """
-    kinds, rows, cols, taps = len(widths), len(vs), len(us), cell.taps
+    kinds, rows, cols, taps = len(widths), len(vs), len(us), cell.radius
     spread = np.empty((kinds, rows * cols, 2, 2), np.float64)
     phases, cells = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
     most, finest = 0, 0

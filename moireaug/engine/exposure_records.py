@@ -1,13 +1,11 @@
-"""The kernels' inputs: plain numbers and arrays, one `Camera` per image and one `Cell` and one
-`Sites` per batch."""
+"""What the kernels of exposing take, plain numbers and arrays: one `Camera` per image, one `Cell`
+and one `Sites` per batch."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-
-LANES = 16  # pixels that kernels work on at once; rows are padded to a multiple
 
 
 class Camera(NamedTuple):
@@ -58,7 +56,7 @@ class Cell(NamedTuple):
             period along y, and for those that are of one kind, too.
         centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it
             shows.
-        taps: r; content is taken from 2 r + 1 cells along each axis.
+        radius: r; content is taken from 2 r + 1 cells along each axis.
     """
 
     whole: np.ndarray
@@ -70,7 +68,7 @@ class Cell(NamedTuple):
     row: np.ndarray
     centre: np.ndarray
     pixel: np.ndarray
-    taps: int
+    radius: int
 
 
 class Sites(NamedTuple):
@@ -170,124 +168,3 @@ class Nodes(NamedTuple):
     columns: int
     step_uw: float
     step_vw: float
-
-
-class Stencil(NamedTuple):
-    """A linear demosaic: each site's colours as sums over the packed planes of the cell rows above,
-    at and below it.
-
-    Args:
-        weight: (taps,) float32. offset: (taps,) int64, where in a prepared cell row the tap's pixel
-            is.
-        first, count: (4 sites, 3 channels, 3 rows) int64, which taps belong to each.
-    """
-
-    weight: np.ndarray
-    offset: np.ndarray
-    first: np.ndarray
-    count: np.ndarray  # type: ignore[assignment]  # hides tuple.count: not called
-
-
-class Resize(NamedTuple):
-    """A linear resize along one axis, from n sensor pixels to m photo pixels.
-
-    Args:
-        start: (m,) int64, the first sensor pixel of each photo pixel.
-        taps: (m, T) float32, the weights from there on.
-        first, last: (n,) int64, the photo pixels that each sensor pixel contributes to; none where
-            last < first.
-        index, weight: (T, m) int32 and float32, the same in the order in which `develop` holds a
-            row's colours.
-        back_index, back_weight: (p, T', n / p), the transpose; p is 2 if even and odd columns are
-            held apart, else 1.
-        each: each photo pixel is a sensor pixel. pairs: each is the mean of two of its own.
-    """
-
-    start: np.ndarray
-    taps: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-    index: np.ndarray  # type: ignore[assignment]  # hides tuple.index: not called
-    weight: np.ndarray
-    back_index: np.ndarray
-    back_weight: np.ndarray
-    each: bool
-    pairs: bool
-
-
-class Registration(NamedTuple):
-    """A batch's way back to the image's frame; of length 0 if nothing is registered.
-
-    Args:
-        views: (B, 3, 3) float64, see `register.register`.
-        lens: (B, 2) float64, k1 and k2.
-    """
-
-    views: np.ndarray
-    lens: np.ndarray
-
-
-class Detail(NamedTuple):
-    """A batch's way from the codes of every sensor pixel to photos; neutral if no filter is
-    planned.
-
-    Args:
-        size: height and width of the codes. rows, cols: the resize along both axes.
-        chroma, sharp: (B,) float64, standard deviations in pixels of the Gaussians of colour and of
-            the unsharp mask. chroma_size, sharp_size: pixels along their kernels.
-        amount: (B,) float32, strength of the mask.
-    """
-
-    size: tuple[int, int]
-    rows: Resize
-    cols: Resize
-    chroma: np.ndarray
-    chroma_size: int
-    sharp: np.ndarray
-    sharp_size: int
-    amount: np.ndarray
-
-
-class Codes(NamedTuple):
-    """A batch's way from readings to codes, and their resize.
-
-    Args:
-        mosaic: the readings are packed planes. rows, cols: the resize along both axes.
-        saturates: readings above 1 become 1. levels: the converter's 2^bits - 1, or 0. coded: light
-            becomes sRGB codes.
-        matrix: (B, 3, 3) float32, from the filters' colours to the photo's. mixes: whether it is
-            more than a gain for each colour.
-        toned: codes go through a tone curve of shoulder and contrast, (B,) float32 each. brighten:
-            (B,) float32.
-    """
-
-    mosaic: bool
-    stencil: Stencil
-    rows: Resize
-    cols: Resize
-    saturates: bool
-    levels: np.float32
-    matrix: np.ndarray
-    mixes: bool
-    coded: bool
-    toned: bool
-    shoulder: np.ndarray
-    contrast: np.ndarray
-    brighten: np.ndarray
-
-
-class Development(NamedTuple):
-    """A batch's development, as `run.develop` takes it.
-
-    Args:
-        size: height and width of the photos.
-        finishes: `codes` leaves every sensor pixel, and `detail` makes photos of them.
-        registers: the photos come back to the image's frame.
-    """
-
-    size: tuple[int, int]
-    codes: Codes
-    finishes: bool
-    detail: Detail
-    registers: bool
-    registration: Registration
