@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from moireaug.engine import ahead, compiling
+from moireaug.engine import ahead, batch, compiling
 from moireaug.engine.development_records import Development
 from moireaug.engine.exposure_records import Exposure
 from moireaug.engine.threads import each, each_share, surplus
@@ -37,8 +37,6 @@ def prepare() -> None:
 
 def fits(exposure: Exposure) -> np.ndarray:
     """Return for each image whether `expose` can follow its view, (B,) bool; see `batch.fits`."""
-    from moireaug.engine import batch
-
     prepare()
     if exposure.point:
         return np.ones(len(exposure.cameras), bool)
@@ -47,40 +45,56 @@ def fits(exposure: Exposure) -> np.ndarray:
 
 def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
-    from moireaug.engine import batch
-
     prepare()
     sites, n = exposure.sites, len(picture)
-    planes, step = len(sites.channel), sites.step
-    h, w = len(sites.rows) // step, len(sites.cols) // step
-    raw = _empty(n, planes, h, w)
-    pictures, readings = picture.detach().contiguous().numpy(), raw.numpy()
-    size = batch.panel_size(exposure)
-    held = max(1, HELD // size)
-
-    def light() -> np.ndarray:
-        return np.empty((3, *exposure.size), np.float32)
-
-    def points(first: int, last: int) -> None:
-        batch.expose_points(readings, light(), pictures, exposure, first, last)
-
-    def images(first: int, last: int) -> None:
-        shown, space = np.empty((held, size), np.float32), light()
-        for start in range(first, last, held):
-            end = min(start + held, last)
-            batch.show(shown, space, pictures, exposure, start, end)
-            batch.expose(readings, shown, exposure, start, end, 0, h)
-
+    h, w = len(sites.rows) // sites.step, len(sites.cols) // sites.step
+    raw = _empty(n, len(sites.channel), h, w)
+    given = raw.numpy(), _array(picture), exposure
     if exposure.point:
-        each(points, n)
+        each(functools.partial(_expose_points, *given), n)
         return raw
     whole = n - surplus(n, h)
-    each(images, whole)
+    each(functools.partial(_expose_images, *given), whole)
     for i in range(whole, n):
-        shown = np.empty((1, size), np.float32)
-        batch.show(shown, light(), pictures, exposure, i, i + 1)
-        each_share(functools.partial(batch.expose, readings, shown, exposure, i, i + 1), h)
+        _expose_shared(*given, i)
     return raw
+
+
+def _expose_points(
+    readings: np.ndarray, pictures: np.ndarray, exposure: Exposure, first: int, last: int
+) -> None:
+    """Fill the readings from `first` to `last` of a point exposure."""
+    batch.expose_points(readings, _light(exposure), pictures, exposure, first, last)
+
+
+def _expose_images(
+    readings: np.ndarray, pictures: np.ndarray, exposure: Exposure, first: int, last: int
+) -> None:
+    """Fill the readings from `first` to `last`: show some pictures, then read them."""
+    size, light, rows = batch.panel_size(exposure), _light(exposure), readings.shape[2]
+    held = max(1, HELD // size)
+    shown = np.empty((held, size), np.float32)
+    for start in range(first, last, held):
+        end = min(start + held, last)
+        batch.show(shown, light, pictures, exposure, start, end)
+        batch.expose(readings, shown, exposure, start, end, 0, rows)
+
+
+def _expose_shared(readings: np.ndarray, pictures: np.ndarray, exposure: Exposure, i: int) -> None:
+    """Fill reading i: all threads share its rows."""
+    shown = np.empty((1, batch.panel_size(exposure)), np.float32)
+    batch.show(shown, _light(exposure), pictures, exposure, i, i + 1)
+    rows = functools.partial(batch.expose, readings, shown, exposure, i, i + 1)
+    each_share(rows, readings.shape[2])
+
+
+def _light(exposure: Exposure) -> np.ndarray:
+    """Return room for a picture's light."""
+    return np.empty((3, *exposure.size), np.float32)
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    return tensor.detach().contiguous().numpy()
 
 
 def _empty(*shape: int) -> Tensor:
@@ -94,43 +108,56 @@ class _Develop(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, raw: Tensor, d: Development) -> Tensor:
-        from moireaug.engine import batch
-
-        noted = len(raw) if d.finishes and ctx.needs_input_grad[0] else 0
+        n, h = len(raw), d.size[0]
+        noted = n if d.finishes and ctx.needs_input_grad[0] else 0
         inside = torch.empty(noted, 3, *d.detail.size, dtype=torch.uint8)
         ctx.save_for_backward(raw, inside)
         ctx.development = d
-        out = _empty(len(raw), 3, *d.size)
-        readings, photos, notes = raw.detach().contiguous().numpy(), out.numpy(), inside.numpy()
-        n, h = len(raw), d.size[0]
-
-        def kernel(first: int, last: int, top: int, bottom: int) -> None:
-            taken = np.zeros(size, np.float32)
-            batch.develop(photos, taken, notes, readings, d, first, last, top, bottom)
-
-        whole, size = n - surplus(n, h), batch.photo_size(d)
-        each(lambda first, last: kernel(first, last, 0, h), whole)
+        photo = _empty(n, 3, *d.size)
+        work = functools.partial(_develop, photo.numpy(), inside.numpy(), _array(raw), d)
+        whole = n - surplus(n, h)
+        each(functools.partial(work, top=0, bottom=h), whole)
         for i in range(whole, n):
-            each_share(functools.partial(kernel, i, i + 1), h)
-        return out
+            each_share(functools.partial(work, i, i + 1), h)
+        return photo
 
     @staticmethod
     @once_differentiable
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
-        from moireaug.engine import batch
-
         (raw, inside), d = ctx.saved_tensors, ctx.development
         out = _empty(*raw.shape)
-        readings, notes = raw.detach().contiguous().numpy(), inside.numpy()
-        grads, results = grad.contiguous().numpy(), out.numpy()
-
-        def kernel(first: int, last: int) -> None:
-            taken = np.empty(size, np.float32)
-            batch.develop_back(results, grads, taken, notes, readings, d, first, last)
-
-        size = batch.photo_size(d)
-        each(kernel, len(raw))
+        given = out.numpy(), _array(grad), inside.numpy(), _array(raw), d
+        each(functools.partial(_develop_back, *given), len(raw))
         return out, None
+
+
+def _develop(
+    photos: np.ndarray,
+    inside: np.ndarray,
+    readings: np.ndarray,
+    d: Development,
+    first: int,
+    last: int,
+    top: int,
+    bottom: int,
+) -> None:
+    """Fill rows `top` to `bottom` of the photos from `first` to `last`; see `batch.develop`."""
+    taken = np.zeros(batch.photo_size(d), np.float32)
+    batch.develop(photos, taken, inside, readings, d, first, last, top, bottom)
+
+
+def _develop_back(
+    raw_grads: np.ndarray,
+    photo_grads: np.ndarray,
+    inside: np.ndarray,
+    readings: np.ndarray,
+    d: Development,
+    first: int,
+    last: int,
+) -> None:
+    """Fill the gradients from `first` to `last` in the readings; see `batch.develop_back`."""
+    taken = np.empty(batch.photo_size(d), np.float32)
+    batch.develop_back(raw_grads, photo_grads, taken, inside, readings, d, first, last)
 
 
 def develop(raw: Tensor, development: Development) -> Tensor:
