@@ -13,7 +13,7 @@ from torch import Tensor
 from benchmarks.checkouts import Checkout, plain
 from moireaug import Shot, engine, expose
 from moireaug.engine import run
-from moireaug.engine.shot_exposure import exposure_of
+from moireaug.engine.shot_exposure import lower_exposure
 
 WITHOUT = "one panel pixel"
 
@@ -62,7 +62,7 @@ def unfused(shown: Tensor, shot: Shot) -> Tensor:
 def one_cell(shown: Tensor, shot: Shot) -> Tensor:
     """Return the engine's reading if each sensor pixel sees only the panel pixel in front of its
     centre."""
-    whole = exposure_of(shot, decoded=False)
+    whole = lower_exposure(shot, decoded=False)
     exposure = whole._replace(
         cell=whole.cell._replace(radius=0),
         # only weights read them, and a single cell has none

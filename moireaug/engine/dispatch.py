@@ -75,10 +75,10 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
     does for float32."""
     from moireaug.engine import run
-    from moireaug.engine.shot_exposure import exposure_of
+    from moireaug.engine.shot_exposure import lower_exposure
 
     varies = shot.plan.prefilter > SMALL  # over the image: the reference does that blur
-    exposure = exposure_of(shot, decoded=varies)
+    exposure = lower_exposure(shot, decoded=varies)
     fits = torch.from_numpy(run.fits(exposure))
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
@@ -100,11 +100,11 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photos of readings, as `moireaug.pipeline.develop` does; once differentiable in
     the readings."""
     from moireaug.engine import run
-    from moireaug.engine.shot_development import development_of
+    from moireaug.engine.shot_development import lower_development
 
     if not math.isfinite(raw.detach().sum()):  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
-    photo = run.develop(raw, development_of(shot))
+    photo = run.develop(raw, lower_development(shot))
     for effect in shot.plan.finishing:
         photo = effect(photo, shot)
     return photo

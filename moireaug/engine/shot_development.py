@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
 
 
-def development_of(shot: ShotRecord) -> Development:
+def lower_development(shot: ShotRecord) -> Development:
     """Return a shot's Development, without `Plan.finishing`; if it is denoised, it ends at the
     codes of every sensor pixel."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
 
 
-def exposure_of(shot: ShotRecord, *, decoded: bool) -> Exposure:
+def lower_exposure(shot: ShotRecord, *, decoded: bool) -> Exposure:
     """Return a shot's Exposure.
 
     decoded: the pictures have already been decoded, raised to the black level and prefiltered.

@@ -9,7 +9,7 @@ import torch
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.effects.prefilter import SMALL
 from moireaug.engine import dispatch, run
-from moireaug.engine.shot_exposure import exposure_of
+from moireaug.engine.shot_exposure import lower_exposure
 from moireaug.scene.presets import PRESETS
 from tests.engine.readings import assert_equal, readings
 
@@ -206,7 +206,7 @@ def test_a_batch_of_none():
 def test_bytes_are_read_as_they_are(name):
     shot = SCENES[name].sample(3, (20, 24))
     codes = torch.randint(0, 256, (3, 3, 20, 24), dtype=torch.uint8)
-    given = exposure_of(shot, decoded=False)
+    given = lower_exposure(shot, decoded=False)
     assert (run.expose(codes, given) - run.expose(codes.float() / 255, given)).abs().max() < 2e-6
 
 
