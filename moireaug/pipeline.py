@@ -121,16 +121,6 @@ class Plan:
         """The (k, l) pairs that the spectral exposure sums."""
         return self.method.harmonics
 
-    @property
-    def finishing(self) -> tuple[Effect, ...]:
-        """The effects that the engine has no kernel for: the denoiser, all that follows it, and
-        JPEG."""
-        names = [effect.name for effect in self.developing]
-        for name in ("denoise", "jpeg"):
-            if name in names:
-                return self.developing[names.index(name) :]
-        return ()
-
     def __contains__(self, effect: object) -> bool:
         return any(step.called for step in self.steps if step.name == effect)
 

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from moireaug import pipeline
+from moireaug.effects.base import Effect
 from moireaug.effects.display import BlackLevel
 from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
@@ -51,7 +52,7 @@ def explain(scene: Scene) -> str:
     for stage, reason in (("expose", _no_exposing(scene)), ("develop", _no_developing(scene))):
         reason = _unavailable() or reason
         line = f"reference: {reason}" if reason else "engine, on the CPU in float32"
-        rest = scene.plan().finishing
+        rest = finishing(scene.plan())
         if stage == "develop" and rest and not reason:
             line += f"; reference from {rest[0].name!r} on"
         lines.append(f"{stage:8} {line}")
@@ -105,9 +106,19 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     if not math.isfinite(raw.detach().sum()):  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
     photo = run.develop(raw, lower_development(shot))
-    for effect in shot.plan.finishing:
+    for effect in finishing(shot.plan):
         photo = effect(photo, shot)
     return photo
+
+
+def finishing(plan: pipeline.Plan) -> tuple[Effect, ...]:
+    """Return the effects that the engine has no kernel for: the denoiser, all that follows it, and
+    JPEG."""
+    names = [effect.name for effect in plan.developing]
+    for name in ("denoise", "jpeg"):
+        if name in names:
+            return plan.developing[names.index(name) :]
+    return ()
 
 
 def as_float(images: Tensor) -> Tensor:

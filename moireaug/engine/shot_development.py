@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 
 def lower_development(shot: ShotRecord) -> Development:
-    """Return a shot's Development, without `Plan.finishing`; if it is denoised, it ends at the
-    codes of every sensor pixel."""
+    """Return a shot's Development, without `dispatch.finishing`; if it is denoised, it ends at
+    the codes of every sensor pixel."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
     stencil, rows, cols = _resampling(shot.scene, shot.size)
     matrix = np.eye(3)[None].repeat(len(shot), 0)
