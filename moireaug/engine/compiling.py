@@ -14,6 +14,16 @@ import numba
 from filelock import FileLock
 from numba import njit
 
+HERE = Path(__file__).parent
+# outside this folder, what kernels take numbers from: they are compiled in
+CONSTANTS = (
+    "effects/detail.py",
+    "effects/random_numbers.py",
+    "effects/sensor.py",
+    "exposure/content.py",
+    "geometry/distortion.py",
+    "geometry/grids.py",
+)
 # divisions by zero give infinity and need no branch
 loop = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 # for what only calls loops: a part of its caller before types are inferred, which saves a sixth of
@@ -28,13 +38,12 @@ inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
 def folder() -> str | None:
     """Return the folder of compiled kernels, named by a hash of the sources and of numba's and
     llvmlite's versions; None if no place is writable."""
-    here = Path(__file__).parent
-    sources = [*sorted(here.glob("*.py")), here.parent / "effects" / "random_numbers.py"]
+    sources = sorted(HERE.glob("*.py")) + [HERE.parent / name for name in CONSTANTS]
     text = b"".join(source.read_bytes() for source in sources)
     text += f"{numba.__version__} {llvmlite.__version__}".encode()
     name = hashlib.sha256(text).hexdigest()[:16]
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "moireaug"
-    for place in (numba.config.CACHE_DIR, here / "__pycache__", home):
+    for place in (numba.config.CACHE_DIR, HERE / "__pycache__", home):
         if not place:
             continue
         kept = Path(place) / f"moireaug-{name}"

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from moireaug.effects.detail import SMALLEST
 from moireaug.engine.compiling import copy, fill, inner, loop
 from moireaug.engine.development_records import LANES
 from moireaug.engine.vectors import add_taps
 
-SMALLEST = 1e-3  # standard deviation, as in the reference
 FARTHEST = 4.5  # standard deviations: what lies beyond weighs less than 1e-5
 ZERO, THIRD = np.float32(0), np.float32(1 / 3)
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from moireaug.engine.compiling import inner, loop, part
 from moireaug.engine.vectors import peek, poke
+from moireaug.geometry.distortion import NEWTON_STEPS
+from moireaug.geometry.grids import NEAR_HORIZON
 
-NEAR_HORIZON = 1e-3
 STEPS = 1024
-NEWTON_STEPS = 8
 ONE = np.float32(1)
 ONE32 = np.int32(1)
 

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from moireaug.effects.sensor import DARK
 from moireaug.engine.compiling import inner
 from moireaug.engine.random_numbers import normal_row
 
-# as in the reference: dark current, below which photon noise falls no further
-DARK = np.float32(1e-4)
+DARK32 = np.float32(DARK)
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
@@ -44,7 +44,7 @@ def _add_noise(line, numbers, read, shot):
             line[i] += numbers[i] * read
         return
     for i in range(len(numbers)):
-        variance = read * read + shot * shot * max(line[i], DARK)
+        variance = read * read + shot * shot * max(line[i], DARK32)
         line[i] += numbers[i] * np.float32(math.sqrt(variance))
 
 

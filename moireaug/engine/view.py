@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
-
-# as in the reference: rays that meet the screen a thousand times as far as its centre miss it
-NEAR_HORIZON = 1e-3
-LEAST_DEPTH = 1e-6
+from moireaug.geometry.grids import NEAR_HORIZON
 
 
 @inner
@@ -38,7 +35,7 @@ def jacobian(u, v, camera):
     bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)
     uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v
     p, q = u * bent, v * bent
-    far = 1 / max(c.h20 * p + c.h21 * q + c.h22, LEAST_DEPTH)
+    far = 1 / max(c.h20 * p + c.h21 * q + c.h22, NEAR_HORIZON)
     x, y = (c.h00 * p + c.h01 * q + c.h02) * far, (c.h10 * p + c.h11 * q + c.h12) * far
     xp, xq = (c.h00 - x * c.h20) * far, (c.h01 - x * c.h21) * far
     yp, yq = (c.h10 - y * c.h20) * far, (c.h11 - y * c.h21) * far

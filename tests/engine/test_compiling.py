@@ -1,0 +1,62 @@
+"""Kernels are kept in a folder that is named by all they are compiled from."""
+
+import ast
+from pathlib import Path
+
+import numba
+import pytest
+
+import moireaug
+from moireaug.engine import compiling
+
+PACKAGE = Path(moireaug.__file__).parent
+ENGINE = PACKAGE / "engine"
+
+
+def imported(source):
+    """The files of moireaug that a file imports from."""
+    found = set()
+    for node in ast.walk(ast.parse(source.read_text())):
+        if not isinstance(node, ast.ImportFrom) or not node.module.startswith("moireaug"):
+            continue
+        place = PACKAGE.parent / node.module.replace(".", "/")
+        if place.is_dir():  # a package, whose modules are named
+            found.update(place / f"{alias.name}.py" for alias in node.names)
+        else:
+            found.add(place.with_suffix(".py"))
+    return found
+
+
+def compiled():
+    """The files that kernels are compiled from: those that `batch` imports, those that they import,
+    and so on within the engine."""
+    found, ahead = set(), [ENGINE / "batch.py"]
+    while ahead:
+        source = ahead.pop()
+        found.add(source)
+        if source.parent == ENGINE:
+            ahead.extend(imported(source) - found)
+    return found
+
+
+def test_kernels_are_found():
+    names = {source.stem for source in compiled()}
+    assert {"batch", "weights", "view", "random_numbers", "compiling"} <= names
+
+
+def test_all_constants_outside_the_engine_are_named():
+    outside = [source for source in compiled() if source.parent != ENGINE]
+    assert sorted(str(s.relative_to(PACKAGE)) for s in outside) == sorted(compiling.CONSTANTS)
+
+
+@pytest.mark.parametrize("name", compiling.CONSTANTS)
+def test_a_change_of_a_constant_makes_another_folder(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    before = compiling.folder.__wrapped__()
+    read = Path.read_bytes
+
+    def changed(source):
+        return read(source) + (b"# changed" if source == PACKAGE / name else b"")
+
+    monkeypatch.setattr(Path, "read_bytes", changed)
+    assert compiling.folder.__wrapped__() != before
