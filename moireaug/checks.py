@@ -126,17 +126,18 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
     Raises:
         ValueError: another number or size of images, or other fields.
     """
-    if len(shot) != len(image) or shot.size != tuple(image.shape[-2:]):
+    n = len(shot)
+    if n != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(
-            f"the shot was drawn for {len(shot)} images of {shot.size[0]} x {shot.size[1]}; got "
+            f"the shot was drawn for {n} images of {shot.size[0]} x {shot.size[1]}; got "
             f"{len(image)} of {image.shape[-2]} x {image.shape[-1]}. Draw one with "
             "scene.sample(len(images), images.shape[-2:])."
         )
     numbers = shot.numbers()
     for name, values in numbers.items():
-        if values.shape != (len(shot),):
+        if values.shape != (n,):
             raise ValueError(
-                f"a shot's fields must hold one number per image, here of shape ({len(shot)},); "
+                f"a shot's fields must hold one number per image, here of shape ({n},); "
                 f"got {tuple(values.shape)} as shot.{name}."
             )
     if is_transformed():

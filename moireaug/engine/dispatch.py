@@ -80,13 +80,13 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
 
     varies = shot.plan.prefilter > SMALL  # over the image: the reference does that blur
     exposure = lower_exposure(shot, decoded=varies)
-    fits = torch.from_numpy(run.fits(exposure))
+    fits = run.fits(exposure)
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
     # each image by itself, so that its reading does not depend on the rest of the batch
     if not fits.all():
         raw = torch.empty(shot.raw_shape())
-        for rows in (fits, ~fits):
+        for rows in (torch.from_numpy(fits), torch.from_numpy(~fits)):
             raw[rows] = expose(light[rows], shot[rows])
         return raw
     if varies:

@@ -9,6 +9,8 @@ import numpy as np
 
 from moireaug.engine.exposure_records import Camera, Cell, Sites
 
+HOMOGRAPHY = [f"h{row}{column}" for row in range(3) for column in range(3)]
+
 
 def lower_cameras(
     inverse: np.ndarray,
@@ -27,7 +29,8 @@ def lower_cameras(
             motion_y, glare, glare_x and glare_y; neutral values for effects that are not planned.
     """
     h, w = size
-    columns = fields | {
+    homography = dict(zip(HOMOGRAPHY, inverse.reshape(-1, 9).T, strict=True))
+    derived = {
         "bend": 4 / (h * h + w * w),
         "scale_u": scales[1],
         "scale_v": scales[0],
@@ -35,9 +38,7 @@ def lower_cameras(
         "glare_u": fields["glare"] * fields["glare_x"] * 2 / w,
         "glare_v": fields["glare"] * fields["glare_y"] * 2 / h,
     }
-    for row in range(3):
-        for column in range(3):
-            columns[f"h{row}{column}"] = inverse[:, row, column]
+    columns = fields | homography | derived
     cameras = np.empty((len(inverse), len(Camera._fields)))
     for i, name in enumerate(Camera._fields):
         cameras[:, i] = columns[name]
@@ -47,14 +48,14 @@ def lower_cameras(
 def lower_cell(
     subpixels: Sequence[tuple[int, tuple[float, float], int]],
     periods: Sequence[tuple[int, int]],
-    orders: Sequence[Sequence[tuple[int, int]]],
+    orders: Sequence[np.ndarray],
     radius: int,
 ) -> Cell:
     """Return the Cell of (channel, centre, kind) subpixels, centres in panel pixels from their
     cell's corner.
 
     Args:
-        periods: of each kind. orders: of each kind, its harmonics (k, l).
+        periods: of each kind. orders: of each kind, its harmonics' k and l, (2, n) int64.
         radius: see `Cell`.
     """
     channel = np.array([s[0] for s in subpixels], np.int64)
@@ -74,33 +75,31 @@ def _numbered(*columns: np.ndarray) -> np.ndarray:
     return np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def _highest(orders: Sequence[tuple[int, int]]) -> tuple[int, int]:
+def _highest(orders: np.ndarray) -> np.ndarray:
     """Return the highest k and the highest l of harmonics."""
-    return max((k for k, _ in orders), default=0), max((abs(l) for _, l in orders), default=0)
+    return np.abs(orders).max(1, initial=0)
 
 
 def lower_shapes(
     edges: np.ndarray,
     periods: Sequence[tuple[int, int]],
-    orders: Sequence[Sequence[tuple[int, int]]],
+    orders: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the coefficients, widths and skews of `exposure_records.Exposure`.
 
     Args:
         edges: (B, kinds, 2, 2), two edge vectors of each kind, x then y, in panel pixels.
-        periods: of each kind. orders: of each kind, its harmonics (k, l), k >= 0, conjugates and
-            (0, 0) left out.
+        periods: of each kind. orders: of each kind, its harmonics' k and l, (2, n) int64: k >= 0,
+            conjugates and (0, 0) left out.
     """
     edges = edges / np.array(periods, np.float64)[:, None]
     n_k, n_l = np.max([_highest(o) for o in orders], axis=0)
     area = np.abs(edges[..., 0, 0] * edges[..., 1, 1] - edges[..., 0, 1] * edges[..., 1, 0])
     out = np.zeros((*area.shape, n_k + 1, 2 * n_l + 1))
-    for kind, pairs in enumerate(orders):
+    for kind, (k, l) in enumerate(orders):
         out[:, kind, 0, n_l] = area[:, kind]
-        if len(pairs):
-            k, l = np.array(pairs).T
-            waves = np.sinc(edges[:, kind] @ np.stack([k, l]))  # (B, edge, harmonic)
-            out[:, kind, k, l + n_l] = 2 * area[:, kind, None] * waves[:, 0] * waves[:, 1]
+        waves = np.sinc(edges[:, kind] @ orders[kind])  # (B, edge, harmonic)
+        out[:, kind, k, l + n_l] = 2 * area[:, kind, None] * waves[:, 0] * waves[:, 1]
     long, short = np.abs(edges).max(-2), np.abs(edges).min(-2)
     return out, long, short * short / 12
 

@@ -150,10 +150,14 @@ def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _orders(scene: Scene) -> list[list[tuple[int, int]]]:
-    """Return the harmonics of each kind of subpixel."""
+def _orders(scene: Scene) -> list[np.ndarray]:
+    """Return the k and l of each kind of subpixel's harmonics, (2, n) int64."""
     layout, harmonics = as_layout(scene.panel.layout), scene.plan().method.harmonics
-    return [own_orders(s, layout, harmonics) for s in _kinds(scene).values()]
+    found = []
+    for subpixel in _kinds(scene).values():
+        orders = np.array(own_orders(subpixel, layout, harmonics), np.int64)
+        found.append(orders.reshape(-1, 2).T.copy())
+    return found
 
 
 def _subpixels(scene: SceneRecord) -> list[Subpixel]:
@@ -168,7 +172,8 @@ def _cell(scene: Scene) -> Cell:
     method = scene.plan().method
     if method.name == "mean":
         subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
-        return lowering.lower_cell(subpixels, [(1, 1)] * 3, [[]] * 3, method.taps // 2)
+        none = np.empty((2, 0), np.int64)
+        return lowering.lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, method.taps // 2)
     subpixels = [(s.channel, s.centre, _kind(scene, s)) for s in _subpixels(scene)]
     periods = [s.period for s in _kinds(scene).values()]
     return lowering.lower_cell(subpixels, periods, _orders(scene), method.taps // 2)
