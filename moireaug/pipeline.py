@@ -3,6 +3,7 @@ a scene calls for."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -121,8 +122,13 @@ class Plan:
         """The (k, l) pairs that the spectral exposure sums."""
         return self.method.harmonics
 
+    @functools.cached_property
+    def _called(self) -> frozenset[str]:
+        """The names of the effects that are called for. A photo asks for dozens."""
+        return frozenset(step.name for step in self.steps if step.called)
+
     def __contains__(self, effect: object) -> bool:
-        return any(step.called for step in self.steps if step.name == effect)
+        return effect in self._called
 
     def __iter__(self) -> Iterator[Step]:
         return (step for step in self.steps if step.called)

@@ -33,10 +33,11 @@ def lower_development(shot: ShotRecord) -> Development:
     the codes of every sensor pixel."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
     stencil, rows, cols = _resampling(shot.scene, shot.size)
-    matrix = np.eye(3)[None].repeat(len(shot), 0)
     if "colour_matrix" in plan:
         mixed = [torch.from_numpy(drawn[k]) for k in ("sensor.crosstalk", "develop.saturation")]
         matrix = colour_matrix(*mixed).numpy()
+    else:
+        matrix = np.eye(3)[None].repeat(len(shot), 0)
     if "balance" in plan:
         gains = [drawn["develop.red"], np.ones(len(shot)), drawn["develop.blue"]]
         matrix = matrix * np.stack(gains, 1)[:, None, :]

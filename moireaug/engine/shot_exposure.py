@@ -40,9 +40,10 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> Exposure:
     black = np.zeros(len(shot), np.float32)
     if "black_level" in plan and not decoded:
         black[:] = drawn["panel.black"]
-    filters = np.eye(3)[None].repeat(len(shot), 0)
     if "crosstalk" in plan:
         filters = crosstalk_matrix(torch.from_numpy(drawn["sensor.crosstalk"])).numpy()
+    else:
+        filters = np.eye(3)[None].repeat(len(shot), 0)
     return Exposure(
         size=shot.size,
         cameras=_cameras_of(shot, drawn),
