@@ -31,6 +31,7 @@ from torch import Tensor
 from benchmarks import measure
 from benchmarks.problems import images
 from moireaug import Scene, Sensor, capture, develop, engine, expose
+from moireaug.engine import dispatch
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
 
@@ -166,11 +167,7 @@ def in_both(
 
 def run_by(scene: Scene) -> str:
     """Return the stages of a capture that the engine runs."""
-    taken = [
-        line.split()[0]
-        for line in engine.explain(scene).splitlines()
-        if line.split()[1] == "engine,"
-    ]
+    taken = [stage for stage, reason in dispatch.reasons(scene).items() if not reason]
     return " and ".join(taken) or "nothing"
 
 

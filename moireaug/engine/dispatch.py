@@ -47,16 +47,26 @@ def reference() -> Iterator[None]:
 
 def explain(scene: Scene) -> str:
     """Return which execution a scene gets on the CPU without a gradient in image or shot, and why:
-    one line for exposing and one for developing."""
+    one line for exposing and one for developing.
+
+    Views near the horizon, and panels of far more pixels than the sensor, are exposed by the
+    reference all the same: that is decided for each image of a shot.
+    """
     lines = []
-    for stage, reason in (("expose", _no_exposing(scene)), ("develop", _no_developing(scene))):
-        reason = _unavailable() or reason
+    for stage, reason in reasons(scene).items():
         line = f"reference: {reason}" if reason else "engine, on the CPU in float32"
         rest = finishing(scene.plan())
         if stage == "develop" and rest and not reason:
             line += f"; reference from {rest[0].name!r} on"
         lines.append(f"{stage:8} {line}")
     return "\n".join(lines)
+
+
+def reasons(scene: Scene) -> dict[str, str]:
+    """Return why the reference runs each stage, "expose" and "develop", of a scene's capture; ""
+    where the engine does."""
+    off = _unavailable()
+    return {"expose": off or _no_exposing(scene), "develop": off or _no_developing(scene)}
 
 
 def exposes(light: Tensor, shot: ShotRecord) -> bool:
