@@ -19,15 +19,11 @@ flat grey that still lies in [0, 1] after normalisation.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import torch
 from torch import Tensor
 
 from moireaug.numeric import clip, is_transformed
-
-if TYPE_CHECKING:
-    from moireaug.scene.shot import ShotRecord
+from moireaug.scene.shot import ShotRecord
 
 MOST_CLIPPED = 0.18
 FAR_MEAN = 0.1
@@ -124,8 +120,14 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
     (B,) finite numbers.
 
     Raises:
+        TypeError: not a shot.
         ValueError: another number or size of images, or other fields.
     """
+    if not isinstance(shot, ShotRecord):
+        raise TypeError(
+            f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
+            "scene.sample(len(images), images.shape[-2:])."
+        )
     n = len(shot)
     if n != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(

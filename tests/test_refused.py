@@ -1,5 +1,6 @@
 """Scenes and pictures that cannot be photographed: each gets a sentence with what is allowed."""
 
+import numpy as np
 import pytest
 import torch
 
@@ -43,6 +44,32 @@ REFUSED = [
         for v in (float("nan"), float("inf"), -0.2, 1.2)
     ],
 ]
+
+
+X = torch.rand(1, 3, 4, 4)
+MISTAKEN = [
+    (lambda: capture(X, Scene()), "a shot must be a Shot; got a Scene"),
+    (lambda: capture(X, "screen_photo"), "a shot must be a Shot; got a str"),
+    (lambda: Scene.from_dict("screen_photo"), "must be a mapping; got 'screen_photo'"),
+    (
+        lambda: Scene(view=View(yaw=torch.tensor([1.0, 2.0]))),
+        "View.yaw of a scene must be a number",
+    ),
+    (lambda: Scene(view=View(yaw=torch.tensor(500.0))), "View.yaw of a scene must be a number"),
+]
+
+
+@pytest.mark.parametrize(("make", "sentence"), MISTAKEN, ids=range(len(MISTAKEN)))
+def test_what_is_of_another_kind_is_refused(make, sentence):
+    with pytest.raises(TypeError) as error:
+        make()
+    assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize("row", [1, np.int64(1), torch.tensor(1)])
+def test_one_row_of_a_shot_is_a_shot(row):
+    shot = Scene.preset("screen_photo").sample(3, (4, 4))
+    assert len(shot[row]) == 1 and torch.equal(shot[row].seed, shot.seed[1:2])
 
 
 @pytest.mark.parametrize(("make", "sentence"), REFUSED, ids=range(len(REFUSED)))

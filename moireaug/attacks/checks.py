@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from numbers import Integral, Real
 from typing import Any
 
 import torch
@@ -36,7 +37,7 @@ def check_bounds(eps: object) -> None:
 
 
 def _is_bound(eps: object) -> bool:
-    return isinstance(eps, (int, float)) and not isinstance(eps, bool) and 0 <= eps < math.inf
+    return isinstance(eps, Real) and not isinstance(eps, bool) and 0 <= float(eps) < math.inf
 
 
 def check_steps(steps: object, restarts: object) -> None:
@@ -46,7 +47,7 @@ def check_steps(steps: object, restarts: object) -> None:
         ValueError: with what was got and what is allowed.
     """
     for name, value, least in (("steps", steps, 0), ("restarts", restarts, 1)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
             raise ValueError(f"{name} must be an integer >= {least}; got {value!r}.")
 
 

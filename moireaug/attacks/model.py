@@ -17,7 +17,7 @@ class Normalized(nn.Module):
         mean, std: per channel, in units of [0, 1] images; ImageNet's by default.
 
     Raises:
-        ValueError: mean and std of different lengths, or a std that is not above 0.
+        ValueError: mean and std that are not of length 3, or 1, each; a std that is not above 0.
     """
 
     mean: Tensor
@@ -30,14 +30,15 @@ class Normalized(nn.Module):
         std: Sequence[float] = (0.229, 0.224, 0.225),
     ) -> None:
         super().__init__()
-        if len(mean) != len(std) or min(std) <= 0:
+        means, stds = torch.as_tensor(mean), torch.as_tensor(std)
+        if means.shape != stds.shape or means.shape not in ((1,), (3,)) or not (stds > 0).all():
             raise ValueError(
-                "mean and std must have the same length, and every std must be above 0; got mean "
-                f"= {mean}, std = {std}."
+                "mean and std must each hold one number per channel, 3 or 1 for all, and every std "
+                f"must be above 0; got mean = {mean}, std = {std}."
             )
         self.model = model
-        self.register_buffer("mean", torch.tensor(mean).view(-1, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(std).view(-1, 1, 1), persistent=False)
+        self.register_buffer("mean", means.view(-1, 1, 1), persistent=False)
+        self.register_buffer("std", stds.view(-1, 1, 1), persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
         return self.model((images - self.mean) / self.std)

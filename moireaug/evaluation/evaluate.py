@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import torch
 from torch import Tensor
@@ -83,7 +84,7 @@ def evaluate(
     batches = gathered(loader, n)
     config = SuiteConfig(
         scene=as_scene(scene),
-        eps=(eps,) if isinstance(eps, int | float) else tuple(eps),
+        eps=tuple(np.atleast_1d(eps).tolist()),
         steps=steps,
         targets=targets or {},
         defences=paper_defences() | dict(defences or {}),
@@ -139,7 +140,7 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
         images, labels = (torch.as_tensor(part)[:left] for part in pair)
         if images.dtype == torch.uint8:
             images = images.float() / 255
-        if images.dtype == torch.float64:
+        if images.is_floating_point():
             images = images.float()
         if len(images):
             batches.append((check_images(images), labels))

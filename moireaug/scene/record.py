@@ -31,6 +31,13 @@ class SceneRecord:
                 raise TypeError(
                     f"Scene.{name} must be a {kind.__name__}; got {getattr(self, name)!r}."
                 )
+            for field in kind.ranged:
+                value = getattr(getattr(self, name), field)
+                if not isinstance(value, (float, tuple)):  # a drawn one, as in a shot
+                    raise TypeError(
+                        f"{kind.__name__}.{field} of a scene must be a number or a (low, high) "
+                        f"pair of numbers; got {value!r}."
+                    )
         object.__setattr__(
             self, "tolerance", check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "")
         )

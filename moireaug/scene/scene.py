@@ -98,6 +98,11 @@ class Scene(SceneRecord):
             ValueError, TypeError: an unknown key (the message names the closest) or a value out of
                 its range.
         """
+        if not isinstance(values, Mapping):
+            raise TypeError(
+                f"a scene's values must be a mapping; got {values!r}. A preset's name is taken by "
+                "Scene.preset."
+            )
         values = dict(values)
         base = Scene.preset(values.pop("preset")) if "preset" in values else Scene()
         for key in values:

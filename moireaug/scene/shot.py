@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, Self
 
 import torch
@@ -68,7 +69,8 @@ class ShotRecord:
     def __getitem__(self, rows: Any) -> Self:
         """Return the shots of some rows: a slice, a mask, an index tensor or list, or one integer
         (a batch of one)."""
-        rows = [rows] if isinstance(rows, int) else rows
+        if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
+            rows = [int(rows)]
         return self._map(lambda t: t[rows])
 
     def repeat(self, n: int) -> Self:
