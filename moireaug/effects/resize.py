@@ -38,8 +38,16 @@ def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) ->
     size = rows.size, cols.size
     if how == "area":
         return F.interpolate(photo, size=size, mode="area")
+    if how == "antialias" and cols.size == 1:
+        return bilinear(photo.mT, size[::-1], how).mT  # of a single column torch makes another
+    return bilinear(photo, size, how)
+
+
+def bilinear(photo: Tensor, size: tuple[int, int], how: str) -> Tensor:
+    """Return a photo (B, 3, h, w) at another size, interpolated; `how` is "antialias" or not."""
+    antialias = how == "antialias"
     return F.interpolate(
-        photo, size=size, mode="bilinear", align_corners=False, antialias=how == "antialias"
+        photo, size=size, mode="bilinear", align_corners=False, antialias=antialias
     )
 
 

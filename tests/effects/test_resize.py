@@ -52,6 +52,16 @@ def test_points_are_those_of_a_resize_without_antialias(scale):
 
 
 @pytest.mark.parametrize("how", ["area", "antialias", "point"])
+@pytest.mark.parametrize("size", [(5, 1), (4, 3), (1, 1)])
+def test_a_turned_photo_is_resized_as_the_photo(how, size):
+    """torch's antialiased resize to a single column is that of another photo."""
+    rows, cols = (len(sampled_pixels(n, 2.0, how, 0).index) for n in size)
+    photo = torch.rand(2, 3, rows, cols, dtype=torch.float64)
+    turned = resized(photo.mT.contiguous(), size[::-1], 2.0, how)
+    assert torch.allclose(resized(photo, size, 2.0, how).mT, turned)
+
+
+@pytest.mark.parametrize("how", ["area", "antialias", "point"])
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.5, 2.0, 3.0])
 def test_a_flat_photo_stays_flat(how, scale):
     rows, cols = (len(sampled_pixels(n, scale, how, 0).index) for n in (4, 7))
