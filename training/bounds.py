@@ -54,6 +54,13 @@ def check(cfg: Config) -> None:
     for key, (low, high) in BOUNDS.items():
         _number(key, attrgetter(key)(cfg), low, high)
     _devices(cfg.trainer)
+    eps = cfg.reattack.eps
+    if len(set(eps)) < len(eps):
+        raise ValueError(f"reattack.eps must be different bounds; got {list(eps)}.")
+    if cfg.trainer.deterministic not in (True, False, "warn"):
+        raise ValueError(
+            f"trainer.deterministic must be true, false or warn; got {cfg.trainer.deterministic!r}."
+        )
 
 
 def _number(key: str, value: Any, low: float, high: float | None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +17,7 @@ from moireaug.images import read
 from moireaug.scene.fields import one_of
 from training import signs
 from training.augmentation import AUGMENT
+from training.files import read_table
 from training.schema import DATA, Data
 
 IMAGENET = 1000  # classes of torchvision's published weights, which a class_index refers to
@@ -178,14 +178,12 @@ def _class_index(path: Path) -> dict[str, int]:
     """Return folder name to class index, from a CSV with the columns folder (or wnid) and
     class_index."""
     try:
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
+        rows = read_table(path)
         return {row.get("folder") or row["wnid"]: int(row["class_index"]) for row in rows}
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise ValueError(
-            f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV "
-            f"file with a header and "
-            "the columns folder (or wnid) and class_index, one row per folder."
+            f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV file "
+            "with a header and the columns folder (or wnid) and class_index, one row per folder."
         ) from error
 
 
@@ -206,4 +204,25 @@ def load(cfg: Data) -> Splits:
             what to do.
     """
     one_of("data.augment", cfg.augment, AUGMENT)
-    return LOADERS[one_of("data", cfg.name, LOADERS)](cfg)
+    splits = LOADERS[one_of("data", cfg.name, LOADERS)](cfg)
+    if splits.num_classes < 2:
+        raise ValueError(
+            f"{cfg.root} holds a single class, {splits.classes[0]!r}: a classifier needs two."
+        )
+    return splits
+
+
+def require_training_images(cfg: Data) -> None:
+    """Refuse a folder of class folders alone, all of which are test images.
+
+    Raises:
+        ValueError: with what to do.
+    """
+    if cfg.name != "folder" or not cfg.root or not Path(cfg.root).is_dir():
+        return
+    if not (Path(cfg.root) / "train").is_dir():
+        raise ValueError(
+            f"data.root={cfg.root!r} has no folder train/, so that all its images are for testing. "
+            "Training needs train/<class>/ and test/<class>/ in it; to attack given weights on "
+            "these images, use training/reattack.py."
+        )

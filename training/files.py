@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,16 @@ import yaml
 
 LONGEST = 1_000_000  # bytes of a config.yaml; fit.py writes about two thousand
 DEEPEST = 32  # levels of its lists and mappings; fit.py writes four; time grows as their square
+
+
+def read_table(path: Path) -> list[dict[str, Any]]:
+    """Read the rows of a CSV file in UTF-8, with or without the mark that Excel puts first.
+
+    Raises:
+        OSError, ValueError, csv.Error: it cannot be read.
+    """
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        return list(csv.DictReader(file))
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:

@@ -35,11 +35,11 @@ from moireaug.evaluation import report
 from moireaug.scene.fields import one_of
 from training import adversaries, commands, reattack, runs, saved, scenes
 from training.attacking import Attacked, Protocol, attack, protocol_of
-from training.data import Splits, load
+from training.data import Splits, load, require_training_images
 from training.demoireing import fit as demoireing
 from training.results import compare, describe, publish
 from training.schema import Config, as_config, register
-from training.train import train_model
+from training.train import train_model, try_out
 from training.trainers import quiet
 
 Metrics = dict[str, Any]
@@ -66,6 +66,7 @@ def fit(cfg: DictConfig | Config) -> Metrics:
             runs.require_resumable(run, *[runs.run_of(other) for other in plain if other])
         began = time.perf_counter()
         splits = load(cfg.data)
+        try_out(cfg, splits)
         spent = {"data": time.perf_counter() - began}
         start, baseline = plain_runs(cfg, splits)
         return one_run(cfg, splits, start, baseline, spent)
@@ -101,6 +102,7 @@ def check(cfg: Config) -> None:
     """
     reattack.check(cfg)
     adversaries.check(cfg.adversary)
+    require_training_images(cfg.data)
     one_of("train.init", cfg.train.init, ("random", "clean"))
     if cfg.recipe == "clean" and cfg.train.init == "clean":
         raise ValueError(

@@ -36,6 +36,30 @@ def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = 
     return model if name in OWN else Normalized(model)
 
 
+def check_side(model: nn.Module, name: str, side: int) -> None:
+    """Refuse images that are too small, or of another size than a model's own.
+
+    Args:
+        model: in [0, 1] images; its mode is kept. side: of the images, pixels.
+
+    Raises:
+        ValueError: with what to do.
+    """
+    training = model.training
+    weight = next(model.parameters())
+    try:
+        with torch.no_grad():
+            model.eval()(torch.zeros(1, 3, side, side, device=weight.device))
+    except (RuntimeError, AssertionError, ValueError) as error:
+        why = str(error).splitlines()[0]
+        raise ValueError(
+            f"{name} cannot take images of {side} x {side} pixels ({why}): pass another data.size, "
+            "224 for most of torchvision's models, or another model."
+        ) from error
+    finally:
+        model.train(training)
+
+
 def names() -> list[str]:
     """Return every name that `build` knows, own models first."""
     return [*OWN, *torchvision.models.list_models(module=torchvision.models)]

@@ -39,7 +39,7 @@ from training import bounds, commands, overrides, runs, saved, scenes
 from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
 from training.augmentation import AUGMENT
 from training.data import Splits, load
-from training.models import as_model
+from training.models import as_model, check_side
 from training.results import compare, describe, publish, publish_suite
 from training.saved import Saved
 from training.schema import Config, Reattack, ReattackConfig, as_config, register, scene_of
@@ -98,6 +98,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
     began = time.perf_counter()
     splits = load(cfg.data)
     model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True)
+    check_side(model, cfg.model, cfg.data.size)
     if cfg.data.class_index:
         splits = splits._replace(classes=published_names(cfg.model) or splits.classes)
     protocol = protocol_of(cfg, splits)._replace(lpips=lpips)

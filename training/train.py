@@ -23,10 +23,22 @@ from training.classifier import Classifier
 from training.data import Splits
 from training.files import read_checkpoint, read_json
 from training.guard import Guard
-from training.models import as_model
+from training.models import as_model, check_side
 from training.schema import Config, Trainer, as_values, scene_of
 from training.trainers import make_trainer
 from training.tuning import Tuning, averaging
+
+
+def try_out(cfg: Config, splits: Splits) -> None:
+    """Make the model and the trainer once, and show the model a picture, before any run is moved
+    or any time is spent.
+
+    Raises:
+        ValueError: weights, a trainer's setting or a size of images that cannot be used.
+    """
+    classifier = classifier_of(cfg, splits.num_classes)
+    check_side(classifier.model, cfg.model, cfg.data.size)
+    trainer_of(cfg.trainer, classifier.tuning, 1, runs.folder(cfg), splits.classes)
 
 
 def train_model(

@@ -66,6 +66,8 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
         ("trainer.devices=0", "trainer.devices must be 1 to"),
         ("trainer.devices=1.5", "trainer.devices must be 1 to"),
         ("reattack.steps=-1", "reattack.steps must be in"),
+        ("reattack.eps=[0.01,0.01]", "reattack.eps must be different bounds"),
+        ("trainer.deterministic=foo", "trainer.deterministic must be true, false or warn"),
         ("reattack.eps=[nan]", "eps must be a number"),
         ("reattack.eps=[-0.1]", "eps must be a number"),
         ("adversary.share=2", "adversary.share must be in"),
@@ -92,7 +94,15 @@ def test_nothing_is_begun(override, message, tmp_path):
 )
 def test_devices_that_are_there_are_taken(devices, fine, untyped):
     cfg = OmegaConf.create(
-        untyped | {"trainer": {"accelerator": "cpu", "devices": devices, "num_nodes": 1}}
+        untyped
+        | {
+            "trainer": {
+                "accelerator": "cpu",
+                "devices": devices,
+                "num_nodes": 1,
+                "deterministic": False,
+            }
+        }
     )
     with (
         contextlib.nullcontext()

@@ -1,10 +1,12 @@
 """A folder of images as data: halves with classes of their own, and sentences for what does not
 fit."""
 
+import shutil
+
 import pytest
 from PIL import Image
 
-from training.data import load
+from training.data import load, require_training_images
 from training.schema import Data
 
 
@@ -34,6 +36,25 @@ def test_an_index_lets_the_halves_hold_different_classes(root):
 
 def test_without_an_index_the_halves_hold_the_same(root):
     with pytest.raises(ValueError, match=r"same class folders; these differ: \['n01', 'n03'\]"):
+        folder(root)
+
+
+def test_a_table_may_begin_as_excels_do(root):
+    table = (root / "labels.csv").read_text()
+    (root / "labels.csv").write_text(table, encoding="utf-8-sig")
+    assert folder(root, class_index=str(root / "labels.csv")).num_classes == 1000
+
+
+def test_a_folder_of_test_images_alone_is_not_trained_on(root):
+    with pytest.raises(ValueError, match=r"has no folder train/.* use training/reattack\.py"):
+        require_training_images(Data(name="folder", root=str(root / "test")))
+    require_training_images(Data(name="folder", root=str(root)))
+
+
+def test_a_single_class_is_refused(root):
+    for half, name in (("train", "n01"), ("test", "n03")):
+        shutil.rmtree(root / half / name)
+    with pytest.raises(ValueError, match=r"holds a single class, 'n02'"):
         folder(root)
 
 

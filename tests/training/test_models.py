@@ -51,6 +51,15 @@ def test_small_resnet_leaves_its_input_alone_and_centres_it():
     assert (seen[0] == 0).all() and (images == 0.5).all()
 
 
+@pytest.mark.parametrize(("name", "side"), [("vit_b_16", 32), ("alexnet", 32)])
+def test_a_size_that_a_model_cannot_take_is_refused(name, side):
+    with pytest.raises(ValueError, match=rf"{name} cannot take images of {side} x {side} pixels"):
+        models.check_side(models.as_model(name, 3, None), name, side)
+    small = models.as_model("small_resnet", 3, None)
+    models.check_side(small, "small_resnet", side)
+    assert small.training
+
+
 def test_small_resnet_learns():
     generator = torch.Generator().manual_seed(0)
     labels = torch.arange(32) % 2
