@@ -105,6 +105,15 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
         )
 
 
+def release(out: Path) -> None:
+    """Give up a folder in which no file was begun, so that other settings can claim it."""
+    path = out / "dataset.json"
+    with locked(out / ".dataset.lock", f"another command has held {out} for {WAIT:g} s.", WAIT):
+        others = [p for p in out.iterdir() if p != path and p.suffix != ".lock"]
+        if not others:
+            path.unlink(missing_ok=True)
+
+
 def _short(settings: dict[str, Any], key: str) -> str:
     value = settings.get(key)
     return "another" if isinstance(value, dict) else str(value)

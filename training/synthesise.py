@@ -41,7 +41,7 @@ from training import scenes
 from training.locks import locked
 from training.messages import sentence
 from training.pair_files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
-from training.pair_sets import PairSet, Share, claim, share_of
+from training.pair_sets import PairSet, Share, claim, release, share_of
 from training.settings import parse
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
@@ -77,7 +77,7 @@ def configure(argv: Sequence[str]) -> Config:
     Raises:
         ValueError: an unknown key, a value of another type, or out of its bounds.
     """
-    settings = parse(argv, Config, EXAMPLE)
+    settings = parse(argv, Config, EXAMPLE, __doc__)
     check(settings)
     return settings
 
@@ -141,7 +141,11 @@ def synthesise(cfg: Config) -> None:
     with locked(found.folder / f".shard-{share.mark}.lock", busy):
         for stale in found.folder.glob(f".*.{share.mark}.*.tmp"):  # of a command that was killed
             remove(stale)
-        make(cfg, pairs, found, share)
+        try:
+            make(cfg, pairs, found, share)
+        except ValueError:  # no picture is usable with these settings
+            release(found.folder)
+            raise
     others = pairs.pictures.others
     if others:
         print(

@@ -43,6 +43,13 @@ def test_other_pictures_are_refused_in_the_same_folder(tmp_path, folder):
         made(tmp_path / "out")
 
 
+def test_settings_without_a_usable_picture_do_not_claim_the_folder(tmp_path):
+    with pytest.raises(SystemExit, match="usable"):
+        made(tmp_path / "out", "size=5000")
+    made(tmp_path / "out")
+    assert (tmp_path / "out/dataset.json").is_file()
+
+
 def test_a_folder_that_is_something_else_is_refused(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out/000000.tar").write_text("of someone else")
