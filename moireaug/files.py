@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+
+FULL = (errno.ENOSPC, errno.EDQUOT)  # a disk, or a user's share of it
 
 
 def write_text(path: Path, text: str) -> None:
@@ -75,12 +78,13 @@ def remove(path: Path) -> None:
 
 
 def _sentence(path: Path, size: int, error: OSError) -> str:
-    """Say how much space a file of `size` bytes needs, how much is free, and what to do."""
+    """Say why a file of `size` bytes could not be written, and what to do."""
+    why = f"{path} could not be written ({error.strerror or error})"
+    if error.errno not in FULL:
+        return f"{why}. An older file there is still whole. Name another place, or free this one."
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     free = shutil.disk_usage(folder).free / 1e6
     return (
-        f"{path} could not be written ({error.strerror or error}): it needs {size / 1e6:.1f} MB, "
-        f"and "
-        f"{free:.1f} MB are free. An older file there is still whole. Make room, and run the same "
-        "command again."
+        f"{why}: it needs {size / 1e6:.1f} MB, and {free:.1f} MB are free. An older file there is "
+        "still whole. Make room, and run the same command again."
     )

@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
+KEPT = ("exif", "icc_profile")
 DEEP = ("I;16", "I;16L", "I;16B")  # 16-bit grey
 AS_RGB = (
     "1",
@@ -23,7 +24,7 @@ def read(path: str) -> Image.Image:
     """Return the picture in a file, in mode RGB.
 
     16-bit grey keeps its high byte, as PIL does with 16-bit RGB. Transparent pixels are put on
-    white, as on a page.
+    white, as on a page. EXIF data and colour profile stay in its `info`.
 
     Raises:
         ValueError: the file is missing, damaged, not an image, too large
@@ -34,7 +35,12 @@ def read(path: str) -> Image.Image:
         with open(path, "rb") as file, warnings.catch_warnings():
             # PIL only warns of a suspicious size, and opens the file all the same
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            return _rgb(Image.open(file))
+            image = Image.open(file)
+            picture = _rgb(image)
+            for name in KEPT:
+                if name in image.info:
+                    picture.info[name] = image.info[name]
+            return picture
     # depending on the damaged byte: OSError, SyntaxError, struct.error, EOFError, ...
     except Exception as error:
         raise ValueError(

@@ -33,6 +33,7 @@ from moireaug import Scene
 from moireaug.evaluation.report.page import environment, uri
 from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
+from moireaug.synthesis.pairs import check_aligned
 from moireaug.synthesis.statistics import SMALLEST
 from training import runs, scenes, settings
 from training.calibration import fit
@@ -81,8 +82,10 @@ def calibrate(cfg: Config) -> list[Line]:
     """
     check(cfg)
     scene, name = scenes.load(cfg.scene), Path(cfg.scene).stem
+    if cfg.pairs or cfg.picture:
+        check_aligned(scene)
     out = Path(cfg.out) if cfg.out else Path("runs") / "calibrate" / name
-    runs.make(out)
+    runs.make(out, "out=DIR")
     crops = cut(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
     real = measured(crops.photos, crops.originals)
     fitted = None
@@ -123,7 +126,13 @@ def check(cfg: Config) -> None:
         raise ValueError(
             "fit=true needs to know what was on the screen: pass picture=FILE, or pairs="
         )
-    for key, least in (("size", SMALLEST), ("crops", 1), ("evaluations", 1)):
+    for key, least in (
+        ("size", SMALLEST),
+        ("crops", 1),
+        ("seed", 0),
+        ("evaluations", 1),
+        ("seconds", 0),
+    ):
         if getattr(cfg, key) < least:
             raise ValueError(f"{key} must be at least {least}; got {getattr(cfg, key)}.")
 
@@ -231,7 +240,10 @@ def page(
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
     try:
-        calibrate(settings.parse(argv, Config, EXAMPLE))
+        calibrate(settings.parse(argv, Config, EXAMPLE, __doc__))
+    except KeyboardInterrupt:
+        print("\nInterrupted: nothing that was not reported is written.", file=sys.stderr)
+        raise SystemExit(130) from None
     except (ValueError, TypeError, OSError) as error:
         raise SystemExit(f"error: {error}") from None
 

@@ -5,7 +5,8 @@
 `weights` is the weights.pt of a run of fit.py recipe=demoire, or any file written by
 moireaug.defenses.demoire.save. Photos are searched for in subfolders too; large ones are cleaned
 tile by tile. Photos that cannot be read are named, and the command then exits with status 1. A
-photo's colour profile and EXIF data stay with it. Every file is written whole or not at all.
+photo's colour profile and EXIF data stay with it, but for the tags of a TIFF. Every file is written
+whole or not at all.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def configure(argv: Sequence[str]) -> Config:
     Raises:
         ValueError: an unknown key, a value of another type, or out of its bounds.
     """
-    cfg = parse(argv, Config, EXAMPLE)
+    cfg = parse(argv, Config, EXAMPLE, __doc__)
     if cfg.tile < 2 * OVERLAP:
         raise ValueError(f"tile must be at least {2 * OVERLAP} pixels; got {cfg.tile}.")
     photos, out = Path(cfg.in_).resolve(), Path(cfg.out).resolve()

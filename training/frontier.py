@@ -144,6 +144,9 @@ def _plain(recipe: Recipe) -> dict[str, Any]:
 
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
+    if {"-h", "--help"} & set(argv):
+        print(__doc__)
+        return
     folders = [a for a in argv if not a.startswith("out=")]
     if len(folders) != 1 or len(argv) > 2:
         raise SystemExit(

@@ -64,4 +64,6 @@ def _multiplies_bfloat16(accelerator: str) -> bool:
 def command(argv: list[str] | None = None) -> str:
     """Return the command line of this run as a user would type it."""
     argv = sys.argv if argv is None else argv
-    return shlex.join(["python", f"training/{Path(argv[0]).name}", *argv[1:]])
+    here = Path(f"training/{Path(argv[0]).name}")
+    script = here if here.exists() else Path(argv[0])  # run from anywhere else, as it was named
+    return shlex.join(["python", str(script), *argv[1:]])

@@ -78,8 +78,11 @@ def group(data: Data, model: str) -> str:
     return "-".join(parts)
 
 
-def make(path: Path) -> None:
+def make(path: Path, setting: str = "runs=DIR") -> None:
     """Make a folder and check that files can be written there, before time is spent.
+
+    Args:
+        setting: the one that names another folder.
 
     Raises:
         ValueError: there is a file in its place, or the disk is full or not writable.
@@ -92,12 +95,12 @@ def make(path: Path) -> None:
     except (FileExistsError, NotADirectoryError):
         raise ValueError(
             f"{path} cannot be a folder: there is a file of that name, or of one above it. "
-            "Move it, or pass runs=DIR."
+            f"Move it, or pass {setting}."
         ) from None
     except OSError as error:
         raise ValueError(
             f"{path} cannot be written ({error.strerror}): fix that, "
-            "or pass runs=DIR on another disk."
+            f"or pass {setting} on another disk."
         ) from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -13,21 +14,27 @@ from moireaug.scene.fields import one_of
 Schema = TypeVar("Schema")
 
 
-def parse(argv: Sequence[str], schema: type[Schema], example: str) -> Schema:
-    """Return the settings of a command line.
+def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | None) -> Schema:
+    """Return the settings of a command line; --help prints what they are, and ends the command.
 
     Args:
         argv: key=value each.
         schema: a dataclass with every key, its type and its default. A key that is a
             Python keyword has an underscore appended there: in_ is in=.
-        example: a valid command, for the error messages.
+        example: a valid command, for the error messages. about: what the command does.
 
     Raises:
+        SystemExit: 0 after --help.
         ValueError: an unknown key, with the closest known one, a missing key, or a value of
             another type.
     """
     cfg = OmegaConf.structured(schema)
     fields = {str(field).removesuffix("_"): str(field) for field in cfg}
+    if {"-h", "--help"} & set(argv):
+        print(f"{inspect.cleandoc(about or '')}\n\nSettings:")
+        for key, field in fields.items():
+            print(f"  {key}={'' if OmegaConf.is_missing(cfg, field) else cfg[field]}")
+        raise SystemExit(0)
     for argument in argv:
         key, equals, value = argument.partition("=")
         one_of("a setting", key, fields)

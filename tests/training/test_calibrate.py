@@ -1,5 +1,6 @@
 """calibrate.py: pairs and photos in, a table and a page out; the fit of a scene to hidden ones."""
 
+import contextlib
 import csv
 import math
 import os
@@ -16,7 +17,7 @@ from PIL import Image
 
 from moireaug import Develop, Lens, Scene, Sensor, View
 from moireaug.synthesis.statistics import STATISTICS
-from training import calibrate, scenes
+from training import calibrate, demoire, frontier, scenes, synthesise
 from training.calibration import fit as fitting
 from training.calibration.compare import distance, lines, measured
 from training.calibration.fit import Searched, fit
@@ -108,7 +109,7 @@ def test_photos_of_one_picture_are_registered_first(tmp_path, capsys):
     found = {
         line.name: line
         for line in calibrate.calibrate(
-            calibrate.settings.parse(given, calibrate.Config, calibrate.EXAMPLE)
+            calibrate.settings.parse(given, calibrate.Config, calibrate.EXAMPLE, "")
         )
     }
     assert found["psnr_mapped"].real[1] > 22  # the photo lies on its picture
@@ -129,6 +130,9 @@ def test_photos_of_one_picture_are_registered_first(tmp_path, capsys):
         (["pairs=a", "picture=b"], "leave it out with pairs="),
         (["photos=a", "fit=true"], "fit=true needs to know"),
         (["pairs=a", "size=8"], "size must be at least 32"),
+        (["pairs=a", "seed=-1"], "seed must be at least 0"),
+        (["pairs=a", "seconds=-1"], "seconds must be at least 0"),
+        (["pairs=a", "scene=paper"], "camera's frame"),
         (["pairs=nowhere.csv"], "neither a CSV file nor a folder"),
         (["pairs=a", "scene=screen_foto"], "Did you mean 'screen_photo'"),
         (["pairs=a", "scene=none.yaml"], "could not be read"),
@@ -150,8 +154,26 @@ def test_a_table_of_pairs_is_read_from_its_own_folder(folder, tmp_path):
     with pytest.raises(ValueError, match=r"original/9\.png, named in .* does not exist"):
         find_pairs(table)
     table.write_text("photo,picture\nphoto/0.png,original/0.png\n")
-    with pytest.raises(ValueError, match=r"missing \['original'\]"):
+    with pytest.raises(ValueError, match=r"columns photo and original, .*; row 1 has"):
         find_pairs(table)
+    table.write_text("photo,original\nphoto/0.png\n")
+    with pytest.raises(ValueError, match=r"filled in every line; row 1 has"):
+        find_pairs(table)
+    table.write_bytes(b"\x80\x81\x00")
+    with pytest.raises(ValueError, match=r"pairs\.csv could not be read as a CSV file"):
+        find_pairs(table)
+    # as Excel saves "CSV UTF-8"
+    table.write_text("photo,original\nphoto/0.png,original/0.png\n", encoding="utf-8-sig")
+    assert len(find_pairs(table)) == 1
+
+
+@pytest.mark.parametrize("command", [calibrate, synthesise, demoire, frontier])
+def test_help_is_what_the_command_does(command, capsys):
+    with contextlib.suppress(SystemExit):
+        command.main(["--help"])
+    out = capsys.readouterr().out
+    assert out.startswith(command.__doc__.splitlines()[0])
+    assert command is frontier or "\nSettings:\n" in out
 
 
 def test_a_scene_is_nearest_to_itself():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from moireaug.images import read
 from tests.training.small import inside
 from training.data import load
 from training.schema import Data
@@ -111,6 +112,14 @@ def test_every_mode_keeps_its_picture(name, tmp_path):
     _, data = folder(tmp_path, make())
     image, label = data[0]
     assert label == 0 and np.array_equal(image.permute(1, 2, 0).numpy(), expected)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "I;16"])
+def test_a_picture_keeps_its_orientation(mode, tmp_path):
+    exif = Image.Exif()
+    exif[274] = 6
+    Image.new(mode, (4, 3)).save(tmp_path / "x.png", exif=exif)
+    assert read(str(tmp_path / "x.png")).info["exif"] == exif.tobytes()
 
 
 @pytest.mark.parametrize(

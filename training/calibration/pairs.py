@@ -15,6 +15,7 @@ from torch import Tensor
 from moireaug import Scene, capture
 from moireaug.images import read
 from moireaug.synthesis.registration import register
+from training.files import read_table
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 TABLE = "pairs.csv"  # of a folder
@@ -92,15 +93,18 @@ def _of_folders(root: Path) -> Iterator[Pair]:
 
 
 def _of_table(path: Path) -> Iterator[Pair]:
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = csv.DictReader(file)
-        missing = {"photo", "original"} - set(rows.fieldnames or ())
-        if missing:
+    try:
+        rows = read_table(path)
+    except (OSError, ValueError, csv.Error) as error:
+        raise ValueError(f"{path} could not be read as a CSV file in UTF-8 ({error}).") from error
+    for number, row in enumerate(rows, 1):
+        photo, original = row.get("photo"), row.get("original")
+        if not photo or not original:
             raise ValueError(
-                f"{path} must have the columns photo and original; missing {sorted(missing)}."
+                f"{path} must have the columns photo and original, filled in every line; row "
+                f"{number} has {row}."
             )
-        for row in rows:
-            yield Pair(path.parent / row["photo"], path.parent / row["original"])
+        yield Pair(path.parent / photo, path.parent / original)
 
 
 def find_images(folder: Path) -> list[Path]:
