@@ -5,18 +5,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine import harmonics, lookup
 from moireaug.engine.compiling import fill, inner, part
+from moireaug.engine.glow import glow
 from moireaug.engine.nodes import bracket
-from moireaug.engine.panel import margin
 from moireaug.engine.random_numbers import keys
-from moireaug.engine.rows import places_of, row_of
+from moireaug.engine.rows import LIGHT, NUMBERS, places_of, row_of
 from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import add
-from moireaug.engine.view import look
 from moireaug.engine.weights import blend, sizes
 
-ZERO, ONE = np.float32(0), np.float32(1)
+ZERO = np.float32(0)
 BANDS = 224  # at least so many, if a photo has the rows; rows of a band share their weights
 
 
@@ -32,70 +30,6 @@ def _weights(out, nodes, v, first):
 
 
 @inner
-def _cells(size, period):
-    """Return how many cells hold `size` panel pixels."""
-    return (size + period - 1) // period
-
-
-@inner
-def _light(row, panel, size, camera, filters, cell, nodes, sites, places, plane, v):
-    """Fill the row's glow with the light that a plane's pixels see on row v, in each colour that is
-    asked for."""
-    x, y, whole, line = row.at[0], row.at[1], row.whole, row.line
-    nx, ny, base = whole[0], whole[1], whole[2]
-    start_x, start_y, place = whole[3], whole[4], whole[5]
-    dx, dy, past, through, content = line[0], line[1], line[2], line[3], line[4]
-    even, odd, here, beside = row.wave[0], row.wave[1], row.wave[2], row.wave[3]
-    cx, sx, cy, sy = row.wave[4], row.wave[5], row.of_y[0], row.of_y[1]
-    share, of_rows, taps = places.share[plane], row.of_rows, cell.radius
-    # the panel's pixels
-    stride = panel.shape[2]
-    pixels, low = panel.reshape(3, panel.shape[1] * stride), -taps - 1.0
-    node, t = bracket(v, sites.rows[0], nodes.step_v, nodes.lines.shape[1], 3)
-    harmonics.lagrange(row.weight, t)
-    look(x, y, places.u[plane], v, camera)
-    fill(row.glow.reshape(-1), ZERO)
-    held_row, held_height, held_x = -1, -1, -1
-    for i in range(len(cell.channel)):
-        colour, kind = cell.channel[i], cell.kind[i]
-        if not places.asked[plane, colour]:
-            continue
-        px, py = cell.period[kind, 0], cell.period[kind, 1]
-        high_x, high_y = float(_cells(size[1], px) + taps), float(_cells(size[0], py) + taps)
-        table, n_k = row.weights[kind], row.orders[kind]
-        phases, cells, begin = nodes.phases[kind], nodes.cells[kind], places.column[kind]
-        to_next = np.int32(sizes(phases, cells)[1])
-        down, of_cell = np.int32(py * stride), stride // px
-        if px != held_x:
-            held_x = px
-            lookup.cells(dx, nx, x, 0.0, float(px), low, high_x)
-            harmonics.waves(cx, sx, dx)
-        if cell.height[i] != held_height:
-            held_height = cell.height[i]
-            lookup.cells(dy, ny, y, cell.centre[i, 1], float(py), low, high_y)
-            harmonics.waves(cy, sy, dy)
-        if cell.row[i] != held_row:
-            held_row = cell.row[i]
-            lookup.windows(start_y, place, past, dy, ny, begin[1, plane], phases[1], cells)
-            lookup.down(of_rows, table, to_next, place, past, share, cells)
-            four = nodes.lines[sites.col[plane], node : node + 4]
-            harmonics.across(even[:n_k], odd[:n_k], nodes.terms, kind, four, row.weight, cy, sy)
-            harmonics.turn(here[:n_k], beside[:n_k], even, odd, cx, sx)
-        lookup.cells(dx, nx, x, cell.centre[i, 0], float(px), low, high_x)
-        lookup.windows(start_x, place, past, dx, nx, begin[0, plane], phases[0], cells)
-        origin = (margin(cell, 1) + cell.pixel[i, 1]) * stride + margin(cell, 0) // px
-        origin += cell.pixel[i, 0] * of_cell
-        lookup.base_of(base, start_x, start_y, down, np.int32(origin))
-        lookup.content(
-            content, pixels[colour], base, down, table, to_next, place, past, share, of_rows,
-            cells, taps,
-        )  # fmt: skip
-        harmonics.shine(
-            row.glow[colour], content, here[:n_k], beside[:n_k], row.cos[i], row.sin[i], through
-        )
-
-
-@inner
 def _expose(
     raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, noise_keys,
     clips, places, row, top, bottom,
@@ -103,7 +37,7 @@ def _expose(
     """Do the same as `expose`, in buffers that it allocated."""
     planes, h, w = raw.shape
     rows, step = sites.rows, sites.step
-    light, numbers = row.line[5], row.line[6]
+    light, numbers = row.line[LIGHT], row.line[NUMBERS]
     band = max(1, len(rows) // BANDS)
     for r in range(top * step, bottom * step):
         v = rows[r]
@@ -117,7 +51,7 @@ def _expose(
             if sites.row[plane] != r % step:
                 continue
             if places.first[plane] == plane:
-                _light(row, panel, size, camera, filters, cell, nodes, sites, places, plane, v)
+                glow(row, panel, size, camera, cell, nodes, sites, places, plane, v)
             fill(light, ZERO)
             for colour in range(3):
                 add(light, row.glow[colour], np.float32(filters[sites.channel[plane], colour]))

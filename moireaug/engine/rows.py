@@ -14,6 +14,13 @@ from moireaug.engine.weights import sizes
 
 ZERO, ONE = np.float32(0), np.float32(1)
 
+# what the rows of a Row's arrays hold
+X, Y = range(2)
+NEAREST_X, NEAREST_Y, FIRST_X, FIRST_Y, BASE, PLACE = range(6)
+PAST_X, PAST_Y, BETWEEN, CONTENT, THROUGH, LIGHT, NUMBERS = range(7)
+EVEN, ODD, HERE, BESIDE, COS_X, SIN_X = range(6)
+COS_Y, SIN_Y = range(2)
+
 
 class Places(NamedTuple):
     """Where the pixels of each plane's rows lie.
@@ -96,10 +103,16 @@ class Row(NamedTuple):
 
     Args:
         weights: (kinds, ...) float32, those of cells at this row's nodes.
-        at: (2, w) float64. whole: (6, w) int32. line: (7, w) float32.
+        at: (2, w) float64, where each pixel looks, X and Y in panel pixels.
+        whole: (6, w) int32, the NEAREST cell, the FIRST of the cells that are looked at, its BASE
+            on the flattened panel, and the PLACE of its weights; see `lookup`.
+        line: (7, w) float32, how far PAST its nearest cell each pixel looks, in cells, and BETWEEN
+            two phases; a subpixel's CONTENT and the light THROUGH its mask; all LIGHT, and random
+            NUMBERS.
         glow: (3, w) float32, the light of each colour. of_rows: (w * WIDE,) float32, the weights of
             rows of cells.
-        wave: (6, K + 1, w) and of_y: (2, L + 1, w) float32, see `harmonics`.
+        wave: (6, K + 1, w), EVEN to SIN_X, and of_y: (2, L + 1, w), COS_Y and SIN_Y, float32; see
+            `harmonics`.
         orders: (kinds,) int64, how many k each kind has, 0 included.
         cos, sin: (n, K + 1) float32, from `_shifts`. weight: (4,) float32, of four rows of nodes.
     """
@@ -137,11 +150,11 @@ def row_of(w, cell, nodes):
         orders[kind], n_k = max(orders[kind], k), max(n_k, k)
         n_l = max(n_l, nodes.terms[i, harmonics.L] + 1)
     wave, of_y = np.empty((6, n_k, w), np.float32), np.empty((2, n_l, w), np.float32)
-    # those of k = 0 and l = 0: cos, then sin
-    fill(wave[4, 0], ONE)
-    fill(wave[5, 0], ZERO)
-    fill(of_y[0, 0], ONE)
-    fill(of_y[1, 0], ZERO)
+    # those of k = 0 and l = 0
+    fill(wave[COS_X, 0], ONE)
+    fill(wave[SIN_X, 0], ZERO)
+    fill(of_y[COS_Y, 0], ONE)
+    fill(of_y[SIN_Y, 0], ZERO)
     subpixels = len(cell.channel)
     cos, sin = np.empty((subpixels, n_k), np.float32), np.empty((subpixels, n_k), np.float32)
     _shifts(cos, sin, cell)
