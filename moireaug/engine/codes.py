@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, inner, loop
+from moireaug.engine.compiling import copy, fill, inner, loop
 from moireaug.engine.development_records import LANES
 from moireaug.engine.tables import encode
 from moireaug.engine.vectors import add_taps
@@ -20,10 +20,11 @@ class Workspace(NamedTuple):
     """The rows that a development works on.
 
     Args:
-        step: sensor rows, and columns, of a cell. width, lanes: a cell row's pixels, and those with
+        step: sensor rows, and columns, of a cell. width: a cell row's pixels; lanes: those with
             padding.
-        colours: (4 sites * 3 * lanes,) float32, the colours of a cell row.
-        ring: (3, ...) float32, prepared cell rows. held: (3,), which ones.
+        colours: (4 sites, 3, lanes) float32, the colours of a cell row; a site is twice its row,
+            plus its column, in the cell.
+        ring: (3, 4 planes * (lanes + LANES)) float32, prepared cell rows. held: (3,), which ones.
     """
 
     step: int
@@ -44,7 +45,7 @@ def workspace(codes, w):
         2 if codes.mosaic else 1,
         w,
         lanes,
-        np.zeros(SITES * 3 * lanes, np.float32),
+        np.zeros((SITES, 3, lanes), np.float32),
         np.zeros((3, SITES * (lanes + LANES)), np.float32),
         held,
     )
@@ -128,25 +129,24 @@ def _code(out, gain, tone):
 
 
 @inner
-def _colours(colours, ring, y, h, lanes, stencil, rows):
-    """Fill colours (4 sites * 3 * lanes,) with the colours of cell row y, from the prepared rows in
-    `ring`."""
-    fill(colours, ZERO)
+def _colours(colours, ring, y, h, stencil, rows):
+    """Fill the workspace's colours with those of cell row y, from the prepared rows in its ring."""
     for site in range(SITES):
         if not counts(rows, 2 * y + site // 2):
             continue
         for channel in range(3):
+            colour = colours[site, channel]
+            fill(colour, ZERO)
             for dy in range(-1, 2):
                 row = min(max(y + dy, 0), h - 1) % 3
                 first = stencil.first[site, channel, dy + 1]
                 count = stencil.count[site, channel, dy + 1]
                 if not count:
                     continue
-                start = (site * 3 + channel) * lanes
                 add_taps(
-                    colours,
-                    start,
-                    lanes,
+                    colour,
+                    0,
+                    len(colour),
                     stencil.weight,
                     first,
                     count,
@@ -157,11 +157,11 @@ def _colours(colours, ring, y, h, lanes, stencil, rows):
 
 
 @inner
-def _fill(ring, held, raw, y, saturates, levels, wide):
+def _fill(ring, held, raw, y, saturates, levels):
     """Prepare cell row y of the packed planes in the ring, unless it is there already."""
     if held[y % 3] == y:
         return
-    w = raw.shape[2]
+    w, wide = raw.shape[2], ring.shape[1] // SITES
     for plane in range(SITES):
         start = plane * wide
         _prepare(ring[y % 3, start : start + w + 2], raw[plane, y], saturates, levels)
@@ -173,44 +173,35 @@ def light_of_row(work, raw, y, codes):
     """Fill the workspace's colours with those of row y of raw: of four sites, or of one where the
     sensor has no colour filters."""
     _, h, w = raw.shape
-    lanes, ring, saturates, levels = work.lanes, work.ring, codes.saturates, codes.levels
+    ring, saturates, levels = work.ring, codes.saturates, codes.levels
     if codes.mosaic:
-        wide = ring.shape[1] // SITES
         for dy in range(-1, 2):
-            _fill(ring, work.held, raw, min(max(y + dy, 0), h - 1), saturates, levels, wide)
-        _colours(work.colours, ring, y, h, lanes, codes.stencil, codes.rows)
+            _fill(ring, work.held, raw, min(max(y + dy, 0), h - 1), saturates, levels)
+        _colours(work.colours, ring, y, h, codes.stencil, codes.rows)
         return
     for channel in range(3):
         _prepare(ring[0], raw[channel, y], saturates, levels)
-        for i in range(w):
-            work.colours[channel * lanes + i] = ring[0, i + 1]
+        copy(work.colours[0, channel], ring[0, 1 : w + 1])
 
 
 @inner
-def mix_row(colours, r, step, lanes, w, matrix):
+def mix_row(colours, r, step, w, matrix):
     """Multiply the colours of one row of a cell, its even and its odd columns, by a matrix."""
-    for c in range(step):
-        start = (r * 2 + c) * 3 * lanes
-        _mix(
-            colours[start : start + w],
-            colours[start + lanes : start + lanes + w],
-            colours[start + 2 * lanes : start + 2 * lanes + w],
-            matrix,
-        )
+    for site in range(2 * r, 2 * r + step):
+        _mix(colours[site, 0, :w], colours[site, 1, :w], colours[site, 2, :w], matrix)
 
 
 @inner
 def codes_of_row(work, raw, y, codes, tone, image):
     """Fill the workspace's colours with the codes of row y of raw."""
-    w, lanes, matrix = raw.shape[2], work.lanes, codes.matrix[image]
+    w, matrix = raw.shape[2], codes.matrix[image]
     light_of_row(work, raw, y, codes)
     for r in range(work.step):
         if not counts(codes.rows, y * work.step + r):
             continue
         if codes.mixes:
-            mix_row(work.colours, r, work.step, lanes, w, matrix)
+            mix_row(work.colours, r, work.step, w, matrix)
         for channel in range(3):
             gain = ONE if codes.mixes else matrix[channel, channel]
-            for c in range(work.step):
-                start = ((r * 2 + c) * 3 + channel) * lanes
-                _code(work.colours[start : start + w], gain, tone)
+            for site in range(2 * r, 2 * r + work.step):
+                _code(work.colours[site, channel, :w], gain, tone)

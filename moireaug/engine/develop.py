@@ -55,15 +55,15 @@ def sources(rows, top, bottom):
 @inner
 def along(line, work, r, channel, cols):
     """Fill line (W,) with one colour of row r of a cell, resized."""
-    # the row's even and odd columns lie 3 rows of lanes apart
-    even = work.colours[(r * 2 * 3 + channel) * work.lanes :]
-    odd = even[3 * work.lanes :] if work.step == 2 else even[:0]
+    even, odd = work.colours[2 * r, channel], work.colours[2 * r + 1, channel]
     if work.step == 2 and cols.pairs:
         _mean(line, even, odd)
     elif work.step == 2 and cols.each:
         _weave(line, even[: (len(line) + 1) // 2], odd[: len(line) // 2])
     else:
-        gather(line, even, cols.index, cols.weight)
+        # the index counts on from the even columns to the odd ones, 3 rows of lanes further on
+        start = (2 * r * 3 + channel) * work.lanes
+        gather(line, work.colours.reshape(-1)[start:], cols.index, cols.weight)
 
 
 @inner

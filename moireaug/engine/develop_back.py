@@ -8,7 +8,6 @@ import numpy as np
 from moireaug.engine.codes import SITES, counts, light_of_row, mix_row, tone_of, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.develop import gather
-from moireaug.engine.development_records import LANES
 from moireaug.engine.tables import encode, encode_slope
 from moireaug.engine.vectors import add
 
@@ -56,25 +55,24 @@ def _unweave(even, odd, row):
 
 
 @inner
-def _along_back(even, line, work, w, cols):
-    """Fill a cell row's even columns, and its odd ones three rows of lanes further on, with the
-    gradient in them, from that in the resized row."""
-    odd = even[3 * work.lanes :] if work.step == 2 else even[:0]
-    if work.step == 2 and cols.pairs:
+def _along_back(even, odd, line, step, w, cols):
+    """Fill a cell row's even columns, and the odd ones if there are any, with the gradient in them,
+    from that in the resized row."""
+    if step == 2 and cols.pairs:
         _halves(even, odd, line)
-    elif work.step == 2 and cols.each:
+    elif step == 2 and cols.each:
         _unweave(even[: (len(line) + 1) // 2], odd[: len(line) // 2], line)
     else:
         gather(even[:w], line, cols.back_index[0], cols.back_weight[0])
-        if work.step == 2:
+        if step == 2:
             gather(odd[:w], line, cols.back_index[1], cols.back_weight[1])
 
 
 @inner
-def _fold_back(raw_grad, total, raw, y, wide, saturates):
+def _fold_back(raw_grad, total, raw, y, saturates):
     """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is reset
     to 0."""
-    w = raw.shape[2]
+    w, wide = raw.shape[2], len(total) // SITES
     for plane in range(SITES):
         line = total[plane * wide : plane * wide + w + 2]
         out, reading = raw_grad[plane, y], raw[plane, y]
@@ -87,45 +85,47 @@ def _fold_back(raw_grad, total, raw, y, wide, saturates):
 
 @inner
 def _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, line):
-    """Fill grads (4 sites * 3 * lanes,) with the gradient in the light of cell row y, which the
-    workspace holds, from photo_grad (3, H, W)."""
-    step, lanes, w = work.step, work.lanes, work.width
-    fill(grads, ZERO)
+    """Fill grads, as large as the workspace's colours, with the gradient in the light of cell row
+    y, which the workspace holds, from photo_grad (3, H, W)."""
+    step, w = work.step, work.width
+    for site in range(SITES):
+        for channel in range(3):
+            fill(grads[site, channel], ZERO)
     for r in range(step):
         row = y * step + r
         if not counts(codes.rows, row):
             continue
         if codes.mixes:
-            mix_row(work.colours, r, step, lanes, w, matrix)
+            mix_row(work.colours, r, step, w, matrix)
         for channel in range(3):
             gain = ONE if codes.mixes else matrix[channel, channel]
             fill(line, ZERO)
             for i in range(codes.rows.first[row], codes.rows.last[row] + 1):
                 add(line, photo_grad[channel, i], codes.rows.taps[i, row - codes.rows.start[i]])
-            start = (r * 2 * 3 + channel) * lanes
-            _along_back(grads[start:], line, work, w, codes.cols)
-            for c in range(step):
-                a = start + c * 3 * lanes
-                _code_slope(grads[a : a + w], work.colours[a : a + w], gain, tone)
+            even, odd = grads[2 * r, channel], grads[2 * r + 1, channel]
+            _along_back(even, odd, line, step, w, codes.cols)
+            for site in range(2 * r, 2 * r + step):
+                light = work.colours[site, channel, :w]
+                _code_slope(grads[site, channel, :w], light, gain, tone)
         if codes.mixes:
-            mix_row(grads, r, step, lanes, w, transposed)
+            mix_row(grads, r, step, w, transposed)
 
 
 @inner
 def _demosaic_back(total, grads, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
-    lanes, w, stencil = work.lanes, work.width, codes.stencil
+    w, stencil = work.width, codes.stencil
     for site in range(SITES):
         if not counts(codes.rows, 2 * y + site // 2):
             continue
         for channel in range(3):
-            start = (site * 3 + channel) * lanes
+            colour = grads[site, channel, :w]
             for dy in range(-1, 2):
                 target = total[min(max(y + dy, 0), h - 1) % 3]
                 first = stencil.first[site, channel, dy + 1]
                 for tap in range(first, first + stencil.count[site, channel, dy + 1]):
                     offset = stencil.offset[tap]
-                    add(target[offset : offset + w], grads[start : start + w], stencil.weight[tap])
+                    add(target[offset : offset + w], colour, stencil.weight[tap])
 
 
 @inner
@@ -133,7 +133,6 @@ def _develop_back(raw_grad, photo_grad, raw, codes, work, tone, matrix, transpos
     """Do the same as `develop_back`, in buffers that it allocated."""
     _, h, w = raw.shape
     grads, line, total = buffers
-    wide = work.lanes + LANES
     for y in range(h):
         light_of_row(work, raw, y, codes)
         _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, line)
@@ -141,14 +140,14 @@ def _develop_back(raw_grad, photo_grad, raw, codes, work, tone, matrix, transpos
             _demosaic_back(total, grads, y, h, codes, work)
             # no later row adds to the row above
             if y > 0:
-                _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, wide, codes.saturates)
+                _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, codes.saturates)
             continue
         for channel in range(3):
             for i in range(w):
                 passes = not codes.saturates or raw[channel, y, i] <= ONE
-                raw_grad[channel, y, i] = grads[channel * work.lanes + i] if passes else ZERO
+                raw_grad[channel, y, i] = grads[0, channel, i] if passes else ZERO
     if codes.mosaic:
-        _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, wide, codes.saturates)
+        _fold_back(raw_grad, total[(h - 1) % 3], raw, h - 1, codes.saturates)
 
 
 @part
@@ -156,9 +155,9 @@ def develop_back(raw_grad, photo_grad, raw, codes, image):
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop`."""
     work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
-    grads = np.zeros(SITES * 3 * work.lanes, np.float32)
+    grads = np.zeros(work.colours.shape, np.float32)
     line = np.empty(photo_grad.shape[2], np.float32)
-    total = np.zeros((3, SITES * (work.lanes + LANES)), np.float32)
+    total = np.zeros(work.ring.shape, np.float32)
     matrix = codes.matrix[image]
     _develop_back(
         raw_grad, photo_grad, raw, codes, work, tone, matrix, matrix.T.copy(), (grads, line, total)

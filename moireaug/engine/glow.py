@@ -43,7 +43,7 @@ ZERO = np.float32(0)
 @inner
 def _split(past, nearest, at, centre, period, size, radius):
     """Split panel coordinates into cells and the rest, as `lookup.cells` does, no farther from a
-    panel of `size` pixels than `radius` cells around see."""
+    panel of `size` pixels than `radius` cells around it see."""
     cells = (size + period - 1) // period
     lookup.cells(past, nearest, at, centre, float(period), -radius - 1.0, float(cells + radius))
 
