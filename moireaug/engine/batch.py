@@ -15,8 +15,7 @@ from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
 from moireaug.engine.exposure_records import Camera
 from moireaug.engine.point import expose_point
-from moireaug.engine.register import looked_at, room
-from moireaug.engine.register import register as resample
+from moireaug.engine.register import looked_at, register, register_back, room
 
 MOST_PANEL = 16  # panel pixels per sensor pixel, up to which building the panel pays off
 SMALL_PANEL = 2**20  # panel pixels that are never too many
@@ -158,7 +157,7 @@ def _develop(photo, taken, inside, raw, d, i, top, bottom):
     else:
         develop_image(camera_photo, raw, d.codes, i, highest, lowest)
     if d.registers:
-        resample(photo, taken, view, k1, k2, False, top, bottom)
+        register(photo, taken, view, k1, k2, top, bottom)
 
 
 @kernel
@@ -183,7 +182,7 @@ def _develop_back(raw_grad, grad, taken, inside, raw, d, i):
     if d.registers:
         view, k1, k2 = _way_back(d.registration, i)
         fill(taken, ZERO)
-        resample(grad, taken, view, k1, k2, True, 0, h)
+        register_back(taken, grad, view, k1, k2)
         grad = taken[: 3 * h * w].reshape(3, h, w)
     if d.finishes:
         h, w = d.detail.size

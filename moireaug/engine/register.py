@@ -40,10 +40,13 @@ def undistortion(k1, k2):
 
 
 @inner
-def _place(at, fx, fy, weight, v, view, factor, per_square, h, w):
-    """Fill the index of the upper left pixel, the fractions towards the lower right one, and the
-    weight: 1 inside the photo, 0 outside."""
+def _place(at, share, r, view, factor, per_square, h, w):
+    """Fill `at` (w,) with the indices of the upper left pixels that row r of an image looks at, and
+    share (3, w) with the fractions towards the lower right ones, along x and y, and the weights: 1
+    inside the photo, 0 outside."""
+    fx, fy, weight = share[0], share[1], share[2]
     half_w, half_h = w / 2, h / 2
+    v = r + 0.5 - half_h
     bend, last = 4.0 / (h * h + w * w), STEPS + 0.5
     ax, bx, ay, by, az, bz = (
         view[0, 0],
@@ -72,7 +75,9 @@ def _place(at, fx, fy, weight, v, view, factor, per_square, h, w):
 
 
 @inner
-def _look(out, photo, at, fx, fy, weight, right, down):
+def _look(out, photo, at, share, down):
+    """Fill a row from a plane of the photo, whose rows lie `down` apart."""
+    fx, fy, weight, right = share[0], share[1], share[2], ONE32
     for i in range(len(out)):
         k, f = peek(at, i), peek(fx, i)
         a, b = peek(photo, k), peek(photo, np.int32(k + right))
@@ -83,7 +88,9 @@ def _look(out, photo, at, fx, fy, weight, right, down):
 
 
 @inner
-def _scatter(photo, grad, at, fx, fy, weight, right, down):
+def _scatter(photo, grad, at, share, down):
+    """Add the gradient in a row to that in a plane of the photo."""
+    fx, fy, weight, right = share[0], share[1], share[2], ONE32
     for i in range(len(grad)):
         k, f, g = at[i], fx[i], grad[i] * weight[i]
         below = g * fy[i]
@@ -104,15 +111,14 @@ def looked_at(view, k1, k2, h, w, top, bottom):
     at, share = np.empty(w, np.int32), np.empty((3, w), np.float32)
     first, last = h, 0
     for r in range(top, bottom):
-        v = r + 0.5 - h / 2
-        _place(at, share[0], share[1], share[2], v, view, factor, per_square, h, w)
+        _place(at, share, r, view, factor, per_square, h, w)
         for i in range(w):
             first, last = min(first, at[i] // w), max(last, at[i] // w)
     return first, min(last + 2, h)
 
 
 @part
-def register(out, photo, view, k1, k2, back, top, bottom):
+def register(out, photo, view, k1, k2, top, bottom):
     """Resample photo to rows `top` to `bottom` of out (3, H, W) float32: bilinear, black where the
     photo does not show the image.
 
@@ -121,19 +127,24 @@ def register(out, photo, view, k1, k2, back, top, bottom):
         view: (3, 3) float64, homography from image coordinates about the centre to ideal photo
             coordinates about it.
         k1, k2: of the lens.
-        back: instead, add the gradient in the photo to `photo`, from `out`, that in the registered
-            one.
     """
     _, h, w = out.shape
     factor, per_square = undistortion(k1, k2)
-    at, fx, fy = np.empty(w, np.int32), np.empty(w, np.float32), np.empty(w, np.float32)
-    weight = np.empty(w, np.float32)
-    right, down = np.int32(1), np.int32(w)
+    at, share = np.empty(w, np.int32), np.empty((3, w), np.float32)
     for r in range(top, bottom):
-        _place(at, fx, fy, weight, r + 0.5 - h / 2, view, factor, per_square, h, w)
+        _place(at, share, r, view, factor, per_square, h, w)
         for c in range(3):
-            plane = photo[c * h * w :]
-            if back:
-                _scatter(plane, out[c, r], at, fx, fy, weight, right, down)
-            else:
-                _look(out[c, r], plane, at, fx, fy, weight, right, down)
+            _look(out[c, r], photo[c * h * w :], at, share, np.int32(w))
+
+
+@part
+def register_back(photo_grad, grad, view, k1, k2):
+    """Add the gradient in the photo to photo_grad, laid out as the photo of `register`, from grad
+    (3, H, W), that in the registered one; arguments as in `register`."""
+    _, h, w = grad.shape
+    factor, per_square = undistortion(k1, k2)
+    at, share = np.empty(w, np.int32), np.empty((3, w), np.float32)
+    for r in range(h):
+        _place(at, share, r, view, factor, per_square, h, w)
+        for c in range(3):
+            _scatter(photo_grad[c * h * w :], grad[c, r], at, share, np.int32(w))
