@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from moireaug.engine import harmonics, optics, weights
-from moireaug.engine.compiling import inner, loop, part
+from moireaug.engine.compiling import fill, inner, loop, part
 from moireaug.engine.exposure_records import Nodes
 from moireaug.engine.view import jacobian
 
@@ -22,45 +22,76 @@ CYCLES = 0.12  # and how much the highest frequency may, in cycles per sensor pi
 PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes less than 1e-5
 
 
+@inner
+def _sample(positions, k):
+    """Return the k-th of SAMPLES positions from the first to the last."""
+    return positions[(len(positions) - 1) * k // (SAMPLES - 1)]
+
+
+@inner
+def _fill_scales(seen, rows, cols, camera):
+    """Fill seen (samples along v, along u, 2) with how many of the panel's pixels a sensor pixel
+    spans along both axes of the panel."""
+    for i in range(SAMPLES):
+        for j in range(SAMPLES):
+            xu, xv, yu, yv = jacobian(_sample(cols, j), _sample(rows, i), camera)
+            seen[i, j, 0], seen[i, j, 1] = math.hypot(xu, xv), math.hypot(yu, yv)
+
+
+@inner
+def _fill_highest(highest, cell):
+    """Fill highest (2,) with the highest harmonic along both axes, in cycles per panel pixel."""
+    fill(highest, 0.0)
+    for kind in range(len(cell.period)):
+        for axis in range(2):
+            highest[axis] = max(highest[axis], cell.orders[kind, axis] / cell.period[kind, axis])
+
+
+@inner
+def _fastest(seen, axis_of_photo, highest, passed):
+    """Return how much the logarithm of the view's scale, and the highest frequency, change along u
+    (0) or v (1), if they do so over the whole photo as where they change fastest.
+
+    passed: the highest frequency that passes the lens, in cycles per sensor pixel.
+    """
+    change, cycles = 0.0, 0.0
+    for i in range(SAMPLES):
+        for j in range(SAMPLES - 1):
+            for axis in range(2):
+                here, there = seen[i, j, axis], seen[i, j + 1, axis]
+                if axis_of_photo == 1:
+                    here, there = seen[j, i, axis], seen[j + 1, i, axis]
+                low, high = min(here, there), max(here, there)
+                top = min(high * highest[axis], passed)
+                change = max(change, math.log(high / low) * (SAMPLES - 1))
+                cycles = max(cycles, top * (1 - low / high) * (SAMPLES - 1))
+    return change, cycles
+
+
+@inner
+def _count(steps, fewest):
+    """Return how many nodes are as many steps apart: at least `fewest`, and at most MOST + 1."""
+    return int(min(max(steps + 2, fewest), MOST + 1))
+
+
 @loop
 def _counts(rows, cols, camera, cell):
     """Return how many nodes the amplitudes and the weights (first axis) need along u and v (second
     axis): (2, 2) int64, MOST + 1 where they need more than MOST."""
-    # along both axes of the panel, how many of its pixels a sensor pixel spans
-    seen = np.empty((SAMPLES * SAMPLES, 2), np.float64)
-    for i in range(len(seen)):
-        v = rows[(len(rows) - 1) * (i // SAMPLES) // (SAMPLES - 1)]
-        u = cols[(len(cols) - 1) * (i % SAMPLES) // (SAMPLES - 1)]
-        xu, xv, yu, yv = jacobian(u, v, camera)
-        seen[i, 0], seen[i, 1] = math.hypot(xu, xv), math.hypot(yu, yv)
-    highest = np.zeros(2)  # harmonic, in cycles per panel pixel
-    for kind in range(len(cell.period)):
-        for axis in range(2):
-            highest[axis] = max(highest[axis], cell.orders[kind, axis] / cell.period[kind, axis])
-    # the fastest change of that, extrapolated to the whole photo
-    change, cycles, passed = np.zeros(2), np.zeros(2), PASSED / max(camera.blur, 1e-6)
-    for i in range(len(seen)):
-        for k in range(2):
-            other = i + (1 if k == 0 else SAMPLES)
-            if other >= len(seen) or (k == 0 and other % SAMPLES == 0):
-                continue
-            for axis in range(2):
-                low, high = (
-                    min(seen[i, axis], seen[other, axis]),
-                    max(seen[i, axis], seen[other, axis]),
-                )
-                top = min(high * highest[axis], passed)
-                change[k] = max(change[k], math.log(high / low) * (SAMPLES - 1))
-                cycles[k] = max(cycles[k], top * (1 - low / high) * (SAMPLES - 1))
+    seen, highest = np.empty((SAMPLES, SAMPLES, 2)), np.empty(2)
+    _fill_scales(seen, rows, cols, camera)
+    _fill_highest(highest, cell)
+    change, cycles, passed = np.empty(2), np.empty(2), PASSED / max(camera.blur, 1e-6)
+    for k in range(2):
+        change[k], cycles[k] = _fastest(seen, k, highest, passed)
     out = np.empty((2, 2), np.int64)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
     for k in range(2):
         if max(change[0], change[1]) < FLAT:
             out[0, k], out[1, k] = 4, 2
             continue
-        needed, of_weights = max(cycles[k] / CYCLES, change[k] / STEP), change[k] / STEP_OF_WEIGHTS
-        out[0, k] = int(min(max(needed + 2, fewest), MOST + 1))
-        out[1, k] = int(min(max(of_weights + 2, 5), MOST + 1))
+        out[0, k] = _count(max(cycles[k] / CYCLES, change[k] / STEP), fewest)
+        out[1, k] = _count(change[k] / STEP_OF_WEIGHTS, 5)
     return out
 
 
@@ -69,14 +100,14 @@ def _narrowed(rows, cols, camera, cell, widths, skew):
     """Return whether any of a few sensor pixels over the photo sees more cells than are looked
     at."""
     spread = np.empty((2, 2), np.float64)
-    for i in range(SAMPLES * SAMPLES):
-        v = rows[(len(rows) - 1) * (i // SAMPLES) // (SAMPLES - 1)]
-        u = cols[(len(cols) - 1) * (i % SAMPLES) // (SAMPLES - 1)]
-        for kind in range(len(widths)):
-            if weights.spreads(
-                spread, u, v, camera, cell.period[kind], widths[kind], skew[kind], cell.radius
-            ):
-                return True
+    for i in range(SAMPLES):
+        for j in range(SAMPLES):
+            u, v = _sample(cols, j), _sample(rows, i)
+            for kind in range(len(widths)):
+                if weights.spreads(
+                    spread, u, v, camera, cell.period[kind], widths[kind], skew[kind], cell.radius
+                ):
+                    return True
     return False
 
 
