@@ -42,6 +42,45 @@ def _transfer(table, f):
     return a + g * (b - a) - g * (1 - g) / 4 * (before - a - b + after)
 
 
+@inner
+def _fill_views(views, us, vs, camera, cell):
+    """Fill views (rows, cols, kinds, 4) with how many cells along x and y a step to the next sensor
+    pixel goes by, along u and then along v. Return the highest frequency, in cycles per sensor
+    pixel."""
+    most = 1e-9
+    for r in range(len(vs)):
+        for c in range(len(us)):
+            xu, xv, yu, yv = jacobian(us[c], vs[r], camera)
+            for kind in range(len(cell.period)):
+                (px, py), (k, l) = cell.period[kind], cell.orders[kind]
+                ux, uy, vx, vy = xu / px, yu / py, xv / px, yv / py
+                view = views[r, c, kind]
+                view[0], view[1], view[2], view[3] = ux, uy, vx, vy
+                most = max(most, k * abs(ux) + l * abs(uy), k * abs(vx) + l * abs(vy))
+    return most
+
+
+@inner
+def _pass(out, coefficients, view, table, scale, camera):
+    """Fill out (n, m), zeros, with the amplitudes of harmonics (n, m) that pass at a node.
+
+    view: (4,), from `_fill_views`. table, scale: the transfer at a frequency is at `scale` times it
+    in the table.
+    """
+    ux, uy, vx, vy = view
+    n, m = coefficients.shape
+    for k in range(n):
+        for l in range(m):
+            if coefficients[k, l] == 0:
+                continue
+            fu, fv = k * ux + (l - m // 2) * uy, k * vx + (l - m // 2) * vy
+            passed = _transfer(table, abs(fu) * scale) * _transfer(table, abs(fv) * scale)
+            if camera.motion_x != 0 or camera.motion_y != 0:
+                along = fu * camera.motion_x + fv * camera.motion_y
+                passed *= math.exp(-2 * math.pi * math.pi * along * along)
+            out[k, l] = coefficients[k, l] * passed
+
+
 @loop
 def amplitudes(us, vs, camera, cell, coefficients):
     """Return (rows, cols, kinds, n, m) float32, each harmonic's amplitude on nodes of the photo.
@@ -50,36 +89,14 @@ def amplitudes(us, vs, camera, cell, coefficients):
     1.
     """
     kinds, n, m = coefficients.shape
-    half = m // 2
-    moves = camera.motion_x != 0 or camera.motion_y != 0
+    views = np.empty((len(vs), len(us), kinds, 4), np.float64)
+    most = _fill_views(views, us, vs, camera, cell)
+    steps = min(max(STEPS, int(PER_CYCLE * most)), MOST_STEPS)
+    table, scale = _transfer_table(camera, most, steps), steps / most
     out = np.zeros((len(vs), len(us), kinds, n, m), np.float32)
-    views = np.empty((len(vs), len(us), kinds, 4), np.float64)  # cells per sensor pixel
-    most = 1e-9
     for r in range(len(vs)):
         for c in range(len(us)):
-            xu, xv, yu, yv = jacobian(us[c], vs[r], camera)
             for kind in range(kinds):
-                (px, py), (k, l), view = cell.period[kind], cell.orders[kind], views[r, c, kind]
-                view[0], view[1], view[2], view[3] = xu / px, yu / py, xv / px, yv / py
-                most = max(
-                    most,
-                    k * abs(view[0]) + l * abs(view[1]),
-                    k * abs(view[2]) + l * abs(view[3]),
-                )
-    steps = min(max(STEPS, int(PER_CYCLE * most)), MOST_STEPS)
-    table = _transfer_table(camera, most, steps)
-    scale = steps / most
-    for i in range(len(vs) * len(us) * kinds):
-        kind, c, r = i % kinds, i // kinds % len(us), i // kinds // len(us)
-        ux, uy, vx, vy = views[r, c, kind]
-        for k in range(n):
-            for l in range(m):
-                if coefficients[kind, k, l] == 0:
-                    continue
-                fu, fv = k * ux + (l - half) * uy, k * vx + (l - half) * vy
-                passed = _transfer(table, abs(fu) * scale) * _transfer(table, abs(fv) * scale)
-                if moves:
-                    along = fu * camera.motion_x + fv * camera.motion_y
-                    passed *= math.exp(-2 * math.pi * math.pi * along * along)
-                out[r, c, kind, k, l] = coefficients[kind, k, l] * passed
+                view, amplitude = views[r, c, kind], out[r, c, kind]
+                _pass(amplitude, coefficients[kind], view, table, scale, camera)
     return out

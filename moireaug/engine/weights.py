@@ -24,30 +24,30 @@ FAINT = 1e-3  # of a pixel's light: cells that give less are not looked at
 
 
 @inner
+def _spread(out, by_u, by_v, camera, period, width, skew, taps):
+    """Do the same as `spreads` along one axis, along which a step to the next sensor pixel's u and
+    v goes by so many panel pixels."""
+    ju, jv = abs(by_u) / period, abs(by_v) / period
+    moved = (by_u * camera.motion_x + by_v * camera.motion_y) / period
+    beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
+    long, short = max(ju, jv) * camera.fill, min(ju, jv) * camera.fill
+    variance = short * short / 12 + (ju * ju + jv * jv) * beside + moved * moved + skew
+    sigma = math.sqrt(variance + NARROWEST)
+    reach = long / 2 + TAIL * sigma
+    shrink = min(1.0, max(taps + 0.5 - width / 2, NARROWEST) / reach)
+    out[0], out[1] = long * shrink, sigma * shrink
+    return shrink < 1
+
+
+@inner
 def spreads(out, u, v, camera, period, width, skew, taps):
     """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in
     cells, at a photo point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted`
     does. Return whether any was narrowed."""
-    narrowed = False
     xu, xv, yu, yv = jacobian(u, v, camera)
-    beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
-    for axis in range(2):
-        ju, jv = (abs(xu), abs(xv)) if axis == 0 else (abs(yu), abs(yv))
-        ju, jv = ju / period[axis], jv / period[axis]
-        moved = xu * camera.motion_x + xv * camera.motion_y
-        if axis == 1:
-            moved = yu * camera.motion_x + yv * camera.motion_y
-        moved /= period[axis]
-        short = min(ju, jv) * camera.fill
-        out[axis, 0] = max(ju, jv) * camera.fill
-        variance = short * short / 12 + (ju * ju + jv * jv) * beside + moved * moved + skew[axis]
-        out[axis, 1] = math.sqrt(variance + NARROWEST)
-        reach = out[axis, 0] / 2 + TAIL * out[axis, 1]
-        shrink = min(1.0, max(taps + 0.5 - width[axis] / 2, NARROWEST) / reach)
-        out[axis, 0] *= shrink
-        out[axis, 1] *= shrink
-        narrowed = narrowed or shrink < 1
-    return narrowed
+    in_x = _spread(out[0], xu, xv, camera, period[0], width[0], skew[0], taps)
+    in_y = _spread(out[1], yu, yv, camera, period[1], width[1], skew[1], taps)
+    return in_x or in_y
 
 
 @inner
@@ -87,16 +87,19 @@ def _add_two(total, light, middle):
 
 
 @inner
-def _shares(out, box, sigma, width, taps, phases, light, total):
+def _shares(out, spread, width, taps, light, total):
     """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to
     1/2 from the nearest cell's centre. Distance 0 is there twice, as the first of the cells changes
     there.
 
-    light, total: workspaces of (2 taps + 1) phases / 2 + 1 and phases / 2 + 1 numbers.
+    spread: box and standard deviation, see `spreads`. light, total: workspaces of at least
+    (2 taps + 1) phases / 2 + 1 and phases / 2 + 1 numbers.
     """
-    half, cells = phases // 2, out.shape[1]
-    seen = min(int(((box + width) / 2 + TAIL_END * sigma) * phases) + 2, len(light))
-    fill(light, 0.0)
+    box, sigma = spread[0], spread[1]
+    phases, cells = out.shape[0] - 2, out.shape[1]
+    half, looked_at = phases // 2, (2 * taps + 1) * phases // 2 + 1
+    seen = min(int(((box + width) / 2 + TAIL_END * sigma) * phases) + 2, looked_at)
+    fill(light[:looked_at], 0.0)
     far, near, line = (box + width) / 2, (box - width) / 2, light[:seen]
     add_integral(line, 1.0, far, 1 / phases, sigma)
     add_integral(line, -1.0, near, 1 / phases, sigma)
@@ -108,7 +111,7 @@ def _shares(out, box, sigma, width, taps, phases, light, total):
     for q in range(half + 1):
         total[q] = light[q] + guard
     for k in range(1, taps + 1):
-        _add_two(total, light, k * phases)
+        _add_two(total[: half + 1], light, k * phases)
     for q in range(half + 1):
         total[q] = 1 / total[q]
     for j in range(cells):
@@ -130,6 +133,25 @@ def sizes(phases, cells):
     return of_x, of_x + (phases[1] + 2) * cells
 
 
+@inner
+def _fill_node(out, spread, widths, taps, phases, cells, light, total):
+    """Fill out (n,) with the weights of a node along x, and then along y; spread: from `spreads`,
+    light, total: as in `_shares`."""
+    of_x, _ = sizes(phases, cells)
+    along_x, along_y = out[:of_x], out[of_x:]
+    _shares(along_x.reshape(phases[0] + 2, cells), spread[0], widths[0], taps, light, total)
+    _shares(along_y.reshape(phases[1] + 2, cells), spread[1], widths[1], taps, light, total)
+
+
+@inner
+def _fill_spreads(out, us, vs, camera, period, widths, skew, taps):
+    """Fill out (rows * cols, axis, 2) with the `spreads` at nodes of the photo."""
+    for r in range(len(vs)):
+        for c in range(len(us)):
+            node = out[r * len(us) + c]
+            spreads(node, us[c], vs[r], camera, period, widths, skew, taps)
+
+
 @loop
 def weights(us, vs, camera, cell, widths, skew):
     """Return the weights of cells on nodes of the photo, the phases of each kind along both axes,
@@ -145,17 +167,9 @@ def weights(us, vs, camera, cell, widths, skew):
     phases, cells = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
     most, finest = 0, 0
     for kind in range(kinds):
-        for i in range(rows * cols):
-            spreads(
-                spread[kind, i],
-                us[i % cols],
-                vs[i // cols],
-                camera,
-                cell.period[kind],
-                widths[kind],
-                skew[kind],
-                taps,
-            )
+        _fill_spreads(
+            spread[kind], us, vs, camera, cell.period[kind], widths[kind], skew[kind], taps
+        )
         for axis in range(2):
             phases[kind, axis] = _phases(spread[kind], axis)
             finest = max(finest, phases[kind, axis])
@@ -164,23 +178,20 @@ def weights(us, vs, camera, cell, widths, skew):
     tables = np.empty((kinds, rows, cols * most), np.float32)
     light = np.empty((2 * taps + 1) * finest // 2 + 1, np.float64)
     total = np.empty(finest // 2 + 1, np.float64)
-    for i in range(kinds * rows * cols):
-        kind, r, c = i // (rows * cols), i // cols % rows, i % cols
-        of_x, of_both = sizes(phases[kind], cells[kind])
-        node = tables[kind, r, c * of_both : (c + 1) * of_both]
-        for axis in range(2):
-            n, out = phases[kind, axis], node[:of_x] if axis == 0 else node[of_x:]
-            box, sigma = spread[kind, r * cols + c, axis]
-            _shares(
-                out.reshape(n + 2, cells[kind]),
-                box,
-                sigma,
-                widths[kind, axis],
-                taps,
-                n,
-                light[: (2 * taps + 1) * n // 2 + 1],
-                total[: n // 2 + 1],
-            )
+    for kind in range(kinds):
+        n = sizes(phases[kind], cells[kind])[1]
+        for r in range(rows):
+            for c in range(cols):
+                _fill_node(
+                    tables[kind, r, c * n : (c + 1) * n],
+                    spread[kind, r * cols + c],
+                    widths[kind],
+                    taps,
+                    phases[kind],
+                    cells[kind],
+                    light,
+                    total,
+                )
     return tables, phases, cells
 
 
