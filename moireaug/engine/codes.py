@@ -52,7 +52,7 @@ def workspace(codes, w):
 
 
 @inner
-def counts(rows, row):
+def is_read(rows, row):
     """Return whether any photo pixel is made from this sensor row."""
     return rows.first[row] <= rows.last[row]
 
@@ -132,7 +132,7 @@ def _code(out, gain, tone):
 def _colours(colours, ring, y, h, stencil, rows):
     """Fill the workspace's colours with those of cell row y, from the prepared rows in its ring."""
     for site in range(SITES):
-        if not counts(rows, 2 * y + site // 2):
+        if not is_read(rows, 2 * y + site // 2):
             continue
         for channel in range(3):
             colour = colours[site, channel]
@@ -197,7 +197,7 @@ def codes_of_row(work, raw, y, codes, tone, image):
     w, matrix = raw.shape[2], codes.matrix[image]
     light_of_row(work, raw, y, codes)
     for r in range(work.step):
-        if not counts(codes.rows, y * work.step + r):
+        if not is_read(codes.rows, y * work.step + r):
             continue
         if codes.mixes:
             mix_row(work.colours, r, work.step, w, matrix)

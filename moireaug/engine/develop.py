@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.codes import codes_of_row, counts, tone_of, workspace
+from moireaug.engine.codes import codes_of_row, is_read, tone_of, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.vectors import add, peek, poke
 
@@ -83,7 +83,7 @@ def _develop(photo, raw, codes, work, tone, image, line, top, bottom):
         codes_of_row(work, raw, y, codes, tone, image)
         for r in range(work.step):
             row = y * work.step + r
-            if not counts(rows, row):
+            if not is_read(rows, row):
                 continue
             for channel in range(3):
                 along(line, work, r, channel, codes.cols)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.codes import SITES, counts, light_of_row, mix_row, tone_of, workspace
+from moireaug.engine.codes import SITES, is_read, light_of_row, mix_row, tone_of, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.develop import gather
 from moireaug.engine.tables import encode, encode_slope
@@ -93,7 +93,7 @@ def _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, lin
             fill(grads[site, channel], ZERO)
     for r in range(step):
         row = y * step + r
-        if not counts(codes.rows, row):
+        if not is_read(codes.rows, row):
             continue
         if codes.mixes:
             mix_row(work.colours, r, step, w, matrix)
@@ -116,7 +116,7 @@ def _demosaic_back(total, grads, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
     w, stencil = work.width, codes.stencil
     for site in range(SITES):
-        if not counts(codes.rows, 2 * y + site // 2):
+        if not is_read(codes.rows, 2 * y + site // 2):
             continue
         for channel in range(3):
             colour = grads[site, channel, :w]

@@ -10,7 +10,7 @@ from moireaug.engine.compiling import inner
 # compile-time constants: the compiler then knows that no row it writes overlaps them, and
 # vectorises
 LOW, STEP = (table.numpy() for table in quantiles())
-ONE, TWO = np.uint32(MIX[0]), np.uint32(MIX[1])
+FIRST_FACTOR, SECOND_FACTOR = np.uint32(MIX[0]), np.uint32(MIX[1])
 SHIFT = np.uint32(PLACES.bit_length() - 1)
 LOWER = np.uint32(PLACES - 1)
 UPPER = np.uint32(INTERVALS - 1)
@@ -22,9 +22,9 @@ LOW_BITS = 2**32 - 1
 def mix(x):
     """Scramble a uint32. The casts keep numba from widening to 64 bits."""
     x = np.uint32(x ^ (x >> np.uint32(16)))
-    x = np.uint32(x * ONE)
+    x = np.uint32(x * FIRST_FACTOR)
     x = np.uint32(x ^ (x >> np.uint32(15)))
-    x = np.uint32(x * TWO)
+    x = np.uint32(x * SECOND_FACTOR)
     return np.uint32(x ^ (x >> np.uint32(16)))
 
 

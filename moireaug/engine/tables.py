@@ -51,7 +51,7 @@ E0, E1, E2, E3, E4, E5 = _polynomial(lambda t: 2 ** (0.5 + t))
 TAIL_STEPS = 256
 TAIL_END = 7
 _normal = NormalDist()
-TAIL = np.array(
+TAIL_TABLE = np.array(
     [
         math.exp(-z * z / 2) / math.sqrt(2 * math.pi) - z * _normal.cdf(-z)
         for z in (i / TAIL_STEPS for i in range(TAIL_END * TAIL_STEPS + 2))
@@ -102,8 +102,8 @@ def tail(z):
     float64."""
     at = min(z, float(TAIL_END)) * TAIL_STEPS
     i = np.int32(at)
-    low = TAIL[np.uint32(i)]
-    return low + (at - i) * (TAIL[np.uint32(np.int32(i + 1))] - low)
+    low = TAIL_TABLE[np.uint32(i)]
+    return low + (at - i) * (TAIL_TABLE[np.uint32(np.int32(i + 1))] - low)
 
 
 @inner
@@ -120,6 +120,6 @@ def add_integral(out, sign, start, step, sigma):
         x = start + i * step
         at = min(abs(x) * per_sigma, float(TAIL_END * TAIL_STEPS))
         k = np.int32(at)
-        low = peek(TAIL, k)
-        beyond = low + (at - k) * (peek(TAIL, np.int32(k + ONE32)) - low)
+        low = peek(TAIL_TABLE, k)
+        beyond = low + (at - k) * (peek(TAIL_TABLE, np.int32(k + ONE32)) - low)
         poke(out, i, out[i] + sign * (max(x, 0.0) + sigma * beyond))
