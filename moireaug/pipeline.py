@@ -3,9 +3,8 @@ a scene calls for."""
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import torch
@@ -111,6 +110,11 @@ class Plan:
     method: Exposure
     prefilter: float
     narrows: bool
+    _called: frozenset[str] = field(init=False, repr=False)  # a photo asks for dozens of names
+
+    def __post_init__(self) -> None:
+        called = frozenset(step.name for step in self.steps if step.called)
+        object.__setattr__(self, "_called", called)
 
     @property
     def exposure(self) -> str:
@@ -121,11 +125,6 @@ class Plan:
     def harmonics(self) -> tuple[tuple[int, int], ...]:
         """The (k, l) pairs that the spectral exposure sums."""
         return self.method.harmonics
-
-    @functools.cached_property
-    def _called(self) -> frozenset[str]:
-        """The names of the effects that are called for. A photo asks for dozens."""
-        return frozenset(step.name for step in self.steps if step.called)
 
     def __contains__(self, effect: object) -> bool:
         return effect in self._called

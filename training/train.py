@@ -34,8 +34,12 @@ def try_out(cfg: Config, splits: Splits) -> None:
     or any time is spent.
 
     Raises:
-        ValueError: weights, a trainer's setting or a size of images that cannot be used.
+        ValueError: weights, a trainer's setting, a size of images or data that cannot be used.
     """
+    if splits.num_classes < 2:
+        raise ValueError(
+            f"the data hold a single class, {splits.classes[0]!r}: a classifier needs two."
+        )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
     trainer_of(cfg.trainer, classifier.tuning, 1, runs.folder(cfg), splits.classes)

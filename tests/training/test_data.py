@@ -6,6 +6,8 @@ import shutil
 import pytest
 from PIL import Image
 
+from tests.training.small import configured
+from training import fit
 from training.data import load, require_training_images
 from training.schema import Data
 
@@ -51,11 +53,12 @@ def test_a_folder_of_test_images_alone_is_not_trained_on(root):
     require_training_images(Data(name="folder", root=str(root)))
 
 
-def test_a_single_class_is_refused(root):
+def test_a_single_class_is_refused(root, monkeypatch):
+    monkeypatch.chdir(root)
     for half, name in (("train", "n01"), ("test", "n03")):
         shutil.rmtree(root / half / name)
-    with pytest.raises(ValueError, match=r"holds a single class, 'n02'"):
-        folder(root)
+    with pytest.raises(ValueError, match=r"hold a single class, 'n02'"):
+        fit.fit(configured("recipe=clean", "data=folder", f"data.root={root}", "data.size=16"))
 
 
 @pytest.mark.parametrize("row", ["n03,1000", "n04,5"])
