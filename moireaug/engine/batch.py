@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from moireaug.engine import finish, nodes, panel, picture
 from moireaug.engine.compiling import fill, kernel, loop, part
@@ -19,14 +18,18 @@ from moireaug.engine.register import looked_at, register, register_back, room
 
 MOST_PANEL = 16  # panel pixels per sensor pixel, up to which building the panel pays off
 SMALL_PANEL = 2**20  # panel pixels that are never too many
-FIELDS = len(Camera._fields)
 ZERO = np.float32(0)
 
 
 @loop
 def _camera(row):
-    """Return the Camera of a row of `Exposure.cameras`."""
-    return Camera(*to_fixed_tuple(row, FIELDS))
+    """Return the Camera of a row of `Exposure.cameras`, whose columns are its fields."""
+    # unpacking it would need numba's unsafe to_fixed_tuple, which takes longer to compile
+    return Camera(
+        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
+        row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
+        row[21], row[22], row[23], row[24], row[25], row[26],
+    )  # fmt: skip
 
 
 @kernel
