@@ -38,14 +38,14 @@ def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) ->
     size = rows.size, cols.size
     if how == "area":
         return F.interpolate(photo, size=size, mode="area")
-    if how == "antialias" and cols.size == 1:
-        return bilinear(photo.mT, size[::-1], how).mT  # of a single column torch makes another
-    return bilinear(photo, size, how)
-
-
-def bilinear(photo: Tensor, size: tuple[int, int], how: str) -> Tensor:
-    """Return a photo (B, 3, h, w) at another size, interpolated; `how` is "antialias" or not."""
     antialias = how == "antialias"
+    if antialias and cols.size == 1:  # torch's antialiased single column is another picture
+        return bilinear(photo.mT, size[::-1], antialias=True).mT
+    return bilinear(photo, size, antialias=antialias)
+
+
+def bilinear(photo: Tensor, size: tuple[int, int], *, antialias: bool) -> Tensor:
+    """Return a photo (B, 3, h, w) interpolated to another size (H, W)."""
     return F.interpolate(
         photo, size=size, mode="bilinear", align_corners=False, antialias=antialias
     )
