@@ -270,26 +270,6 @@ def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):
     assert str(aside) in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("override", "error"),
-    [
-        ("weights=none.pt", ValueError),
-        ("trainer.precision=8", Exception),
-        ("trainer.strategy=foo", Exception),
-        ("reattack.eps=[0.01,0.01]", ValueError),
-    ],
-)
-def test_a_setting_that_cannot_be_used_moves_no_run(override, error, tmp_path, whole):
-    run = tmp_path / "runs/clean/seed0"
-    shutil.copytree(whole[0] / "runs/clean/seed0", run)
-    before = sorted(p.name for p in run.iterdir())
-    cfg = configured("recipe=clean", *TINY, *BRIEF, override, f"runs={tmp_path / 'runs'}")
-    with pytest.raises(error):
-        fit.fit(cfg)
-    assert sorted(p.name for p in run.iterdir()) == before
-    assert [p.name for p in run.parent.iterdir() if not p.name.startswith(".")] == ["seed0"]
-
-
 def test_an_interrupted_start_is_resumed_and_then_its_recipe_begins(tmp_path, capsys):
     cfg = configured("recipe=moire_aug", *TINY, *BRIEF, "train.epochs=1", f"runs={tmp_path}")
     start = runs.start_config(cfg)

@@ -1,6 +1,7 @@
 """Each model and data set has folders of its own; a baseline that is damaged is trained again."""
 
 import pytest
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 
 from tests.training.small import TINY, configured
 from tests.training.strangers import put
@@ -98,3 +99,18 @@ def test_a_command_line_gives_the_settings_back():
     ):
         cfg = configured(*given)
         assert configured(*overrides.command_line(cfg)) == cfg
+
+
+@pytest.mark.parametrize(
+    "override",
+    ["weights=none.pt", "trainer.precision=8", "trainer.strategy=foo", "reattack.eps=[0.01,0.01]"],
+)
+def test_a_setting_that_cannot_be_used_moves_no_run(override, tmp_path):
+    run = tmp_path / "clean/seed0"
+    run.mkdir(parents=True)
+    (run / "best.ckpt").write_bytes(b"of a run with other settings")
+    cfg = configured("recipe=clean", *TINY, override, f"runs={tmp_path}")
+    with pytest.raises((ValueError, MisconfigurationException)):
+        fit.fit(cfg)
+    assert [path.name for path in run.iterdir()] == ["best.ckpt"]
+    assert [path.name for path in run.parent.iterdir() if path.name[0] != "."] == ["seed0"]
