@@ -81,7 +81,7 @@ def _sentence(path: Path, size: int, error: OSError) -> str:
     """Say why a file of `size` bytes could not be written, and what to do."""
     why = f"{path} could not be written ({error.strerror or error})"
     if error.errno not in FULL:
-        return f"{why}. An older file there is still whole. Name another place, or free this one."
+        return f"{why}. An older file there is still whole. Name a place that can be written."
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     free = shutil.disk_usage(folder).free / 1e6
     return (

@@ -242,7 +242,7 @@ def main(argv: Sequence[str]) -> None:
     try:
         calibrate(settings.parse(argv, Config, EXAMPLE, __doc__))
     except KeyboardInterrupt:
-        print("\nInterrupted: nothing that was not reported is written.", file=sys.stderr)
+        print("\nInterrupted before the report was written.", file=sys.stderr)
         raise SystemExit(130) from None
     except (ValueError, TypeError, OSError) as error:
         raise SystemExit(f"error: {error}") from None

@@ -33,7 +33,8 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | 
     if {"-h", "--help"} & set(argv):
         print(f"{inspect.cleandoc(about or '')}\n\nSettings:")
         for key, field in fields.items():
-            print(f"  {key}={'' if OmegaConf.is_missing(cfg, field) else cfg[field]}")
+            default = "" if OmegaConf.is_missing(cfg, field) else cfg[field]
+            print(f"  {key}={'null' if default is None else default}")
         raise SystemExit(0)
     for argument in argv:
         key, equals, value = argument.partition("=")
