@@ -25,13 +25,17 @@ CONSTANTS = (
     "geometry/grids.py",
 )
 # divisions by zero give infinity and need no branch
-loop = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+FUSED = {"contract"}
+loop = njit(error_model="numpy", fastmath=FUSED, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 # for what only calls loops: a part of its caller before types are inferred, which saves a sixth of
 # the compilation of all kernels
-part = njit(error_model="numpy", inline="always")
+part = njit(error_model="numpy", fastmath=FUSED, inline="always")
 # for loops that neither allocate nor return arrays: their callers hold all that they work on, so
 # they need not count references, which took a quarter of a kernel's time
-inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)
+inner = njit(
+    error_model="numpy", fastmath=FUSED, no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
+)
+exact = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)
 
 
 @functools.lru_cache(maxsize=1)

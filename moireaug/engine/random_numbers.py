@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, WEYL, quantiles
-from moireaug.engine.compiling import inner
+from moireaug.engine.compiling import exact, inner
 
 # compile-time constants: the compiler then knows that no row it writes overlaps them, and
 # vectorises
@@ -35,7 +35,7 @@ def keys(seed):
     return first, mix(np.uint32(np.uint32(np.uint32((seed >> 32) & LOW_BITS) ^ first) ^ KEY))
 
 
-@inner
+@exact
 def normal_row(out, start, first, second):
     """Fill out (n,) float32 with the standard normal numbers `start`, `start` + 1, ... of an image,
     from its two keys, uint32."""
