@@ -24,8 +24,9 @@ CONSTANTS = (
     "geometry/distortion.py",
     "geometry/grids.py",
 )
-# divisions by zero give infinity and need no branch
+# a product and a sum may round once
 FUSED = {"contract"}
+# divisions by zero give infinity and need no branch
 loop = njit(error_model="numpy", fastmath=FUSED, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 # for what only calls loops: a part of its caller before types are inferred, which saves a sixth of
 # the compilation of all kernels
@@ -35,7 +36,10 @@ part = njit(error_model="numpy", fastmath=FUSED, inline="always")
 inner = njit(
     error_model="numpy", fastmath=FUSED, no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
 )
-exact = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False)
+# the same for what must round as PyTorch does; without `fastmath`, numba takes the caller's
+exact = njit(
+    error_model="numpy", fastmath=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
+)
 
 
 @functools.lru_cache(maxsize=1)

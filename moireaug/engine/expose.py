@@ -9,7 +9,7 @@ from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.glow import glow
 from moireaug.engine.nodes import bracket
 from moireaug.engine.random_numbers import keys
-from moireaug.engine.rows import LIGHT, NUMBERS, places_of, row_of
+from moireaug.engine.rows import BITS, LIGHT, NUMBERS, places_of, row_of
 from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import add
 from moireaug.engine.weights import blend, sizes
@@ -37,7 +37,7 @@ def _expose(
     """Do the same as `expose`, in buffers that it allocated."""
     planes, h, w = raw.shape
     rows, step = sites.rows, sites.step
-    light, numbers = row.line[LIGHT], row.line[NUMBERS]
+    light, numbers, bits = row.line[LIGHT], row.line[NUMBERS], row.whole[BITS]
     band = max(1, len(rows) // BANDS)
     for r in range(top * step, bottom * step):
         v = rows[r]
@@ -60,7 +60,7 @@ def _expose(
             attenuate(light, gain, u, v, camera)
             start = (plane * h + r // step) * w
             out = raw[plane, r // step]
-            read(out, light, camera, start, noise, noise_keys, numbers, clips)
+            read(out, light, camera, start, noise, noise_keys, numbers, bits, clips)
 
 
 @part

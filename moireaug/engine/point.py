@@ -94,6 +94,7 @@ def expose_point(
     fx, fy = np.empty(w, np.float32), np.empty(w, np.float32)
     across, down = np.empty(w, np.float32), np.empty(w, np.float32)
     line, numbers = np.empty(w, np.float32), np.empty(w, np.float32)
+    bits = np.empty(w, np.int32)
     noise_keys = keys(seed)
     step = sites.step
     for r in range(h * step):
@@ -138,5 +139,6 @@ def expose_point(
                 noise,
                 noise_keys,
                 numbers,
+                bits,
                 clips,
             )

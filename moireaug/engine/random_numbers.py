@@ -6,6 +6,7 @@ import numpy as np
 
 from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, WEYL, quantiles
 from moireaug.engine.compiling import exact, inner
+from moireaug.engine.vectors import peek, poke
 
 # compile-time constants: the compiler then knows that no row it writes overlaps them, and
 # vectorises
@@ -35,11 +36,19 @@ def keys(seed):
     return first, mix(np.uint32(np.uint32(np.uint32((seed >> 32) & LOW_BITS) ^ first) ^ KEY))
 
 
+@inner
+def _hash(bits, start, first, second):
+    for i in range(len(bits)):
+        keyed = np.uint32(mix(np.uint32(np.uint32(start + i) + first)) ^ second)
+        poke(bits, i, np.int32(mix(keyed)))
+
+
 @exact
-def normal_row(out, start, first, second):
+def normal_row(out, bits, start, first, second):
     """Fill out (n,) float32 with the standard normal numbers `start`, `start` + 1, ... of an image,
-    from its two keys, uint32."""
+    from its two keys, uint32; bits: (n,) int32 workspace."""
+    _hash(bits, start, first, second)
     for i in range(len(out)):
-        bits = mix(np.uint32(mix(np.uint32(np.uint32(start + i) + first)) ^ second))
-        interval = (bits >> SHIFT) & UPPER
-        out[i] = LOW[interval] + STEP[interval] * np.float32(np.int32(bits & LOWER))
+        interval = np.uint32(np.uint32(peek(bits, i)) >> SHIFT) & UPPER
+        place = np.float32(np.int32(np.uint32(peek(bits, i)) & LOWER))
+        poke(out, i, peek(LOW, interval) + peek(STEP, interval) * place)

@@ -22,20 +22,30 @@ def room(h: int, w: int) -> int:
     return 3 * h * w + w + 1
 
 
+@inner
+def _newton_step(out, ideal, k1, k2):
+    """Bring radii nearer to those that the lens takes to the ideal ones."""
+    for i in range(len(out)):
+        r = out[i]
+        r2 = r * r
+        error = r * (1 + r2 * (k1 + k2 * r2)) - peek(ideal, i)
+        slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), 0.05)
+        poke(out, i, min(max(r - error / slope, 0.0), 1.2))
+
+
 @loop
 def undistortion(k1, k2):
     """Return the factor that takes ideal points to photo points, at STEPS + 2 squares of the ideal
     radius from 0 to that of the photo's corners; and how many steps there are to 1."""
     edge = (1 + k1 + k2) ** 2
-    out = np.empty(STEPS + 2)
+    ideal, out = np.empty(STEPS + 2), np.empty(STEPS + 2)
     for i in range(STEPS + 2):
-        ideal = math.sqrt(i * edge / STEPS)
-        r = min(ideal, 1.0)
-        for _ in range(NEWTON_STEPS):
-            r2 = r * r
-            error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
-            r = min(max(r - error / max(1 + r2 * (3 * k1 + 5 * k2 * r2), 0.05), 0.0), 1.2)
-        out[i] = r / ideal if ideal > 1e-12 else 1.0
+        ideal[i] = math.sqrt(i * edge / STEPS)
+        out[i] = min(ideal[i], 1.0)
+    for _ in range(NEWTON_STEPS):
+        _newton_step(out, ideal, k1, k2)
+    for i in range(STEPS + 2):
+        out[i] = out[i] / ideal[i] if ideal[i] > 1e-12 else 1.0
     return out, STEPS / edge
 
 
@@ -90,9 +100,11 @@ def _look(out, photo, at, share, down):
 @inner
 def _scatter(photo, grad, at, share, down):
     """Add the gradient in a row to that in a plane of the photo."""
-    fx, fy, weight, right = share[0], share[1], share[2], ONE32
+    fx, fy, weight = share[0], share[1], share[2]
+    right, down = np.uint32(1), np.uint32(down)
     for i in range(len(grad)):
-        k, f, g = at[i], fx[i], grad[i] * weight[i]
+        # unsigned, so that numba does not look for indices from the end
+        k, f, g = np.uint32(at[i]), fx[i], grad[i] * weight[i]
         below = g * fy[i]
         above = g - below
         photo[k] += above * (ONE - f)

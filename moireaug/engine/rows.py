@@ -16,7 +16,7 @@ ZERO, ONE = np.float32(0), np.float32(1)
 
 # what the rows of a Row's arrays hold
 X, Y = range(2)
-NEAREST_X, NEAREST_Y, FIRST_X, FIRST_Y, BASE, PLACE = range(6)
+NEAREST_X, NEAREST_Y, FIRST_X, FIRST_Y, BASE, PLACE, BITS = range(7)
 PAST_X, PAST_Y, BETWEEN, CONTENT, THROUGH, LIGHT, NUMBERS = range(7)
 EVEN, ODD, HERE, BESIDE, COS_X, SIN_X = range(6)
 COS_Y, SIN_Y = range(2)
@@ -104,8 +104,9 @@ class Row(NamedTuple):
     Args:
         weights: (kinds, ...) float32, those of cells at this row's nodes.
         at: (2, w) float64, where each pixel looks, X and Y in panel pixels.
-        whole: (6, w) int32, the NEAREST cell, the FIRST of the cells that are looked at, its BASE
-            on the flattened panel, and the PLACE of its weights; see `lookup`.
+        whole: (7, w) int32, the NEAREST cell, the FIRST of the cells that are looked at, its BASE
+            on the flattened panel, and the PLACE of its weights, see `lookup`; the BITS of random
+            numbers.
         line: (7, w) float32, how far PAST its nearest cell each pixel looks, in cells, and BETWEEN
             two phases; a subpixel's CONTENT and the light THROUGH its mask; all LIGHT, and random
             NUMBERS.
@@ -161,7 +162,7 @@ def row_of(w, cell, nodes):
     return Row(
         np.empty((kinds, n), np.float32),
         np.empty((2, w), np.float64),
-        np.empty((6, w), np.int32),
+        np.empty((7, w), np.int32),
         np.empty((7, w), np.float32),
         np.empty((3, w), np.float32),
         np.empty(w * lookup.WIDE, np.float32),

@@ -49,15 +49,15 @@ def _add_noise(line, numbers, read, shot):
 
 
 @inner
-def read(out, light, camera, start, noise, keys, numbers, clips):
+def read(out, light, camera, start, noise, keys, numbers, bits, clips):
     """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the
     image's raw.
 
-    keys: of the noise, from `random_numbers.keys`. numbers: (w,) workspace. The rest as in
+    keys: of the noise, from `random_numbers.keys`. numbers, bits: (w,) float32 and int32, workspaces. The rest as in
     `expose.expose`.
     """
     if noise:
-        normal_row(numbers, start, keys[0], keys[1])
+        normal_row(numbers, bits, start, keys[0], keys[1])
         _add_noise(light, numbers, np.float32(camera.read), np.float32(camera.shot))
     if clips:
         for i in range(len(out)):

@@ -6,12 +6,13 @@ import torch
 from numba import njit
 
 from moireaug.effects.random_numbers import keys, normal
+from moireaug.engine.compiling import FUSED
 from moireaug.engine.random_numbers import normal_row
 
 
-@njit
-def fill(out, start, first, second):
-    normal_row(out, start, first, second)
+@njit(fastmath=FUSED)  # as in the kernels: their products and sums are fused, which these must not be
+def fill(out, bits, start, first, second):
+    normal_row(out, bits, start, first, second)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**32, 2**53 - 1, -1, -(2**63)])
@@ -19,7 +20,7 @@ def test_rows_equal_the_reference_bit_for_bit(seed):
     seeds = torch.tensor([seed])
     expected = normal((4, 37, 101), seeds).numpy()[0].reshape(-1, 101)
     first, second = (k.numpy().view(np.uint32)[0] for k in keys(seeds))
-    got = np.empty_like(expected)
+    got, bits = np.empty_like(expected), np.empty(101, np.int32)
     for r in range(len(got)):
-        fill(got[r], r * 101, first, second)
+        fill(got[r], bits, r * 101, first, second)
     assert np.array_equal(got, expected)
