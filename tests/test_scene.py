@@ -46,6 +46,8 @@ BAD = [
     (lambda: Scene().sample(-1, (8, 8)), "n >= 0"),
     (lambda: Scene().sample(1, (0, 8)), "at least 1 x 1"),
     (lambda: Scene().sample(1, (8.9, 8)), "in whole numbers; got n = 1, size = (8.9, 8)"),
+    (lambda: Scene().sample(2.5, (8, 8)), "in whole numbers; got n = 2.5"),
+    (lambda: Scene().sample("2", (8, 8)), "in whole numbers; got n = '2'"),
     (lambda: Scene().sample(1, 8.9), "in whole numbers; got n = 1, size = 8.9"),
     (lambda: Scene().capture(torch.rand(3, 4, 4)), "the shape (B, 3, H, W)"),
     (lambda: Scene().capture(np.zeros((1, 3, 4, 4))), "images must be a torch.Tensor"),

@@ -101,6 +101,11 @@ def _signs(cfg: Data) -> Splits:
 
 def _torchvision(make: Callable[..., Dataset], test: dict, train: dict) -> Callable[[Data], Splits]:
     def load(cfg: Data) -> Splits:
+        if not cfg.root:
+            raise ValueError(
+                f"data={cfg.name} needs data.root=DIR, the folder where torchvision has put the "
+                "data set, or puts it with data.download=true."
+            )
         try:
             sets = [
                 make(cfg.root, transform=_resize(cfg.size), download=cfg.download, **split)

@@ -19,6 +19,19 @@ class NoAnswerError(ValueError):
     robust."""
 
 
+def check_model(model: object) -> None:
+    """Refuse a model that cannot be called.
+
+    Raises:
+        TypeError: with what was got and what is allowed.
+    """
+    if not callable(model):
+        raise TypeError(
+            "an attack's model must be a function or a torch module from images (B, 3, H, W) to "
+            f"logits (B, K); got {model!r}."
+        )
+
+
 def check_bounds(eps: object) -> None:
     """Refuse an `eps` that is neither a number in [0, 1] nor a list of them.
 

@@ -16,6 +16,7 @@ from moireaug.attacks.best import Best
 from moireaug.attacks.checks import (
     check_answers,
     check_bounds,
+    check_model,
     check_classes,
     check_goals,
     check_gradient,
@@ -72,6 +73,7 @@ class Attack(ABC):
     until_fooled: bool = False
 
     def __post_init__(self) -> None:
+        check_model(self.model)
         check_bounds(self.eps)
         check_steps(self.steps, self.restarts)
         check_sizes(self.step_size, self.random_start, self.steps)

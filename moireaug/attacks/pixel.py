@@ -9,7 +9,13 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.answers import decided, predicted
-from moireaug.attacks.checks import check_answers, check_classes, check_goals, check_gradient
+from moireaug.attacks.checks import (
+    check_answers,
+    check_classes,
+    check_goals,
+    check_gradient,
+    check_model,
+)
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import margin, reported
 from moireaug.attacks.model import evaluating
@@ -103,6 +109,7 @@ class CW:
     lr: float = 0.01
 
     def __post_init__(self) -> None:
+        check_model(self.model)
         if isinstance(self.steps, bool) or not isinstance(self.steps, int) or self.steps < 0:
             raise ValueError(f"steps must be an integer >= 0; got {self.steps!r}.")
         for name in ("c", "lr"):

@@ -71,7 +71,7 @@ class Scene(SceneRecord):
         global one.
 
         Raises:
-            ValueError: a negative n, a size that is not two positive integers, or as in `plan`.
+            ValueError: an n that is no integer >= 0, a size that is not two positive integers, or as in `plan`.
         """
         # refuse a scene that cannot be photographed here, not in the middle of a batch
         self.plan()
@@ -175,16 +175,17 @@ def draw(
     change the others' draws.
 
     Raises:
-        ValueError: a negative n, or a size that is not two positive integers.
+        ValueError: an n that is no integer >= 0, or a size that is not two positive integers.
     """
     try:
+        count = operator.index(n)
         h, w = (operator.index(side) for side in size)
     except (TypeError, ValueError):  # no pair, or no integers
-        h, w = 0, 0
-    if n < 0 or h < 1 or w < 1:
+        count, h, w = 0, 0, 0
+    if count < 0 or h < 1 or w < 1:
         raise ValueError(
             "a shot needs n >= 0 and a size (height, width) of at least 1 x 1 pixels, in whole "
-            f"numbers; got n = {n}, size = {size}."
+            f"numbers; got n = {n!r}, size = {size!r}."
         )
     ranges = {name: bounds(value) for name, value in values_of(scene).items()}
     varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]

@@ -9,6 +9,9 @@ from moireaug.transforms import AdversarialMoire
 from tests.attacks.common import SCENE
 
 BAD = [
+    (lambda m, x, y: MoireAttack(None), "logits (B, K); got None"),
+    (lambda m, x, y: SquareMoire("resnet18"), "logits (B, K); got 'resnet18'"),
+    (lambda m, x, y: CW(None), "logits (B, K); got None"),
     (lambda m, x, y: MoireAttack(model=m, eps=-0.1), "eps must be a number >= 0"),
     (lambda m, x, y: MoireAttack(model=m, eps=math.nan), "eps must be a number >= 0"),
     (lambda m, x, y: MoireAttack(model=m, eps=[]), "eps must be a number >= 0"),

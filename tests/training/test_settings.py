@@ -56,6 +56,7 @@ SENTENCES = [
     (["recipe=clean", "train.init=clean", "data.train=32"], "use random"),
     (["recipe=clean", "data.augment=flip", "data.train=32"], "shift_flip"),
     (["recipe=clean", "data=folder"], "needs data.root=DIR"),
+    (["recipe=clean", "data=gtsrb", "data.root=null"], "data=gtsrb needs data.root=DIR"),
     (["recipe=clean", "scene=3"], "a Scene, a preset's name or a dict"),
     (["recipe=clean", "scene={develop: {registered: 'off'}}"], "must be True or False"),
     (["recipe=clean", "reattack.n=0"], "reattack.n must be at least 1"),
