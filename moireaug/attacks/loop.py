@@ -16,10 +16,10 @@ from moireaug.attacks.best import Best
 from moireaug.attacks.checks import (
     check_answers,
     check_bounds,
-    check_model,
     check_classes,
     check_goals,
     check_gradient,
+    check_model,
     check_sizes,
     check_steps,
 )

@@ -8,7 +8,7 @@ import numpy as np
 from moireaug.engine.codes import SITES, is_read, light_of_row, mix_row, tone_of, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.develop import gather
-from moireaug.engine.tables import encode, encode_slope
+from moireaug.engine.tables import encode_and_slope
 from moireaug.engine.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
@@ -22,14 +22,14 @@ def _code_slope(out, light, gain, tone):
     shoulder, contrast = tone.shoulder, tone.contrast
     for i in range(len(out)):
         x = light[i] * gain
-        code = encode(x) if tone.coded else x
-        slope = gain * encode_slope(x) if tone.coded else gain
+        code, slope = encode_and_slope(x) if tone.coded else (x, ONE)
+        slope *= gain
         if tone.toned:
             slope = slope if ZERO <= code <= ONE else ZERO
             code = min(max(code, ZERO), ONE)
-            below = ONE + shoulder * code
-            slope *= (ONE + shoulder) / (below * below)
-            code *= (ONE + shoulder) / below
+            inverse = ONE / (ONE + shoulder * code)
+            slope *= (ONE + shoulder) * inverse * inverse
+            code *= (ONE + shoulder) * inverse
             slope *= ONE + contrast * (SIX * code * (ONE - code) - ONE)
             code += contrast * (TWO * code - ONE) * code * (ONE - code)
         code += tone.brighten

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, inner, part
+from moireaug.engine.compiling import fill, inner, once, part
 from moireaug.engine.glow import glow
 from moireaug.engine.nodes import bracket
 from moireaug.engine.random_numbers import keys
@@ -29,7 +29,7 @@ def _weights(out, nodes, v, first):
         blend(out[kind, :n], low, high, np.float32(t))
 
 
-@inner
+@once
 def _expose(
     raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, noise_keys,
     clips, places, row, top, bottom,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from moireaug.geometry.grids import NEAR_HORIZON
 STEPS = 1024
 ONE = np.float32(1)
 ONE32 = np.int32(1)
+X, Y = range(2)
+SQUARE = WEIGHT = 2
 
 
 def room(h: int, w: int) -> int:
@@ -49,15 +52,33 @@ def undistortion(k1, k2):
     return out, STEPS / edge
 
 
+class _Row(NamedTuple):
+    """Where the pixels of a row look on the photo.
+
+    Args:
+        ideal: (3, w) float64, X and Y about the centre on a photo without distortion, and the
+            SQUARE of the radius as a place in the table of `undistortion`.
+        at: (w,) int32, the upper left pixels that are looked at.
+        share: (3, w) float32, fractions towards the lower right ones, along X and Y, and the
+            WEIGHT: 1 inside the photo, 0 outside.
+    """
+
+    ideal: np.ndarray
+    at: np.ndarray
+    share: np.ndarray
+
+
+@part
+def _row_of(w):
+    """Return the _Row of a photo w wide."""
+    return _Row(np.empty((3, w)), np.empty(w, np.int32), np.empty((3, w), np.float32))
+
+
 @inner
-def _place(at, share, r, view, factor, per_square, h, w):
-    """Fill `at` (w,) with the indices of the upper left pixels that row r of an image looks at, and
-    share (3, w) with the fractions towards the lower right ones, along x and y, and the weights: 1
-    inside the photo, 0 outside."""
-    fx, fy, weight = share[0], share[1], share[2]
-    half_w, half_h = w / 2, h / 2
-    v = r + 0.5 - half_h
-    bend, last = 4.0 / (h * h + w * w), STEPS + 0.5
+def _look_ideally(x, y, square, r, view, per_square, h, w):
+    """Fill x, y and square (w,), see `_Row`, for row r of an image."""
+    v = r + 0.5 - h / 2
+    half_w, bend, last = w / 2, 4.0 / (h * h + w * w), STEPS + 0.5
     ax, bx, ay, by, az, bz = (
         view[0, 0],
         view[0, 1] * v + view[0, 2],
@@ -66,15 +87,26 @@ def _place(at, share, r, view, factor, per_square, h, w):
         view[2, 0],
         view[2, 1] * v + view[2, 2],
     )
-    for i in range(len(at)):
+    for i in range(len(x)):
         u = i + 0.5 - half_w
         far = 1 / max(az * u + bz, NEAR_HORIZON)
-        x, y = (ax * u + bx) * far, (ay * u + by) * far
-        step = min((x * x + y * y) * bend * per_square, last)
-        k = np.int32(step)
+        right, below = (ax * u + bx) * far, (ay * u + by) * far
+        poke(x, i, right)
+        poke(y, i, below)
+        poke(square, i, min((right * right + below * below) * bend * per_square, last))
+
+
+@inner
+def _bend(at, share, ideal, factor, h, w):
+    """Fill `at` and share of a `_Row`."""
+    fx, fy, weight = share[X], share[Y], share[WEIGHT]
+    half_w, half_h = w / 2, h / 2
+    for i in range(len(at)):
+        square = peek(ideal[SQUARE], i)
+        k = np.int32(square)
         low = peek(factor, k)
-        bent = low + (step - k) * (peek(factor, np.int32(k + ONE32)) - low)
-        x, y = x * bent, y * bent
+        bent = low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
+        x, y = peek(ideal[X], i) * bent, peek(ideal[Y], i) * bent
         inside = (abs(x) <= half_w) & (abs(y) <= half_h)
         x, y = min(max(x + half_w - 0.5, 0.0), w - 1.0), min(max(y + half_h - 0.5, 0.0), h - 1.0)
         left, top = np.int32(x), np.int32(y)
@@ -85,9 +117,18 @@ def _place(at, share, r, view, factor, per_square, h, w):
 
 
 @inner
+def _place(row, r, view, factor, per_square, h, w):
+    """Fill the _Row with where row r of an image (h, w) looks."""
+    ideal = row.ideal
+    # the table is looked up in a loop of its own: the rest then vectorises
+    _look_ideally(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, h, w)
+    _bend(row.at, row.share, ideal, factor, h, w)
+
+
+@inner
 def _look(out, photo, at, share, down):
     """Fill a row from a plane of the photo, whose rows lie `down` apart."""
-    fx, fy, weight, right = share[0], share[1], share[2], ONE32
+    fx, fy, weight, right = share[X], share[Y], share[WEIGHT], ONE32
     for i in range(len(out)):
         k, f = peek(at, i), peek(fx, i)
         a, b = peek(photo, k), peek(photo, np.int32(k + right))
@@ -100,7 +141,7 @@ def _look(out, photo, at, share, down):
 @inner
 def _scatter(photo, grad, at, share, down):
     """Add the gradient in a row to that in a plane of the photo."""
-    fx, fy, weight = share[0], share[1], share[2]
+    fx, fy, weight = share[X], share[Y], share[WEIGHT]
     right, down = np.uint32(1), np.uint32(down)
     for i in range(len(grad)):
         # unsigned, so that numba does not look for indices from the end
@@ -120,12 +161,12 @@ def looked_at(view, k1, k2, h, w, top, bottom):
     if bottom - top == h:
         return 0, h
     factor, per_square = undistortion(k1, k2)
-    at, share = np.empty(w, np.int32), np.empty((3, w), np.float32)
+    row = _row_of(w)
     first, last = h, 0
     for r in range(top, bottom):
-        _place(at, share, r, view, factor, per_square, h, w)
+        _place(row, r, view, factor, per_square, h, w)
         for i in range(w):
-            first, last = min(first, at[i] // w), max(last, at[i] // w)
+            first, last = min(first, row.at[i] // w), max(last, row.at[i] // w)
     return first, min(last + 2, h)
 
 
@@ -142,11 +183,11 @@ def register(out, photo, view, k1, k2, top, bottom):
     """
     _, h, w = out.shape
     factor, per_square = undistortion(k1, k2)
-    at, share = np.empty(w, np.int32), np.empty((3, w), np.float32)
+    row = _row_of(w)
     for r in range(top, bottom):
-        _place(at, share, r, view, factor, per_square, h, w)
+        _place(row, r, view, factor, per_square, h, w)
         for c in range(3):
-            _look(out[c, r], photo[c * h * w :], at, share, np.int32(w))
+            _look(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
 
 
 @part
@@ -155,8 +196,8 @@ def register_back(photo_grad, grad, view, k1, k2):
     (3, H, W), that in the registered one; arguments as in `register`."""
     _, h, w = grad.shape
     factor, per_square = undistortion(k1, k2)
-    at, share = np.empty(w, np.int32), np.empty((3, w), np.float32)
+    row = _row_of(w)
     for r in range(h):
-        _place(at, share, r, view, factor, per_square, h, w)
+        _place(row, r, view, factor, per_square, h, w)
         for c in range(3):
-            _scatter(photo_grad[c * h * w :], grad[c, r], at, share, np.int32(w))
+            _scatter(photo_grad[c * h * w :], grad[c, r], row.at, row.share, np.int32(w))

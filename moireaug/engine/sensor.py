@@ -53,8 +53,8 @@ def read(out, light, camera, start, noise, keys, numbers, bits, clips):
     """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the
     image's raw.
 
-    keys: of the noise, from `random_numbers.keys`. numbers, bits: (w,) float32 and int32, workspaces. The rest as in
-    `expose.expose`.
+    keys: of the noise, from `random_numbers.keys`. numbers, bits: (w,) workspaces, float32 and
+    int32. The rest as in `expose.expose`.
     """
     if noise:
         normal_row(numbers, bits, start, keys[0], keys[1])

@@ -90,10 +90,11 @@ def encode(light):
 
 
 @inner
-def encode_slope(light):
-    """Return the derivative of `encode`."""
-    slope = GAIN * POWER * _root(light) / max(light, KNEE)
-    return slope if light > KNEE else LINEAR
+def encode_and_slope(light):
+    """Return `encode`, and its derivative, from one root."""
+    root = _root(light)
+    code, slope = GAIN * root - OFFSET, GAIN * POWER * root / max(light, KNEE)
+    return (code, slope) if light > KNEE else (light * LINEAR, LINEAR)
 
 
 @inner

@@ -71,7 +71,8 @@ class Scene(SceneRecord):
         global one.
 
         Raises:
-            ValueError: an n that is no integer >= 0, a size that is not two positive integers, or as in `plan`.
+            ValueError: an n that is no integer >= 0, a size that is not two positive integers, or
+                as in `plan`.
         """
         # refuse a scene that cannot be photographed here, not in the middle of a batch
         self.plan()

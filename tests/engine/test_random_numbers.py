@@ -10,7 +10,9 @@ from moireaug.engine.compiling import FUSED
 from moireaug.engine.random_numbers import normal_row
 
 
-@njit(fastmath=FUSED)  # as in the kernels: their products and sums are fused, which these must not be
+@njit(
+    fastmath=FUSED
+)  # as in the kernels: their products and sums are fused, which these must not be
 def fill(out, bits, start, first, second):
     normal_row(out, bits, start, first, second)
 

@@ -10,14 +10,16 @@ from moireaug.engine import tables
 @pytest.fixture(scope="module")
 def encoded():
     @numba.njit(error_model="numpy")
-    def fill(code, slope, light):
+    def fill(code, again, slope, light):
         for i in range(len(light)):
-            code[i], slope[i] = tables.encode(light[i]), tables.encode_slope(light[i])
+            code[i] = tables.encode(light[i])
+            again[i], slope[i] = tables.encode_and_slope(light[i])
 
     def encoded(light):
         light = np.asarray(light, np.float32)
-        code, slope = np.empty_like(light), np.empty_like(light)
-        fill(code, slope, light)
+        code, again, slope = (np.empty_like(light) for _ in range(3))
+        fill(code, again, slope, light)
+        assert np.array_equal(code, again)
         return code, slope
 
     return encoded
