@@ -7,7 +7,6 @@ import functools
 import gc
 import hashlib
 import os
-from functools import partial
 from pathlib import Path
 
 import llvmlite
@@ -34,7 +33,7 @@ loop = njit(error_model="numpy", fastmath=FUSED, no_cpython_wrapper=True, no_cfu
 part = njit(error_model="numpy", fastmath=FUSED, inline="always")
 # for loops that neither allocate nor return arrays: their callers hold all that they work on, so
 # they need not count references, which took a quarter of a kernel's time
-_inner = partial(
+_inner = functools.partial(
     njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
 )
 inner = _inner(fastmath=FUSED)

@@ -38,6 +38,7 @@ def keys(seed):
 
 @inner
 def _hash(bits, start, first, second):
+    """Fill bits (n,) int32 with those of the numbers `start`, `start` + 1, ... of an image."""
     for i in range(len(bits)):
         keyed = np.uint32(mix(np.uint32(np.uint32(start + i) + first)) ^ second)
         poke(bits, i, np.int32(mix(keyed)))
@@ -47,8 +48,10 @@ def _hash(bits, start, first, second):
 def normal_row(out, bits, start, first, second):
     """Fill out (n,) float32 with the standard normal numbers `start`, `start` + 1, ... of an image,
     from its two keys, uint32; bits: (n,) int32 workspace."""
+    # in a loop without look-ups, which vectorises
     _hash(bits, start, first, second)
     for i in range(len(out)):
-        interval = np.uint32(np.uint32(peek(bits, i)) >> SHIFT) & UPPER
-        place = np.float32(np.int32(np.uint32(peek(bits, i)) & LOWER))
+        drawn = np.uint32(peek(bits, i))
+        interval = np.uint32(drawn >> SHIFT) & UPPER
+        place = np.float32(np.int32(drawn & LOWER))
         poke(out, i, peek(LOW, interval) + peek(STEP, interval) * place)

@@ -75,8 +75,8 @@ def _row_of(w):
 
 
 @inner
-def _look_ideally(x, y, square, r, view, per_square, h, w):
-    """Fill x, y and square (w,), see `_Row`, for row r of an image."""
+def _aim(x, y, square, r, view, per_square, h, w):
+    """Fill x, y and square (w,), the `_Row`'s ideal, for row r of an image."""
     v = r + 0.5 - h / 2
     half_w, bend, last = w / 2, 4.0 / (h * h + w * w), STEPS + 0.5
     ax, bx, ay, by, az, bz = (
@@ -120,8 +120,8 @@ def _bend(at, share, ideal, factor, h, w):
 def _place(row, r, view, factor, per_square, h, w):
     """Fill the _Row with where row r of an image (h, w) looks."""
     ideal = row.ideal
-    # the table is looked up in a loop of its own: the rest then vectorises
-    _look_ideally(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, h, w)
+    # in a loop without look-ups, which vectorises
+    _aim(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, h, w)
     _bend(row.at, row.share, ideal, factor, h, w)
 
 

@@ -10,9 +10,8 @@ from moireaug.engine.compiling import FUSED
 from moireaug.engine.random_numbers import normal_row
 
 
-@njit(
-    fastmath=FUSED
-)  # as in the kernels: their products and sums are fused, which these must not be
+# the kernels' products and sums are fused, which these must not be
+@njit(fastmath=FUSED)
 def fill(out, bits, start, first, second):
     normal_row(out, bits, start, first, second)
 
