@@ -11,8 +11,9 @@ from moireaug.engine.nodes import bracket
 from moireaug.engine.random_numbers import keys
 from moireaug.engine.rows import BITS, LIGHT, NUMBERS, places_of, row_of
 from moireaug.engine.sensor import attenuate, read, reflect
+from moireaug.engine.shares import sizes
 from moireaug.engine.vectors import add
-from moireaug.engine.weights import blend, sizes
+from moireaug.engine.weights import blend
 
 ZERO = np.float32(0)
 BANDS = 224  # at least so many, if a photo has the rows; rows of a band share their weights

@@ -34,8 +34,8 @@ from moireaug.engine.rows import (
     X,
     Y,
 )
+from moireaug.engine.shares import sizes
 from moireaug.engine.view import look
-from moireaug.engine.weights import sizes
 
 ZERO = np.float32(0)
 

@@ -14,7 +14,8 @@ from moireaug.engine.view import jacobian
 
 FLAT = 5e-4  # if the logarithm of the view's scale changes by less, 4 and 2 nodes are enough
 MOST = 65
-SAMPLES = 5
+SAMPLES = 9  # along each axis of the photo, of how its view's scale changes
+SEEN = 5  # and of how many cells a pixel sees
 # how much the logarithm of the view's scale may change between two nodes of the amplitudes, and of
 # the weights
 STEP, STEP_OF_WEIGHTS = 0.15, 0.06
@@ -23,9 +24,9 @@ PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes les
 
 
 @inner
-def _sample(positions, k):
-    """Return the k-th of SAMPLES positions from the first to the last."""
-    return positions[(len(positions) - 1) * k // (SAMPLES - 1)]
+def _sample(positions, k, count):
+    """Return the k-th of `count` positions from the first to the last."""
+    return positions[(len(positions) - 1) * k // (count - 1)]
 
 
 @inner
@@ -34,8 +35,10 @@ def _fill_scales(seen, rows, cols, camera):
     spans along both axes of the panel."""
     for i in range(SAMPLES):
         for j in range(SAMPLES):
-            xu, xv, yu, yv = jacobian(_sample(cols, j), _sample(rows, i), camera)
-            seen[i, j, 0], seen[i, j, 1] = math.hypot(xu, xv), math.hypot(yu, yv)
+            u, v = _sample(cols, j, SAMPLES), _sample(rows, i, SAMPLES)
+            xu, xv, yu, yv = jacobian(u, v, camera)
+            seen[i, j, 0] = math.sqrt(xu * xu + xv * xv)
+            seen[i, j, 1] = math.sqrt(yu * yu + yv * yv)
 
 
 @inner
@@ -54,18 +57,18 @@ def _fastest(seen, axis_of_photo, highest, passed):
 
     passed: the highest frequency that passes the lens, in cycles per sensor pixel.
     """
-    change, cycles = 0.0, 0.0
+    least, cycles = 1.0, 0.0
     for i in range(SAMPLES):
         for j in range(SAMPLES - 1):
             for axis in range(2):
                 here, there = seen[i, j, axis], seen[i, j + 1, axis]
                 if axis_of_photo == 1:
                     here, there = seen[j, i, axis], seen[j + 1, i, axis]
-                low, high = min(here, there), max(here, there)
-                top = min(high * highest[axis], passed)
-                change = max(change, math.log(high / low) * (SAMPLES - 1))
-                cycles = max(cycles, top * (1 - low / high) * (SAMPLES - 1))
-    return change, cycles
+                high = max(here, there)
+                ratio = min(here, there) / high
+                least = min(least, ratio)
+                cycles = max(cycles, min(high * highest[axis], passed) * (1 - ratio))
+    return -math.log(least) * (SAMPLES - 1), cycles * (SAMPLES - 1)
 
 
 @inner
@@ -100,9 +103,9 @@ def _narrowed(rows, cols, camera, cell, widths, skew):
     """Return whether any of a few sensor pixels over the photo sees more cells than are looked
     at."""
     spread = np.empty((2, 2), np.float64)
-    for i in range(SAMPLES):
-        for j in range(SAMPLES):
-            u, v = _sample(cols, j), _sample(rows, i)
+    for i in range(SEEN):
+        for j in range(SEEN):
+            u, v = _sample(cols, j, SEEN), _sample(rows, i, SEEN)
             for kind in range(len(widths)):
                 if weights.spreads(
                     spread, u, v, camera, cell.period[kind], widths[kind], skew[kind], cell.radius

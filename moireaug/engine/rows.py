@@ -10,7 +10,7 @@ import numpy as np
 from moireaug.engine import harmonics, lookup
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.nodes import bracket
-from moireaug.engine.weights import sizes
+from moireaug.engine.shares import sizes
 
 ZERO, ONE = np.float32(0), np.float32(1)
 

@@ -114,13 +114,13 @@ def integral(x, sigma):
 
 
 @inner
-def add_integral(out, sign, start, step, sigma):
-    """Add sign * `integral` at start, start + step, ... to out (n,) float64."""
+def integrals(out, origin, step, sigma):
+    """Fill out (n,) float64 with `integral` at multiples of a step, of which 0 is at `origin`."""
     per_sigma = TAIL_STEPS / sigma
     for i in range(len(out)):
-        x = start + i * step
+        x = (i - origin) * step
         at = min(abs(x) * per_sigma, float(TAIL_END * TAIL_STEPS))
         k = np.int32(at)
         low = peek(TAIL_TABLE, k)
         beyond = low + (at - k) * (peek(TAIL_TABLE, np.int32(k + ONE32)) - low)
-        poke(out, i, out[i] + sign * (max(x, 0.0) + sigma * beyond))
+        poke(out, i, max(x, 0.0) + sigma * beyond)

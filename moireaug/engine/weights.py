@@ -9,17 +9,17 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, inner, loop
+from moireaug.engine.compiling import inner, loop
 from moireaug.engine.lookup import NARROW, WIDE
-from moireaug.engine.tables import TAIL_END, add_integral, integral
+from moireaug.engine.shares import Scratch, beside, fill_node, sizes
+from moireaug.engine.tables import integral
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import jacobian
 from moireaug.exposure.content import TAIL
 
 NARROWEST = 1e-12  # variance in cells
-GUARD = 1e-9
-FEWEST_PHASES, MOST_PHASES = 64, 512
-SMOOTH = 2e-3  # error of a weight that is interpolated linearly between phases
+GRAIN, MOST_PHASES = 16, 512  # phases are a multiple of GRAIN
+SMOOTH = 4e-3  # error of a weight that is interpolated linearly between phases
 FAINT = 1e-3  # of a pixel's light: cells that give less are not looked at
 
 
@@ -56,7 +56,7 @@ def _phases(spread, axis):
     needed = 1.0
     for i in range(len(spread)):
         needed = max(needed, 1 / math.sqrt(SMOOTH * spread[i, axis, 0] * spread[i, axis, 1]))
-    return FEWEST_PHASES * min(math.ceil(needed / FEWEST_PHASES), MOST_PHASES // FEWEST_PHASES)
+    return GRAIN * min(math.ceil(needed / GRAIN), MOST_PHASES // GRAIN)
 
 
 @inner
@@ -80,70 +80,6 @@ def _light(x, box, sigma, width):
 
 
 @inner
-def _add_two(total, light, middle):
-    """Add the light of the cells `middle` before and behind."""
-    for q in range(len(total)):
-        total[q] += light[middle - q] + light[middle + q]
-
-
-@inner
-def _shares(out, spread, width, taps, light, total):
-    """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to
-    1/2 from the nearest cell's centre. Distance 0 is there twice, as the first of the cells changes
-    there.
-
-    spread: box and standard deviation, see `spreads`. light, total: workspaces of at least
-    (2 taps + 1) phases / 2 + 1 and phases / 2 + 1 numbers.
-    """
-    box, sigma = spread[0], spread[1]
-    phases, cells = out.shape[0] - 2, out.shape[1]
-    half, looked_at = phases // 2, (2 * taps + 1) * phases // 2 + 1
-    seen = min(int(((box + width) / 2 + TAIL_END * sigma) * phases) + 2, looked_at)
-    fill(light[:looked_at], 0.0)
-    far, near, line = (box + width) / 2, (box - width) / 2, light[:seen]
-    add_integral(line, 1.0, far, 1 / phases, sigma)
-    add_integral(line, -1.0, near, 1 / phases, sigma)
-    add_integral(line, -1.0, -near, 1 / phases, sigma)
-    add_integral(line, 1.0, -far, 1 / phases, sigma)
-    for i in range(seen):
-        light[i] = max(light[i], 0.0)  # rounding may leave it a digit below zero
-    guard = GUARD * box
-    for q in range(half + 1):
-        total[q] = light[q] + guard
-    for k in range(1, taps + 1):
-        _add_two(total[: half + 1], light, k * phases)
-    for q in range(half + 1):
-        total[q] = 1 / total[q]
-    for j in range(cells):
-        k = j - cells // 2
-        for q in range(half + 1):
-            # a pixel q phases before the nearest cell's centre; as far behind, weights are mirrored
-            at = abs(k) * phases + (q if k >= 0 else -q)
-            share = np.float32(
-                (light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= taps else 0.0
-            )
-            out[half - q, j] = share
-            out[half + 1 + q, cells - 1 - j] = share
-
-
-@inner
-def sizes(phases, cells):
-    """Return how many weights a node has along x, and along both axes; phases: (2,)."""
-    of_x = (phases[0] + 2) * cells
-    return of_x, of_x + (phases[1] + 2) * cells
-
-
-@inner
-def _fill_node(out, spread, widths, taps, phases, cells, light, total):
-    """Fill out (n,) with the weights of a node along x, and then along y; spread: from `spreads`,
-    light, total: as in `_shares`."""
-    of_x, _ = sizes(phases, cells)
-    along_x, along_y = out[:of_x], out[of_x:]
-    _shares(along_x.reshape(phases[0] + 2, cells), spread[0], widths[0], taps, light, total)
-    _shares(along_y.reshape(phases[1] + 2, cells), spread[1], widths[1], taps, light, total)
-
-
-@inner
 def _fill_spreads(out, us, vs, camera, period, widths, skew, taps):
     """Fill out (rows * cols, axis, 2) with the `spreads` at nodes of the photo."""
     for r in range(len(vs)):
@@ -158,14 +94,14 @@ def weights(us, vs, camera, cell, widths, skew):
     (kinds, 2) int64, and its cells along each axis, (kinds,) int64.
 
     The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
-    cells) along x and then along y; see `_shares`.
+    cells) along x and then along y; see `shares.fill_node`.
 
     widths, skew: (kinds, 2), see `exposure_records.Exposure`.
     """
     kinds, rows, cols, taps = len(widths), len(vs), len(us), cell.radius
     spread = np.empty((kinds, rows * cols, 2, 2), np.float64)
     phases, cells = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
-    most, finest = 0, 0
+    most, finest, farthest = 0, 0, taps + 0.5
     for kind in range(kinds):
         _fill_spreads(
             spread[kind], us, vs, camera, cell.period[kind], widths[kind], skew[kind], taps
@@ -173,24 +109,29 @@ def weights(us, vs, camera, cell, widths, skew):
         for axis in range(2):
             phases[kind, axis] = _phases(spread[kind], axis)
             finest = max(finest, phases[kind, axis])
+            farthest = max(farthest, widths[kind, axis] / 2)
         cells[kind] = _cells(spread[kind], widths[kind], taps)
         most = max(most, sizes(phases[kind], cells[kind])[1])
     tables = np.empty((kinds, rows, cols * most), np.float32)
-    light = np.empty((2 * taps + 1) * finest // 2 + 1, np.float64)
-    total = np.empty(finest // 2 + 1, np.float64)
+    distances = (2 * taps + 1) * finest // 2 + 1
+    scratch = Scratch(
+        np.empty(distances + 2 * beside(farthest * finest), np.float64),
+        np.empty(distances, np.float64),
+        np.empty(finest // 2 + 1, np.float64),
+        np.empty(4, np.float64),
+    )
     for kind in range(kinds):
         n = sizes(phases[kind], cells[kind])[1]
         for r in range(rows):
             for c in range(cols):
-                _fill_node(
+                fill_node(
                     tables[kind, r, c * n : (c + 1) * n],
                     spread[kind, r * cols + c],
                     widths[kind],
                     taps,
                     phases[kind],
                     cells[kind],
-                    light,
-                    total,
+                    scratch,
                 )
     return tables, phases, cells
 
