@@ -33,7 +33,7 @@ def main() -> None:
 
     augment = AugmentationSequential(
         RandomAffine(degrees=10.0, translate=(0.05, 0.05), p=0.5),
-        RandomMoire(scene="screen_photo", p=0.5),  # rows that are not chosen cost nothing
+        RandomMoire(scene="screen_photo", p=0.5),  # computes only the chosen rows
         ColorJitter(brightness=0.1, p=0.5),
         data_keys=["input", "mask"],
     )

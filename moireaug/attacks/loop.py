@@ -39,12 +39,12 @@ class Attack(ABC):
     becomes an image.
 
     Where a gradient is exactly zero, or NaN, that element of the noise stays where it is. Logits
-    that become NaN or infinite are no answer, which is never right and never the target: without
-    targets, such an image is fooled.
+    that become NaN or infinite count as no answer, which is never right and never the target: in an
+    untargeted attack, such an image counts as fooled.
 
     Args:
         model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and
-            gradients are the same after the attack as before, also when it raises.
+            gradients are the same after the attack as before, even if it raises.
         eps: bound of the noise in [0, 1] units; a list gives one Result per value, in order.
         steps: gradient steps.
         step_size: in units of eps; None is min(1, 2.5 / steps), or 2 with the rule "apgd", and 1 /
@@ -57,9 +57,10 @@ class Attack(ABC):
             Above 1, allowed only with a single step, the noise may end outside the ball: N-FGSM (de
             Jorge et al., 2022).
         restarts: how many runs, the later ones from a random start; the best per image is kept.
-        until_fooled: an image takes no further step once it is fooled: as many are fooled, in less
-            time, by noise that goes less far beyond the decision boundary. Where the model answers
-            differently when asked twice, every step is taken: being fooled once says little there.
+        until_fooled: an image takes no further step once it is fooled: just as many are fooled, in
+            less time, by noise that goes less far beyond the decision boundary. If the model
+            answers the same input differently when asked twice, every step is taken, because being
+            fooled once says little.
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)

@@ -40,9 +40,9 @@ class MoireAttack(Attack):
     per image is returned. The printed order is the rule "printed", whose noise is larger than eps:
     see `rules.Printed`.
 
-    Where the adversary also moves the camera, every step exposes the screen again. The Result's
-    shot is then the one found, and `capture(images, result.shot, result.noise)` is its photo, as
-    always with noise at "raw".
+    If the adversary also moves the camera, every step exposes the screen again. The Result's shot
+    is then the one found. As always with noise at "raw", `capture(images, result.shot,
+    result.noise)` is its photo.
 
     Args:
         scene: a Scene, a preset's name or a dict.

@@ -21,15 +21,16 @@ SAME = 1e-12  # mean squared difference below which two inputs are the same up t
 
 
 class Photographed(nn.Module):
-    """A model that sees photos: logits = model(develop(raw, shot)), or model(capture(image, shot)).
+    """Put a camera in front of a model: logits = model(develop(raw, shot)), or
+    model(capture(image, shot)).
 
-    Any attack on an `nn.Module` whose inputs lie in [0, 1] attacks the camera and the model through
-    it: let it start from `clean`. Many attacks drop rows of the batch or change their order. Each
-    row is therefore matched to its shot by its values: it is taken for the nearest row of `clean`
-    (mean square), and refused where it has moved more than a quarter of the way towards another
-    row, or lies farther off than another row does. An attack that starts from noise or from another
-    row's input, or asks about a blank one, needs one image at a time: with a single row there is
-    nothing to tell apart.
+    Through it, any attack on an `nn.Module` whose inputs lie in [0, 1] attacks the camera and the
+    model together; start the attack from `clean`. Many attacks drop rows of the batch or change
+    their order. Each row is therefore matched to its shot by its values: it is taken for the
+    nearest row of `clean` (mean square), and refused if it has moved more than a quarter of the way
+    towards another row, or is farther from that nearest row than another row of `clean` is. An
+    attack that starts from noise or from another row's input, or queries a blank one, needs one
+    image at a time: with a single row there is nothing to tell apart.
 
     Args:
         model: (B, 3, H, W) photos in [0, 1] to (B, K) logits; a module becomes a submodule, so that
@@ -87,8 +88,8 @@ class Photographed(nn.Module):
         return self.model(self.photos(x))
 
     def photos(self, x: Tensor) -> Tensor:
-        """Return the photos (b, 3, H, W) in [0, 1] of such rows, each by its own shot; gradient and
-        errors as in a call."""
+        """Return the photos (b, 3, H, W) in [0, 1] of perturbed rows of `clean`, each by its own
+        shot; gradient and errors as in a call."""
         rows = self.rows(x).to(self.shot.device)
         return CAMERAS[self.noise_at](x, self.shot[rows]).to(self.dtype)
 

@@ -26,8 +26,8 @@ class Result:
             the last restart; with `until_fooled`, over the images that took it, and shorter where
             none was left.
         eps: the L-infinity bound of the noise. Under the rule "printed" it bounds delta, and
-            `noise` may exceed it; see `rules.Printed`. `CW` has no bound: its largest absolute
-            noise.
+            `noise` may exceed it; see `rules.Printed`. For `CW`, which has no bound, the largest
+            absolute noise.
         shot: the Shot of the photos; the one found, where a pose was searched; None for pixel
             attacks.
     """

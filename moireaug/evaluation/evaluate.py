@@ -57,7 +57,7 @@ def evaluate(
             factors, noise_position, adaptive and trust attack at the middle one; other suites have
             their own.
         steps: gradient steps of every attack.
-        n: images; None is all.
+        n: how many images; None is all.
         seed: of shots, targets and random starts.
         targets: name to model, for the suite "transfer".
         defences: name to defence, in addition to the paper's, or replacing the one of that name.
@@ -68,8 +68,8 @@ def evaluate(
             None keeps them in memory. Their keys hold weights, settings and pixels, so that model,
             targets, defences and networks must be Modules, defences of `defenses` or functions that
             can be imported.
-        lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16: the
-            LPIPS of every attack is measured with it. None measures none.
+        lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16, with
+            which the LPIPS of every attack is measured; None does not measure it.
         progress: whether a bar is shown.
 
     Returns:

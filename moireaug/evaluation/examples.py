@@ -50,7 +50,7 @@ def run_examples(
 def table_examples(
     table: Table, runner: Runner, classes: Mapping[int, str], name: str
 ) -> list[Example]:
-    """Return a table's pictures of one image, the first that the model has right, with its answer
+    """Return a table's pictures of one image, the first that the model gets right, with its answer
     to each."""
     clean = runner.record(CLEAN, UNDEFENDED, 0)
     kept = runner.records.picture(runner.picture_name(CLEAN))

@@ -26,7 +26,7 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
 
     Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `steps`, `targeted`, `judge`;
     `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether the attack's
-    goal is reached; `counted`, whether the judge without its defence has the clean image right;
+    goal is reached; `counted`, whether the judge without its defence gets the clean image right;
     `undecided`, whether the logits were not finite; `seconds`, the image's share; and what was
     measured, such as `psnr`.
     """
@@ -88,7 +88,7 @@ def _condition_frame(
 
 
 def _worst(shown: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Return each image at the worst of several conditions."""
+    """Return the worst of several conditions for each image."""
     worst = shown[0][["label", "counted", "image"]].copy()
     for name in ("fooled", "undecided"):
         worst[name] = np.any([one[name] for one in shown], axis=0)

@@ -34,7 +34,7 @@ class Judge:
 
     @property
     def base(self) -> str:
-        """The judge without its defence: success counts the images that it has right when clean."""
+        """The judge without its defence; success counts the images that it gets right clean."""
         return UNDEFENDED.name if self.model is None else self.name
 
     def logits(self, batch: EvalBatch, shown: Tensor) -> Tensor:

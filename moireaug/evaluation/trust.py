@@ -2,8 +2,8 @@
 gradients.
 
 After Carlini et al., "On evaluating adversarial robustness" (2019), and Athalye et al., "Obfuscated
-gradients give a false sense of security" (2018). Success rates are of the images that the model has
-right when clean.
+gradients give a false sense of security" (2018). Success rates are of the images that the model
+gets right when clean.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ class Seen:
 
 
 def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> list[Check]:
-    """Return every check, failed ones first, then warnings; a single warning where the model has no
+    """Return every check, failed ones first, then warnings; a single warning if the model gets no
     image right.
 
     Args:

@@ -1,4 +1,4 @@
-"""How a scene is told in few words: the preset that it is, or what it changes."""
+"""Describe a scene in a few words: the preset that it is, or the fields that it changes."""
 
 from __future__ import annotations
 

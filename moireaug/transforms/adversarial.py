@@ -29,8 +29,8 @@ from moireaug.transforms.torchvision import CARRIED, SHOWN, wrap
 
 
 class AdversarialMoire(v2.Transform):
-    """The adversarial variant of RandomMoire, used like `v2.MixUp`: on a batch, in the training
-    step or a collate.
+    """Photograph images on a screen with the noise that fools a model most. Used like `v2.MixUp`:
+    on a batch, in the training step or in a `collate_fn`.
 
         adversarial = AdversarialMoire(model, scene="screen_photo", eps=4 / 255, steps=5)
         images, labels = adversarial(images, labels)
@@ -42,23 +42,23 @@ class AdversarialMoire(v2.Transform):
         scene: a Scene, a preset's name or a dict; one shot is drawn per image.
         eps, steps, step_size, loss, random_start: as in `attacks.Attack`.
             `steps=1, random_start=2, step_size=1` is N-FGSM (de Jorge et al., 2022).
-        labels_getter: as in `v2.MixUp`: "default" takes the second of several inputs, or what is
-            named "labels", or something with "label" in it, in a dict; or a callable that takes the
+        labels_getter: as in `v2.MixUp`: "default" takes the second of several inputs or, in a dict,
+            the entry named "labels" or one with "label" in its name; or a callable that takes the
             sample and returns its labels.
-        p: probability that an image is photographed; the others pass unchanged.
+        p: probability that an image is photographed; the others are returned unchanged.
 
-    A sample is images and labels, or any nesting of dicts, tuples and lists that holds them; all
-    else in it passes untouched. Images are one pure tensor or `tv_tensors.Image` (B, C, H, W),
-    C = 3 or 1 (grey), uint8 or float in [0, 1], of which type and dtype are kept. Labels are (B,)
-    class indices, also as whole floats, or (B, classes) weights, as `v2.MixUp`, `v2.CutMix` and
-    one-hot give them: then the class of the greatest weight is attacked. They are returned
-    unchanged.
+    A sample is images and labels, or any nesting of dicts, tuples and lists that holds them;
+    everything else in it passes through untouched. Images are one pure tensor or
+    `tv_tensors.Image` (B, C, H, W), C = 3 or 1 (grey), uint8 or float in [0, 1]; type and dtype are
+    kept. Labels are (B,) class indices, as integers or whole floats, or (B, classes) weights, as
+    `v2.MixUp`, `v2.CutMix` and one-hot encodings give them; the class of the greatest weight is
+    then attacked. They are returned unchanged.
 
     Call with `generator=` to draw from a CPU generator instead of torch's global one.
 
     Raises:
         TypeError, ValueError: a sample without one batch of images and its labels; masks, boxes or
-            key points beside a scene in the camera's frame, where they would have to move; others
+            key points with a scene in the camera's frame, where they would have to move; others
             as in `attacks.MoireAttack`.
     """
 

@@ -56,12 +56,12 @@ class RandomMoire(DualTransform):
         1, 3
 
     Images are (H, W, 3), or (H, W) and (H, W, 1) for grey, which is shown as grey RGB and returned
-    as luma; uint8, or any float in [0, 1], so use it before `A.Normalize`; what resizing, blur or
-    noise left a little outside is clipped, see `moireaug.checks`. Images and volumes share one
-    shot. Shape and dtype are kept.
+    as luma; uint8, or any float in [0, 1], so use it before `A.Normalize`. Values that resizing,
+    blur or noise left a little outside are clipped, see `moireaug.checks`. Images and volumes share
+    one shot. Shape and dtype are kept.
 
     Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's
-    frame (`Develop(registered=False)` with a pose or a lens): then they move with the picture:
+    frame (`Develop(registered=False)` with a pose or a lens); then they move with the picture:
     masks to the nearest pixel, bboxes to those that enclose the moved ones, clamped to the photo,
     keypoints with their angle and scale, in albumentations' pixel-index coordinates. The parameters
     are plain numbers: `ReplayCompose` and JSON can hold them.

@@ -46,16 +46,16 @@ class RandomMoire(v2.Transform):
 
     Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H,
     W) and PIL images of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB
-    and returned as luma; uint8 or floating point in [0, 1], so use it before `v2.Normalize`; what
-    resizing, blur or noise left a little outside is clipped, see `moireaug.checks`. Type, shape,
-    dtype and device are kept; inputs are never modified.
+    and returned as luma; uint8 or floating point in [0, 1], so use it before `v2.Normalize`. Values
+    that resizing, blur or noise left a little outside are clipped, see `moireaug.checks`. Type,
+    shape, dtype and device are kept; inputs are never modified.
 
     A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is
     one scene: its frames share the shot and differ only in sensor noise. Images of one sample share
     the draw. Images that are not chosen are returned unchanged. Differentiable in floating-point
     images.
 
-    Labels, masks, boxes and key points pass untouched, as the same objects, unless the scene leaves
+    Labels, masks, boxes and key points are returned as the same objects, unless the scene leaves
     the photo in the camera's frame (`Develop(registered=False)` with a pose or a lens): then masks,
     boxes, key points and a PIL image's alpha move with the picture. Boxes become those that enclose
     the moved ones, clamped to the canvas unless their `clamping_mode` is None; key points may leave
