@@ -12,7 +12,7 @@ from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, worst_
 
 PRINTED = ("mopnet", "mddm", "fhde2net", "amnet")  # the paper's networks
 LARGER_EPS = 8 / 255  # the paper's other bound
-NOT_GIVEN = "no weights were given, and its authors' cannot be had here"
+NOT_GIVEN = "no weights were given"
 # the columns of the worst case: all through the camera, at one bound
 CAMERA = ("moire", "ma", "adaptive")
 
