@@ -91,10 +91,16 @@ def orthogonal(matrix: Tensor) -> Tensor:
     start = matrix.to(torch.promote_types(matrix.dtype, torch.float32))
     start = start / start.norm().clamp(min=1e-7)
     gram = start @ start.mT
-    product = torch.eye(rows, dtype=start.dtype, device=start.device)
-    for _ in range(ITERATIONS):
-        factor = CUBIC * gram + QUINTIC * (gram @ gram)
-        factor.diagonal().add_(LINEAR)
-        product = factor @ product
+    factor = product = _factor(gram)
+    for _ in range(ITERATIONS - 1):
         gram = factor @ gram @ factor  # that of product @ start, as all three commute
+        factor = _factor(gram)
+        product = factor @ product
     return (product @ start).to(matrix.dtype)
+
+
+def _factor(gram: Tensor) -> Tensor:
+    """Return what one iteration multiplies a matrix by, from its Gram matrix."""
+    factor = CUBIC * gram + QUINTIC * (gram @ gram)
+    factor.diagonal().add_(LINEAR)
+    return factor
