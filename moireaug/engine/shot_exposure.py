@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from moireaug.effects import prefilter
-from moireaug.effects.display import white_readings
 from moireaug.effects.flicker import flicker
 from moireaug.engine import lowering, pose
 from moireaug.engine.exposure_records import Cell, Exposure, Point, Sites
@@ -48,7 +47,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> Exposure:
         size=shot.size,
         cameras=_cameras_of(shot, drawn),
         filters=filters,
-        white=_white_of(shot),
+        white=_white_of(shot, filters),
         black=black,
         cell=_cell(shot.scene),
         coefficients=coefficients,
@@ -94,12 +93,10 @@ def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
 
 def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the coefficients, widths and skews of the cell's kinds of subpixel."""
-    layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
-    width, height = (share.detach() for share in emitting_share(shot.panel))
-    if method.name == "mean":
-        light = torch.stack([mean_light(layout, channel, width, height) for channel in range(3)], 1)
+    if shot.plan.method.name == "mean":
         widths = np.ones((len(shot), 3, 2))
-        return light[:, :, None, None].numpy(), widths, np.zeros_like(widths)
+        return _mean_light(shot)[:, :, None, None], widths, np.zeros_like(widths)
+    width, height = (share.detach() for share in emitting_share(shot.panel))
     kinds = _kinds(shot.scene).values()
     edges = np.array([(s.across, s.down) for s in kinds])
     shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
@@ -113,12 +110,21 @@ def _point_of(shot: ShotRecord) -> Point:
     return Point(np.array(rectangles, np.float64), layout.raster, (width * height).detach().numpy())
 
 
-def _white_of(shot: ShotRecord) -> np.ndarray:
-    """Return what each plane reads of a white screen on average, (B, planes) float64; zeros without
-    glare."""
+def _white_of(shot: ShotRecord, filters: np.ndarray) -> np.ndarray:
+    """Return what each plane reads of a white screen on average, (B, planes) float64, as
+    `effects.display.white_readings` does; zeros without glare."""
+    channel = _sites(shot.scene, shot.size).channel
     if "glare" not in shot.plan:
-        return np.zeros((len(shot), shot.raw_shape()[1]))
-    return white_readings(shot).detach().contiguous().numpy()
+        return np.zeros((len(shot), len(channel)))
+    light = _mean_light(shot)
+    return (filters @ light[:, :, None])[:, channel, 0]
+
+
+def _mean_light(shot: ShotRecord) -> np.ndarray:
+    """Return the share of the panel's area that emits each colour, (B, 3) float64."""
+    layout = as_layout(shot.scene.panel.layout)
+    width, height = (share.detach().numpy() for share in emitting_share(shot.panel))
+    return np.stack([mean_light(layout, channel, width, height) for channel in range(3)], 1)
 
 
 def _flicker_of(shot: ShotRecord) -> np.ndarray:

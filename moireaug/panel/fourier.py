@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TypeVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -11,6 +13,7 @@ from moireaug.scene.layout import Layout
 from moireaug.scene.subpixel import Subpixel
 
 Orders = tuple[int, int]  # of a harmonic along x and y: cycles per cell
+Numbers = TypeVar("Numbers", Tensor, np.ndarray)
 
 
 def coefficient(
@@ -41,12 +44,10 @@ def own_orders(subpixel: Subpixel, layout: Layout, harmonics: Iterable[Orders]) 
     return [(k // across, l // down) for k, l in harmonics if k % across == 0 and l % down == 0]
 
 
-def mean_light(layout: Layout, channel: int, width: Tensor, height: Tensor) -> Tensor:
-    """Return the share of the panel's area that emits one channel, (B,)."""
-    share = torch.zeros_like(width)
-    for subpixel in layout.of(channel):
-        share = share + width * height * subpixel.density
-    return share
+def mean_light(layout: Layout, channel: int, width: Numbers, height: Numbers) -> Numbers:
+    """Return the share of the panel's area that emits one channel, (B,), from the shares of a
+    subpixel's edges that do."""
+    return width * height * sum(subpixel.density for subpixel in layout.of(channel))
 
 
 def emitting_share(panel) -> tuple[Tensor, Tensor]:

@@ -60,7 +60,7 @@ def metrics_of(cwd, name):
 def test_a_killed_evaluation_goes_on_where_it_was(weights, straight, tmp_path):
     """And gives the figures of one that was never stopped."""
     process = run(tmp_path, weights, "suite=noise_position")
-    until, kept = time.time() + 120, 0
+    until, kept = time.time() + 240, 0
     while time.time() < until and kept < 4 and process.poll() is None:
         found = list(tmp_path.glob("runs/reattack/small_resnet/records/records-0.jsonl"))
         kept = len(found[0].read_text().splitlines()) if found else 0
