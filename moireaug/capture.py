@@ -50,7 +50,8 @@ def expose(image: Tensor, shot: ShotRecord) -> Tensor:
     Arguments, gradients and errors as in `capture`. The reading is float64 for float64
     images, else float32.
     """
-    return reading_of(check_images(image), shot)
+    raw = reading_of(check_images(image), shot)
+    return raw.clone() if raw is image else raw  # where nothing is called for: it may be written to
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:

@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 
 from moireaug.numeric import clip, is_transformed
+from moireaug.scene.by_name import limits
 from moireaug.scene.shot import ShotRecord
 
 MOST_CLIPPED = 0.18
@@ -117,7 +118,7 @@ def _looks_like(image: Tensor, row: int) -> str:
 
 def check_shot(image: Tensor, shot: ShotRecord) -> None:
     """Refuse a batch (B, 3, H, W) that a shot was not drawn for, and a shot whose fields are not
-    (B,) finite numbers.
+    (B,) numbers that a scene may have.
 
     Raises:
         TypeError: not a shot.
@@ -142,14 +143,23 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
                 f"a shot's fields must hold one number per image, here of shape ({n},); "
                 f"got {tuple(values.shape)} as shot.{name}."
             )
-    if is_transformed():
+    if not is_transformed():
+        _check_numbers(shot)
+
+
+def _check_numbers(shot: ShotRecord) -> None:
+    """Refuse a shot with a number that no scene may have: the engine's kernels would look up what
+    is not there."""
+    numbers, (lowest, highest) = shot.numbers(), limits()
+    table = torch.stack(list(numbers.values())).detach()
+    low, high = table.new_tensor(lowest)[:, None], table.new_tensor(highest)[:, None]
+    if (table.isfinite() & (table >= low) & (table <= high)).all():
         return
-    if torch.stack(list(numbers.values())).isfinite().all():
-        return
-    for name, values in numbers.items():
-        if not values.isfinite().all():
+    for (name, values), least, greatest in zip(numbers.items(), lowest, highest, strict=True):
+        if not ((values >= least) & (values <= greatest)).all():
             raise ValueError(
-                f"a shot's numbers must be finite; got {values.tolist()} as shot.{name}."
+                f"a shot's numbers must be finite, and shot.{name} lie in [{least:g}, "
+                f"{greatest:g}]; got {values.tolist()}."
             )
 
 

@@ -258,3 +258,23 @@ def test_a_field_that_is_not_one_number_an_image_is_named(value, images):
         ValueError, match=r"one number per image, here of shape \(4,\); got .* as shot.view.yaw"
     ):
         capture(images, shot)
+
+
+@pytest.mark.parametrize(
+    ("part", "field", "value"), [("panel", "lit", -0.01), ("sensor", "fill", 0.0)]
+)
+def test_a_number_that_no_scene_may_have_is_named(part, field, value):
+    shot = Scene.preset("screen_photo").sample(1, (8, 8))
+    wrong = dataclasses.replace(
+        getattr(shot, part), **{field: torch.tensor([value], dtype=torch.float64)}
+    )
+    with pytest.raises(ValueError, match=rf"shot.{part}.{field} lie in \[0.001, 1\]; got"):
+        capture(torch.rand(1, 3, 8, 8), dataclasses.replace(shot, **{part: wrong}))
+
+
+def test_a_reading_is_not_the_callers_image():
+    images = torch.full((1, 3, 8, 8), 0.5)
+    nothing = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
+    raw = expose(images, nothing.sample(1, (8, 8)))
+    raw += 0.25
+    assert (images == 0.5).all()

@@ -101,7 +101,10 @@ class MoireAttack(Attack):
             shot = scene.sample(len(images), size, generator)
         with torch.no_grad():
             base = NOISE_AT[self.noise_at][0](images, shot)
-        drawn = shot.to(images.device) if moved_fields(shot.scene, self.optimise) else shot
+        drawn = shot
+        if moved_fields(shot.scene, self.optimise):
+            # a shot that was drawn in inference mode takes no gradient
+            drawn = shot._map(torch.clone).to(images.device)
         return self._drawn(images, drawn, base, generator)
 
     def _drawn(

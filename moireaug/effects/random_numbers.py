@@ -36,7 +36,7 @@ def quantiles() -> tuple[Tensor, Tensor]:
     last = ends[-1]
     outer = (INTERVALS - inner) * 3 / 2
     end = (math.sqrt(4 * outer - 3 * last * last) - last) / 2
-    edges = torch.tensor([-end, *ends, end], dtype=torch.float64)
+    edges = torch.tensor([-end, *ends, end], dtype=torch.float64, device="cpu")
     return edges[:-1].float(), (edges.diff() / PLACES).float()
 
 

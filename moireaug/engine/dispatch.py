@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from moireaug import pipeline
 from moireaug.effects.base import Effect
@@ -95,7 +96,7 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
         return pipeline.expose(as_float(light), shot)
     # each image by itself, so that its reading does not depend on the rest of the batch
     if not fits.all():
-        raw = torch.empty(shot.raw_shape())
+        raw = torch.empty(shot.raw_shape(), dtype=torch.float32, device="cpu")
         for rows in (torch.from_numpy(fits), torch.from_numpy(~fits)):
             raw[rows] = expose(light[rows], shot[rows])
         return raw
@@ -139,6 +140,8 @@ def as_float(images: Tensor) -> Tensor:
 def _runs(tensor: Tensor) -> bool:
     known = tensor.dtype in (torch.float32, torch.uint8)
     if not known or tensor.device.type != "cpu" or not tensor.numel():
+        return False
+    if forward_ad.unpack_dual(tensor).tangent is not None:
         return False
     return type(tensor) is Tensor and not is_transformed() and not _unavailable()
 

@@ -155,7 +155,7 @@ def _taps(
     """Return (site, channel, row, ((plane, column, weight), ...)), rows and columns of cells
     counted from the one before."""
     side = 5
-    lit = torch.eye(4 * 9, dtype=torch.float64).reshape(36, 4, 3, 3)
+    lit = torch.eye(4 * 9, dtype=torch.float64, device="cpu").reshape(36, 4, 3, 3)
     planes = torch.nn.functional.pad(lit, (1, 1, 1, 1))
     colours = demosaic(torch.nn.functional.pixel_shuffle(planes, 2)[:, 0])
     # the two by two pixels of the cell in the middle

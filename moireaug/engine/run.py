@@ -110,7 +110,7 @@ class _Develop(torch.autograd.Function):
     def forward(ctx, raw: Tensor, d: Development) -> Tensor:
         n, h = len(raw), d.size[0]
         noted = n if d.finishes and ctx.needs_input_grad[0] else 0
-        inside = torch.empty(noted, 3, *d.detail.size, dtype=torch.uint8)
+        inside = torch.empty(noted, 3, *d.detail.size, dtype=torch.uint8, device="cpu")
         ctx.save_for_backward(raw, inside)
         ctx.development = d
         photo = _empty(n, 3, *d.size)

@@ -16,10 +16,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import torch
 
+from moireaug import engine
+
 PARTS = 4  # of a batch per thread, one after another, as images take different times
 LEAST = 32  # rows of an image that are worth a thread
 TASK = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
-_parent = os.getpid()
 
 
 def surplus(n: int, rows: int) -> int:
@@ -68,7 +69,7 @@ def together(task: Callable[[], None], threads: int) -> None:
     """Call a task, which must not raise, on several threads at once, and wait for all of them."""
     parallel = _openmp()
     # OpenMP's threads do not survive a fork
-    if parallel is None or os.getpid() != _parent:
+    if parallel is None or os.getpid() != engine.PROCESS:
         with ThreadPoolExecutor(threads) as pool:
             for _ in range(threads):
                 pool.submit(task)

@@ -27,19 +27,19 @@ def exposure_of(scene: SceneRecord) -> Exposure:
     its tolerance.
 
     "auto" is `spectral` where harmonics of up to order 29 per panel pixel, and at most 1024 of
-    them, carry all contrast above the tolerance; else `box`.
+    them, carry all contrast above the tolerance, or where subpixels are slanted; else `box`.
 
     Raises:
-        ValueError: "point" for a panel whose subpixels are not rectangles.
+        ValueError: "point" or "box" for a panel whose subpixels are not rectangles.
     """
     method, _, n = scene.sensor.exposure.partition(":")
+    slanted = [s for s in as_layout(scene.panel.layout).all() if not s.is_rectangle]
+    if method in ("point", "box") and slanted:
+        raise ValueError(
+            f"Sensor.exposure = {method!r} takes subpixels for rectangles; this Panel.layout has "
+            f"slanted ones, the first {slanted[0]!r}. Use 'auto' or 'supersample:8'."
+        )
     if method == "point":
-        for subpixel in as_layout(scene.panel.layout).all():
-            if not subpixel.is_rectangle:
-                raise ValueError(
-                    "Sensor.exposure = 'point' samples a raster of rectangles; this Panel.layout "
-                    f"has slanted subpixels, the first {subpixel!r}. Use 'auto' or 'supersample:8'."
-                )
         return Point()
     if method == "supersample":
         return Supersample(int(n))
@@ -49,7 +49,8 @@ def exposure_of(scene: SceneRecord) -> Exposure:
     if method == "box":
         return Box(taps)
     found = extremes.harmonics(scene)
-    if method == "auto" and (len(found) > MOST_HARMONICS or _is_cut(scene, found)):
+    endless = len(found) > MOST_HARMONICS or _is_cut(scene, found)
+    if method == "auto" and endless and not slanted:
         return Box(taps)
     return Spectral(taps, tuple(pair for pair, _ in found), fine=extremes.narrowest(scene) < FINE)
 

@@ -70,7 +70,7 @@ class SampledPixels:
         count = self.size * self.step if self.step else max(1, round(self.size * self.scale))
         return slice(self.lead, self.lead + count)
 
-    def positions(self, device: torch.device | None = None) -> Tensor:
+    def positions(self, device: torch.device | str = "cpu") -> Tensor:
         """Return the photo coordinates of the pixels' centres, (len(index),) float64."""
         return (torch.tensor(self.index, dtype=torch.float64, device=device) + 0.5) / self.scale
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,6 +28,19 @@ def parts_with(record: Any, numbers: Mapping[str, Any]) -> dict[str, Any]:
         part = getattr(record, name)
         parts[name] = part.drawn({field: numbers[f"{name}.{field}"] for field in part.ranged})
     return parts
+
+
+@functools.cache
+def limits() -> tuple[list[float], list[float]]:
+    """Return the least and the greatest value that each field may have, in the order of
+    `values_of`."""
+    low, high = [], []
+    for part in PARTS.values():
+        for name in part.ranged:
+            allowed = part.__dataclass_fields__[name].metadata
+            low.append(allowed["low"])
+            high.append(allowed["high"])
+    return low, high
 
 
 def by_part(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -160,9 +160,9 @@ class Shot(ShotRecord):
                 raise ValueError(
                     f"a shot's {name} must hold {n} numbers, one per image of its seed list."
                 )
-            numbers[name] = torch.tensor(given, dtype=torch.float64)
+            numbers[name] = torch.tensor(given, dtype=torch.float64, device="cpu")
         h, w = values["size"]
-        seed = torch.tensor(values["seed"], dtype=torch.int64)
+        seed = torch.tensor(values["seed"], dtype=torch.int64, device="cpu")
         return Shot(scene=scene, size=(h, w), seed=seed, **parts_with(scene, numbers))
 
 
@@ -190,8 +190,9 @@ def draw(
         )
     ranges = {name: bounds(value) for name, value in values_of(scene).items()}
     varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]
-    u = torch.rand(n, len(varied) + 1, dtype=torch.float64, generator=generator)
-    low, high = torch.tensor(list(ranges.values()), dtype=torch.float64).mT[..., None]
+    u = torch.rand(n, len(varied) + 1, dtype=torch.float64, device="cpu", generator=generator)
+    given = torch.tensor(list(ranges.values()), dtype=torch.float64, device="cpu")
+    low, high = given.mT[..., None]
     values = low.repeat(1, n)
     values[varied] = low[varied] + (high - low)[varied] * u[:, :-1].mT
     numbers = {}

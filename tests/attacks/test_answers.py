@@ -4,8 +4,10 @@ wrong one."""
 import math
 from collections import namedtuple
 
+import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from moireaug import Scene, Sensor, attacks
 from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, NoAnswerError, SquareMoire
@@ -170,3 +172,18 @@ def test_a_result_prints_as_one_line(model, batch):
         )
     assert "\n" not in str(result)
     assert str(PGD(model, steps=0)(*batch)).endswith("images fooled)")
+
+
+@pytest.mark.parametrize("restarts", [1, 2])
+def test_one_image_without_an_answer_does_not_end_the_restarts_of_others(restarts):
+    torch.manual_seed(0)
+    net = nn.Sequential(nn.AdaptiveAvgPool2d(8), nn.Flatten(), nn.Linear(192, 10))
+
+    def model(x):
+        return torch.where((x.mean((1, 2, 3)) < 0.3)[:, None], float("nan"), net(x))
+
+    images, labels = torch.rand(4, 3, 32, 32), torch.arange(4)
+    images[1] = 0
+    attack = PGD(model, eps=np.float32(0.2), steps=40, restarts=restarts, until_fooled=True)
+    found = attack(images, labels, (labels + 1) % 10)
+    assert found.success.tolist() == [True, False, True, True]

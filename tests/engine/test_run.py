@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, Dataset
 
-from moireaug import Scene, capture, develop, expose
+from moireaug import Scene, View, capture, develop, expose
 from moireaug.engine import ahead, compiling, explain, reference, run, threads
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
@@ -287,3 +287,52 @@ def test_processes_that_start_together_compile_a_kernel_once(tmp_path):
         process.stdin.flush()
     said = [process.communicate(timeout=120)[0].split() for process in started]
     assert sorted(said) == [[b"0", b"1"], [b"1", b"0"]]
+
+
+FORKED = """
+import multiprocessing as mp
+import torch
+from moireaug import Scene, capture
+scene = Scene.preset("screen_photo")
+def work(seed):
+    shot = scene.sample(4, (40, 40), torch.Generator().manual_seed(seed))
+    return capture(torch.full((4, 3, 40, 40), 0.5), shot)
+if __name__ == "__main__":
+    torch.set_num_threads(2)
+    torch.rand(64, 3, 64, 64).sqrt()  # PyTorch's threads start
+    with mp.get_context("fork").Pool(1) as pool:
+        found = pool.map_async(work, [0]).get(200)
+    assert torch.equal(found[0], work(0))
+"""
+
+
+def test_a_forked_process_takes_the_first_photo(tmp_path):
+    script = tmp_path / "forked.py"
+    script.write_text(FORKED)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    subprocess.run([sys.executable, script], check=True, timeout=300, env=environment)
+
+
+def test_the_defaults_of_torch_change_nothing():
+    scene = Scene(view=View(yaw=(0, 89), pitch=(0, 89), fov=60))  # the reference takes some rows
+    shot, images = (
+        scene.sample(16, (32, 32), torch.Generator().manual_seed(0)),
+        torch.rand(16, 3, 32, 32),
+    )
+    expected = capture(images, shot)
+    torch.set_default_dtype(torch.float64)
+    try:
+        assert torch.equal(capture(images, shot), expected)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    with torch.device("meta"):  # as where it is a GPU
+        again = SHOT.scene.sample(4, (16, 20), torch.Generator("cpu").manual_seed(0))
+        assert torch.equal(capture(IMAGES, again), photos())
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
+def test_a_tangent_is_not_lost():
+    with torch.autograd.forward_ad.dual_level():
+        dual = torch.autograd.forward_ad.make_dual(IMAGES, torch.ones_like(IMAGES))
+        with pytest.raises(NotImplementedError, match="forward AD"):  # of the reference's sampling
+            capture(dual, SHOT)

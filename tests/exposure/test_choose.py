@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from benchmarks import problems
-from moireaug import Lens, Panel, Scene, View, expose
+from moireaug import Lens, Panel, Scene, Sensor, View, expose
 
 TAPS = [  # scene, panel pixels along an axis that a sensor pixel sees
     (Scene(panel=Panel(scale=0.1, layout="led")), 1),
@@ -61,3 +61,19 @@ def test_another_exposure_is_not():
         given.scene, sensor=dataclasses.replace(given.scene.sensor, exposure="mean")
     )
     assert error(dataclasses.replace(given, scene=mean), 13, 21) > 5
+
+
+@pytest.mark.parametrize("layout", ["chevron", "pentile_diamond"])
+def test_slanted_subpixels_are_never_taken_for_boxes(layout):
+    scene = Scene(panel=Panel(layout=layout, scale=0.03), sensor=Sensor(scale=2, cfa="none"))
+    assert scene.plan().exposure == "spectral"
+    readings = []
+    for exposure in ("auto", "supersample:8"):
+        sensor = dataclasses.replace(scene.sensor, exposure=exposure)
+        shot = dataclasses.replace(scene, sensor=sensor).sample(1, (24, 24))
+        readings.append(expose(torch.ones(1, 3, 24, 24), shot))
+    apart = (readings[0] - readings[1]).square().mean().sqrt()
+    assert apart < 0.15 * readings[1].mean()  # a box is off by 0.78 and 1.4
+    with pytest.raises(ValueError, match="'box' takes subpixels for rectangles"):
+        boxed = dataclasses.replace(scene.sensor, exposure="box")
+        dataclasses.replace(scene, sensor=boxed).plan()

@@ -122,7 +122,7 @@ def test_points_of_slanted_subpixels_are_refused():
     scene = Scene(panel=Panel(layout=SLANTED), sensor=Sensor(exposure="point"))
     for use in (scene.plan, lambda: scene.sample(1, (4, 4))):
         with pytest.raises(
-            ValueError, match=r"samples a raster of rectangles.*Use 'auto' or 'supersample:8'"
+            ValueError, match=r"takes subpixels for rectangles.*Use 'auto' or 'supersample:8'"
         ):
             use()
 
