@@ -7,6 +7,9 @@ from torch.utils.data import DataLoader, Dataset
 from torch.utils.data.distributed import DistributedSampler
 
 from training.data import Splits
+from training.eval_batches import PIXELS
+
+MOST_VAL = 320  # images of a batch of validation
 
 
 class Batches(L.LightningDataModule):
@@ -53,4 +56,6 @@ class Batches(L.LightningDataModule):
         return self._loader(sampler, self.batch_size, True)
 
     def val_dataloader(self) -> DataLoader:
-        return self._loader(self._sampler(self.splits.val, shuffle=False), 320, False)
+        side = self.splits.val[0][0].shape[-1]
+        size = max(1, min(MOST_VAL, PIXELS // side**2))  # they are attacked, with gradients
+        return self._loader(self._sampler(self.splits.val, shuffle=False), size, False)

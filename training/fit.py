@@ -197,9 +197,13 @@ def one_run(
     protocol = protocol_of(cfg, splits)
     records = run.folder / "records"
     attacked = {cfg.recipe: attack(classifier.model, protocol, records, cfg.recipe, check=check)}
-    metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
-    if other := runs.baseline_config(cfg):
+    # what an earlier run kept may be of other images: a folder's may have changed since
+    if start and (first := runs.start_config(cfg)):
+        start = start | describe(again(first, protocol))
+    if baseline and (other := runs.baseline_config(cfg)):
         attacked[other.recipe] = again(other, protocol)
+        baseline = baseline | describe(attacked[other.recipe])
+    metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
     seconds = {**spent, "train": train["wall_seconds"], **attacked[cfg.recipe].seconds}
     metrics = publish(run.folder, metrics, attacked, splits.classes, seconds)
     (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it

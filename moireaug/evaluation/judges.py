@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import numbers
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -101,10 +102,24 @@ def _place(part: object) -> str:
     return f"{module}.{name}"
 
 
+def _tells(value: object) -> bool:
+    """Return whether `identity` is the same for an equal value in another process."""
+    if isinstance(value, tuple | list):
+        return all(_tells(inner) for inner in value)
+    if callable(value):
+        return bool(_place(value))
+    return value is None or isinstance(value, Tensor | str | numbers.Number)
+
+
 def digest(model: nn.Module) -> str:
-    """Return sixteen hex digits that change with a weight, a buffer or a layer's settings; code in
-    a custom `forward` is not seen."""
+    """Return sixteen hex digits that change with a weight, a buffer or a layer's settings: numbers,
+    text, tensors and functions that it holds; code in a custom `forward` is not seen."""
     sums = hashlib.sha256(repr(model).encode())
+    for name, layer in model.named_modules():
+        sums.update(f"{name} {type(layer).__qualname__}".encode())
+        for setting, value in sorted(vars(layer).items()):
+            if not setting.startswith("_") and setting != "training" and _tells(value):
+                sums.update(f"{setting} {identity(value)}".encode())
     values = {**model.state_dict(), **dict(model.named_buffers())}  # some buffers are not saved
     for name, value in sorted(values.items()):
         sums.update(name.encode())

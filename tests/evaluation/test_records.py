@@ -109,3 +109,15 @@ def test_a_text_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         write_text(path, "newer")
     assert path.read_text() == "older" and [p.name for p in path.parent.iterdir()] == ["page.html"]
+
+
+def test_a_plain_attribute_tells_models_apart():
+    class Normalise(torch.nn.Module):
+        def __init__(self, mean, by):
+            super().__init__()
+            self.mean, self.by = mean, by
+
+    one, same = Normalise(0.5, torch.tensor([1.0])), Normalise(0.5, torch.tensor([1.0]))
+    assert digest(one) == digest(same)
+    assert digest(one) != digest(Normalise(0.4, torch.tensor([1.0])))
+    assert digest(one) != digest(Normalise(0.5, torch.tensor([2.0])))

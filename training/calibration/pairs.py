@@ -84,11 +84,19 @@ def find_pairs(source: Path) -> list[Pair]:
 
 
 def _of_folders(root: Path) -> Iterator[Pair]:
-    for photo in find_images(root / "photo"):
+    photos, originals = root / "photo", root / "original"
+    named: dict[Path, list[Path]] = {}
+    for original in find_images(originals):
+        named.setdefault(original.relative_to(originals).with_suffix(""), []).append(original)
+    for photo in find_images(photos):
         # a photo is often a JPEG, and its picture a PNG
-        same = [p for p in find_images(root / "original") if p.stem == photo.stem]
+        same = named.get(photo.relative_to(photos).with_suffix(""), [])
         if not same:
-            raise ValueError(f"{photo} has no picture of the same name in {root / 'original'}.")
+            raise ValueError(f"{photo} has no picture of the same name in {originals}.")
+        if len(same) > 1:
+            raise ValueError(
+                f"{photo} has more than one picture of its name: {same[0]}, {same[1]}."
+            )
         yield Pair(photo, same[0])
 
 
