@@ -187,11 +187,12 @@ def check_noise(noise: Tensor, raw: Tensor) -> None:
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:
-    """Refuse a raw reading that is not floating point, or not of the shape `shot.raw_shape()`.
+    """Refuse a raw reading that is not floating point, or not of the shape `shot.raw_shape()`, and
+    a shot with a number that no scene may have.
 
     Raises:
         TypeError: not a floating point tensor.
-        ValueError: another shape.
+        ValueError: another shape, or such a number.
     """
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
         raise TypeError(
@@ -204,3 +205,5 @@ def check_raw(raw: Tensor, shot: ShotRecord) -> None:
             f"raw must have the shape {expected} of this shot's reading, see Shot.raw_shape(); got "
             f"{tuple(raw.shape)}. To develop some rows, index both: develop(raw[rows], shot[rows])."
         )
+    if not is_transformed():
+        _check_numbers(shot)

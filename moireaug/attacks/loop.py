@@ -77,6 +77,8 @@ class Attack(ABC):
     def __post_init__(self) -> None:
         check_model(self.model)
         check_bounds(self.eps)
+        if isinstance(self.eps, Real):  # NumPy's, for one
+            object.__setattr__(self, "eps", float(self.eps))
         check_steps(self.steps, self.restarts)
         check_sizes(self.step_size, self.random_start, self.steps)
         one_of("rule", self.rule, RULES)
@@ -119,7 +121,7 @@ class Attack(ABC):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
-            if isinstance(self.eps, (float, Real)):
+            if isinstance(self.eps, (int, float)):
                 return self._run(
                     Task(problem, labels, targets, targets, float(self.eps), generator)
                 )
@@ -176,7 +178,7 @@ class Attack(ABC):
 
     def one_eps(self) -> float:
         """Return eps where it is one number, and refuse a list."""
-        if not isinstance(self.eps, (float, Real)):
+        if not isinstance(self.eps, (int, float)):
             raise ValueError(
                 f"eps must be one number here; got {self.eps!r}. Make one attack per value."
             )
@@ -258,7 +260,8 @@ class Attack(ABC):
         """
         labels, aims = active.goals()
         check_classes(labels if aims is None else torch.maximum(labels, aims), logits, 1)
-        if len(active.rows) == len(active.task.labels):  # a few may well be those without one
+        # in a later restart, those that are left may well be those without an answer
+        if len(active.rows) == len(active.task.labels):
             check_answers(logits, self.model, active.problem.images)
         if best and self.until_fooled:
             with torch.no_grad():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from numbers import Real
 
 import torch
 from torch import Tensor
@@ -72,7 +71,7 @@ class MultiTargeted:
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
             problem = self.attack.problem(images, shot, generator)
-            if isinstance(eps, (float, Real)):
+            if isinstance(eps, (int, float)):
                 return self._run(self.attack, problem, labels, generator)
             ladder = [dataclasses.replace(self.attack, eps=e) for e in eps]
             return [self._run(attack, problem, labels, generator) for attack in ladder]

@@ -1,7 +1,6 @@
-"""The engine in workers, threads and on a machine's first call."""
+"""The engine in threads and on a machine's first call."""
 
 import dataclasses
-import os
 import subprocess
 import sys
 import threading
@@ -9,10 +8,9 @@ import threading
 import numpy as np
 import pytest
 import torch
-from torch.utils.data import DataLoader, Dataset
 
-from moireaug import Scene, View, capture, develop, expose
-from moireaug.engine import ahead, compiling, explain, reference, run, threads
+from moireaug import Scene, capture, develop, expose
+from moireaug.engine import ahead, compiling, run, threads
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -20,23 +18,6 @@ IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
 
 def photos(rows=slice(None)):
     return capture(IMAGES[rows], SHOT[rows])
-
-
-class Photos(Dataset):
-    def __len__(self):
-        return len(IMAGES)
-
-    def __getitem__(self, i):
-        torch.set_num_threads(2)
-        return photos([i, i])[0]
-
-
-@pytest.mark.parametrize("start", ["fork", "spawn"])
-def test_workers_see_the_same_photos(start):
-    torch.set_num_threads(2)
-    expected = photos()  # threads have run in this process before it forks
-    loader = DataLoader(Photos(), batch_size=2, num_workers=1, multiprocessing_context=start)
-    assert torch.equal(torch.cat(list(loader)), expected)
 
 
 def test_threads_of_the_caller_see_the_same_photos():
@@ -212,127 +193,3 @@ print([len(k.stats.cache_misses) for k in (batch.develop, batch.develop_back)])
     command = [sys.executable, *given]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.stdout == "[0, 0]\n", done.stderr
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
-def test_a_reading_that_is_not_finite_is_left_to_the_reference(value):
-    raw = expose(IMAGES, SHOT)
-    raw[1, 2, 3, 4] = value
-    with reference():
-        expected = develop(raw, SHOT)
-    assert torch.equal(develop(raw, SHOT).nan_to_num(-1), expected.nan_to_num(-1))
-
-
-def test_the_reference_is_forced_until_the_last_block_is_left():
-    first, second = reference(), reference()  # as two threads open and leave them
-    first.__enter__()
-    second.__enter__()
-    first.__exit__(None, None, None)
-    assert explain(SHOT.scene).count("reference:") == 2
-    second.__exit__(None, None, None)
-    assert "reference:" not in explain(SHOT.scene)
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "said"),
-    [
-        ("denoise", None, "float32"),
-        ("denoise", "bilateral", "float32; reference from 'denoise' on"),
-        ("jpeg", 90.0, "float32; reference from 'jpeg' on"),
-    ],
-)
-def test_what_the_engine_leaves_to_the_reference_is_said(field, value, said):
-    how = dataclasses.replace(SHOT.scene.develop, **{field: value})
-    exposes, develops = explain(dataclasses.replace(SHOT.scene, develop=how)).splitlines()
-    assert exposes.endswith("engine, on the CPU in float32")
-    assert develops.endswith(said)
-
-
-def test_a_reading_of_nan_has_no_jpeg():
-    how = dataclasses.replace(SHOT.scene.develop, jpeg=90.0)
-    shot = dataclasses.replace(SHOT, scene=dataclasses.replace(SHOT.scene, develop=how))
-    raw = expose(IMAGES, shot)
-    raw[1, 2, 3, 4] = float("nan")
-    with pytest.raises(ValueError, match="NaN, which has no 8-bit code"):
-        develop(raw, shot)
-
-
-HALF = """
-from moireaug.engine.compiling import kernel
-
-@kernel
-def half(x):
-    return x / 2
-
-print("ready", flush=True)
-input()
-assert half(3.0) == 1.5
-print(len(half.stats.cache_hits), len(half.stats.cache_misses))
-"""
-
-
-def test_processes_that_start_together_compile_a_kernel_once(tmp_path):
-    script = tmp_path / "half.py"
-    script.write_text(HALF)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
-    command = [sys.executable, str(script)]
-    started = []
-    for _ in range(2):
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        started.append(subprocess.Popen(command, env=environment, **pipes))
-    for process in started:
-        assert process.stdout.readline() == b"ready\n"
-    for process in started:
-        process.stdin.write(b"\n")
-        process.stdin.flush()
-    said = [process.communicate(timeout=120)[0].split() for process in started]
-    assert sorted(said) == [[b"0", b"1"], [b"1", b"0"]]
-
-
-FORKED = """
-import multiprocessing as mp
-import torch
-from moireaug import Scene, capture
-scene = Scene.preset("screen_photo")
-def work(seed):
-    shot = scene.sample(4, (40, 40), torch.Generator().manual_seed(seed))
-    return capture(torch.full((4, 3, 40, 40), 0.5), shot)
-if __name__ == "__main__":
-    torch.set_num_threads(2)
-    torch.rand(64, 3, 64, 64).sqrt()  # PyTorch's threads start
-    with mp.get_context("fork").Pool(1) as pool:
-        found = pool.map_async(work, [0]).get(200)
-    assert torch.equal(found[0], work(0))
-"""
-
-
-def test_a_forked_process_takes_the_first_photo(tmp_path):
-    script = tmp_path / "forked.py"
-    script.write_text(FORKED)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    subprocess.run([sys.executable, script], check=True, timeout=300, env=environment)
-
-
-def test_the_defaults_of_torch_change_nothing():
-    scene = Scene(view=View(yaw=(0, 89), pitch=(0, 89), fov=60))  # the reference takes some rows
-    shot, images = (
-        scene.sample(16, (32, 32), torch.Generator().manual_seed(0)),
-        torch.rand(16, 3, 32, 32),
-    )
-    expected = capture(images, shot)
-    torch.set_default_dtype(torch.float64)
-    try:
-        assert torch.equal(capture(images, shot), expected)
-    finally:
-        torch.set_default_dtype(torch.float32)
-    with torch.device("meta"):  # as where it is a GPU
-        again = SHOT.scene.sample(4, (16, 20), torch.Generator("cpu").manual_seed(0))
-        assert torch.equal(capture(IMAGES, again), photos())
-
-
-@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
-def test_a_tangent_is_not_lost():
-    with torch.autograd.forward_ad.dual_level():
-        dual = torch.autograd.forward_ad.make_dual(IMAGES, torch.ones_like(IMAGES))
-        with pytest.raises(NotImplementedError, match="forward AD"):  # of the reference's sampling
-            capture(dual, SHOT)

@@ -1,0 +1,80 @@
+"""Which photos the engine takes, and what it leaves to the reference."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from moireaug import Scene, View, capture, develop, expose
+from moireaug.engine import explain, reference
+
+SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
+IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_a_reading_that_is_not_finite_is_left_to_the_reference(value):
+    raw = expose(IMAGES, SHOT)
+    raw[1, 2, 3, 4] = value
+    with reference():
+        expected = develop(raw, SHOT)
+    assert torch.equal(develop(raw, SHOT).nan_to_num(-1), expected.nan_to_num(-1))
+
+
+def test_the_reference_is_forced_until_the_last_block_is_left():
+    first, second = reference(), reference()  # as two threads open and leave them
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert explain(SHOT.scene).count("reference:") == 2
+    second.__exit__(None, None, None)
+    assert "reference:" not in explain(SHOT.scene)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("denoise", None, "float32"),
+        ("denoise", "bilateral", "float32; reference from 'denoise' on"),
+        ("jpeg", 90.0, "float32; reference from 'jpeg' on"),
+    ],
+)
+def test_what_the_engine_leaves_to_the_reference_is_said(field, value, said):
+    how = dataclasses.replace(SHOT.scene.develop, **{field: value})
+    exposes, develops = explain(dataclasses.replace(SHOT.scene, develop=how)).splitlines()
+    assert exposes.endswith("engine, on the CPU in float32")
+    assert develops.endswith(said)
+
+
+def test_a_reading_of_nan_has_no_jpeg():
+    how = dataclasses.replace(SHOT.scene.develop, jpeg=90.0)
+    shot = dataclasses.replace(SHOT, scene=dataclasses.replace(SHOT.scene, develop=how))
+    raw = expose(IMAGES, shot)
+    raw[1, 2, 3, 4] = float("nan")
+    with pytest.raises(ValueError, match="NaN, which has no 8-bit code"):
+        develop(raw, shot)
+
+
+def test_the_defaults_of_torch_change_nothing():
+    scene = Scene(view=View(yaw=(0, 89), pitch=(0, 89), fov=60))  # the reference takes some rows
+    shot, images = (
+        scene.sample(16, (32, 32), torch.Generator().manual_seed(0)),
+        torch.rand(16, 3, 32, 32),
+    )
+    expected = capture(images, shot)
+    torch.set_default_dtype(torch.float64)
+    try:
+        assert torch.equal(capture(images, shot), expected)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    with torch.device("meta"):  # as where it is a GPU
+        again = SHOT.scene.sample(4, (16, 20), torch.Generator("cpu").manual_seed(0))
+        assert torch.equal(capture(IMAGES, again), capture(IMAGES, SHOT))
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
+def test_a_tangent_is_not_lost():
+    with torch.autograd.forward_ad.dual_level():
+        dual = torch.autograd.forward_ad.make_dual(IMAGES, torch.ones_like(IMAGES))
+        with pytest.raises(NotImplementedError, match="forward AD"):  # of the reference's sampling
+            capture(dual, SHOT)
