@@ -1,5 +1,6 @@
 """The order of images in training: the same for any number of ranks, another in every epoch."""
 
+import pytest
 import torch
 from torch.utils.data import TensorDataset
 
@@ -31,3 +32,12 @@ def test_the_order_follows_seed_and_epoch_alone():
     assert order(1, 0, epoch=1) == order(1, 0, epoch=1)
     assert order(1, 0, epoch=1) != order(1, 0, epoch=2)
     assert order(1, 0, epoch=1) != order(1, 0, epoch=1, seed=6)
+
+
+@pytest.mark.parametrize(("side", "most"), [(32, 320), (224, 25), (4096, 1)])
+def test_a_batch_of_validation_is_bounded_in_pixels(side, most):
+    picture = torch.zeros(1, 1, 1, 1, dtype=torch.uint8).expand(400, 3, side, side)
+    splits = type("Splits", (), {"val": TensorDataset(picture, torch.arange(400))})
+    batches = Batches(splits, 8, workers=0, seed=0)
+    batches.trainer = None
+    assert batches.val_dataloader().batch_size == most

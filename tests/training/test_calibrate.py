@@ -245,3 +245,15 @@ def test_every_searched_field_is_a_range_of_a_scene():
                 fitting.get(again, field), fitting.get(scene, field), strict=True
             ):
                 assert ours == pytest.approx(theirs, abs=0.021 * (high - low)), field
+
+
+def test_pairs_are_matched_within_their_folder(tmp_path):
+    for kind, suffix in (("photo", "jpg"), ("original", "png")):
+        for day in ("monday", "tuesday"):
+            (tmp_path / kind / day).mkdir(parents=True)
+            Image.fromarray(picture(1, 24, 32)).save(tmp_path / kind / day / f"1.{suffix}")
+    for pair in find_pairs(tmp_path):
+        assert pair.photo.parent.name == pair.original.parent.name
+    Image.fromarray(picture(1, 24, 32)).save(tmp_path / "original" / "monday" / "1.jpg")
+    with pytest.raises(ValueError, match="more than one picture of its name"):
+        find_pairs(tmp_path)
