@@ -69,7 +69,7 @@ class Attacked:
         tables: of the suite. lines: their rates, one row per cell.
         checks: `trust`, whether the figures can be trusted, on `trust_n` images; empty if not
             asked for.
-        runner: for the report's pictures.
+        runner: for the report's pictures; its name is a digest of the model.
         seconds: time spent, by phase.
     """
 

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from training.runs import PLAIN
+
 _WHERE = ("root", "workers", "download")  # settings of the data that no image depends on
 _OWN = ("init", "length", "epochs")  # settings of training in which recipes may differ
 Metrics = dict[str, Any]
@@ -46,6 +48,28 @@ def training(metrics: Metrics) -> Metrics:
         for name, value in metrics["config"][part].items():
             found[f"{part}.{name}"] = value
     return found
+
+
+def baseline(metrics: Metrics, trained: Iterable[Metrics]) -> str | None:
+    """Return the recipe of plain training that a run is compared with; None for plain training
+    itself, and where it took fewer epochs than the run."""
+    name = plain_recipe(metrics)
+    for other in trained:
+        if other["recipe"] == name and _epochs(other) < _epochs(metrics):
+            return None
+    return name
+
+
+def plain_recipe(metrics: Metrics) -> str | None:
+    """Return the recipe of plain training from the same start; None for plain training itself."""
+    if metrics["recipe"] in PLAIN:
+        return None
+    return "baseline" if metrics["train"]["init"] == "clean" else "clean"
+
+
+def _epochs(metrics: Metrics) -> float:
+    train = metrics["config"]["train"]
+    return float(train["epochs"] * train.get("length", 1.0))
 
 
 def attackers(again: Metrics) -> Metrics:
@@ -93,6 +117,15 @@ def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) 
         named = "; ".join(machines)
         found.append(
             f"The runs were trained on different machines ({named}): do not compare their times."
+        )
+    shorter = {}
+    for metrics in trained.values():
+        if baseline(metrics, trained.values()) != plain_recipe(metrics):
+            shorter[metrics["recipe"]] = plain_recipe(metrics)
+    for recipe, plain in shorter.items():
+        found.append(
+            f"No gain is given for {recipe}: {plain} was trained for fewer epochs. Train it with "
+            f"the same train.epochs."
         )
     for folder, again in attacked.items():
         failed = []

@@ -167,9 +167,8 @@ def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
 
 def again(cfg: Config, protocol: Protocol, *, check: bool = False) -> Attacked:
     """Attack a trained run again, reusing what its records hold."""
-    folder = runs.folder(cfg)
-    model = saved.read(folder).model()
-    return attack(model, protocol, folder / "records", cfg.recipe, check=check)
+    found = saved.finished(cfg)
+    return attack(found.model(), protocol, found.folder / "records", cfg.recipe, check=check)
 
 
 def one_run(

@@ -46,7 +46,7 @@ class Point:
         passes: forward and backward, per image of its own training. images_per_second: of the same.
         collapsed: whether catastrophic overfitting was seen while it was trained.
         baseline: the recipe of plain training of at least as many epochs; None for plain training
-            itself.
+            itself, and where the plain runs took fewer.
     """
 
     recipe: str
@@ -183,14 +183,17 @@ def _group(root: Path) -> tuple[Path, list[str]]:
 
 
 def _again(folder: Path, metrics: Metrics) -> Metrics | None:
-    """Return the re-attack of a run in its own scene, on its own images; of several, the one
-    with the most images, then the most steps."""
+    """Return the re-attack of a run's final weights in its own scene, on its own images; of
+    several, the one with the most images, then the most steps."""
     found = []
     for path in sorted(folder.glob("reattack/*/recipes")):
         again = read_metrics(path)
         if not again or again["scene"] != metrics["scene"]:
             continue
-        if comparable.images(again) == comparable.images(metrics):
+        if comparable.images(again) != comparable.images(metrics):
+            continue
+        # the weights of an unfinished run can be attacked, too
+        if again.get("digest") == metrics.get("digest"):
             found.append(again)
     return max(found, key=lambda again: (again["n"], again["steps"]), default=None)
 
@@ -210,9 +213,6 @@ def _point(folder: Path, trained: Mapping[Path, Metrics], again: Metrics) -> Poi
     metrics = trained[folder]
     train = metrics["train"]
     plain = _clean_seconds(folder, trained)
-    baseline = None
-    if metrics["recipe"] not in ("clean", "baseline"):
-        baseline = "baseline" if train["init"] == "clean" else "clean"
     return Point(
         metrics["recipe"],
         metrics["seed"],
@@ -223,7 +223,7 @@ def _point(folder: Path, trained: Mapping[Path, Metrics], again: Metrics) -> Poi
         passes=train["passes"],
         images_per_second=train["images_per_second"] * train["seconds"] / _steady_seconds(train),
         collapsed=train.get("collapsed_at") is not None,
-        baseline=baseline,
+        baseline=comparable.baseline(metrics, trained.values()),
     )
 
 

@@ -103,13 +103,39 @@ def read(folder: Path) -> Saved:
             f"{folder} is not a run's folder: it must hold config.yaml and best.ckpt, as fit.py "
             "writes them."
         )
-    cfg = read_config(config)
+    # The checkpoint first: a command that replaces a run writes the settings first, so weights of
+    # another run are never taken for those of these settings.
     checkpoint = read_checkpoint(best)
+    cfg = read_config(config)
     state = {name.removeprefix("model."): value for name, value in checkpoint["state_dict"].items()}
     saved = Saved(folder, cfg, state, _names(checkpoint.get("classes")))
     if saved.num_classes < 1:
         raise ValueError(f"{best} holds no classifier's weights. Name another run.")
     return saved
+
+
+def finished(cfg: Config) -> Saved:
+    """Read the finished run of these settings; how it was attacked may differ.
+
+    Raises:
+        ValueError: as `read`; or another command has replaced it.
+    """
+    found = read(runs.folder(cfg))
+    # in another process of this run, the first may still be writing the metrics
+    whole = not runs.is_first() or read_metrics(found.folder) is not None
+    if whole and same_training(found.cfg, cfg):
+        return found
+    raise ValueError(
+        f"{found.folder} no longer holds the run that was trained there for this one: another "
+        "command has replaced it. Run this command again, and one of the two with another "
+        "runs=DIR."
+    )
+
+
+def same_training(one: Config, other: Config) -> bool:
+    """Return whether two runs are the same but for how they are attacked again."""
+    unattacked = {"reattack": None}
+    return runs.settings(one) | unattacked == runs.settings(other) | unattacked
 
 
 def damage(run: runs.Run) -> str | None:
@@ -187,8 +213,7 @@ def _beside(run: Saved, wanted: Config | None, role: str) -> Saved | None:
             f"This trains it again:\n  {again}"
         )
         return None
-    ours, theirs = (runs.settings(cfg) | {"reattack": None} for cfg in (wanted, found.cfg))
-    if ours != theirs:
+    if not same_training(found.cfg, wanted):
         print(
             f"note: {folder} was trained with other settings: "
             f"no {role} is attacked beside this run."

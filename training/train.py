@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 
 from moireaug.evaluation.statistics import mix
 from moireaug.files import write_text
-from training import machine, ranks, runs
+from training import machine, ranks, runs, saved
 from training.adversaries import passes
 from training.batches import Batches
 from training.checkpoints import ClassNames, RunCheckpoint
@@ -71,7 +71,7 @@ def train_model(
         rank_zero_only(print)(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), with_totals(train, before)
     if start and not resumed:
-        classifier.load_state_dict(read_checkpoint(runs.folder(start) / "best.ckpt")["state_dict"])
+        classifier.model.load_state_dict(saved.finished(start).state)
     done = read_checkpoint(last)["history"] if resumed else []
     if runs.is_first():
         write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))

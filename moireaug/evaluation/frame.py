@@ -110,8 +110,8 @@ def rates(frame: pd.DataFrame) -> pd.DataFrame:
 
     Columns: those of `CELL` and `ABOUT`; `accuracy`, `accuracy_low`, `accuracy_high` of all images;
     `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are none; `n`,
-    `counted`, `undecided`, `seconds`; the measures; `outcomes`, a 0 or 1 per image, for paired
-    comparisons; and `paper`, what the paper prints.
+    `counted`, `undecided`, `seconds`; the measures, over images that got noise; `outcomes`, a 0 or
+    1 per image, for paired comparisons; and `paper`, what the paper prints.
     """
     lines = []
     for (table, row, column), cell in frame.groupby(CELL, sort=False):
@@ -149,6 +149,15 @@ def _rates(cell: pd.DataFrame) -> dict[str, object]:
         "seconds": float(cell["seconds"].sum()),
         "outcomes": "".join("1" if right else "0" for right in cell["correct"]),
     }
+    return found | _measures(cell)
+
+
+def _measures(cell: pd.DataFrame) -> dict[str, float]:
+    """Return the means over the images that got noise: one that is fooled without any has none, and
+    a PSNR without a meaning. Where no image got noise they are over all."""
+    if "largest" in cell and (cell["largest"] > 0).any():
+        cell = cell[cell["largest"] > 0]
+    found = {}
     for name in MEASURES:
         if name in cell and cell[name].notna().any():
             found[name] = float(cell[name].mean())

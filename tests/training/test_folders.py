@@ -7,7 +7,9 @@ from tests.training.small import TINY, configured
 from tests.training.strangers import put
 from tests.training.test_frontier import put as put_point
 from training import fit, overrides, runs, saved
+from training.data import load
 from training.points import read
+from training.train import train_model
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -114,3 +116,27 @@ def test_a_setting_that_cannot_be_used_moves_no_run(override, tmp_path):
         fit.fit(cfg)
     assert [path.name for path in run.iterdir()] == ["best.ckpt"]
     assert [path.name for path in run.parent.iterdir() if path.name[0] != "."] == ["seed0"]
+
+
+@pytest.mark.parametrize(
+    ("there", "whole", "taken"),
+    [
+        (["train.epochs=2"], True, True),
+        (["train.epochs=2", "reattack.n=12"], True, True),
+        (["train.epochs=3"], True, False),
+        (["train.epochs=2", "data.size=32"], True, False),
+        (["train.epochs=2"], False, False),  # trained again by another command
+    ],
+)
+def test_a_start_that_another_command_has_replaced_is_not_taken(there, whole, taken, tmp_path):
+    """The weights of a start are read only where it was trained with this run's settings."""
+    put(tmp_path, "recipe=clean", *there)
+    (tmp_path / "clean/seed0/metrics.json").write_text("{}" if whole else "")
+    cfg = configured("recipe=baseline", *TINY, "train.epochs=2", f"runs={tmp_path}")
+    runs.run_of(cfg).prepare()
+    if taken:
+        saved.finished(runs.start_config(cfg))
+        train_model(cfg, load(cfg.data))
+        return
+    with pytest.raises(ValueError, match="no longer holds the run that was trained there"):
+        train_model(cfg, load(cfg.data))

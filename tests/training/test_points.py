@@ -166,3 +166,34 @@ def test_seeds_of_other_settings_are_not_one_recipe(tmp_path):
         ValueError, match=r"seeds of good with different adversary.eps .*good/seed1 has 0.03"
     ):
         read(tmp_path)
+
+
+def test_an_attack_on_an_unfinished_run_does_not_count(tmp_path):
+    """Its weights are others than those of the finished run."""
+    folder = put(tmp_path, "good", 0)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    write(folder, metrics | {"digest": "after"})
+    (path,) = folder.glob("reattack/*/recipes/metrics.json")
+    again = json.loads(path.read_text())
+    write(path.parent, again | {"digest": "before"})
+    with pytest.raises(ValueError, match=r"(?s)own scene. Run:.*good/seed0 suite=recipes"):
+        read(tmp_path)
+    write(folder / "reattack/later/recipes", again | {"digest": "after"})
+    assert len(read(tmp_path).points) == 1
+
+
+@pytest.mark.parametrize(
+    ("plain", "own", "length", "paired"),
+    [(12, 12, 1.0, True), (6, 12, 1.0, False), (6, 12, 0.5, True), (24, 12, 1.0, True)],
+)
+def test_no_gain_is_given_over_shorter_training(plain, own, length, paired, tmp_path):
+    for recipe, epochs in (("clean", plain), ("baseline", plain), ("good", own)):
+        folder = put(tmp_path, recipe, 0, length=length if recipe == "good" else 1.0)
+        metrics = json.loads((folder / "metrics.json").read_text())
+        metrics["config"]["train"]["epochs"] = epochs
+        write(folder, metrics)
+    found = read(tmp_path)
+    baselines = {point.recipe: point.baseline for point in found.points}
+    assert baselines == {"clean": None, "baseline": None, "good": "baseline" if paired else None}
+    said = [text for text in found.warnings if text.startswith("No gain is given for good")]
+    assert len(said) == (0 if paired else 1)

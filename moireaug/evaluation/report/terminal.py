@@ -123,8 +123,8 @@ def run_parts(metrics: Metrics) -> list[Part]:
         parts.append(Grid([_head(run), *lines], rule=len(controls)))
     if run["noise"]:
         parts.append(
-            "codes, dB: largest change of a code of 255, and PSNR; an image that is fooled gets no "
-            "further noise"
+            "codes, dB: largest change of a code of 255, and PSNR, over images that got noise: one "
+            "that is fooled gets no more"
         )
     parts += _training(run)
     if run["unanswered"]:
