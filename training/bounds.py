@@ -11,9 +11,12 @@ from typing import Any
 
 import torch
 
+from moireaug.scene.fields import one_of
 from training.schema import Config, Trainer
 
 SEEDS = 2**32 - 1
+# weights are float32 in all of them: the average, the attack and every re-attack need that
+PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 
 # key: the least and the greatest value, both allowed; None is no bound.
 # A null is not checked: the schema's types say where it is allowed.
@@ -61,6 +64,8 @@ def check(cfg: Config) -> None:
         raise ValueError(
             f"trainer.deterministic must be true, false or warn; got {cfg.trainer.deterministic!r}."
         )
+    if cfg.trainer.precision is not None:
+        one_of("trainer.precision", str(cfg.trainer.precision), PRECISIONS)
 
 
 def _number(key: str, value: Any, low: float, high: float | None) -> None:

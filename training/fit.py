@@ -38,7 +38,7 @@ from training.attacking import Attacked, Protocol, attack, protocol_of
 from training.data import Splits, load, require_training_images
 from training.demoireing import fit as demoireing
 from training.results import compare, describe, publish
-from training.schema import Config, as_config, register
+from training.schema import Config, absolute, as_config, register
 from training.train import train_model, try_out
 from training.trainers import quiet
 
@@ -52,7 +52,7 @@ def fit(cfg: DictConfig | Config) -> Metrics:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_model`.
     """
-    cfg = as_config(cfg)
+    cfg = absolute(as_config(cfg))
     cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
     check(cfg)
     run = runs.run_of(cfg)

@@ -42,7 +42,15 @@ from training.data import Splits, load
 from training.models import as_model, check_side
 from training.results import compare, describe, publish, publish_suite
 from training.saved import Saved
-from training.schema import Config, Reattack, ReattackConfig, as_config, register, scene_of
+from training.schema import (
+    Config,
+    Reattack,
+    ReattackConfig,
+    absolute,
+    as_config,
+    register,
+    scene_of,
+)
 from training.suites import fabric_of, suite_config
 
 Metrics = dict[str, Any]
@@ -78,7 +86,7 @@ def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> Metrics:
     own = as_config(cfg)
     if not isinstance(own, ReattackConfig):
         raise TypeError(f"a re-attack needs a ReattackConfig; got a {type(own).__name__}.")
-    own = replace(own, scene=scenes.inlined(own.scene))
+    own = replace(absolute(own), scene=scenes.inlined(own.scene))
     overrides.check(own, given)
     return attack_weights(own) if own.run is None else attack_run(own, given)
 

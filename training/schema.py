@@ -5,7 +5,8 @@ Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+import os
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -166,6 +167,17 @@ def as_config(cfg: DictConfig | Settings) -> Settings:
     if isinstance(cfg, DictConfig):
         return OmegaConf.to_object(cfg)  # type: ignore[return-value]
     return cfg
+
+
+def absolute(cfg: Settings) -> Settings:
+    """Return the settings with absolute paths of data, so that runs of two projects that share a
+    folder of runs are not taken for each other."""
+    data = replace(cfg.data)
+    if data.root:
+        data.root = os.path.abspath(data.root)
+    if data.class_index:
+        data.class_index = os.path.abspath(data.class_index)
+    return replace(cfg, data=data)
 
 
 def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:

@@ -95,10 +95,12 @@ def train_model(
     began = time.perf_counter()
     ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
+    # without the images of an incomplete last batch
+    seen = int(trainer.num_training_batches) * cfg.train.batch_size
     state = read_checkpoint(best)
     classifier.load_state_dict(state["state_dict"])
     train = {
-        **cost(classifier, len(splits.train)),  # type: ignore[arg-type]
+        **cost(classifier, min(len(splits.train), seen)),  # type: ignore[arg-type]
         "wall_seconds": wall,
         "best_epoch": int(state["epoch"]),
         "init": cfg.train.init,
@@ -133,7 +135,11 @@ def draws(cfg: Config) -> int:
 
 
 def cost(classifier: Classifier, images: int) -> dict[str, Any]:
-    """Return the history of a training, and its time without validation."""
+    """Return the history of a training, and its time without validation.
+
+    Args:
+        images: that an epoch trains on.
+    """
     history = classifier.history
     seconds = sum(h["seconds"] for h in history)
     return {

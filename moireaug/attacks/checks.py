@@ -53,15 +53,16 @@ def _is_bound(eps: object) -> bool:
     return isinstance(eps, Real) and not isinstance(eps, bool) and 0 <= float(eps) < math.inf
 
 
-def check_steps(steps: object, restarts: object) -> None:
-    """Refuse counts that are not integers, or are too small.
+def check_count(name: str, value: object, least: int, what: str = "") -> None:
+    """Refuse what is not an integer of at least `least`; `what` it counts ends the sentence's
+    first half.
 
     Raises:
         ValueError: with what was got and what is allowed.
     """
-    for name, value, least in (("steps", steps, 0), ("restarts", restarts, 1)):
-        if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-            raise ValueError(f"{name} must be an integer >= {least}; got {value!r}.")
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        counted = f", {what}" if what else ""
+        raise ValueError(f"{name} must be an integer >= {least}{counted}; got {value!r}.")
 
 
 def check_sizes(step_size: float | None, random_start: float, steps: int) -> None:
@@ -70,9 +71,9 @@ def check_sizes(step_size: float | None, random_start: float, steps: int) -> Non
     Raises:
         ValueError: with what was got and what is allowed.
     """
-    if step_size is not None and not step_size > 0:
+    if step_size is not None and not (isinstance(step_size, Real) and step_size > 0):
         raise ValueError(f"step_size must be above 0, in units of eps; got {step_size!r}.")
-    if not random_start >= 0:
+    if not (isinstance(random_start, Real) and random_start >= 0):
         raise ValueError(
             f"random_start must be a radius >= 0, in units of eps; got {random_start!r}."
         )

@@ -18,11 +18,11 @@ from moireaug.attacks.checks import (
     check_answers,
     check_bounds,
     check_classes,
+    check_count,
     check_goals,
     check_gradient,
     check_model,
     check_sizes,
-    check_steps,
 )
 from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.model import evaluating
@@ -79,7 +79,8 @@ class Attack(ABC):
         check_bounds(self.eps)
         if isinstance(self.eps, Real):  # NumPy's, for one
             object.__setattr__(self, "eps", float(self.eps))
-        check_steps(self.steps, self.restarts)
+        check_count("steps", self.steps, 0)
+        check_count("restarts", self.restarts, 1)
         check_sizes(self.step_size, self.random_start, self.steps)
         one_of("rule", self.rule, RULES)
         one_of("loss", self.loss, LOSSES)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from moireaug.attacks.checks import check_count
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.pose import aim, moved_fields, pose_of
 from moireaug.attacks.problem import Problem
@@ -72,8 +73,7 @@ class MoireAttack(Attack):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "scene", as_scene(self.scene))
-        if isinstance(self.eot, bool) or not isinstance(self.eot, int) or self.eot < 1:
-            raise ValueError(f"eot must be an integer >= 1, the shots per step; got {self.eot!r}.")
+        check_count("eot", self.eot, 1, "the shots per step")
         if self.until_fooled and self.eot > 1:
             raise ValueError(
                 f"until_fooled asks whether one shot is fooled: it needs eot = 1; got {self.eot}."

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.answers import predicted
-from moireaug.attacks.checks import check_classes, check_goals
+from moireaug.attacks.checks import check_classes, check_count, check_goals
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest, margin
 from moireaug.attacks.model import evaluating
@@ -47,10 +47,7 @@ class MultiTargeted:
                 "MultiTargeted runs an attack whose steps have a target, like MoireAttack or PGD; "
                 f"got {self.attack!r}."
             )
-        if isinstance(self.targets, bool) or not isinstance(self.targets, int) or self.targets < 1:
-            raise ValueError(
-                f"targets must be an integer >= 1, the classes to go toward; got {self.targets!r}."
-            )
+        check_count("targets", self.targets, 1, "the classes to go toward")
 
     def __call__(
         self,

@@ -12,6 +12,7 @@ from moireaug.attacks.answers import decided, predicted
 from moireaug.attacks.checks import (
     check_answers,
     check_classes,
+    check_count,
     check_goals,
     check_gradient,
     check_model,
@@ -110,8 +111,7 @@ class CW:
 
     def __post_init__(self) -> None:
         check_model(self.model)
-        if isinstance(self.steps, bool) or not isinstance(self.steps, int) or self.steps < 0:
-            raise ValueError(f"steps must be an integer >= 0; got {self.steps!r}.")
+        check_count("steps", self.steps, 0)
         for name in ("c", "lr"):
             if not 0 < getattr(self, name) < float("inf"):
                 raise ValueError(

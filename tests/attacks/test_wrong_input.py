@@ -2,9 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
+from torch import nn
 
-from moireaug.attacks import CW, PGD, MoireAttack, Normalized, SquareMoire
+from moireaug.attacks import CW, PGD, MoireAttack, MultiTargeted, Normalized, SquareMoire
 from moireaug.transforms import AdversarialMoire
 from tests.attacks.common import SCENE
 
@@ -22,6 +24,8 @@ BAD = [
     (lambda m, x, y: MoireAttack(model=m, restarts=0), "restarts must be an integer >= 1"),
     (lambda m, x, y: MoireAttack(model=m, eot=0), "eot must be an integer >= 1"),
     (lambda m, x, y: MoireAttack(model=m, step_size=0), "step_size must be above 0"),
+    (lambda m, x, y: PGD(m, step_size="1"), "step_size must be above 0"),
+    (lambda m, x, y: PGD(m, random_start="1"), "random_start must be a radius >= 0"),
     (lambda m, x, y: MoireAttack(m, steps=2, random_start=2.0), "for a single step"),
     (lambda m, x, y: MoireAttack(model=m, loss="margins"), "Did you mean 'margin'?"),
     (lambda m, x, y: MoireAttack(model=m, scene="papers"), "Did you mean 'paper'?"),
@@ -70,3 +74,12 @@ def test_wrong_input_gets_a_sentence(do, sentence, model, batch):
     with pytest.raises((ValueError, TypeError)) as error:
         do(model, *batch)
     assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.uint8])
+def test_numpys_integers_count(kind):
+    """A sweep over np.arange passes them."""
+    model = Normalized(nn.Flatten())
+    assert MoireAttack(model, eot=kind(2), steps=kind(1), restarts=kind(1)).eot == 2
+    assert CW(model, steps=kind(3)).steps == 3
+    assert MultiTargeted(PGD(model), targets=kind(2)).targets == 2

@@ -68,6 +68,8 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
         ("reattack.steps=-1", "reattack.steps must be in"),
         ("reattack.eps=[0.01,0.01]", "reattack.eps must be different bounds"),
         ("trainer.deterministic=foo", "trainer.deterministic must be true, false or warn"),
+        ("trainer.precision=bf16-true", "trainer.precision must be one of .*bf16-mixed"),
+        ("trainer.precision=64", "trainer.precision must be one of"),
         ("reattack.eps=[nan]", "eps must be a number"),
         ("reattack.eps=[-0.1]", "eps must be a number"),
         ("adversary.share=2", "adversary.share must be in"),
@@ -101,6 +103,7 @@ def test_devices_that_are_there_are_taken(devices, fine, untyped):
                 "devices": devices,
                 "num_nodes": 1,
                 "deterministic": False,
+                "precision": None,
             }
         }
     )

@@ -10,7 +10,16 @@ from training import fit, machine, reattack, runs, saved
 from training.augmentation import augment
 from training.classifier import Classifier
 from training.data import load
-from training.schema import Config, Data, ReattackConfig, Train, Trainer, as_values, check_keys
+from training.schema import (
+    Config,
+    Data,
+    ReattackConfig,
+    Train,
+    Trainer,
+    absolute,
+    as_values,
+    check_keys,
+)
 from training.train import classifier_of, draws, trainer_of
 from training.tuning import tuning
 
@@ -227,3 +236,14 @@ def test_a_recipe_does_not_repeat_the_draws_of_its_start():
     epochs = 1000  # the order of images in epoch e is that of draws + e
     assert abs(draws(cfg) - draws(runs.start_config(cfg))) > epochs
     assert abs(draws(cfg) - draws(configured("recipe=moire_at", "seed=1"))) > epochs
+
+
+def test_the_same_text_in_two_projects_is_not_the_same_data(tmp_path, monkeypatch):
+    """Two projects may share a folder of runs; `images` and `images/` are one folder."""
+    marks = []
+    for place, root in (("one", "images"), ("two", "images"), ("one", "images/")):
+        (tmp_path / place).mkdir(exist_ok=True)
+        monkeypatch.chdir(tmp_path / place)
+        cfg = absolute(configured("recipe=clean", "data=folder", f"data.root={root}"))
+        marks.append(runs.run_of(cfg).mark)
+    assert marks[0] != marks[1] and marks[0] == marks[2]

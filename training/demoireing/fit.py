@@ -38,7 +38,7 @@ from training.demoireing.schema import asked_for as asked_for
 from training.demoireing.schema import register as register
 from training.demoireing.testing import summary, test
 from training.demoireing.train import train_network
-from training.schema import as_config
+from training.schema import absolute, as_config
 from training.trainers import quiet
 
 Metrics = dict[str, Any]
@@ -53,7 +53,7 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_network`.
     """
-    cfg = as_config(cfg)
+    cfg = absolute(as_config(cfg))
     cfg = replace(cfg, scene=inlined(cfg.scene))
     check(cfg)
     run = runs.run_of(cfg)
