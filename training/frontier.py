@@ -44,10 +44,13 @@ HEADS = ("clean", "moiré", "unseen", "worst 4/255 [95 %]", "gain", "8/255", "PG
 
 def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
     """Return the caption: what the figures and their intervals mean."""
+    intervals = "95 % intervals cover the choice of seeds and of images (two-way bootstrap)."
+    if any(len(recipe.seeds) == 1 for recipe in recipes):
+        intervals += " Those of a single seed cover the choice of images alone."
     of = "{n} test images: {data}, {model}, scene {scene}, {steps} steps an attack".format(**shared)
     said = [
         f"Accuracy in % of {of}.",
-        "95 % intervals cover the choice of seeds and of images (two-way bootstrap).",
+        intervals,
         "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
         "Time is of training alone, by the median epoch, on top of the clean weights that a recipe "
         "starts from; × clean counts both.",

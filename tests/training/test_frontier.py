@@ -191,3 +191,13 @@ def test_hard_cases_are_drawn(tmp_path):
         put(tmp_path, r"$\\broken_$ré", seed, worst=(0.0, 1.0), seconds=seconds)
     recipes = summarise(read(tmp_path).points)
     assert recipes[-1].relative.low == 0 and draw(recipes, found.shared | {"scene": "$"})
+
+
+@pytest.mark.parametrize("lone", [False, True])
+def test_the_caption_says_what_the_intervals_cover(lone, tmp_path):
+    for recipe in ("clean", "good"):
+        for seed in range(1 if lone and recipe == "good" else 3):
+            put(tmp_path, recipe, seed)
+    found = read(tmp_path)
+    text = command.caption(summarise(found.points), found.shared)
+    assert ("Those of a single seed cover the choice of images alone." in text) == lone
