@@ -18,6 +18,7 @@ runs/calibrate/<scene>/, or where out=DIR says.
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -92,8 +93,7 @@ def calibrate(cfg: Config) -> list[Line]:
     if cfg.fit:
         fitted = fit.fit(scene, crops, real, cfg.evaluations, cfg.seconds, cfg.seed, print)
         scene, name = fitted.scene, f"{name}, fitted"
-        write_text(out / "scene.yaml", yaml.safe_dump(scene.to_dict(), sort_keys=False))
-        print(f"Written: {out / 'scene.yaml'}")
+        write_scene(out / "scene.yaml", scene)
     simulated = theirs = None
     if crops.originals is not None:
         simulated = photographed(scene, crops.originals, cfg.seed)
@@ -150,6 +150,16 @@ def pictures_of(cfg: Config) -> Iterator[Shown]:
         return
     for path in photos:
         yield Shown(path.stem, read_picture(path), None)
+
+
+def write_scene(path: Path, scene: Scene) -> None:
+    """Write a fitted scene; that of an earlier fit is kept beside it under another name."""
+    if path.exists():
+        earlier = runs.free_name(path)
+        os.replace(path, earlier)
+        print(f"{path} held an earlier fit; it is now {earlier}")
+    write_text(path, yaml.safe_dump(scene.to_dict(), sort_keys=False))
+    print(f"Written: {path}")
 
 
 def by_crop(

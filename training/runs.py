@@ -175,7 +175,7 @@ class Run:
         """
         path, at = self.folder, self.stage()
         if at == "other" or (self.resume is False and at != "new"):
-            aside = _free_name(path.with_name(f"{path.name}-{_mark(path) or 'old'}"))
+            aside = free_name(path.with_name(f"{path.name}-{_mark(path) or 'old'}"))
             os.replace(path, aside)
             what = "a run with other settings" if at == "other" else "this run"
             print(f"{path} held {what}; it is now {aside}")
@@ -219,9 +219,9 @@ def _mark(path: Path) -> str | None:
         return "damaged"
 
 
-def _free_name(path: Path) -> Path:
-    """Return the path, with a number appended if it exists."""
-    numbered = (path.with_name(f"{path.name}-{number}") for number in itertools.count(2))
+def free_name(path: Path) -> Path:
+    """Return the path, with a number after its stem if it exists."""
+    numbered = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
     return next(name for name in itertools.chain([path], numbered) if not name.exists())
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-import yaml
 from PIL import Image
 
 from moireaug import Develop, Lens, Scene, Sensor, View
@@ -213,8 +212,12 @@ def test_a_fit_finds_what_was_hidden(hidden, tmp_path):
     assert found.scene.view == START.view and found.evaluations <= 72
     assert told[0].startswith("fit: distance") and len(told) > 3
     path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(found.scene.to_dict()))
+    for scene in (START, PLAIN, found.scene):
+        calibrate.write_scene(path, scene)
     assert scenes.load(str(path)) == found.scene
+    # earlier fits are kept
+    assert scenes.load(str(tmp_path / "scene-2.yaml")) == START
+    assert scenes.load(str(tmp_path / "scene-3.yaml")) == PLAIN
 
 
 def test_an_interrupted_fit_keeps_the_best(hidden):
