@@ -123,8 +123,8 @@ def run_parts(metrics: Metrics) -> list[Part]:
         parts.append(Grid([_head(run), *lines], rule=len(controls)))
     if run["noise"]:
         parts.append(
-            "codes, dB: largest change of a code of 255, and PSNR, over images that got noise: one "
-            "that is fooled gets no more"
+            "codes, dB: largest change of a code of 255, and PSNR; means over the images that got "
+            "noise"
         )
     parts += _training(run)
     if run["unanswered"]:
