@@ -123,8 +123,7 @@ def run_parts(metrics: Metrics) -> list[Part]:
         parts.append(Grid([_head(run), *lines], rule=len(controls)))
     if run["noise"]:
         parts.append(
-            "codes, dB: largest change of a code of 255, and PSNR; means over the images that got "
-            "noise"
+            "codes, dB: largest change of a code of 255, and PSNR; means over images with noise"
         )
     parts += _training(run)
     if run["unanswered"]:
