@@ -13,7 +13,7 @@ its photo and the photo without moiré side by side. Takes a few seconds.
 import argparse
 
 import torch
-from PIL import Image
+from PIL import Image, ImageOps
 from skimage import data
 from torchvision.transforms.v2.functional import to_dtype, to_image
 from torchvision.utils import save_image
@@ -33,7 +33,7 @@ def main() -> None:
     args = parser.parse_args()
 
     picture = Image.open(args.picture) if args.picture else Image.fromarray(data.chelsea())
-    picture = picture.convert("RGB")
+    picture = ImageOps.exif_transpose(picture).convert("RGB")
     picture.thumbnail((args.side, args.side))
     images = to_dtype(to_image(picture), torch.float32, scale=True)[None]  # (1, 3, H, W), [0, 1]
 

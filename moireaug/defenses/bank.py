@@ -4,9 +4,8 @@ file."""
 from __future__ import annotations
 
 import hashlib
+import io
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Iterable, Sized
 from pathlib import Path
@@ -18,6 +17,7 @@ from tqdm import tqdm
 
 from moireaug.capture import check_images
 from moireaug.defenses.base import check_whole
+from moireaug.files import write_bytes
 
 
 def check_patches(patch: int, overlap: int) -> None:
@@ -65,6 +65,7 @@ def draw_bank(
     check_whole("patches", patches, 1)
     check_whole("patch", patch, 1)
     check_whole("seed", seed, 0, 2**63 - 1)
+    patches, patch, seed = int(patches), int(patch), int(seed)  # NumPy's, for some
     if isinstance(images, Tensor):
         images = check_images(images)
     if cache is not None and Path(cache).is_dir():
@@ -85,8 +86,9 @@ def _draw(
     images: Tensor | Iterable[Tensor], patches: int, patch: int, seed: int, progress: bool
 ) -> Tensor:
     # every patch of every image draws a number, and those with the smallest are the bank
-    generator = torch.Generator().manual_seed(seed)
-    keys, bank = torch.empty(0, dtype=torch.float64), torch.empty(0, 3, patch, patch)
+    generator = torch.Generator("cpu").manual_seed(seed)
+    keys = torch.empty(0, dtype=torch.float64, device="cpu")
+    bank = torch.empty(0, 3, patch, patch, dtype=torch.float32, device="cpu")
     batches = images.split(32) if isinstance(images, Tensor) else images
     for batch in tqdm(batches, desc="patches", unit="batch", disable=not progress):
         batch = batch[0] if isinstance(batch, (tuple, list)) else batch
@@ -98,7 +100,9 @@ def _draw(
                 "smaller patch."
             )
         windows = batch.detach().unfold(2, patch, 1).unfold(3, patch, 1).permute(0, 2, 3, 1, 4, 5)
-        drawn = torch.rand(windows.shape[:3], generator=generator, dtype=torch.float64)
+        drawn = torch.rand(
+            windows.shape[:3], generator=generator, dtype=torch.float64, device="cpu"
+        )
         full = len(keys) == patches
         small = drawn < keys.max() if full else torch.ones_like(drawn, dtype=torch.bool)
         chosen = small.nonzero()
@@ -139,12 +143,6 @@ def _read(file: Path, key: str) -> Tensor | None:
 
 
 def _write(file: Path, key: str, bank: Tensor) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=file.parent, prefix=file.name, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as part:
-            np.savez(part, key=key, bank=bank.numpy())
-        os.replace(name, file)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    content = io.BytesIO()
+    np.savez(content, key=key, bank=bank.numpy())
+    write_bytes(file, content.getbuffer())

@@ -67,6 +67,8 @@ class Compose(Defence):
 
     def __call__(self, images: Tensor) -> Tensor:
         images = check_images(images)
+        if not len(images):
+            return images.clone()
         return self.apply(images)  # each handles half precision itself
 
     def apply(self, images: Tensor) -> Tensor:

@@ -57,7 +57,7 @@ class PixelDeflection(Defence):
 
     def _sources(self, b: int, h: int, w: int) -> np.ndarray:
         """Return where each pixel's colour comes from: flat indices (b, h w)."""
-        u = torch.rand(4, self.deflections, b, dtype=torch.float64).numpy()
+        u = torch.rand(4, self.deflections, b, dtype=torch.float64, device="cpu").numpy()
         rows, cols = np.floor(u[0] * h).astype(int), np.floor(u[1] * w).astype(int)
         far = self._near(rows, h, u[2]) * w + self._near(cols, w, u[3])
         source, image = np.tile(np.arange(h * w), (b, 1)), np.arange(b)
@@ -80,7 +80,7 @@ def denoise(images: Tensor, sigma: float) -> Tensor:
     """
     from skimage.restoration import denoise_wavelet  # imported here, as it takes a while
 
-    out = torch.empty(images.shape, dtype=images.dtype)
+    out = torch.empty(images.shape, dtype=images.dtype, device="cpu")
     for row, image in zip(out, images.permute(0, 2, 3, 1).cpu().numpy(), strict=True):
         h, w, _ = image.shape
         # one level of the wavelet takes two pixels

@@ -23,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """
     parser = argparse.ArgumentParser(prog="python -m moireaug.explore", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--port", type=int, help="default: 7860 or the next free one")
+    parser.add_argument("--port", type=port, help="default: 7860 or the next free one")
     parser.add_argument("--run", default="", help="the folder of a run, for the second tab")
     parser.add_argument("--quiet", action="store_true", help="do not open a browser")
     args = parser.parse_args(argv)
@@ -38,6 +38,17 @@ def main(argv: Sequence[str] | None = None) -> None:
         page.serve(args.run, args.port, in_browser=not args.quiet)
     except OSError as error:
         raise SystemExit(f"error: {error}") from None
+
+
+def port(text: str) -> int:
+    """Return the number of a port.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no number from 1 to 65535.
+    """
+    if not text.isdecimal() or not 1 <= int(text) <= 65535:
+        raise argparse.ArgumentTypeError(f"a port is a number from 1 to 65535; got {text!r}")
+    return int(text)
 
 
 if __name__ == "__main__":

@@ -141,7 +141,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
     turned = [widget.input for widget in widgets]
     chosen = [sample.input, file.upload, file.clear, seed.input]
     named = preset.input(lambda name: shown(Scene.preset(name)), preset, widgets)
-    counted = another.click(lambda number: number + 1, seed, seed)
+    counted = another.click(lambda number: (number or 0) + 1, seed, seed)
     last = {"show_progress": "hidden", "trigger_mode": "always_last"}
     results = [told, taken, crop, spectrum, plan, python, yaml]
     for event in (
@@ -193,14 +193,14 @@ def widgets_of(control: Control, values: list[Any]) -> list[Any]:
 
 
 def photographed(
-    preset: str, sample: str, file: str | None, seed: float, *values: Any
+    preset: str, sample: str, file: str | None, seed: float | None, *values: Any
 ) -> tuple[Any, ...]:
     """Return all that the first tab shows; if the settings are refused, return the reason and
     leave the rest unchanged."""
     try:
         scene = scene_of(values)
         picture = picture_of(sample, file)
-        taken = photo.photograph(photo.as_batch(picture), scene, int(seed))
+        taken = photo.photograph(photo.as_batch(picture), scene, shot_number(seed))
     except EXPECTED as error:
         return f"**Not possible:** {error}", *(gr.skip() for _ in range(6))
     height, width = picture.shape[:2]
@@ -217,14 +217,26 @@ def photographed(
     )
 
 
-def timed(preset: str, sample: str, file: str | None, seed: float, *values: Any) -> Any:
+def timed(preset: str, sample: str, file: str | None, seed: float | None, *values: Any) -> Any:
     """Return the table of milliseconds; leave it unchanged if the settings are refused."""
     try:
         batch = photo.as_batch(picture_of(sample, file))
-        found = photo.milliseconds(batch, scene_of(values), int(seed))
+        found = photo.milliseconds(batch, scene_of(values), shot_number(seed))
     except EXPECTED:
         return gr.skip()
     return [[name, "in the exposure" if ms is None else f"{ms:.2f}"] for name, ms in found]
+
+
+def shot_number(given: float | None) -> int:
+    """Return the number of a shot, which seeds its draw; a cleared field is 0.
+
+    Raises:
+        ValueError: a number that is no seed.
+    """
+    number = given or 0
+    if not 0 <= number < 2**53:
+        raise ValueError(f"the shot number must be at least 0 and below 2^53; got {number:g}.")
+    return int(number)
 
 
 def picture_of(sample: str, file: str | None) -> photo.Picture:

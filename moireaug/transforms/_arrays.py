@@ -11,6 +11,8 @@ import torch
 from moireaug.scene.scene import Shot
 from moireaug.transforms._convert import at_size, move_boxes, photograph
 
+PICTURES = {"image": 0, "images": 1, "volume": 1, "volumes": 2}  # targets, and how deep they nest
+
 
 def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
     """Return the photo of one image, (H, W, 3), (H, W, 1) or (H, W), uint8 or float in [0, 1], in
@@ -96,7 +98,7 @@ def pictures_of(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]
     """Return the pictures of a call, and the place of each target's first one."""
     pictures: list[np.ndarray] = []
     first: dict[str, int] = {}
-    for target, levels in (("image", 0), ("images", 1), ("volume", 1), ("volumes", 2)):
+    for target, levels in PICTURES.items():
         if data.get(target) is None:
             continue
         first[target] = len(pictures)

@@ -7,7 +7,7 @@ import dataclasses
 from numbers import Real
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from moireaug.capture import capture, photo_of
 from moireaug.checks import channels_last
@@ -72,8 +72,8 @@ def check_format(images: Tensor) -> None:
     `photograph`."""
     if images.dtype != torch.uint8 and not images.is_floating_point():
         raise TypeError(
-            f"images must be uint8 or floating point in [0, 1]; got {images.dtype}. "
-            "Convert them first, with v2.ToDtype(torch.float32, scale=True) for one."
+            f"images must be uint8 or floating point in [0, 1]; got {images.dtype}. Convert them "
+            "first: values of 0 to 255 to uint8, others to float, divided by the value of white."
         )
     if images.shape[-3] not in (1, 3):
         advice = (
@@ -91,6 +91,16 @@ def as_shown(images: Tensor) -> Tensor:
     `photograph`."""
     check_format(images)
     return dispatch.as_float(images).expand(-1, 3, -1, -1)
+
+
+def as_model_takes(images: Tensor, model: object) -> Tensor:
+    """Return float images in the dtype of a module's weights; as they are for any other model."""
+    if not isinstance(model, nn.Module):
+        return images
+    for parameter in model.parameters():
+        if parameter.is_floating_point():
+            return images.to(parameter.dtype)
+    return images
 
 
 def as_given(photo: Tensor, images: Tensor) -> Tensor:

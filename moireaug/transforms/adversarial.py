@@ -19,6 +19,7 @@ from moireaug.attacks.checks import check_labels
 from moireaug.scene.scene import Scene, as_scene
 from moireaug.transforms._convert import (
     as_given,
+    as_model_takes,
     as_shown,
     check_adversary,
     check_probability,
@@ -126,11 +127,13 @@ class AdversarialMoire(v2.Transform):
     def _attacked(self, images: Tensor, labels: Any, generator: torch.Generator | None) -> Tensor:
         classes = class_of(labels, len(images)).to(images.device)
         plain = images.as_subclass(Tensor)
-        chosen = (torch.rand(len(images), generator=generator) < self.p).to(images.device)
+        drawn = torch.rand(len(images), generator=generator, device="cpu")
+        chosen = (drawn < self.p).to(images.device)
         if not chosen.any():
             return images
         given = plain[chosen]
-        photos = self.attack.last(as_shown(given), classes[chosen], generator=generator)
+        shown = as_model_takes(as_shown(given), self.attack.model)
+        photos = self.attack.last(shown, classes[chosen], generator=generator)
         return wrap(plain.masked_scatter(chosen.view(-1, 1, 1, 1), as_given(photos, given)), images)
 
     def extra_repr(self) -> str:
@@ -154,6 +157,11 @@ def class_of(labels: Any, n: int) -> Tensor:
             "where they are in the sample with labels_getter."
         )
     if labels.ndim == 2:
+        if labels.shape[1] == 1:
+            raise ValueError(
+                f"labels of the shape {tuple(labels.shape)} are neither indices (B,) nor weights "
+                "(B, classes). If they are indices, pass labels.squeeze(1)."
+            )
         if len(labels) != n or labels.shape[1] == 0 or not (labels >= 0).all():
             raise ValueError(
                 f"mixed labels must be weights >= 0 of the shape ({n}, classes); got "

@@ -21,6 +21,7 @@ from albumentations.core.type_definitions import ALL_TARGETS
 from moireaug.attacks import MoireAttack, Result
 from moireaug.scene.scene import Scene, Shot, as_scene
 from moireaug.transforms._arrays import (
+    PICTURES,
     apply_shot,
     apply_to_all,
     move_bboxes,
@@ -30,7 +31,13 @@ from moireaug.transforms._arrays import (
     pictures_of,
     planes,
 )
-from moireaug.transforms._convert import as_shown, check_adversary, check_probability, moves
+from moireaug.transforms._convert import (
+    as_model_takes,
+    as_shown,
+    check_adversary,
+    check_probability,
+    moves,
+)
 from moireaug.transforms._workers import seed_worker as seed_worker
 
 
@@ -175,7 +182,8 @@ class AdversarialMoire(RandomMoire):
     Number of channels:
         1, 3
 
-    As in RandomMoire; each image, and each slice of a volume, gets its own noise. The noise is one
+    As in RandomMoire; each image, and each slice of a volume, gets its own noise. Pictures in
+    additional targets are refused: pass several as `images`. The noise is one
     of the parameters, as nested lists, so that `ReplayCompose.replay` needs no model.
 
     Raises:
@@ -247,11 +255,18 @@ class AdversarialMoire(RandomMoire):
         parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
         device = next((p.device for p in parameters), torch.device("cpu"))
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
+        for key, kind in self._additional_targets.items():
+            if kind in PICTURES and data.get(key) is not None:
+                raise ValueError(
+                    f"{key!r} is an additional target of kind {kind!r}, which would get the noise "
+                    "of another picture. Pass the pictures of one call together, as images=."
+                )
         pictures, first = pictures_of(data)
         if not pictures:
             return drawn
+        shown = torch.cat([as_shown(planes(picture)) for picture in pictures]).to(device)
         result = self.attack(  # of one eps
-            torch.cat([as_shown(planes(picture)) for picture in pictures]).to(device),
+            as_model_takes(shown, self.attack.model),
             torch.full((len(pictures),), label),
             shot=Shot.from_dict(drawn["shot"]).repeat(len(pictures)),
             generator=generator,

@@ -96,7 +96,7 @@ class RandomMoire(v2.Transform):
         n = next((_count(x) for x in flat_inputs if not isinstance(x, CARRIED)), 1)
         # what is drawn does not depend on the size, and each leaf brings its own
         return {
-            "chosen": (torch.rand(n) < self.p).nonzero().flatten(),
+            "chosen": (torch.rand(n, device="cpu") < self.p).nonzero().flatten(),
             "n": n,
             "shot": self.scene.sample(n, (1, 1)),
         }

@@ -294,3 +294,21 @@ def test_a_defence_says_what_it_does_and_how_it_is_called():
 
     with pytest.raises(TypeError, match="apply"):
         Half()
+
+
+@pytest.mark.parametrize("name", ["pixel_deflection", "tvm"])
+def test_draws_stay_on_the_cpu(name, photos):
+    """Whatever the default device, as a replay needs."""
+    images, defence = photos(), DEFENSES[name]()
+    torch.manual_seed(0)
+    expected = defence(images)
+    torch.manual_seed(0)
+    with torch.device("meta"):  # as where it is a GPU
+        assert torch.equal(defence(images), expected)
+
+
+def test_no_images_pass_a_network(photos):
+    def network(images):
+        raise AssertionError("called without images")
+
+    assert Compose((network,))(photos()[:0]).shape == (0, 3, 32, 40)

@@ -1,6 +1,7 @@
 """Quilting: the nearest patch, the cheapest cut, the order of laying, against slow versions; the
 bank and its file."""
 
+import errno
 import itertools
 import os
 
@@ -238,12 +239,11 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(photos, tmp_pat
     draw_bank(images, 50, cache=file, progress=False)
     before = file.read_bytes()
 
-    def full(part, **arrays):
-        part.write(b"half")
-        raise OSError("disk full")
+    def full(file):
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(np, "savez", full)
-    with pytest.raises(OSError, match="disk full"):
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="Make room, and run"):
         draw_bank(images, 60, cache=file, progress=False)
     assert file.read_bytes() == before and os.listdir(tmp_path) == ["bank.npz"]
 
@@ -265,3 +265,15 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(photos, tmp_pat
 def test_what_no_bank_can_be_drawn_from_is_refused(images, settings, error, says):
     with pytest.raises(error, match=says):
         Quilting.from_images(images, **{"patches": 10, "progress": False, **settings})
+
+
+def test_numpys_numbers_and_any_default_device_draw_the_same_bank(photos, tmp_path):
+    images, file = photos(), tmp_path / "bank.npz"
+    wanted = draw_bank(images, 20, patch=4, seed=3, progress=False)
+    numbers = {"patches": np.int64(20), "patch": np.uint8(4), "seed": np.int32(3)}
+    assert torch.equal(draw_bank(images, **numbers, cache=file, progress=False), wanted)
+    with torch.device("meta"):  # as where it is a GPU
+        assert torch.equal(draw_bank(images, 20, patch=4, seed=3, progress=False), wanted)
+    plain = tmp_path / "plain"
+    plain.touch()
+    assert file.stat().st_mode == plain.stat().st_mode  # others may read it

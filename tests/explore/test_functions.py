@@ -151,6 +151,13 @@ def test_pictures_that_are_too_large_or_none_are_refused_in_a_sentence(tmp_path,
     assert photo.read(str(large)).shape == (1000, 2000, 3)
 
 
+def test_a_picture_of_a_phone_held_upright_is_shown_upright(tmp_path):
+    picture, exif = Image.new("RGB", (40, 20)), Image.Exif()
+    exif[0x0112] = 6  # to be turned clockwise
+    picture.save(tmp_path / "phone.jpg", exif=exif)
+    assert photo.read(str(tmp_path / "phone.jpg")).shape == (40, 20, 3)
+
+
 def bright(n_classes=3):
     """Return a model that answers by the image's mean, brighter is a higher class."""
     weigh = nn.Linear(1, n_classes)
@@ -216,3 +223,10 @@ def test_the_command_serves_the_run_that_it_is_given(monkeypatch):
     monkeypatch.setattr("moireaug.explore.page", page, raising=False)
     command.main(["--run", "runs/x", "--port", "7999", "--quiet"])
     assert served == [("runs/x", 7999, False)]
+
+
+@pytest.mark.parametrize("port", ["0", "70000", "-1", "http"])
+def test_a_port_that_no_machine_has_is_refused(port, capsys):
+    with pytest.raises(SystemExit):
+        command.main([f"--port={port}", "--quiet"])
+    assert "a port is a number from 1 to 65535" in capsys.readouterr().err

@@ -10,6 +10,7 @@ import warnings
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -45,14 +46,23 @@ def test_what_is_refused_is_a_sentence_and_leaves_the_rest_as_it_was(tmp_path):
     folded = list(VALUES)
     at = folded.index(-0.03)  # lens.k1 of the preset
     folded[at : at + 2] = [-0.9, -0.9]
-    for file, values, said in (
-        (str(large), VALUES, "large.png has 3000 x 2000 pixels"),
-        (None, folded, "fold the photo onto itself"),
+    for file, seed, values, said in (
+        (str(large), 0, VALUES, "large.png has 3000 x 2000 pixels"),
+        (None, 0, folded, "fold the photo onto itself"),
+        (None, 1e20, VALUES, "below 2^53; got 1e+20"),
+        (None, -1, VALUES, "must be at least 0"),
     ):
-        told, *rest = page.photographed("screen_photo", "cat", file, 0, *values)
+        told, *rest = page.photographed("screen_photo", "cat", file, seed, *values)
         assert told.startswith("**Not possible:**") and said in told
         assert len(rest) == 6 and all(one == gradio.skip() for one in rest)
-        assert page.timed("screen_photo", "cat", file, 0, *values) == gradio.skip()
+        assert page.timed("screen_photo", "cat", file, seed, *values) == gradio.skip()
+
+
+def test_a_cleared_shot_number_is_the_first_shot():
+    first, cleared = (
+        page.photographed("screen_photo", "grey screen", None, seed, *VALUES) for seed in (0, None)
+    )
+    assert np.array_equal(first[1], cleared[1])
 
 
 def test_a_run_that_is_not_there_is_a_sentence():

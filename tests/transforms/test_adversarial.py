@@ -135,3 +135,20 @@ def test_repr_names_the_preset(model):
     assert repr(AdversarialMoire(model, "screen_photo")).startswith(
         "AdversarialMoire(scene='screen_photo', eps="
     )
+
+
+@pytest.mark.parametrize("weights", [torch.float32, torch.float64, torch.bfloat16], ids=str)
+@pytest.mark.parametrize(
+    "images", [torch.uint8, torch.float16, torch.bfloat16, torch.float32, torch.float64], ids=str
+)
+def test_images_and_weights_may_differ_in_precision(images, weights, model):
+    given = (IMAGES * 255 if images == torch.uint8 else IMAGES).to(images)
+    shown, _ = drawn(attack(model.to(weights)), given, LABELS)
+    assert shown.dtype == images and shown.float().isfinite().all()
+    assert not torch.equal(shown, given)
+
+
+def test_a_column_of_labels_is_refused(model):
+    """Its only column would be the class of every image."""
+    with pytest.raises(ValueError, match=r"pass labels.squeeze\(1\)"):
+        drawn(attack(model), IMAGES, LABELS[:, None])

@@ -141,3 +141,22 @@ def test_what_is_no_model_or_no_label_is_refused(model, registered):
         TypeError, match="label must be the index of the image's class, an integer; got 'cat'"
     ):
         A.Compose([door.AdversarialMoire(model, registered, p=1)])(image=frames(1)[0], label="cat")
+
+
+@pytest.mark.parametrize("kind", ["image", "images", "volume"])
+def test_a_picture_in_an_additional_target_is_refused(kind, model, registered):
+    """It would get the noise of another one."""
+    image = np.random.default_rng(0).random((12, 14, 3)).astype(np.float32)
+    steps = A.Compose(
+        [door.AdversarialMoire(model, registered, steps=1, p=1)], additional_targets={"more": kind}
+    )
+    more = image if kind == "image" else np.stack([image, image])
+    with pytest.raises(ValueError, match="'more' is an additional target of kind"):
+        steps(image=image, more=more, label=1)
+    assert steps(image=image, label=1)["image"].shape == image.shape
+
+
+def test_double_precision_is_attacked(model, registered):
+    image = np.random.default_rng(0).random((12, 14, 3))
+    steps = A.Compose([door.AdversarialMoire(model, registered, steps=1, p=1)])
+    assert steps(image=image, label=1)["image"].dtype == np.float64

@@ -11,6 +11,7 @@ from torch.utils.data import DataLoader, Dataset, Subset
 
 from moireaug import Shot
 from moireaug.transforms import albumentations as door
+from moireaug.transforms._workers import transforms_of
 from moireaug.transforms.albumentations import RandomMoire
 
 
@@ -231,3 +232,46 @@ def test_the_docstrings_list_targets_as_albumentations_does(door_class):
     assert targets == [target.value.lower() for target in door_class._targets]
     assert lines[lines.index("Image types:") + 1] == "uint8, float32"
     assert lines[lines.index("Number of channels:") + 1] == "1, 3"
+
+
+class Views(Dataset):
+    """Two views of one image, as contrastive learning takes them; whatever else is held must not
+    hide a transform."""
+
+    def __init__(self, weak, strong, **more):
+        self.weak = weak
+        self.held = {"normalise": A.Compose([A.Normalize()]), "strong": Wrapped(strong)}
+        self.parent = self  # a cycle
+        vars(self).update(more)
+
+    def __len__(self):
+        return 8
+
+    def __getitem__(self, i):
+        image = np.full((9, 12, 3), 128, np.uint8)
+        views = (
+            self.weak(image=image)["image"],
+            self.held["strong"].transform(image=image)["image"],
+        )
+        return torch.from_numpy(np.stack(views))
+
+
+class Wrapped:
+    def __init__(self, transform):
+        self.transform = transform
+
+
+def test_every_transform_of_a_data_set_has_a_seed_of_its_own(registered):
+    weak, strong = (A.Compose([RandomMoire(registered, p=1)], seed=0) for _ in range(2))
+    torch.manual_seed(0)
+    loader = DataLoader(
+        Views(weak, strong), batch_size=2, num_workers=2, worker_init_fn=door.seed_worker
+    )
+    views = torch.cat([torch.cat(list(loader)) for _ in range(2)]).flatten(0, 1)
+    assert len({view.numpy().tobytes() for view in views}) == 2 * 16
+
+
+def test_a_transform_that_two_attributes_share_is_found_once(registered):
+    one = A.Compose([RandomMoire(registered, p=1)])
+    data = Views(one, one, again=[one, {"deep": (one,)}])
+    assert len(transforms_of(data)) == 2  # with the one that normalises
