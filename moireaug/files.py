@@ -59,7 +59,8 @@ def unfinished(path: Path, mark: str) -> Iterator[Path]:
         path: a file is replaced; a folder that exists by then is kept, and the new one dropped.
         mark: distinguishes processes that write the same path at once.
     """
-    beside = path.with_name(f".{path.name}.{mark}.tmp")
+    # a name may have 255 bytes, of which a character takes up to four
+    beside = path.with_name(f".{path.name[:40]}.{mark}.tmp")
     try:
         yield beside
         if not (beside.is_dir() and path.is_dir()):  # else another command was first

@@ -101,14 +101,18 @@ def clean_folder(cfg: Config) -> list[str]:
     began = time.perf_counter()
     with tqdm(found.names, unit="photo", disable=None) as bar:
         for name in bar:
+            path = found.folder / name
             try:
-                photo = read(str(found.folder / name))
+                photo = read(str(path))
+                content = encoded(clean(network, photo, cfg.tile), photo, path.suffix)
             except ValueError as error:
-                failed.append(str(error))
-                bar.write(f"not cleaned: {error}", file=sys.stderr)
+                said = str(error)
+                if name not in said:  # of the encoder, which knows no name
+                    said = f"{path} could not be written: {said}"
+                failed.append(said)
+                bar.write(f"not cleaned: {said}", file=sys.stderr)
                 continue
-            cleaned = clean(network, photo, cfg.tile)
-            write_bytes(Path(cfg.out) / name, encoded(cleaned, photo, Path(name).suffix))
+            write_bytes(Path(cfg.out) / name, content)
     seconds = time.perf_counter() - began
     done = len(found) - len(failed)
     print(f"Photos cleaned into {cfg.out}: {done}, in {seconds:.1f} s.")

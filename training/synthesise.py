@@ -37,6 +37,7 @@ from tqdm import tqdm
 from moireaug.files import remove, unfinished
 from moireaug.scene.fields import one_of
 from moireaug.synthesis import Pairs
+from moireaug.synthesis.pictures import NoPictureError
 from training import scenes
 from training.locks import locked
 from training.messages import sentence
@@ -143,7 +144,7 @@ def synthesise(cfg: Config) -> None:
             remove(stale)
         try:
             make(cfg, pairs, found, share)
-        except ValueError:  # no picture is usable with these settings
+        except NoPictureError:  # other settings may use the folder
             release(found.folder)
             raise
     others = pairs.pictures.others

@@ -25,6 +25,10 @@ class Source(Protocol):
         ...
 
 
+class NoPictureError(ValueError):
+    """None of a folder's pictures is usable."""
+
+
 class Pictures:
     """The picture files of a folder and of those inside it, in the order of their names.
 
@@ -65,7 +69,8 @@ class Pictures:
         What is returned depends on `rng` and the files alone, not on what was drawn before.
 
         Raises:
-            ValueError: none is usable, or the system could not read one.
+            NoPictureError: a ValueError, none is usable.
+            ValueError: the system could not read one.
         """
         while len(self.unusable) < len(self):
             index = int(rng.integers(len(self)))
@@ -76,7 +81,7 @@ class Pictures:
             except _UnusableError as error:
                 self.unusable[index] = str(error)
         reasons = list(self.unusable.values())
-        raise ValueError(
+        raise NoPictureError(
             f"none of the {len(self)} pictures in {self.folder} is usable. The first: {reasons[0]}"
         )
 
@@ -119,12 +124,18 @@ class _UnusableError(Exception):
 
 
 def _files(folder: Path) -> list[str]:
-    """Return the names of all files below a folder, relative to it, in order, except hidden
-    ones."""
-    found = []
+    """Return the names of all files below a folder, relative to it, in order, except hidden ones
+    and links to nothing. A folder that links lead back to is read once."""
+    found, seen = [], set()
     for parent, folders, files in os.walk(folder, followlinks=True):
-        folders[:] = [name for name in folders if not name.startswith(".")]
+        place = os.path.realpath(parent)
+        if place in seen:
+            folders.clear()
+            continue
+        seen.add(place)
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in files:
-            if not name.startswith("."):
-                found.append(Path(parent, name).relative_to(folder).as_posix())
+            path = Path(parent, name)
+            if not name.startswith(".") and path.exists():
+                found.append(path.relative_to(folder).as_posix())
     return sorted(found)

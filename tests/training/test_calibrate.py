@@ -260,3 +260,33 @@ def test_pairs_are_matched_within_their_folder(tmp_path):
     Image.fromarray(picture(1, 24, 32)).save(tmp_path / "original" / "monday" / "1.jpg")
     with pytest.raises(ValueError, match="more than one picture of its name"):
         find_pairs(tmp_path)
+
+
+def test_the_distance_of_a_fit_is_that_of_the_scene_that_is_written(hidden, tmp_path):
+    """Narrow ranges, too: as numbers they would draw nothing, and shift all other draws."""
+    crops, real = hidden
+    narrow = (Searched("lens.blur", 0.7, 0.8), Searched("sensor.gain", 1.0, 5.0))
+    start = replace(START, lens=Lens(blur=(0.75, 0.7501)))
+    found = fit(start, crops, real, 24, math.inf, 3, lambda line: None, narrow)
+    photos = photographed(found.scene, crops.originals, 3)
+    again = distance(lines(real, measured(photos, crops.originals)))
+    assert found.after == pytest.approx(again, abs=1e-12) and found.after <= found.before
+
+
+def test_photos_are_read_upright_and_hidden_files_skipped(tmp_path):
+    for kind in ("photo", "original"):
+        (tmp_path / kind).mkdir()
+    shown = picture(0, 40, 60)
+    Image.fromarray(shown).save(tmp_path / "original/a.png")
+    exif = Image.Exif()
+    exif[0x0112] = 3  # held upside down
+    Image.fromarray(shown[::-1, ::-1]).save(tmp_path / "photo/a.png", exif=exif)
+    (tmp_path / "photo/._a.png").write_text("of a Mac")
+    ((_, photo, original),) = read_pairs(find_pairs(tmp_path))
+    assert torch.equal(photo, original)
+
+
+def test_a_crop_does_not_keep_its_photo(tmp_path):
+    photo = torch.zeros(3, 300, 300, dtype=torch.uint8)
+    crops = cut([("a", photo, photo)], 16, 2)
+    assert crops.photos.untyped_storage().nbytes() == 2 * 3 * 16 * 16

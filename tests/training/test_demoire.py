@@ -129,3 +129,18 @@ def test_wrong_settings_get_a_sentence(given, sentence, photos, weights, tmp_pat
         cleaning.main(argv)
     assert sentence in str(error.value)
     assert sorted(photos.rglob("*")) == before and not (tmp_path / "o").exists()
+
+
+def test_a_photo_that_cannot_be_encoded_is_named_and_the_rest_is_cleaned(weights, tmp_path, capsys):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    picture, exif = Image.new("RGB", (40, 30), "red"), Image.Exif()
+    exif[0x010E] = "x" * 70_000  # more than a JPEG holds
+    picture.save(folder / "1.png", exif=exif)
+    (folder / "1.png").rename(folder / "1.jpg")
+    long = "图" * 80 + ".png"  # 244 bytes
+    picture.save(folder / long)
+    with pytest.raises(SystemExit, match="1 failed"):
+        cleaning.main([f"in={folder}", f"out={tmp_path / 'out'}", f"weights={weights}"])
+    assert "1.jpg could not be written: EXIF data is too long" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [long]

@@ -295,3 +295,27 @@ def test_recipes_of_two_kinds_go_to_two_commands():
         demoireing.asked_for(["-m", "recipe=demoire,moire_at"])
     with pytest.raises(SystemExit, match="Did you mean 'check_every'"):
         check_keys(["train.chekc_every=2"], demoireing.DemoireConfig)
+
+
+def test_pictures_that_are_too_small_are_refused_before_training(tmp_path):
+    put(tmp_path / "pictures", sizes=[(60, 60)] * 12)
+    given = ("data=folder", f"data.root={tmp_path / 'pictures'}", f"runs={tmp_path / 'runs'}")
+    with pytest.raises(ValueError, match=r"no pictures to test on: .* Pass a smaller test.size=N"):
+        demoireing.fit(configure(*given, "test.size=64"))
+    assert not list(tmp_path.rglob("*.ckpt"))
+
+
+def test_a_folder_that_has_changed_tests_no_run(tmp_path):
+    """The split is another: pictures that it was trained on could test it."""
+    put(tmp_path / "pictures", sizes=[(64, 64)] * 23)
+    cfg = configure("data=folder", f"data.root={tmp_path / 'pictures'}")
+    pictures.keep(tmp_path, pictures.load(cfg))
+    pictures.require_same(tmp_path, pictures.load(cfg))
+    first = tmp_path / "pictures/class0/0.png"
+    Image.open(first).save(tmp_path / "pictures/another.png")
+    with pytest.raises(ValueError, match="Restore them, or pass resume=false"):
+        pictures.require_same(tmp_path, pictures.load(cfg))
+    pictures.require_same(tmp_path / "new", pictures.load(cfg))
+    drawn = pictures.load(configure())
+    pictures.keep(tmp_path / "signs", drawn)  # there is nothing to keep
+    assert not (tmp_path / "signs").exists()

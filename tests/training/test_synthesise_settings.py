@@ -8,6 +8,7 @@ from filelock import FileLock
 from PIL import Image
 
 from moireaug import Scene, Shot
+from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
 from tests.training.pairs import FEW, hashes, made
 from training import synthesise
@@ -118,3 +119,22 @@ def test_a_wrong_command_line_gets_a_sentence_before_anything_is_written(tmp_pat
 def test_what_must_be_given_is_asked_for():
     with pytest.raises(SystemExit, match=r"^error: images, n, out must be given, as in: python"):
         synthesise.main([])
+
+
+def test_links_to_nothing_and_in_circles_are_no_pictures(tmp_path, folder):
+    names = Pictures(folder, 1).names
+    (folder / "gone.png").symlink_to(tmp_path / "nowhere.png")
+    (folder / "class0/again").symlink_to(folder)
+    assert Pictures(folder, 1).names == names
+
+
+def test_a_picture_that_cannot_be_read_gives_no_folder_up(tmp_path, folder, monkeypatch):
+    """Another shard may have claimed it, too."""
+
+    def fails(self, name):
+        raise ValueError("the disk is gone")
+
+    monkeypatch.setattr(Pictures, "_load", fails)
+    with pytest.raises(SystemExit, match="the disk is gone"):
+        made(tmp_path / "out", "workers=0")
+    assert (tmp_path / "out/dataset.json").is_file()

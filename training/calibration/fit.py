@@ -26,7 +26,6 @@ from training.calibration.pairs import Crops, photographed
 CROPS = 24  # that an evaluation compares
 STEP = 0.15  # of the first draws, as a share of each field's limits
 NARROWEST = 1e-6  # share of its limits: without width a range draws no number and shifts others'
-POINT = 5e-3  # share of its limits: a range this narrow is written as a number
 REFUSED = 10.0  # the distance of ranges that no scene can have
 
 
@@ -151,9 +150,12 @@ def fit(
             tell(f"fit: distance {after:.3f} after {count} evaluations")
     except KeyboardInterrupt:
         tell(f"fit: interrupted after {count} evaluations; the best so far is kept")
-    taken = time.perf_counter() - began
     if best is not start:
-        best = tidy(best, limits)
+        best = rounded(best, limits)
+        after = distance_of(best)
+    if after >= before:
+        best, after = start, before
+    taken = time.perf_counter() - began
     return Fitted(best, start, before, after, count, taken, limits)
 
 
@@ -206,14 +208,11 @@ def decode(scene: Scene, limits: Sequence[Searched], point: NDArray[np.float64])
     return found
 
 
-def tidy(scene: Scene, limits: Sequence[Searched]) -> Scene:
-    """Return a scene with its searched ranges rounded to four digits, and narrow ones replaced by
-    one number."""
+def rounded(scene: Scene, limits: Sequence[Searched]) -> Scene:
+    """Return a scene with its searched ranges rounded to four digits."""
     ranges = {}
-    for field, low, high in limits:
+    for field, _, _ in limits:
         first, last = get(scene, field)
-        if last - first < POINT * (high - low):
-            first = last = (first + last) / 2
         ranges[field] = (float(f"{first:.4g}"), float(f"{last:.4g}"))
     return with_ranges(scene, ranges)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from PIL import ImageOps
 from torch import Tensor
 
 from moireaug import Scene, capture
@@ -116,23 +117,30 @@ def _of_table(path: Path) -> Iterator[Pair]:
 
 
 def find_images(folder: Path) -> list[Path]:
-    """Return the image files in a folder and below, in the order of their paths.
+    """Return the image files in a folder and below, in the order of their paths; hidden ones are
+    skipped.
 
     Raises:
         ValueError: no such folder.
     """
     if not folder.is_dir():
         raise ValueError(f"the folder {folder} does not exist.")
-    return sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES)
+    found = []
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+        if path.suffix.lower() in SUFFIXES and not hidden:
+            found.append(path)
+    return found
 
 
 def read_picture(path: Path) -> Tensor:
-    """Return a picture, (3, H, W) uint8.
+    """Return a picture, (3, H, W) uint8, upright as its EXIF data say.
 
     Raises:
         ValueError: a file that cannot be read as one.
     """
-    return torch.from_numpy(np.asarray(read(str(path))).copy()).permute(2, 0, 1)
+    picture = ImageOps.exif_transpose(read(str(path)))
+    return torch.from_numpy(np.asarray(picture).copy()).permute(2, 0, 1)
 
 
 def read_pairs(pairs: Iterable[Pair]) -> Iterator[Shown]:
@@ -176,10 +184,11 @@ def cut(pictures: Iterable[Shown], side: int, each: int, seed: int = 0) -> Crops
         for _ in range(each):
             y = int(draw.integers(0, height - side + 1))
             x = int(draw.integers(0, width - side + 1))
-            photos.append(photo[:, y : y + side, x : x + side])
+            # a view would keep the whole photo
+            photos.append(photo[:, y : y + side, x : x + side].clone())
             index.append(len(names))
             if original is not None:
-                originals.append(original[:, y : y + side, x : x + side])
+                originals.append(original[:, y : y + side, x : x + side].clone())
         names.append(name)
     both = torch.stack(originals) if originals else None
     return Crops(torch.stack(photos), both, torch.tensor(index), tuple(names))

@@ -126,8 +126,10 @@ def finished(cfg: DemoireConfig) -> Metrics:
     if not runs.is_first():
         return known
     if cfg.pairs and cfg.pairs != known["pairs"]:
+        splits = pictures.load(cfg)
+        pictures.require_same(folder, splits)
         network = demoire.load(folder / "weights.pt")
-        return tested(cfg, network, known["train"])
+        return tested(cfg, network, known["train"], splits)
     show(report.said(known))
     print(f"{folder} is already finished; resume=false trains it again.")
     return known
@@ -137,8 +139,12 @@ def one_run(cfg: DemoireConfig) -> Metrics:
     """Train, test and report; returns the metrics, {} in all but one process."""
     run = runs.run_of(cfg)
     splits = pictures.load(cfg)
+    pictures.require_usable(splits)
     if runs.is_first():
+        if run.can_resume():
+            pictures.require_same(run.folder, splits)
         run.prepare()
+        pictures.keep(run.folder, splits)
     network, train = train_network(cfg, splits)
     if not runs.is_first():
         return {}
@@ -152,13 +158,13 @@ def tested(
     cfg: DemoireConfig,
     network: demoire.DemoireNet,
     train: Metrics,
-    splits: pictures.Splits | None = None,
+    splits: pictures.Splits,
 ) -> Metrics:
     """Test a trained network, and write scores.csv, report.html and then metrics.json; returns the
     metrics."""
     folder = runs.folder(cfg)
     began = time.perf_counter()
-    found = test(network, cfg, splits or pictures.load(cfg))
+    found = test(network, cfg, splits)
     settings = runs.settings(cfg)
     metrics = {
         "recipe": cfg.recipe,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,11 +10,14 @@ import numpy as np
 import torch
 from PIL import Image
 
+from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.synthesis.pictures import Pictures, Source
 from training import signs
 from training.demoireing.schema import PICTURES, DemoireConfig
+from training.files import read_json
 
+NAMES = "pictures.json"  # of a run: the names of each split's pictures
 HELD_OUT = 10  # one picture in ten validates, and one in ten tests
 FEWEST = 3  # pictures of a folder: one of each split
 
@@ -62,6 +66,52 @@ def load(cfg: DemoireConfig) -> Splits:
     train, val, test = _parts(Pictures(root, side), 3)
     test.least = test_side
     return Splits(train, val, test)
+
+
+def require_usable(splits: Splits) -> None:
+    """Read a picture of each split, before any time is spent.
+
+    Raises:
+        ValueError: none of a split is large enough, or none can be read.
+    """
+    for name, setting in (("train", "data.size"), ("val", "data.size"), ("test", "test.size")):
+        try:
+            getattr(splits, name).draw(np.random.default_rng(0))
+        except ValueError as error:
+            raise ValueError(
+                f"no pictures to {name} on: {error} Pass a smaller {setting}=N, or a folder of "
+                "other pictures."
+            ) from error
+
+
+def keep(folder: Path, splits: Splits) -> None:
+    """Write the names of each split's pictures into a run's folder."""
+    if names := _names(splits):
+        write_text(folder / NAMES, json.dumps(names, indent=1))
+
+
+def require_same(folder: Path, splits: Splits) -> None:
+    """Refuse to go on with a run whose pictures have changed: those that it was trained on could
+    test it.
+
+    Raises:
+        ValueError: with what to do instead.
+    """
+    there = read_json(folder / NAMES)
+    if there is not None and there != _names(splits):
+        raise ValueError(
+            f"data.root holds other pictures than when {folder} was trained, so pictures that it "
+            "was trained on could test it. Restore them, or pass resume=false to train again."
+        )
+
+
+def _names(splits: Splits) -> dict[str, list[str]]:
+    """Return the names of each split's pictures; empty where they are drawn."""
+    found = {}
+    for split, source in splits._asdict().items():
+        if isinstance(source, Pictures):
+            found[split] = source.names
+    return found
 
 
 def _parts(pictures: Pictures, parts: int) -> list[Pictures]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -85,9 +86,9 @@ def clean(network: DemoireNet, photo: Tensor) -> Tensor:
 
 def test(network: DemoireNet, cfg: DemoireConfig, splits: Splits) -> Outcome:
     """Clean the photos of all pairs, and compare them with what they should be."""
-    found = list(simulated(cfg, splits))
+    found = simulated(cfg, splits)
     if cfg.pairs:
-        found += real(cfg.pairs)
+        found = itertools.chain(found, real(cfg.pairs))  # a pair at a time: they may be many
     rows: list[dict[str, Any]] = []
     shown: list[tuple[GroupedPair, Tensor]] = []
     for pair in tqdm(found, desc="Testing", unit="pair", disable=None, leave=False):
