@@ -166,6 +166,10 @@ def test_a_finished_run_is_shown_and_tested_on_other_pairs(whole, tmp_path, real
     assert found["train"] == known["train"]
     assert {r["n"] for r in found["test"] if r["kind"] == "real"} == {1}
     assert runs.read_metrics(folder) == found
+    with (tmp_path / "pairs.csv").open("a") as table:  # of the same name
+        table.write(f"\n{real}/b.png,{real}/b_shown.png")
+    found = demoireing.fit(configure(f"pairs={tmp_path}", f"runs={folder.parents[2]}"))
+    assert {r["n"] for r in found["test"] if r["kind"] == "real"} == {2}
 
 
 def test_a_network_learns_to_take_stripes_away(monkeypatch):

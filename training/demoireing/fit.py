@@ -30,7 +30,7 @@ from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
 from moireaug.synthesis.pairs import SIZES, check_aligned
 from training import commands, machine, runs, scenes
-from training.calibration.pairs import find_pairs
+from training.calibration.pairs import find_pairs, fingerprint
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
 from training.demoireing.schema import DemoireConfig as DemoireConfig
@@ -125,7 +125,7 @@ def finished(cfg: DemoireConfig) -> Metrics:
     known = runs.read_metrics(folder) or {}
     if not runs.is_first():
         return known
-    if cfg.pairs and cfg.pairs != known["pairs"]:
+    if cfg.pairs and fingerprint(find_pairs(Path(cfg.pairs))) != known.get("pairs_fingerprint"):
         splits = pictures.load(cfg)
         pictures.require_same(folder, splits)
         network = demoire.load(folder / "weights.pt")
@@ -174,6 +174,7 @@ def tested(
         "width": cfg.demoire.width,
         "target": cfg.demoire.target,
         "pairs": cfg.pairs,
+        "pairs_fingerprint": fingerprint(find_pairs(Path(cfg.pairs))) if cfg.pairs else None,
         "train": train,
         "test": summary(found.scores),
         "time": {"train": train["wall_seconds"], "test": time.perf_counter() - began},
