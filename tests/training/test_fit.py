@@ -97,7 +97,7 @@ def test_a_run_prints_no_line_but_its_own(whole):
         r"signs, attention_resnet, screen_photo, n = 24, accuracy in %, eps in 1/255",
         r" +eps( +codes +dB)?( +[a-z_]+)+ +(gain \[95 %\]|95 %)",
         r"(clean image|dimmed|photo|moiré|Moiré Attack|targeted|PGD|worst of)\b.*",
-        r"codes, dB: largest change of a code of 255, and PSNR; means over the .* noise",
+        r"codes, dB: largest change of a code of 255, and PSNR; means over images with noise",
         r"training: \w+ .*",
         r"Report: runs/\w+/seed0/report\.html",
     )
