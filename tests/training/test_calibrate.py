@@ -290,3 +290,10 @@ def test_a_crop_does_not_keep_its_photo(tmp_path):
     photo = torch.zeros(3, 300, 300, dtype=torch.uint8)
     crops = cut([("a", photo, photo)], 16, 2)
     assert crops.photos.untyped_storage().nbytes() == 2 * 3 * 16 * 16
+
+
+def test_rounding_leaves_every_range_its_width():
+    """Without width a range draws nothing, and shifts all other draws."""
+    scene = replace(START, lens=Lens(blur=(0.75, 0.7500008)), sensor=Sensor(gain=(1.23456, 2.0)))
+    found = fitting.rounded(scene, SEARCHED)
+    assert found.lens.blur == (0.75, 0.7500008) and found.sensor.gain == (1.235, 2.0)

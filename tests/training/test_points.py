@@ -180,6 +180,8 @@ def test_an_attack_on_an_unfinished_run_does_not_count(tmp_path):
         read(tmp_path)
     write(folder / "reattack/later/recipes", again | {"digest": "after"})
     assert len(read(tmp_path).points) == 1
+    write(folder, metrics)  # by an earlier version, which wrote no digest
+    assert len(read(tmp_path).points) == 1
 
 
 @pytest.mark.parametrize(

@@ -209,11 +209,14 @@ def decode(scene: Scene, limits: Sequence[Searched], point: NDArray[np.float64])
 
 
 def rounded(scene: Scene, limits: Sequence[Searched]) -> Scene:
-    """Return a scene with its searched ranges rounded to four digits."""
+    """Return a scene with its searched ranges rounded to four digits; a range that would lose its
+    width, and with it its draws, stays."""
     ranges = {}
     for field, _, _ in limits:
         first, last = get(scene, field)
-        ranges[field] = (float(f"{first:.4g}"), float(f"{last:.4g}"))
+        low, high = float(f"{first:.4g}"), float(f"{last:.4g}")
+        if low < high:
+            ranges[field] = low, high
     return with_ranges(scene, ranges)
 
 

@@ -1,0 +1,204 @@
+"""What every defence keeps, and the table of them."""
+
+import pickle
+
+import pytest
+import torch
+
+import moireaug
+from moireaug import defenses
+from moireaug.defenses import (
+    DEFENSES,
+    Compose,
+    Defended,
+    Gain,
+    Median,
+    PixelDeflection,
+    Quilting,
+    restore_mean,
+)
+from moireaug.defenses.base import straight_through
+
+TITLES = {
+    "jpeg_20": "JPEG 20",
+    "jpeg_40": "JPEG 40",
+    "jpeg_60": "JPEG 60",
+    "jpeg_80": "JPEG 80",
+    "pixel_deflection": "pixel deflection",
+    "bits_4": "bit depth 4",
+    "bits_5": "bit depth 5",
+    "median_2": "median 2 × 2",
+    "median_3": "median 3 × 3",
+    "tvm": "TVM",
+    "gain": "gain",
+}
+RANDOMISED = {"pixel_deflection", "tvm", "randomised row"}
+ALL = {
+    **DEFENSES,
+    "median_4": lambda: Median(4),
+    "quilting": lambda: Quilting(
+        torch.rand(300, 3, 5, 5, generator=torch.Generator().manual_seed(7))
+    ),
+    "row": lambda: Compose((Gain(), Median(2))),
+    "randomised row": lambda: Compose((Compose((PixelDeflection(50),)), Gain())),
+    "no row": lambda: Compose(()),
+}
+SIZES = [(1, 1), (1, 7), (2, 1), (3, 3), (6, 5), (17, 33)]
+
+
+def test_the_table_is_the_papers():
+    assert {name: build().title for name, build in DEFENSES.items()} == TITLES
+    assert moireaug.defenses is defenses and set(defenses.__all__) <= set(dir(defenses))
+    assert DEFENSES["tvm"]() == defenses.TotalVariation(0.5, 0.03, 100)
+    assert DEFENSES["pixel_deflection"]() == PixelDeflection(200, 10, 0.04)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64], ids=str)
+@pytest.mark.parametrize("name", ALL)
+def test_shape_type_range_input_and_gradient(name, dtype, kind):
+    defence = ALL[name]()
+    for size in SIZES:
+        images = kind(b=2, h=size[0], w=size[1]).to(dtype).requires_grad_()
+        kept = images.detach().clone()
+        out = defence(images)
+        assert torch.equal(images, kept)
+        assert out.shape == images.shape and out.dtype == dtype and out.device == images.device
+        assert out.min() >= 0 and out.max() <= 1
+        (gradient,) = torch.autograd.grad((out * torch.randn(out.shape, dtype=dtype)).sum(), images)
+        assert gradient.isfinite().all() and (gradient.flatten(1).abs().amax(1) > 0).all(), size
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_half_precision_is_computed_in_float32_and_an_empty_batch_passes(name, photos):
+    defence, half = ALL[name](), photos(b=2, h=9, w=12).half()
+    torch.manual_seed(5)
+    out = defence(half)
+    torch.manual_seed(5)
+    with torch.autocast("cpu", torch.bfloat16):
+        wanted = defence(half.float())
+    assert out.dtype == torch.float16
+    # a row hands half precision on between its defences
+    assert torch.allclose(out.float(), wanted, atol=1e-3) and (
+        "row" in name or torch.equal(out, wanted.half())
+    )
+    empty = torch.rand(0, 3, 9, 20, requires_grad=True)
+    assert torch.autograd.grad(defence(empty).sum(), empty)[0].shape == empty.shape
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_replay_by_seed(name, photos):
+    defence, images = ALL[name](), photos(h=24, w=24)
+    torch.manual_seed(3)
+    first, state = defence(images), torch.get_rng_state()
+    second = defence(images)
+    torch.manual_seed(3)
+    assert torch.equal(defence(images), first)
+    assert defence.randomised == (name in RANDOMISED)
+    assert torch.equal(first, second) != defence.randomised
+    torch.manual_seed(3)
+    # one that is not takes no random numbers
+    assert torch.equal(torch.get_rng_state(), state) != defence.randomised
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_images_of_a_batch_do_not_meet(name, photos):
+    defence, images = ALL[name](), photos(b=3, h=24, w=24)
+    if not defence.randomised:
+        apart = torch.cat([defence(image[None]) for image in images])
+        assert torch.equal(defence(images), apart)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_bad_images_are_refused(name):
+    defence = ALL[name]()
+    for bad, error in [
+        (torch.rand(3, 8, 8), ValueError),
+        (torch.rand(1, 4, 8, 8), ValueError),
+        (torch.rand(1, 3, 0, 8), ValueError),
+        (torch.full((1, 3, 8, 8), 2.0), ValueError),
+        (torch.full((1, 3, 8, 8), float("nan")), ValueError),
+        (torch.zeros(1, 3, 8, 8, dtype=torch.uint8), TypeError),
+        ([[0.5]], TypeError),
+    ]:
+        with pytest.raises(error, match="images must"):
+            defence(bad)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_same_defence_equals_itself_and_survives_pickling(name, photos):
+    defence, images = ALL[name](), photos(h=12, w=12)
+    again = pickle.loads(pickle.dumps(defence))
+    assert (defence == again) == (name != "quilting") and isinstance(hash(defence), int)
+    torch.manual_seed(1)
+    wanted = defence(images)
+    torch.manual_seed(1)
+    assert torch.equal(again(images), wanted)
+    with pytest.raises(AttributeError):
+        defence.quality = 3
+
+
+@pytest.mark.parametrize(
+    ("build", "error", "says"),
+    [
+        (lambda: defenses.JPEG(0), ValueError, "from 1 to 100; got 0"),
+        (lambda: defenses.JPEG(60.5), TypeError, "whole number"),
+        (lambda: defenses.BitDepth(9), ValueError, "from 1 to 8"),
+        (lambda: defenses.BitDepth(True), TypeError, "got True"),
+        (lambda: Median(1), ValueError, "from 2 to 7"),
+        (lambda: Gain(0), ValueError, "got 0"),
+        (lambda: Gain("high"), TypeError, "got 'high'"),
+        (lambda: PixelDeflection(-1), ValueError, "at least 0"),
+        (lambda: PixelDeflection(window=0), ValueError, "at least 1"),
+        (lambda: PixelDeflection(sigma=float("nan")), ValueError, "got nan"),
+        (lambda: defenses.TotalVariation(keep=1.1), ValueError, "above 0, at most 1; got 1.1"),
+        (lambda: defenses.TotalVariation(weight=0), ValueError, "got 0"),
+        (lambda: defenses.TotalVariation(iterations=0), ValueError, "at least 1"),
+        (lambda: Quilting([1]), TypeError, "from_images"),
+        (lambda: Quilting(torch.rand(3, 3, 4, 4)), ValueError, r"\(N, 3, 5, 5\)"),
+        (lambda: Quilting(torch.rand(0, 3, 5, 5)), ValueError, "N >= 1"),
+        (lambda: Quilting(torch.rand(3, 3, 5, 5) - 1), ValueError, "finite"),
+        (lambda: Quilting(torch.rand(3, 3, 5, 5), overlap=3), ValueError, "half of patch = 5"),
+        (lambda: Compose(Gain()), TypeError, "one tuple"),
+        (lambda: Compose((Gain,)), TypeError, "callable"),
+        (lambda: Compose((Gain(), "jpeg")), TypeError, "'jpeg'"),
+        (lambda: Defended(torch.nn.Flatten(), Gain(), draws=0), ValueError, "draws must be"),
+        (lambda: Defended(3, Gain()), TypeError, "callable"),
+        (
+            lambda: restore_mean(torch.rand(1, 3, 4, 4), torch.rand(1, 3, 4, 5)),
+            ValueError,
+            "Give each image",
+        ),
+    ],
+)
+def test_bad_settings_are_refused(build, error, says):
+    with pytest.raises(error, match=says):
+        build()
+
+
+def test_straight_through_is_exact_forward_and_the_identity_backward():
+    x = torch.tensor([0.1, 0.2], requires_grad=True)
+    values = torch.tensor([0.7, 1e-9])
+    out = straight_through(x, values)
+    assert torch.equal(out, values)
+    assert torch.equal(
+        torch.autograd.grad((out * torch.tensor([2.0, 3.0])).sum(), x)[0], torch.tensor([2.0, 3.0])
+    )
+
+
+def test_a_defence_says_what_it_does_and_how_it_is_called():
+    class Half(defenses.Defence):
+        title = "half"
+
+    with pytest.raises(TypeError, match="apply"):
+        Half()
+
+
+@pytest.mark.parametrize("name", ["pixel_deflection", "tvm"])
+def test_draws_stay_on_the_cpu(name, photos):
+    """Whatever the default device, as a replay needs."""
+    images, defence = photos(), DEFENSES[name]()
+    torch.manual_seed(0)
+    expected = defence(images)
+    torch.manual_seed(0)
+    with torch.device("meta"):  # as where it is a GPU
+        assert torch.equal(defence(images), expected)

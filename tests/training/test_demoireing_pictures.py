@@ -1,0 +1,50 @@
+"""Which pictures train, validate and test a demoiréing network."""
+
+import pytest
+from PIL import Image
+
+from moireaug.synthesis.pictures import Pictures
+from tests.synthesis.folders import put
+from tests.training.test_demoireing import configure
+from training.demoireing import fit as demoireing
+from training.demoireing import pictures
+
+pytestmark = pytest.mark.usefixtures("as_the_command_is")
+
+
+def test_pictures_that_test_are_not_trained_on(tmp_path):
+    put(tmp_path, sizes=[(64, 64)] * 23)
+    cfg = configure("data=folder", f"data.root={tmp_path}")
+    splits = pictures.load(cfg)
+    names = [set(part.names) for part in splits]
+    assert [len(part) for part in names] == [19, 2, 2]
+    assert set.union(*names) == set(Pictures(tmp_path, 1).names)
+    assert pictures.load(cfg).test.names == splits.test.names
+    (tmp_path / "class0").rename(tmp_path / "train")
+    (tmp_path / "class1").rename(tmp_path / "test")
+    train, val, test = pictures.load(cfg)
+    assert (len(train), len(val), len(test)) == (11, 1, 11)
+
+
+def test_pictures_that_are_too_small_are_refused_before_training(tmp_path):
+    put(tmp_path / "pictures", sizes=[(60, 60)] * 12)
+    given = ("data=folder", f"data.root={tmp_path / 'pictures'}", f"runs={tmp_path / 'runs'}")
+    with pytest.raises(ValueError, match=r"no pictures to test on: .* Pass a smaller test.size=N"):
+        demoireing.fit(configure(*given, "test.size=64"))
+    assert not list(tmp_path.rglob("*.ckpt"))
+
+
+def test_a_folder_that_has_changed_tests_no_run(tmp_path):
+    """The split is another: pictures that it was trained on could test it."""
+    put(tmp_path / "pictures", sizes=[(64, 64)] * 23)
+    cfg = configure("data=folder", f"data.root={tmp_path / 'pictures'}")
+    pictures.keep(tmp_path, pictures.load(cfg))
+    pictures.require_same(tmp_path, pictures.load(cfg))
+    first = tmp_path / "pictures/class0/0.png"
+    Image.open(first).save(tmp_path / "pictures/another.png")
+    with pytest.raises(ValueError, match="Restore them, or pass resume=false"):
+        pictures.require_same(tmp_path, pictures.load(cfg))
+    pictures.require_same(tmp_path / "new", pictures.load(cfg))
+    drawn = pictures.load(configure())
+    pictures.keep(tmp_path / "signs", drawn)  # there is nothing to keep
+    assert not (tmp_path / "signs").exists()
