@@ -21,9 +21,9 @@ from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.trust import checks, trust
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.scene.scene import Scene
-from training.data import Splits
 from training.eval_batches import EvalBatches
 from training.schema import Config, Reattack, Trainer, scene_of
+from training.splits import Splits
 
 TRUST_N = 96  # images that the checks look at, in whole batches
 Metrics = dict[str, Any]

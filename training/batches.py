@@ -6,8 +6,8 @@ import lightning as L
 from torch.utils.data import DataLoader, Dataset
 from torch.utils.data.distributed import DistributedSampler
 
-from training.data import Splits
 from training.eval_batches import PIXELS
+from training.splits import Splits
 
 MOST_VAL = 320  # images of a batch of validation
 

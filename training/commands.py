@@ -11,14 +11,14 @@ from pathlib import Path
 import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from lightning.fabric.utilities.exceptions import MisconfigurationException
-from lightning.pytorch.utilities import rank_zero_only
 
 from training import machine, runs
 from training.messages import Lines, complain, sentence
+from training.processes import is_first, say
 from training.schema import RunConfig, check_keys
 
-EXPECTED = (ValueError, TypeError, FloatingPointError, OSError, MisconfigurationException)
+EXPECTED = (ValueError, TypeError, FloatingPointError, OSError)
+OF_LIGHTNING = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
 _failed: list[str] = []  # jobs of a sweep
 
 
@@ -65,17 +65,15 @@ def sentences(kept: str) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         again = machine.command([a for a in sys.argv if not a.startswith("resume=")])
-        rank_zero_only(print)(f"\nInterrupted. {kept}; the same command continues:\n  {again}")
+        say(f"\nInterrupted. {kept}; the same command continues:\n  {again}")
         raise SystemExit(130) from None
     except Exception as error:
         job = _job_of_a_sweep()
-        if not isinstance(error, EXPECTED):
+        if not (isinstance(error, EXPECTED) or type(error).__name__ == OF_LIGHTNING):
             if job is None:
                 raise
             complain(traceback.format_exc())
-        if (
-            not isinstance(error, ConnectionError) or runs.is_first()
-        ):  # the first process speaks for all
+        if not isinstance(error, ConnectionError) or is_first():  # the first process speaks for all
             complain(f"error: {sentence(error)}")
         # the processes of this run are not started again for the next job
         if job is None or torch.distributed.is_initialized():

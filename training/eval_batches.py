@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import Subset, default_collate
 
-from training.data import Splits
 from training.schema import Reattack
+from training.splits import Splits
 
 # of a batch by default: a few gigabytes for a large network and its gradients
 PIXELS = 25 * 224 * 224

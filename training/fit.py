@@ -28,19 +28,19 @@ from dataclasses import replace
 from typing import Any
 
 import hydra
-from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig
 
 from moireaug.evaluation import report
 from moireaug.scene.fields import one_of
 from training import adversaries, commands, reattack, runs, saved, scenes
 from training.attacking import Attacked, Protocol, attack, protocol_of
-from training.data import Splits, load, require_training_images
+from training.data import load, require_training_images
 from training.demoireing import fit as demoireing
+from training.messages import quiet
+from training.processes import is_first, say
 from training.results import compare, describe, publish
 from training.schema import Config, absolute, as_config, register
-from training.train import train_model, try_out
-from training.trainers import quiet
+from training.splits import Splits
 
 Metrics = dict[str, Any]
 
@@ -56,14 +56,16 @@ def fit(cfg: DictConfig | Config) -> Metrics:
     cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
     check(cfg)
     run = runs.run_of(cfg)
-    if runs.is_first():
+    if is_first():
         runs.make(run.folder)
     with runs.held(run.folder):
         if cfg.resume is not False and run.stage() == "finished":
             return finished(cfg)
-        if cfg.resume and runs.is_first():
+        if cfg.resume and is_first():
             plain = (runs.start_config(cfg), runs.baseline_config(cfg))
             runs.require_resumable(run, *[runs.run_of(other) for other in plain if other])
+        from training.train import try_out  # Lightning, which takes seconds to import
+
         began = time.perf_counter()
         splits = load(cfg.data)
         try_out(cfg, splits)
@@ -80,7 +82,7 @@ def finished(cfg: Config) -> Metrics:
     """
     out = runs.folder(cfg)
     known = runs.read_metrics(out) or {}
-    if not runs.is_first():
+    if not is_first():
         return known
     if "trust" in known:
         report.show(report.run_parts(known))
@@ -127,9 +129,8 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         start: metrics of the run whose weights it starts from, if any.
         role: "start" or "baseline", for what is printed.
     """
-    say = rank_zero_only(print)
     out = runs.folder(cfg)
-    if runs.is_first():
+    if is_first():
         runs.make(out)
     with runs.held(out):
         if damage := saved.damage(runs.run_of(cfg)):
@@ -152,7 +153,6 @@ def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
     known = runs.read_metrics(out)
     if not known or not (out / "best.ckpt").is_file():
         return None
-    say = rank_zero_only(print)
     before, now = known.get("config") or {}, runs.settings(cfg)
     if before == now:
         say(f"The {role} is reused from {out}.")
@@ -160,7 +160,7 @@ def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
     if before | {"reattack": None} != now | {"reattack": None}:
         return None
     say(f"The {role}'s weights are reused from {out} and attacked again: reattack.* has changed.")
-    if not runs.is_first():
+    if not is_first():
         return known
     return known | describe(again(cfg, protocol_of(cfg, splits)))
 
@@ -186,11 +186,13 @@ def one_run(
         start, baseline: metrics of the runs beside it. spent: seconds so far, by phase.
         check: whether to check that the attack's figures can be trusted.
     """
+    from training.train import train_model
+
     run = runs.run_of(cfg)
-    if runs.is_first():
+    if is_first():
         run.prepare()
     classifier, train = train_model(cfg, splits, before=start["train"] if start else None)
-    if not runs.is_first():
+    if not is_first():
         return {}
 
     protocol = protocol_of(cfg, splits)

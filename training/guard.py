@@ -7,10 +7,10 @@ from typing import Any
 
 import lightning as L
 from lightning.pytorch.callbacks import WeightAveraging
-from lightning.pytorch.utilities import rank_zero_only
 
 from training.classifier import Classifier, collapsed
 from training.files import read_checkpoint
+from training.processes import say
 
 
 class Guard(L.Callback):
@@ -53,7 +53,7 @@ def _fell(module: Classifier) -> bool:
 
 def _say(module: Classifier, then: str) -> None:
     *before, now = [row["perturbed"] for row in module.history]
-    rank_zero_only(print)(
+    say(
         f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three steps "
         f"fell to {now:.0%} from {max(before):.0%}. {then}"
     )

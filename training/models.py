@@ -5,10 +5,10 @@ import argparse
 import difflib
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import torch
-import torchvision
 from torch import Tensor, nn
 
 from moireaug.attacks import Normalized
@@ -60,9 +60,26 @@ def check_side(model: nn.Module, name: str, side: int) -> None:
         model.train(training)
 
 
+def _torchvision() -> ModuleType:
+    """Return torchvision's models, which take seconds to import."""
+    import torchvision
+
+    return torchvision.models
+
+
 def names() -> list[str]:
     """Return every name that `build` knows, own models first."""
-    return [*OWN, *torchvision.models.list_models(module=torchvision.models)]
+    models = _torchvision()
+    return [*OWN, *models.list_models(module=models)]
+
+
+def class_names(name: str) -> dict[int, str]:
+    """Return the names of the classes that a torchvision model was published with; empty for a
+    model of our own."""
+    if name in OWN:
+        return {}
+    published = _torchvision().get_model_weights(name).DEFAULT
+    return dict(enumerate(published.meta.get("categories", ())))
 
 
 def build(
@@ -85,7 +102,7 @@ def build(
     Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of
     another model.
     """
-    if name not in names():
+    if name not in OWN and name not in names():
         closest = difflib.get_close_matches(name, names(), n=3, cutoff=0.3)
         hint = f" Closest: {', '.join(closest)}." if closest else ""
         raise ValueError(
@@ -108,7 +125,7 @@ def build(
 def _fresh(name: str, num_classes: int) -> nn.Module:
     if name in OWN:
         return SmallResNet(num_classes, **OWN[name])
-    return torchvision.models.get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
+    return _torchvision().get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
 
 
 def _state(name: str, weights: str) -> Mapping[str, Tensor]:
@@ -121,14 +138,14 @@ def _state(name: str, weights: str) -> Mapping[str, Tensor]:
 def _published_names(name: str) -> list[str]:
     if name in OWN:
         return []
-    return list(torchvision.models.get_model_weights(name).__members__)
+    return list(_torchvision().get_model_weights(name).__members__)
 
 
 def _published(name: str, weights: str) -> Mapping[str, Tensor]:
     """Return the state of torchvision's own model with these weights, downloaded once into the
     torch hub folder."""
     try:
-        return torchvision.models.get_model(name, weights=weights).state_dict()
+        return _torchvision().get_model(name, weights=weights).state_dict()
     except (OSError, RuntimeError) as error:
         raise ValueError(
             f"The torchvision weights {weights!r} of {name!r} could not be fetched ({error}). "

@@ -25,7 +25,6 @@ from typing import Any
 
 import hydra
 import torch
-import torchvision
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 from torch import nn
@@ -38,8 +37,8 @@ from moireaug.scene.scene import as_scene
 from training import bounds, commands, overrides, runs, saved, scenes
 from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
 from training.augmentation import AUGMENT
-from training.data import Splits, load
-from training.models import as_model, check_side
+from training.data import load
+from training.models import as_model, check_side, class_names
 from training.results import compare, describe, publish, publish_suite
 from training.saved import Saved
 from training.schema import (
@@ -51,6 +50,7 @@ from training.schema import (
     register,
     scene_of,
 )
+from training.splits import Splits
 from training.suites import fabric_of, suite_config
 
 Metrics = dict[str, Any]
@@ -108,7 +108,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
     model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True)
     check_side(model, cfg.model, cfg.data.size)
     if cfg.data.class_index:
-        splits = splits._replace(classes=published_names(cfg.model) or splits.classes)
+        splits = splits._replace(classes=class_names(cfg.model) or splits.classes)
     protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
     out = home / protocol_name(cfg, protocol.batches.n, with_data=True) / cfg.suite
     seconds = {"data": time.perf_counter() - began}
@@ -235,15 +235,6 @@ def scene_name(scene: Any) -> str:
     if isinstance(scene, str):
         return scene
     return f"custom-{runs.fingerprint(as_scene(scene).to_dict())[:6]}"
-
-
-def published_names(model: str) -> dict[int, str]:
-    """Return the class names that a torchvision model was published with; empty for a model of our
-    own."""
-    if model not in torchvision.models.list_models():
-        return {}
-    weights = torchvision.models.get_model_weights(model).DEFAULT
-    return dict(enumerate(weights.meta.get("categories", ())))
 
 
 @hydra.main(version_base="1.3", config_path=None, config_name="reattack")

@@ -17,8 +17,8 @@ from moireaug.evaluation.suites.ladder import main_attack
 from moireaug.files import write_text
 from training import machine, runs
 from training.attacking import Attacked, Protocol
+from training.costs import with_totals
 from training.schema import Config, ReattackConfig, scene_of
-from training.train import with_totals
 
 # what metrics.json says of the start and of the baseline
 SHARED = ("recipe", "seed", "data", "model", "clean_accuracy", "train", "reattack")

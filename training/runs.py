@@ -14,11 +14,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import DictConfig, OmegaConf
 
 from training.files import read_json, read_metrics, read_settings
 from training.locks import locked
+from training.processes import is_first
 from training.schema import (
     HOME,
     RECIPES,
@@ -33,11 +33,6 @@ from training.schema import (
 # What a run's result does not depend on.
 _FREE, _FREE_DATA = ("runs", "resume", "pairs"), ("workers", "download")
 PLAIN = ("clean", "baseline")  # recipes without an adversary, which the others are compared with
-
-
-def is_first() -> bool:
-    """Return whether this is the process that writes, prints and reports: the first of its run."""
-    return int(getattr(rank_zero_only, "rank", 0)) == 0
 
 
 def settings(cfg: DictConfig | RunConfig) -> dict[str, Any]:

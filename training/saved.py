@@ -20,11 +20,13 @@ from torch import Tensor, nn
 
 from moireaug.scene.fields import one_of
 from training import runs
-from training.data import Splits
 from training.files import read_checkpoint, read_metrics, read_settings
 from training.models import as_model, names
 from training.overrides import command_line
+from training.processes import is_first
 from training.schema import DATA, Config, Data, as_config, scene_of
+from training.small_resnet import OWN
+from training.splits import Splits
 
 
 class Saved(NamedTuple):
@@ -122,7 +124,7 @@ def finished(cfg: Config) -> Saved:
     """
     found = read(runs.folder(cfg))
     # in another process of this run, the first may still be writing the metrics
-    whole = not runs.is_first() or read_metrics(found.folder) is not None
+    whole = not is_first() or read_metrics(found.folder) is not None
     if whole and same_training(found.cfg, cfg):
         return found
     raise ValueError(
@@ -169,7 +171,8 @@ def read_config(path: Path) -> Config:
         if not re.fullmatch(r"[\w.-]+", cfg.recipe):
             raise ValueError(f"recipe must be a name; got {cfg.recipe!r}.")
         one_of("data.name", cfg.data.name, DATA)
-        one_of("model", cfg.model, names())
+        if cfg.model not in OWN:
+            one_of("model", cfg.model, names())
         scene_of(cfg)
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         said = str(error).splitlines()[0].rstrip(".")

@@ -7,11 +7,9 @@ import dataclasses
 import importlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import lightning as L
 import torch
-from lightning.fabric.strategies import DDPStrategy
 from torch import nn
 from torch.utils.data import Subset
 
@@ -22,25 +20,31 @@ from moireaug.evaluation.conditions import Defence
 from moireaug.evaluation.judges import require_identity
 from training import runs, saved
 from training.attacking import Protocol
-from training.data import Splits
 from training.models import as_model, names
 from training.overrides import USES
+from training.processes import WAIT
 from training.schema import Data, ReattackConfig, Trainer
-from training.trainers import WAIT
+from training.splits import Splits
+
+if TYPE_CHECKING:
+    from lightning import Fabric
 
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
 RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
 BANK, DONORS = 50_000, 500  # patches of the image quilting, and images that they are drawn from
 
 
-def fabric_of(trainer: Trainer) -> L.Fabric:
+def fabric_of(trainer: Trainer) -> Fabric:
     """Launch the processes that share the work: Lightning's own, with the same settings as in
     training."""
+    from lightning import Fabric  # takes seconds to import
+    from lightning.fabric.strategies import DDPStrategy
+
     kind = trainer.accelerator
     if kind == "auto" and not torch.cuda.is_available():
         kind = "cpu"
     strategy = DDPStrategy(timeout=WAIT) if trainer.strategy == "ddp" else trainer.strategy
-    fabric = L.Fabric(
+    fabric = Fabric(
         accelerator=kind,
         devices=trainer.devices,
         num_nodes=trainer.num_nodes,
@@ -51,7 +55,7 @@ def fabric_of(trainer: Trainer) -> L.Fabric:
 
 
 def suite_config(
-    cfg: ReattackConfig, protocol: Protocol, splits: Splits, records: Path, fabric: L.Fabric
+    cfg: ReattackConfig, protocol: Protocol, splits: Splits, records: Path, fabric: Fabric
 ) -> SuiteConfig:
     """Return what the suite of these settings is built from.
 

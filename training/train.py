@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import OmegaConf
 
 from moireaug.evaluation.statistics import mix
@@ -20,11 +19,13 @@ from training.adversaries import passes
 from training.batches import Batches
 from training.checkpoints import ClassNames, RunCheckpoint
 from training.classifier import Classifier
-from training.data import Splits
+from training.costs import cost, with_totals
 from training.files import read_checkpoint, read_json
 from training.guard import Guard
 from training.models import as_model, check_side
+from training.processes import is_first, say
 from training.schema import Config, Trainer, as_values, scene_of
+from training.splits import Splits
 from training.trainers import make_trainer
 from training.tuning import Tuning, averaging
 
@@ -68,14 +69,13 @@ def train_model(
     classifier = classifier_of(cfg, splits.num_classes)
     if resumed and (train := read_json(train_json)):
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
-        rank_zero_only(print)(f"Training is complete: the weights are read from {best}.")
+        say(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), with_totals(train, before)
     if start and not resumed:
         classifier.model.load_state_dict(saved.finished(start).state)
     done = read_checkpoint(last)["history"] if resumed else []
-    if runs.is_first():
+    if is_first():
         write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
-    say = rank_zero_only(print)
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
     planned = f"{epochs} epochs"
     if before:
@@ -95,19 +95,20 @@ def train_model(
     began = time.perf_counter()
     ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
-    # without the images of an incomplete last batch
+    # without those of an incomplete last batch
     seen = int(trainer.num_training_batches) * cfg.train.batch_size
+    images = min(len(splits.train), seen)  # type: ignore[arg-type]
     state = read_checkpoint(best)
     classifier.load_state_dict(state["state_dict"])
     train = {
-        **cost(classifier, min(len(splits.train), seen)),  # type: ignore[arg-type]
+        **cost(classifier.history, classifier.collapsed_at, images),
         "wall_seconds": wall,
         "best_epoch": int(state["epoch"]),
         "init": cfg.train.init,
         "passes": passes(cfg.adversary),
     }
     train = with_totals(train, before)
-    if runs.is_first():
+    if is_first():
         write_text(train_json, json.dumps(train))
     return classifier.eval(), train
 
@@ -132,37 +133,6 @@ def draws(cfg: Config) -> int:
     epoch e is that of seed + e.
     """
     return mix(cfg.seed, int(cfg.train.init == "clean"), 0)
-
-
-def cost(classifier: Classifier, images: int) -> dict[str, Any]:
-    """Return the history of a training, and its time without validation.
-
-    Args:
-        images: that an epoch trains on.
-    """
-    history = classifier.history
-    seconds = sum(h["seconds"] for h in history)
-    return {
-        "seconds": seconds,
-        "epochs": len(history),
-        "images_per_second": images * len(history) / max(seconds, 1e-9),
-        "collapsed_at": classifier.collapsed_at,
-        "history": history,
-    }
-
-
-def with_totals(train: Mapping[str, Any], before: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return `train` with the epochs and seconds of a training and its start together.
-
-    Args:
-        train: `train` of a run's metrics.
-        before: that of the run whose weights it started from, if any.
-    """
-    epochs, seconds = train["epochs"], train["seconds"]
-    if before:
-        epochs += before["epochs"]
-        seconds += before["seconds"]
-    return {**train, "total_epochs": epochs, "total_seconds": seconds}
 
 
 def trainer_of(

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import timedelta
 from typing import Any
 
 import lightning as L
@@ -18,10 +15,8 @@ from lightning.pytorch.strategies import DDPStrategy
 from lightning.pytorch.utilities import rank_zero_only
 
 from training.checkpoints import AtomicCheckpointIO
+from training.processes import WAIT
 from training.schema import Trainer
-
-# While one process attacks, the others wait for it: longer than the half hour that torch allows
-WAIT = timedelta(days=30)
 
 
 class EpochLines(L.Callback):
@@ -67,22 +62,3 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         use_distributed_sampler=False,
         benchmark=False,
     )
-
-
-# Lightning's warnings at every start that a user of these recipes cannot act on
-KNOWN = (
-    ".*does not have many workers.*",
-    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
-    ".*Checkpoint directory .* exists and is not empty.*",
-    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
-    ".*smaller than the logging interval.*",
-    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
-)
-
-
-def quiet() -> None:
-    """Silence what Lightning says at every start."""
-    for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
-        logging.getLogger(name).setLevel(logging.WARNING)
-    for message in KNOWN:
-        warnings.filterwarnings("ignore", message)

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 import torch
-import torchvision
 from kornia.metrics import ssim as ssim_map
 from skimage.color import deltaE_ciede2000, rgb2lab
 from torch import Tensor, nn
@@ -147,6 +146,8 @@ def _network_of(features: Mapping[str, Tensor], path: str | Path) -> str:
     Raises:
         ValueError: none of them.
     """
+    import torchvision  # takes seconds to import
+
     shapes = {name: value.shape for name, value in features.items()}
     for network in NETWORKS:
         with torch.device("meta"):

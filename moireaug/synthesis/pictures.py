@@ -11,9 +11,11 @@ from typing import Protocol
 
 import numpy as np
 from PIL import Image
-from torchvision.datasets.folder import IMG_EXTENSIONS
 
 from moireaug.images import read
+
+# those of torchvision's ImageFolder, which would take seconds to import
+SUFFIXES = (".jpg", ".jpeg", ".png", ".ppm", ".bmp", ".pgm", ".tif", ".tiff", ".webp")
 
 
 class Source(Protocol):
@@ -51,12 +53,12 @@ class Pictures:
         self.names: list[str] = []
         self.others: list[str] = []
         for name in _files(self.folder):
-            known = name.lower().endswith(IMG_EXTENSIONS)
+            known = name.lower().endswith(SUFFIXES)
             (self.names if known else self.others).append(name)
         if not self.names:
             raise ValueError(
                 f"{self.folder} holds no pictures: none of its {len(self.others)} files ends with "
-                f"{', '.join(IMG_EXTENSIONS)}."
+                f"{', '.join(SUFFIXES)}."
             )
 
     def __len__(self) -> int:

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from tests.training.small import TINY, configured, inside
 from tests.training.strangers import put
-from training import fit, messages, reattack, runs, suites
+from training import fit, messages, processes, reattack, runs, suites
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -43,6 +43,54 @@ def test_how_threads_wait_is_set_before_torch_is_loaded(command, given, expected
     script = [sys.executable, "-c", WATCH, str(ROOT / f"training/{command}.py")]
     done = subprocess.run(script, env=env, capture_output=True, text=True)
     assert done.stderr == f"{expected}\n"
+
+
+# in one process, so those that import least come first
+LIGHT = [
+    ("training.demoire", ("torchvision", "lightning", "pandas", "matplotlib")),
+    ("training.synthesise", ("torchvision", "lightning", "pandas", "matplotlib")),
+    ("moireaug.evaluation", ("torchvision", "lightning", "matplotlib")),
+    ("training.frontier", ("torchvision", "lightning")),
+    ("training.calibrate", ("torchvision", "lightning")),
+    ("training.fit", ("torchvision", "lightning")),
+    ("training.train", ()),
+]
+
+
+def test_no_command_waits_for_what_it_may_not_need():
+    """Lightning and torchvision take seconds to import: a mistake is found without them."""
+    lines = ["import sys"]
+    for module, absent in LIGHT:
+        lines.append(f"import {module}")
+        for name in absent:
+            lines.append(f"assert {name!r} not in sys.modules, {module!r}")
+    lines.append("assert 'lightning' in sys.modules")  # it would be noticed
+    program = [sys.executable, "-c", "\n".join(lines)]
+    done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("known", "variables", "first"),
+    [
+        (None, {}, True),
+        (None, {"RANK": "1"}, False),
+        (None, {"LOCAL_RANK": "1", "SLURM_PROCID": "0"}, False),
+        (None, {"SLURM_PROCID": "3"}, False),
+        (0, {"RANK": "1"}, True),
+        (1, {}, False),
+    ],
+)
+def test_only_the_first_process_speaks(known, variables, first, monkeypatch, capsys):
+    """As Lightning says, or its launcher until it is imported."""
+    for name in processes.RANKS:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(processes.rank_zero_only, "rank", known)
+    processes.say("here")
+    assert processes.is_first() is first
+    assert capsys.readouterr().out == ("here\n" if first else "")
 
 
 def odd(cfg):

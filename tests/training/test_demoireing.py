@@ -18,9 +18,10 @@ from tests.synthesis.folders import put
 from tests.training.small import command, configured, same
 from training import runs
 from training.demoireing import fit as demoireing
+from training.demoireing.batches import Numbers
 from training.demoireing.fidelity import fidelity
 from training.demoireing.module import Demoireing
-from training.demoireing.pairs import Numbers, SimulatedPairs, toned
+from training.demoireing.pairs import SimulatedPairs, toned
 from training.demoireing.starting import start_as_identity
 from training.demoireing.testing import clean
 from training.files import read_checkpoint

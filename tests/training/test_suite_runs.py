@@ -16,9 +16,9 @@ import torch
 
 from moireaug.defenses import demoire
 from tests.training.tiny_suites import TINY, cells, folder_of, records_of, suite
-from training.data import Splits
 from training.eval_batches import EvalBatches
 from training.schema import Reattack, ReattackConfig, check_keys
+from training.splits import Splits
 from training.suites import networks_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")

@@ -9,9 +9,9 @@ from torch.utils.data import TensorDataset
 from tests.training.small import configured
 from training import models, runs
 from training.classifier import Classifier
-from training.data import Splits
 from training.files import read_checkpoint
 from training.schema import Train
+from training.splits import Splits
 from training.train import classifier_of, train_model
 from training.tuning import Tuning, averaging, tuning
 

@@ -5,6 +5,7 @@ import argparse
 
 import pytest
 import torch
+import torchvision
 
 from training import models
 from training.small_resnet import SmallResNet
@@ -211,8 +212,8 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
         assert name == "squeezenet1_1"
         return published if weights else original(name, **options)
 
-    original = models.torchvision.models.get_model
-    monkeypatch.setattr(models.torchvision.models, "get_model", get_model)
+    original = torchvision.models.get_model
+    monkeypatch.setattr(torchvision.models, "get_model", get_model)
     tuned = models.build("squeezenet1_1", 7, "DEFAULT")
     assert same(
         published,
@@ -225,7 +226,7 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
             raise OSError("no route to host")
         return original(name, **options)
 
-    monkeypatch.setattr(models.torchvision.models, "get_model", offline)
+    monkeypatch.setattr(torchvision.models, "get_model", offline)
     with pytest.raises(
         ValueError, match=r"'IMAGENET1K_V1' of 'squeezenet1_1' could not be fetched.*no route"
     ):

@@ -37,9 +37,9 @@ from training.demoireing.schema import DemoireConfig as DemoireConfig
 from training.demoireing.schema import asked_for as asked_for
 from training.demoireing.schema import register as register
 from training.demoireing.testing import summary, test
-from training.demoireing.train import train_network
+from training.messages import quiet
+from training.processes import is_first
 from training.schema import absolute, as_config
-from training.trainers import quiet
 
 Metrics = dict[str, Any]
 TARGETS = ("twin", "original", "toned")
@@ -57,12 +57,12 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
     cfg = replace(cfg, scene=inlined(cfg.scene))
     check(cfg)
     run = runs.run_of(cfg)
-    if runs.is_first():
+    if is_first():
         runs.make(run.folder)
     with runs.held(run.folder):
         if cfg.resume is not False and run.stage() == "finished":
             return finished(cfg)
-        if cfg.resume and runs.is_first():
+        if cfg.resume and is_first():
             runs.require_resumable(run)
         return one_run(cfg)
 
@@ -123,7 +123,7 @@ def finished(cfg: DemoireConfig) -> Metrics:
     pairs are given."""
     folder = runs.folder(cfg)
     known = runs.read_metrics(folder) or {}
-    if not runs.is_first():
+    if not is_first():
         return known
     if cfg.pairs and fingerprint(find_pairs(Path(cfg.pairs))) != known.get("pairs_fingerprint"):
         splits = pictures.load(cfg)
@@ -137,16 +137,18 @@ def finished(cfg: DemoireConfig) -> Metrics:
 
 def one_run(cfg: DemoireConfig) -> Metrics:
     """Train, test and report; returns the metrics, {} in all but one process."""
+    from training.demoireing.train import train_network  # Lightning takes seconds to import
+
     run = runs.run_of(cfg)
     splits = pictures.load(cfg)
     pictures.require_usable(splits)
-    if runs.is_first():
+    if is_first():
         if run.can_resume():
             pictures.require_same(run.folder, splits)
         run.prepare()
         pictures.keep(run.folder, splits)
     network, train = train_network(cfg, splits)
-    if not runs.is_first():
+    if not is_first():
         return {}
     demoire.save(network, run.folder / "weights.pt")
     metrics = tested(cfg, network, train, splits)

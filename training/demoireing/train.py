@@ -9,7 +9,6 @@ from typing import Any
 
 import lightning as L
 from lightning.pytorch.callbacks import EMAWeightAveraging
-from lightning.pytorch.utilities import rank_zero_only
 from omegaconf import OmegaConf
 
 from moireaug.defenses import demoire
@@ -17,12 +16,13 @@ from moireaug.defenses.demoire import DemoireNet
 from moireaug.files import write_text
 from training import ranks, runs
 from training.checkpoints import RunCheckpoint
+from training.demoireing.batches import PairBatches
 from training.demoireing.module import Demoireing
-from training.demoireing.pairs import PairBatches
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.starting import start_as_identity
 from training.files import read_checkpoint, read_json
+from training.processes import is_first, say
 from training.schema import as_values
 from training.trainers import make_trainer
 
@@ -50,12 +50,11 @@ def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[
     module = Demoireing(network, cfg.demoire, cfg.train)
     if resumed and (train := read_json(train_json)):
         module.load_state_dict(read_checkpoint(best)["state_dict"])
-        rank_zero_only(print)(f"Training is complete: the weights are read from {best}.")
+        say(f"Training is complete: the weights are read from {best}.")
         return network.eval(), train
     done = read_checkpoint(last)["history"] if resumed else []
-    if runs.is_first():
+    if is_first():
         write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
-    say = rank_zero_only(print)
     millions = sum(weights.numel() for weights in network.parameters()) / 1e6
     say(
         f"Training {cfg.model} of width {cfg.demoire.width:g} ({millions:.2f} million weights) on "
@@ -76,7 +75,7 @@ def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[
         "best_steps": int(state["history"][-1]["steps"]),
         "weights": round(1e6 * millions),
     }
-    if runs.is_first():
+    if is_first():
         write_text(train_json, json.dumps(train))
     return network.eval(), train
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import torch
 import torch.nn.functional as F
-import torchvision
 from torch import Tensor, nn
 
 from moireaug.defenses.demoire.layers import resized
@@ -44,6 +43,8 @@ class VGGFeatures(nn.Module):
     std: Tensor
 
     def __init__(self, path: str | Path, network: str) -> None:
+        import torchvision  # takes seconds to import
+
         super().__init__()
         with torch.device("meta"):  # the file's weights replace the random ones
             whole = torchvision.models.vgg16().features

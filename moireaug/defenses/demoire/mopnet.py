@@ -5,7 +5,6 @@ from __future__ import annotations
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
-from torchvision.models import vgg
 
 from moireaug.defenses.demoire.base import DemoireNet, scaled
 from moireaug.defenses.demoire.layers import REGION, ChannelAttention, UNet, conv, resized
@@ -102,6 +101,8 @@ class Classifier(nn.Module):
     """VGG-16's convolutions and a head of one logit: (B, 3, H, W) to (B, 1)."""
 
     def __init__(self, width: float) -> None:
+        from torchvision.models import vgg  # takes seconds to import
+
         super().__init__()
         layers = [layer if layer == "M" else scaled(int(layer), width) for layer in VGG16]
         self.features = vgg.make_layers(layers)

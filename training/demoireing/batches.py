@@ -1,0 +1,80 @@
+"""Simulated pairs in batches, for Lightning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import lightning as L
+import torch
+from torch.utils.data import DataLoader, Sampler, TensorDataset
+
+from moireaug.synthesis.pictures import Source
+from training.demoireing.pairs import VAL_SEED, SimulatedPairs, scenes_of
+from training.demoireing.pictures import Splits
+from training.demoireing.schema import DemoireConfig
+
+VAL_BATCH = 16
+
+
+class Numbers(Sampler[int]):
+    """The numbers of one rank's pairs in an epoch, different in every epoch.
+
+    Args:
+        count: pairs per epoch, of all ranks together.
+    """
+
+    def __init__(self, count: int, ranks: int, rank: int) -> None:
+        self.count, self.ranks, self.rank, self.epoch = count, ranks, rank, 0
+
+    def set_epoch(self, epoch: int) -> None:
+        """Begin an epoch; Lightning calls it."""
+        self.epoch = epoch
+
+    def __iter__(self) -> Iterator[int]:
+        first = self.epoch * self.count
+        return iter(range(first + self.rank, first + self.count, self.ranks))
+
+    def __len__(self) -> int:
+        return len(range(self.rank, self.count, self.ranks))
+
+
+class PairBatches(L.LightningDataModule):
+    """Serves pairs as loaders; the validation pairs are made once.
+
+    Args:
+        cfg: the run's settings. splits: its pictures. first: the epoch that training begins or
+            resumes with.
+    """
+
+    def __init__(self, cfg: DemoireConfig, splits: Splits, first: int = 0) -> None:
+        super().__init__()
+        self.cfg, self.splits, self.first = cfg, splits, first
+        self.scenes = list(scenes_of(cfg).values())
+
+    def _pairs(self, pictures: Source, seed: int) -> SimulatedPairs:
+        cfg = self.cfg
+        return SimulatedPairs(pictures, self.scenes, cfg.data.size, cfg.demoire.target, seed)
+
+    def train_dataloader(self) -> DataLoader:
+        ranks, rank = (
+            (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
+        )
+        train, workers = self.cfg.train, self.cfg.data.workers
+        size = max(1, train.batch_size // ranks)
+        numbers = Numbers(train.check_every * size * ranks, ranks, rank)
+        # Lightning starts the workers before it has read from which epoch training resumes
+        numbers.set_epoch(self.first)
+        return DataLoader(
+            self._pairs(self.splits.train, self.cfg.seed),
+            size,
+            sampler=numbers,
+            num_workers=workers,
+            persistent_workers=workers > 0,
+            multiprocessing_context="spawn" if workers else None,  # threads do not survive a fork
+        )
+
+    def val_dataloader(self) -> DataLoader:
+        pairs = self._pairs(self.splits.val, VAL_SEED)
+        made = [pairs[k] for k in range(self.cfg.data.val or 0)]
+        photos, targets = (torch.stack(side) for side in zip(*made, strict=True))
+        return DataLoader(TensorDataset(photos, targets), VAL_BATCH)

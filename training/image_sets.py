@@ -1,0 +1,127 @@
+"""Folders of images and torchvision's data sets, as uint8 images (3, size, size)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from torch.utils.data import Dataset
+from torchvision.datasets import CIFAR10, CIFAR100, GTSRB, ImageFolder
+from torchvision.transforms import v2
+
+from moireaug.images import read
+from training.files import read_table
+from training.schema import Data
+from training.splits import Splits, held, split, take
+
+GTSRB_CLASSES = 43  # which torchvision does not name
+IMAGENET = 1000  # classes of torchvision's published weights, which a class_index refers to
+# each set, and what its parts to train and to test on are called
+SETS: dict[str, tuple[Callable[..., Dataset], dict, dict]] = {
+    "cifar10": (CIFAR10, {"train": True}, {"train": False}),
+    "cifar100": (CIFAR100, {"train": True}, {"train": False}),
+    "gtsrb": (GTSRB, {"split": "train"}, {"split": "test"}),
+}
+
+
+def _resize(size: int) -> v2.Compose:
+    """Resize the shorter side to `size` and cut out the centre: as ImageNet models are
+    evaluated, without the margin of the usual 256 px."""
+    return v2.Compose([v2.Resize(size, antialias=True), v2.CenterCrop(size), v2.PILToTensor()])
+
+
+def published(cfg: Data) -> Splits:
+    """Load one of torchvision's data sets.
+
+    Raises:
+        ValueError: no folder, or a folder without the data set; says what to do.
+    """
+    if not cfg.root:
+        raise ValueError(
+            f"data={cfg.name} needs data.root=DIR, the folder where torchvision has put the "
+            "data set, or puts it with data.download=true."
+        )
+    make, train, test = SETS[cfg.name]
+    given = {"transform": _resize(cfg.size), "download": cfg.download}
+    try:
+        known, seen = make(cfg.root, **train, **given), make(cfg.root, **test, **given)
+    except (RuntimeError, OSError) as error:
+        raise ValueError(
+            f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
+            "Pass data.download=true to fetch it, or as data.root the folder where torchvision "
+            "has put it."
+        ) from error
+    names = getattr(seen, "classes", None) or [str(i) for i in range(GTSRB_CLASSES)]
+    train_part, val_part = split(held(known, cfg), cfg)
+    test_part = take(held(seen, cfg), cfg.test)
+    return Splits(train_part, val_part, test_part, dict(enumerate(names)), len(names))
+
+
+def folder(cfg: Data) -> Splits:
+    """Load a folder with train/ and test/, or with class folders alone, which are all test images.
+
+    Raises:
+        ValueError: a missing folder, or folders that do not fit; says what to do.
+    """
+    if not cfg.root:
+        raise ValueError(
+            "data=folder needs data.root=DIR, a folder with train/ and test/ inside it."
+        )
+    root = Path(cfg.root)
+    if not root.is_dir():
+        raise ValueError(
+            f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ "
+            f"inside it."
+        )
+    # class folders alone: all of it is test data
+    halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
+    try:
+        sets = [ImageFolder(half, transform=_resize(cfg.size), loader=read) for half in halves]
+    except (FileNotFoundError, RuntimeError) as error:
+        raise ValueError(
+            f"data.root={cfg.root!r} does not look like an image folder: {error}. "
+            "It must hold train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, "
+            "with images inside."
+        ) from error
+    # with data.class_index, a class need not be in both halves
+    numbers = [_numbers(half.classes, cfg) for half in sets]
+    if numbers[0] != numbers[1] and not cfg.class_index:
+        odd = sorted(set(sets[0].classes) ^ set(sets[1].classes))
+        raise ValueError(
+            f"train/ and test/ under {cfg.root!r} must hold the same class folders; these "
+            f"differ: {odd[:5]}."
+        )
+    for half, index in zip(sets, numbers, strict=True):
+        half.target_transform = [index[name] for name in half.classes].__getitem__
+    known, seen = held(sets[0], cfg), held(sets[1], cfg)
+    train, val = split(known, cfg) if halves[0] != halves[1] else (known, known)
+    classes = {number: name for index in numbers for name, number in index.items()}
+    count = IMAGENET if cfg.class_index else len(classes)
+    return Splits(train, val, take(seen, cfg.test), classes, count)
+
+
+def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
+    """Return the class of each folder: its place in the order, or what the CSV says."""
+    if not cfg.class_index:
+        return {name: i for i, name in enumerate(names)}
+    known = _class_index(Path(cfg.class_index))
+    lost = [n for n in names if known.get(n, IMAGENET) >= IMAGENET]
+    if lost:
+        raise ValueError(
+            f"{cfg.class_index} names no class_index below {IMAGENET} for the folders {lost[:5]} "
+            f"of {cfg.root!r}: add them."
+        )
+    return {name: known[name] for name in names}
+
+
+def _class_index(path: Path) -> dict[str, int]:
+    """Return folder name to class index, from a CSV with the columns folder (or wnid) and
+    class_index."""
+    try:
+        rows = read_table(path)
+        return {row.get("folder") or row["wnid"]: int(row["class_index"]) for row in rows}
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise ValueError(
+            f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV file "
+            "with a header and the columns folder (or wnid) and class_index, one row per folder."
+        ) from error
