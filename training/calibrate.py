@@ -10,10 +10,10 @@ Measures crops of the photos, and photos of the same crops by the scene: strengt
 scale, stripes or lattice, tone, tint, sharpness, noise. With `picture`, each photo is first
 registered to the picture; without originals, only the photos are measured. `fit=true` searches the
 scene's ranges so that the two agree, and writes scene.yaml, which every command takes as
-scene=FILE.
+scene=FILE: the best scene, if it is also better in shots that the search did not see.
 
 Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics.png into
-runs/calibrate/<scene>/, or where out=DIR says.
+runs/calibrate/<pairs or photos>-<scene>/, or where out=DIR says.
 """
 
 from __future__ import annotations
@@ -85,13 +85,14 @@ def calibrate(cfg: Config) -> list[Line]:
     scene, name = scenes.load(cfg.scene), Path(cfg.scene).stem
     if cfg.pairs or cfg.picture:
         check_aligned(scene)
-    out = Path(cfg.out) if cfg.out else Path("runs") / "calibrate" / name
+    out = Path(cfg.out) if cfg.out else Path("runs") / "calibrate" / f"{_stem(cfg)}-{name}"
     runs.make(out, "out=DIR")
     crops = cut(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
     real = measured(crops.photos, crops.originals)
     fitted = None
     if cfg.fit:
         fitted = fit.fit(scene, crops, real, cfg.evaluations, cfg.seconds, cfg.seed, print)
+        print(f"fit: {fitted.said()}")
         scene, name = fitted.scene, f"{name}, fitted"
         write_scene(out / "scene.yaml", scene)
     simulated = theirs = None
@@ -108,6 +109,10 @@ def calibrate(cfg: Config) -> list[Line]:
     show(said(found, name))
     print(f"Written: {out / 'report.html'}")
     return found
+
+
+def _stem(cfg: Config) -> str:
+    return Path(str(cfg.pairs or cfg.photos)).resolve().stem
 
 
 def check(cfg: Config) -> None:

@@ -9,6 +9,7 @@ import pytest
 import torch
 from PIL import Image
 from torch.utils.data import DataLoader
+from torchvision.datasets.folder import IMG_EXTENSIONS
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
 from moireaug.synthesis import Pairs, pictures, without_moire
@@ -114,6 +115,10 @@ def test_unusable_pictures_are_named_and_others_drawn_in_their_place(folder):
     assert len(pairs.pictures.unusable) == 3
     assert "torn.png could not be read" in reasons and "words.jpg could not be read" in reasons
     assert "low.png is too small: 200 x 20 pixels, and the crops have 32 x 32" in reasons
+
+
+def test_pictures_are_the_files_that_an_image_folder_takes():
+    assert pictures.SUFFIXES == IMG_EXTENSIONS
 
 
 def test_where_no_picture_is_usable_it_is_said(tmp_path):

@@ -2,8 +2,9 @@
 
 The search is CMA-ES (Hansen and Ostermeier, 2001) from the package `cma`: it takes a few hundred
 evaluations for a few dozen numbers that depend on one another, where differential evolution needs
-thousands, and copes with the steps in the distance. Every evaluation draws its shots from the
-same seed (common random numbers), so that the distance is a function of the ranges alone.
+thousands, and copes with the steps in the distance. Every evaluation draws the same shots (common
+random numbers), so that the distance is a function of the ranges alone. A search fits those shots
+too: whether the scene has become better is judged on others.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import cma
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from moireaug import Scene
 from moireaug.scene.fields import bounds
@@ -66,14 +68,19 @@ class Fitted:
     """The best scene that was found, and what it took.
 
     Args:
-        before, after: distances, see `compare.distance`, on the crops that were looked at.
-        searched: the fields, with the limits that were used. start: where the search began.
+        start: where the search began.
+        before, after: mean distances, see `compare.distance`, on all crops, in shots that the
+            search did not see.
+        searched_before, searched_after: on the crops and shots of the search.
+        searched: the fields, with the limits that were used.
     """
 
     scene: Scene
     start: Scene
     before: float
     after: float
+    searched_before: float
+    searched_after: float
     evaluations: int
     seconds: float
     searched: tuple[Searched, ...]
@@ -90,11 +97,18 @@ class Fitted:
                     "within": f"{low:g} to {high:g}",
                 }
             )
-        lead = (
-            f"{self.evaluations} evaluations in {self.seconds:.0f} s brought the mean distance "
-            f"from {self.before:.3f} to {self.after:.3f}, on the crops that the search looked at."
+        return {"lead": self.said(), "rows": rows}
+
+    def said(self) -> str:
+        """Return what it has brought, as a sentence."""
+        took = f"{self.evaluations} evaluations in {self.seconds:.0f} s"
+        if self.scene is self.start:
+            return f"{took} found no better ranges: the scene stays as it was."
+        return (
+            f"{took} brought the mean distance from {self.before:.3f} to {self.after:.3f}; on the "
+            f"shots that the search looked at, from {self.searched_before:.3f} to "
+            f"{self.searched_after:.3f}."
         )
-        return {"lead": lead, "rows": rows}
 
 
 def fit(
@@ -107,56 +121,74 @@ def fit(
     tell: Callable[[str], None],
     searched: Sequence[Searched] = SEARCHED,
 ) -> Fitted:
-    """Search the ranges of a scene, from its own on; Ctrl-C ends the search, the best is kept.
+    """Search the ranges of a scene, from its own on; Ctrl-C ends the search, and the best so far is
+    judged.
 
     Args:
         start: the scene to begin with; what is not searched stays as it is.
         crops: with originals. real: their statistics.
-        evaluations, seconds: the search ends with the generation that reaches either.
-        seed: of the search and of the shots.
+        evaluations: of the search, at most. seconds: it ends with the generation that reaches
+            them.
+        seed: of the shots that judge. The search and its shots have the next one.
         tell: takes a line of progress.
         searched: the fields.
 
     Returns:
-        The best scene, which is `start` where nothing better was found.
+        The best scene of the search, or `start` where that is no better in other shots.
     """
     began = time.perf_counter()
     chosen = np.unique(np.linspace(0, len(real) - 1, min(CROPS, len(real))).round().astype(int))
-    originals = crops.originals[torch.from_numpy(chosen)]  # type: ignore[index]
+    assert crops.originals is not None
+    originals = crops.originals[torch.from_numpy(chosen)]
     wanted = [real[i] for i in chosen]
 
-    def distance_of(scene: Scene) -> float:
-        photos = photographed(scene, originals, seed)
-        return distance(lines(wanted, measured(photos, originals)))
-
     limits = tuple(_widened(start, one) for one in searched)
-    before = distance_of(start)
-    best, after, count = start, before, 1
-    tell(f"fit: distance {before:.3f} at the start")
+    first = apart(start, originals, wanted, seed + 1)
+    best, least, count = start, first, 1
+    tell(f"fit: distance {first:.3f} at the start")
     options = {"bounds": [0, 1], "seed": seed + 1, "verbose": -9}
     search = cma.CMAEvolutionStrategy(encode(start, limits), STEP, options)
     try:
         while count < evaluations and time.perf_counter() - began < seconds and not search.stop():
             points = search.ask()
             values = []
-            for point in points:
+            for point in points[: evaluations - count]:
                 scene = decode(start, limits, point)
-                value = REFUSED if scene is None else distance_of(scene)
-                if scene is not None and value < after:
-                    best, after = scene, value
+                value = REFUSED
+                if scene is not None:
+                    value = apart(scene, originals, wanted, seed + 1)
+                if scene is not None and value < least:
+                    best, least = scene, value
                 values.append(value)
                 count += 1
-            search.tell(points, values)
-            tell(f"fit: distance {after:.3f} after {count} evaluations")
+            tell(f"fit: distance {least:.3f} after {count} evaluations")
+            if len(values) == len(points):
+                search.tell(points, values)
     except KeyboardInterrupt:
         tell(f"fit: interrupted after {count} evaluations; the best so far is kept")
     if best is not start:
         best = rounded(best, limits)
-        after = distance_of(best)
+    before, after = (apart(scene, crops.originals, real, seed) for scene in (start, best))
     if after >= before:
         best, after = start, before
-    taken = time.perf_counter() - began
-    return Fitted(best, start, before, after, count, taken, limits)
+    return Fitted(
+        scene=best,
+        start=start,
+        before=before,
+        after=after,
+        searched_before=first,
+        searched_after=apart(best, originals, wanted, seed + 1),
+        evaluations=count,
+        seconds=time.perf_counter() - began,
+        searched=limits,
+    )
+
+
+def apart(scene: Scene, originals: Tensor, real: Rows, seed: int) -> float:
+    """Return the mean distance of a scene's photos of crops from the statistics of the real
+    ones."""
+    photos = photographed(scene, originals, seed)
+    return distance(lines(real, measured(photos, originals)))
 
 
 def get(scene: Scene, field: str) -> tuple[float, float]:

@@ -16,10 +16,10 @@ from torch import Tensor
 
 from moireaug import Scene, capture
 from moireaug.images import read
+from moireaug.synthesis.pictures import SUFFIXES
 from moireaug.synthesis.registration import register
 from training.files import read_table
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 TABLE = "pairs.csv"  # of a folder
 BATCH = 8  # crops that are photographed at a time
 
