@@ -17,7 +17,7 @@ from moireaug.defenses import Quilting, demoire
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import Defence
-from moireaug.evaluation.judges import require_identity
+from moireaug.evaluation.identity import require_identity
 from training import runs, saved
 from training.attacking import Protocol
 from training.models import as_model, names

@@ -15,7 +15,7 @@ from moireaug.checks import check_images
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import Defence, Model
 from moireaug.evaluation.frame import images_frame
-from moireaug.evaluation.judges import require_identity
+from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites import tables_of

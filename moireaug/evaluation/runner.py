@@ -16,7 +16,8 @@ from torch import Tensor, nn
 from moireaug.attacks import evaluating, predicted
 from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
-from moireaug.evaluation.judges import UNDEFENDED, Judge, digest
+from moireaug.evaluation.identity import digest
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Record, Records, key_of
 from moireaug.evaluation.statistics import mix
 from moireaug.evaluation.tables import Table

@@ -1,16 +1,21 @@
 """Keys of records: what they mean changes them, and nothing else does."""
 
+import copy
 import dataclasses
+import functools
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
+from torchvision.transforms import v2
 
 from moireaug import Scene
 from moireaug.attacks import Normalized
-from moireaug.defenses import JPEG, Compose
+from moireaug.defenses import JPEG, Compose, Defended
 from moireaug.evaluation.attackers import MoireAttacker
-from moireaug.evaluation.judges import UNDEFENDED, Judge, digest, identity
+from moireaug.evaluation.identity import digest, identity, require_identity
+from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner
 from tests.evaluation.haze import CONDITIONS, EPS, SCENE, ran
@@ -79,6 +84,57 @@ def test_a_digest_sees_buffers_that_are_not_saved_and_layers_without_weights():
     assert digest(grey) != digest(plain)
     assert digest(nn.Sequential(net, nn.ReLU())) != digest(nn.Sequential(net, nn.GELU()))
     assert digest(classifier(0)) == digest(classifier(0)) != digest(classifier(1))
+
+
+class Holds(nn.Module):
+    def __init__(self, held):
+        super().__init__()
+        self.held = held
+
+
+class Plain:
+    def __init__(self, value):
+        self._value = value
+
+    def __call__(self, images):
+        return images * self._value
+
+
+# what two models may differ in that is no weight, buffer or layer
+DIFFER = {
+    "a defence": (Defended(nn.Identity(), JPEG(20)), Defended(nn.Identity(), JPEG(80))),
+    "a dict": ({"mean": 0.5}, {"mean": 0.4}),
+    "an array": (np.zeros(2), np.ones(2)),
+    "an array's shape": (np.zeros(2), np.zeros((2, 1))),
+    "a tensor in bfloat16": (torch.ones(1, dtype=torch.bfloat16), torch.ones(1)),
+    "a partial": (functools.partial(torch.clamp, min=0), functools.partial(torch.clamp, min=1)),
+    "an object": (Plain(1.0), Plain(2.0)),
+    "an object's method": (Plain(1.0).__call__, Plain(2.0).__call__),
+    "a transform": (v2.Compose([v2.RandomErasing(0.1)]), v2.Compose([v2.RandomErasing(0.2)])),
+    "an option": (v2.InterpolationMode.BILINEAR, v2.InterpolationMode.NEAREST),
+    "networks in a list": ([classifier(0)], [classifier(1)]),
+    "a function": (torch.relu, torch.sigmoid),
+}
+
+
+@pytest.mark.parametrize("what", DIFFER)
+def test_models_are_told_apart_by(what):
+    one, other = DIFFER[what]
+    assert identity(one) == identity(copy.deepcopy(one)) != identity(other)
+    assert digest(Holds(one)) == digest(Holds(copy.deepcopy(one))) != digest(Holds(other))
+    require_identity("it", Holds(one))
+
+
+@pytest.mark.parametrize("hide", [lambda f: f, Plain, lambda f: Holds([f]), lambda f: {"act": f}])
+def test_what_holds_a_lambda_is_refused_where_records_are_kept(hide):
+    with pytest.raises(ValueError, match="nothing tells the model, a Holds that is or holds a lam"):
+        require_identity("the model", Holds(hide(lambda images: images)))
+
+
+def test_what_holds_itself_has_an_end():
+    model = Holds(None)
+    model.held = Plain([model])
+    assert digest(model) == digest(copy.deepcopy(model))
 
 
 def test_a_key_changes_with_weights_scene_and_pixels(known):

@@ -7,7 +7,7 @@ import sys
 import pytest
 import torch
 
-from moireaug.evaluation.judges import digest
+from moireaug.evaluation.identity import digest
 from moireaug.evaluation.records import RecordFolder, Records, key_of
 from moireaug.files import write_text
 

@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from moireaug.evaluation.judges import digest
+from moireaug.evaluation.identity import digest
 from tests.training.small import BRIEF, TINY, command, configured, inside, train
 from training import fit, runs, saved
 from training.data import load

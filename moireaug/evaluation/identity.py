@@ -1,0 +1,156 @@
+"""What identifies a model or a defence in records: whatever its answers may depend on, as far as
+it is held as data."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import functools
+import hashlib
+import types
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+OF_MODULES = tuple(vars(nn.Module()))
+UNKNOWN = "callable "  # before the id in memory of what has no other name
+
+
+def identity(part: object) -> str:
+    """Return what identifies a model or a defence: the weights and settings of a network, the
+    settings of any other object, the import path of a function; for a lambda or a closure, its id
+    in memory."""
+    if isinstance(part, nn.Module):
+        return digest(part)
+    return " ".join(_told(part, ()))
+
+
+def digest(model: nn.Module) -> str:
+    """Return sixteen hex digits that change with a weight, a buffer, or a setting of a layer or of
+    anything that it holds; the code of a class is not seen."""
+    sums = hashlib.sha256(repr(model).encode())
+    for told in _told(model, ()):
+        sums.update(told.encode())
+    return sums.hexdigest()[:16]
+
+
+def require_identity(name: str, part: object) -> None:
+    """Refuse what a later process could not identify.
+
+    Raises:
+        ValueError: a lambda or a closure, or an object that holds one; names it.
+    """
+    if any(told.startswith(UNKNOWN) for told in _told(part, ())):
+        raise ValueError(
+            f"records are kept by what was asked, and nothing tells {name}, a "
+            f"{type(part).__name__} that is or holds a lambda or a function inside another, from "
+            "others: use functions of a module, or leave folder out."
+        )
+
+
+def _told(part: object, outer: tuple[int, ...]) -> Iterator[str]:
+    """Yield what tells a value from others, piece by piece.
+
+    Args:
+        outer: ids of the objects that hold it, which it may hold in turn.
+    """
+    if id(part) in outer:
+        yield "itself"
+    else:
+        yield from _tell(part, (*outer, id(part)))
+
+
+@functools.singledispatch
+def _tell(part: object, outer: tuple[int, ...]) -> Iterator[str]:
+    """Yield the settings of an object; what has none is told by its text."""
+    if dataclasses.is_dataclass(part) or hasattr(part, "__dict__"):
+        yield type(part).__qualname__
+        yield from _told(_settings(part), outer)
+    elif callable(part):
+        yield from _tell_code(part, outer)
+    else:
+        text = repr(part)
+        yield type(part).__qualname__ if " at 0x" in text else text
+
+
+@_tell.register
+def _tell_module(part: nn.Module, outer: tuple[int, ...]) -> Iterator[str]:
+    for name, layer in part.named_modules():
+        yield f"{name} {type(layer).__qualname__}"
+        yield from _told(_settings(layer), outer)
+    values = {**part.state_dict(), **dict(part.named_buffers())}  # some buffers are not saved
+    yield from _told(values, outer)
+
+
+@_tell.register
+def _tell_tensor(part: Tensor, outer: tuple[int, ...]) -> Iterator[str]:
+    raw = part.detach().cpu().contiguous().view(-1).view(torch.uint8)  # NumPy has no bfloat16
+    yield f"{part.dtype} {tuple(part.shape)}"
+    yield hashlib.sha256(raw.numpy().data).hexdigest()
+
+
+@_tell.register
+def _tell_array(part: np.ndarray, outer: tuple[int, ...]) -> Iterator[str]:
+    yield f"{part.dtype} {part.shape}"
+    yield hashlib.sha256(part.tobytes()).hexdigest()
+
+
+@_tell.register
+def _tell_member(part: enum.Enum, outer: tuple[int, ...]) -> Iterator[str]:
+    yield str(part)
+
+
+@_tell.register(Mapping)
+def _tell_mapping(part: Mapping, outer: tuple[int, ...]) -> Iterator[str]:
+    for key in sorted(part, key=repr):
+        yield repr(key)
+        yield from _told(part[key], outer)
+
+
+@_tell.register(tuple)
+@_tell.register(list)
+def _tell_sequence(part: Sequence, outer: tuple[int, ...]) -> Iterator[str]:
+    yield "("
+    for one in part:
+        yield from _told(one, outer)
+    yield ")"
+
+
+@_tell.register
+def _tell_partial(part: functools.partial, outer: tuple[int, ...]) -> Iterator[str]:
+    yield from _told((part.func, part.args, part.keywords), outer)
+
+
+@_tell.register
+def _tell_method(part: types.MethodType, outer: tuple[int, ...]) -> Iterator[str]:
+    yield part.__func__.__qualname__
+    yield from _told(part.__self__, outer)
+
+
+@_tell.register(types.FunctionType)
+@_tell.register(types.BuiltinFunctionType)
+@_tell.register(type)
+def _tell_code(part: object, outer: tuple[int, ...]) -> Iterator[str]:
+    yield _place(part) or f"{UNKNOWN}{id(part)}"
+
+
+def _settings(part: object) -> dict[str, object]:
+    """Return the attributes that an object holds, without those of every module, such as its mode
+    and its weights."""
+    if dataclasses.is_dataclass(part):
+        return {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+    found = dict(vars(part))
+    if isinstance(part, nn.Module):
+        for name in OF_MODULES:
+            found.pop(name, None)
+    return found
+
+
+def _place(part: object) -> str:
+    """Return where a function or a class can be imported from; empty where it cannot."""
+    module, name = getattr(part, "__module__", ""), getattr(part, "__qualname__", "")
+    if not module or not name or "<" in name or module == "__main__":
+        return ""
+    return f"{module}.{name}"
