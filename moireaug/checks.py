@@ -24,6 +24,7 @@ from torch import Tensor
 
 from moireaug.numeric import clip, is_transformed
 from moireaug.scene.by_name import limits
+from moireaug.scene.parts import LEAST_SLOPE
 from moireaug.scene.shot import ShotRecord
 
 MOST_CLIPPED = 0.18
@@ -44,8 +45,8 @@ def check_images(image: Tensor) -> Tensor:
             f"images must be floating point in [0, 1]; got {image.dtype}. Divide uint8 images by "
             "255, or use moireaug.transforms.RandomMoire, which takes them as they are."
         )
-    if torch.compiler.is_compiling():
-        return clip(image)  # values are unknown while a graph is traced
+    if is_transformed():
+        return clip(image)
     if not image.numel():
         return image
     low, high = (v.item() for v in image.detach().aminmax())
@@ -124,11 +125,7 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
         TypeError: not a shot.
         ValueError: another number or size of images, or other fields.
     """
-    if not isinstance(shot, ShotRecord):
-        raise TypeError(
-            f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
-            "scene.sample(len(images), images.shape[-2:])."
-        )
+    _check_type(shot)
     n = len(shot)
     if n != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(
@@ -147,9 +144,22 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
         _check_numbers(shot)
 
 
+def _check_type(shot: object) -> None:
+    if not isinstance(shot, ShotRecord):
+        raise TypeError(
+            f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
+            "scene.sample(len(images), images.shape[-2:])."
+        )
+
+
 def _check_numbers(shot: ShotRecord) -> None:
     """Refuse a shot with a number that no scene may have: the engine's kernels would look up what
     is not there."""
+    if shot.seed.dtype != torch.int64 or shot.seed.ndim != 1:
+        raise ValueError(
+            f"a shot's seed must be (B,) int64; got {tuple(shot.seed.shape)} {shot.seed.dtype}."
+        )
+    _check_lens(*(shot.numbers()[name].detach() for name in ("lens.k1", "lens.k2")))
     numbers, (lowest, highest) = shot.numbers(), limits()
     table = torch.stack(list(numbers.values())).detach()
     low, high = table.new_tensor(lowest)[:, None], table.new_tensor(highest)[:, None]
@@ -160,6 +170,21 @@ def _check_numbers(shot: ShotRecord) -> None:
             raise ValueError(
                 f"a shot's numbers must be finite, and shot.{name} lie in [{least:g}, "
                 f"{greatest:g}]; got {values.tolist()}."
+            )
+
+
+def _check_lens(k1: Tensor, k2: Tensor) -> None:
+    """Refuse what `Lens` refuses, too: a distortion that folds the photo onto itself."""
+    if not (k1.any() or k2.any()):
+        return
+    flattest = torch.where(k2 == 0, 0.0, -0.3 * k1 / k2).clamp(0, 1)
+    for t in (torch.ones_like(k1), flattest):
+        slope = 1 + 3 * k1 * t + 5 * k2 * t * t
+        if (slope <= LEAST_SLOPE).any():
+            row = int(slope.argmin())
+            raise ValueError(
+                f"shot.lens.k1 = {float(k1[row]):g} and k2 = {float(k2[row]):g} fold the photo "
+                "onto itself before its corners. Bring them closer to 0."
             )
 
 
@@ -180,7 +205,7 @@ def check_noise(noise: Tensor, raw: Tensor) -> None:
             f"noise must have the raw reading's shape {tuple(raw.shape)}, see Shot.raw_shape(); "
             f"got {tuple(noise.shape)}."
         )
-    if not torch.compiler.is_compiling() and not noise.isfinite().all():
+    if not is_transformed() and not noise.isfinite().all():
         raise ValueError(
             "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
         )
@@ -191,13 +216,14 @@ def check_raw(raw: Tensor, shot: ShotRecord) -> None:
     a shot with a number that no scene may have.
 
     Raises:
-        TypeError: not a floating point tensor.
+        TypeError: not a floating point tensor, or not a shot.
         ValueError: another shape, or such a number.
     """
+    _check_type(shot)
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
+        got = f"a tensor of {raw.dtype}" if isinstance(raw, Tensor) else f"a {type(raw).__name__}"
         raise TypeError(
-            "raw must be a floating point tensor; got "
-            f"{getattr(raw, 'dtype', type(raw).__name__)}. expose(images, shot) returns one."
+            f"raw must be a floating point tensor; got {got}. expose(images, shot) returns one."
         )
     expected = shot.raw_shape()
     if tuple(raw.shape) != expected:

@@ -6,6 +6,7 @@ import math
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 
 def clip(x: Tensor) -> Tensor:
@@ -14,14 +15,21 @@ def clip(x: Tensor) -> Tensor:
     Since torch 2.14, `torch.clamp` passes no gradient at its bounds, which would hide black and
     white pixels from an attack.
     """
-    if not x.requires_grad:
+    if not _has_gradient(x):
         return x.clamp(0, 1)
     return torch.where((x < 0) | (x > 1), x.detach().clamp(min=0, max=1), x)
 
 
 def saturate(x: Tensor) -> Tensor:
     """Clip to at most 1; gradient as in `clip`."""
-    return torch.where(x > 1, torch.ones_like(x), x) if x.requires_grad else x.clamp(max=1)
+    return torch.where(x > 1, torch.ones_like(x), x) if _has_gradient(x) else x.clamp(max=1)
+
+
+def _has_gradient(x: Tensor) -> bool:
+    """Return whether a derivative may be asked for, backward or forward."""
+    if x.requires_grad or torch._C._functorch.peek_interpreter_stack() is not None:
+        return True
+    return not torch.compiler.is_compiling() and forward_ad.unpack_dual(x).tangent is not None
 
 
 def per_image(field: Tensor, like: Tensor) -> Tensor:

@@ -39,9 +39,9 @@ EXPOSE: tuple[Effect, ...] = (
     Distortion(),
     Crosstalk(),
     Exposed(),  # panel light to readings
+    Flicker(),  # of the panel, not of the room that its glass reflects
     Glare(),
     Vignetting(),
-    Flicker(),
     Gain(),
     Noise(),
     FullWell(),

@@ -1,6 +1,8 @@
 """Arithmetic whose gradient is right at the bounds."""
 
+import pytest
 import torch
+from torch.autograd import forward_ad
 
 from moireaug.numeric import clip, per_image, saturate
 
@@ -21,3 +23,15 @@ def test_a_full_well_reads_one_and_passes_no_gradient():
 def test_fields_of_a_shot_meet_images():
     field = per_image(torch.tensor([1.0, 2.0], dtype=torch.float64), torch.zeros(2, 3, 4, 5))
     assert field.shape == (2, 1, 1, 1) and field.dtype == torch.float32
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
+@pytest.mark.parametrize("clipped", [clip, saturate])
+def test_forward_and_backward_derivatives_agree_at_the_bounds(clipped):
+    x = torch.tensor([-1.0, 0.0, 0.5, 1.0, 2.0], requires_grad=True)
+    clipped(x).sum().backward()
+    along = torch.func.jvp(clipped, (x.detach(),), (torch.ones(5),))[1]
+    assert torch.equal(along, x.grad)
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(x.detach(), torch.ones(5))
+        assert torch.equal(forward_ad.unpack_dual(clipped(dual)).tangent, x.grad)

@@ -1,12 +1,59 @@
 """Scenes and pictures that cannot be photographed: each gets a sentence with what is allowed."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
+from moireaug import (
+    Develop,
+    Layout,
+    Lens,
+    Panel,
+    Scene,
+    Sensor,
+    Shot,
+    View,
+    capture,
+    develop,
+    expose,
+)
+
+X = torch.rand(1, 3, 4, 4)
+SHOT = Scene().sample(1, (4, 4))
+
+
+def changed(**values):
+    """The dict of a shot with other values, by key or by part_field."""
+    found = SHOT.to_dict()
+    for name, value in values.items():
+        part, _, field = name.partition("_")
+        if field:
+            found[part] = {**found[part], field: value}
+        else:
+            found[name] = value
+    return Shot.from_dict(found)
+
+
+def bent(k1):
+    """A shot with a lens that no scene may have."""
+    lens = SHOT.lens.drawn({"k1": torch.tensor([k1], dtype=torch.float64)})
+    return dataclasses.replace(SHOT, lens=lens)
+
 
 REFUSED = [
+    (lambda: capture(X, bent(-0.5)), "fold the photo onto itself"),
+    (lambda: capture(X, bent(-1.0)), "fold the photo onto itself"),
+    (lambda: capture(X, dataclasses.replace(SHOT, seed=SHOT.seed.float())), "(B,) int64; got (1,)"),
+    (lambda: changed(size=[8.0, 8.0]), "in whole numbers; got [8.0, 8.0]"),
+    (lambda: changed(size=[8, 8, 8]), "in whole numbers; got [8, 8, 8]"),
+    (lambda: changed(size=[0, -1]), "at least 1 x 1 pixels"),
+    (lambda: changed(seed=5), "seed must be a list of whole numbers; got 5"),
+    (lambda: changed(seed=[1.5]), "seed must be a list of whole numbers; got [1.5]"),
+    (lambda: changed(panel_scale=1.0), "panel.scale must hold 1 numbers"),
+    (lambda: changed(panel_scael=[1.0]), "Did you mean 'scale'?"),
+    (lambda: changed(pannel={}), "Did you mean 'panel'?"),
     (lambda: Panel(black=1.1), "Panel.black must lie in [0, 1]"),
     (lambda: Panel(glare_x=0.6), "Panel.glare_x must lie in [-0.5, 0.5]"),
     (lambda: Lens(motion_y=-21), "Lens.motion_y must lie in [-20, 20]"),
@@ -27,7 +74,7 @@ REFUSED = [
     (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
     (
         lambda: Scene().sample(1, 8),
-        "size (height, width) of at least 1 x 1 pixels, in whole numbers; got n = 1, size = 8",
+        "size (height, width) of at least 1 x 1 pixels, in whole numbers; got 8",
     ),
     (
         lambda: capture(
@@ -46,10 +93,15 @@ REFUSED = [
 ]
 
 
-X = torch.rand(1, 3, 4, 4)
 MISTAKEN = [
     (lambda: capture(X, Scene()), "a shot must be a Shot; got a Scene"),
     (lambda: capture(X, "screen_photo"), "a shot must be a Shot; got a str"),
+    (lambda: develop(expose(X, SHOT), Scene()), "a shot must be a Shot; got a Scene"),
+    (lambda: develop(np.zeros((1, 4, 2, 2)), SHOT), "floating point tensor; got a ndarray"),
+    (lambda: Shot.from_dict(None), "a shot's values must be a mapping; got None"),
+    (lambda: changed(panel=None), "a shot's panel must be a mapping of its fields; got None"),
+    (lambda: Scene(tolerance=(0, 1)), "Scene.tolerance must be a number; got (0, 1)"),
+    (lambda: Layout((1, 2)), "Layout.subpixels must be (channel, x0, y0, x1, y1)"),
     (lambda: Scene.from_dict("screen_photo"), "must be a mapping; got 'screen_photo'"),
     (
         lambda: Scene(view=View(yaw=torch.tensor([1.0, 2.0]))),

@@ -1,15 +1,17 @@
 """Scene: ranges, validation, plain values; Shot: draws, replay, indexing."""
 
+import copy
 import dataclasses
 import json
 import math
 import pickle
+from fractions import Fraction
 
 import numpy as np
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
+from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, Shot, View, capture
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
@@ -45,10 +47,10 @@ BAD = [
     (lambda: as_scene(3), "a Scene, a preset's name or a dict; got int"),
     (lambda: Scene().sample(-1, (8, 8)), "n >= 0"),
     (lambda: Scene().sample(1, (0, 8)), "at least 1 x 1"),
-    (lambda: Scene().sample(1, (8.9, 8)), "in whole numbers; got n = 1, size = (8.9, 8)"),
-    (lambda: Scene().sample(2.5, (8, 8)), "in whole numbers; got n = 2.5"),
-    (lambda: Scene().sample("2", (8, 8)), "in whole numbers; got n = '2'"),
-    (lambda: Scene().sample(1, 8.9), "in whole numbers; got n = 1, size = 8.9"),
+    (lambda: Scene().sample(1, (8.9, 8)), "in whole numbers; got (8.9, 8)"),
+    (lambda: Scene().sample(2.5, (8, 8)), "a whole number n >= 0 of images; got n = 2.5"),
+    (lambda: Scene().sample("2", (8, 8)), "a whole number n >= 0 of images; got n = '2'"),
+    (lambda: Scene().sample(1, 8.9), "in whole numbers; got 8.9"),
     (lambda: Scene().capture(torch.rand(3, 4, 4)), "the shape (B, 3, H, W)"),
     (lambda: Scene().capture(np.zeros((1, 3, 4, 4))), "images must be a torch.Tensor"),
 ]
@@ -157,3 +159,35 @@ def test_a_pickled_shot_is_no_larger_than_its_numbers():
     few, many = (len(pickle.dumps(Scene().sample(n, (8, 8)))) for n in (1, 101))
     numbers = len(Scene().sample(1, (8, 8)).numbers()) + 1
     assert many - few < 1.2 * 100 * 8 * numbers
+
+
+def test_numbers_of_any_kind_are_kept_as_plain_ones():
+    stripe = Layout(((0, 0, 0, Fraction(1, 3), 1), (1, np.float32(0.5), 0, 1, 1)), (np.int64(1), 1))
+    scene = Scene(panel=Panel(layout=stripe), sensor=Sensor(bits=np.int64(8)))
+    assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
+    scene.capture(torch.rand(1, 3, 8, 8))
+
+
+def test_a_copy_of_a_scene_makes_its_own_plan():
+    scene = Scene.preset("screen_photo")
+    scene.plan()
+    for again in (pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene)):
+        assert again == scene and "_plan" not in vars(again)
+        assert str(again.plan()) == str(scene.plan())
+
+
+def test_a_refused_size_leaves_nothing_behind():
+    """8.0 is 8 to a cache."""
+    values = Scene().sample(1, (8, 8)).to_dict()
+    with pytest.raises(ValueError, match="whole numbers"):
+        Shot.from_dict({**values, "size": [8.0, 8.0]})
+    capture(torch.rand(1, 3, 8, 8), Shot.from_dict(values))
+
+
+def test_photos_under_vmap_are_those_of_a_loop():
+    scene, images = Scene.preset("screen_photo"), torch.rand(3, 3, 8, 8, dtype=torch.float64)
+    shot = scene.sample(1, (8, 8))
+    noise = 0.01 * torch.randn(3, *shot.raw_shape()[1:], dtype=torch.float64)
+    together = torch.func.vmap(lambda x, n: capture(x[None], shot, n[None])[0])(images, noise)
+    one_by_one = [capture(x[None], shot, n[None])[0] for x, n in zip(images, noise, strict=True)]
+    assert torch.allclose(together, torch.stack(one_by_one), atol=1e-9)

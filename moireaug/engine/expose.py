@@ -47,7 +47,7 @@ def _expose(
             end = min(start + band, len(rows)) - 1
             middle = (rows[start] + rows[end]) / 2
             _weights(row.weights, nodes, middle, rows[0])
-        gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
+        pulse = flicker[r] if len(flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
@@ -55,10 +55,11 @@ def _expose(
                 glow(row, panel, size, camera, cell, nodes, sites, places, plane, v)
             fill(light, ZERO)
             for colour in range(3):
-                add(light, row.glow[colour], np.float32(filters[sites.channel[plane], colour]))
+                passed = filters[sites.channel[plane], colour] * pulse
+                add(light, row.glow[colour], np.float32(passed))
             u = places.u[plane]
             reflect(light, u, v, white[plane], camera)
-            attenuate(light, gain, u, v, camera)
+            attenuate(light, u, v, camera)
             start = (plane * h + r // step) * w
             out = raw[plane, r // step]
             read(out, light, camera, start, noise, noise_keys, numbers, bits, clips)

@@ -13,7 +13,7 @@ import numpy as np
 from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.vectors import peek, poke
 
-FAINT = 2e-5  # of full scale: terms that nowhere exceed it are left out
+FAINT = 2e-5  # of full scale: terms that nowhere exceed it in a reading are left out
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
 # sin and cos of 2 pi d for d in [-1/2, 1/2], by Taylor's series of s(t) = sin(t) and c(t) = cos(t)
@@ -54,12 +54,13 @@ def fold(amplitude):
 
 
 @loop
-def terms_of(amplitude):
-    """Return the terms (T, 4) int64 that exceed FAINT at any node, in order, of folded amplitudes
-    (rows, cols, kinds, n, m)."""
+def terms_of(amplitude, gain):
+    """Return the terms (T, 4) int64 that, times the gain, exceed FAINT at any node, in order, of
+    folded amplitudes (rows, cols, kinds, n, m)."""
     rows, cols, kinds, n, m = amplitude.shape
     half = m // 2
     out, count = np.empty((kinds * n * m, 4), np.int64), 0
+    least = FAINT / max(gain, 1.0)
     for kind in range(kinds):
         for k in range(n):
             for l in range(m):
@@ -68,7 +69,7 @@ def terms_of(amplitude):
                     for c in range(cols):
                         most = max(most, abs(amplitude[r, c, kind, k, l]))
                 sine = l > half
-                if most > FAINT and not (sine and k == 0):  # sin(0 x) is 0
+                if most > least and not (sine and k == 0):  # sin(0 x) is 0
                     out[count, KIND], out[count, K] = kind, k
                     out[count, L], out[count, SINE] = l - half if sine else l, 1 if sine else 0
                     count += 1

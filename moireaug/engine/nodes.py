@@ -19,6 +19,7 @@ SEEN = 5  # and of how many cells a pixel sees
 # how much the logarithm of the view's scale may change between two nodes of the amplitudes, and of
 # the weights
 STEP, STEP_OF_WEIGHTS = 0.15, 0.06
+SWING = 0.3  # and how much the motion, where it changes sign, as a share of the rest of the spread
 CYCLES = 0.12  # and how much the highest frequency may, in cycles per sensor pixel
 PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes less than 1e-5
 
@@ -72,6 +73,29 @@ def _fastest(seen, axis_of_photo, highest, passed):
 
 
 @inner
+def _swing(rows, cols, camera, axis_of_photo):
+    """Return how much the motion along the panel's axes changes along u (0) or v (1), as a share of
+    the rest of the spread, if it does so over the whole photo as where it changes sign: there the
+    whole spread has its least value, with a kink if the rest is small."""
+    found = 0.0
+    for i in range(SAMPLES):
+        for j in range(SAMPLES - 1):
+            u, v = _sample(cols, j, SAMPLES), _sample(rows, i, SAMPLES)
+            u2, v2 = _sample(cols, j + 1, SAMPLES), v
+            if axis_of_photo == 1:
+                u, v = _sample(cols, i, SAMPLES), _sample(rows, j, SAMPLES)
+                u2, v2 = u, _sample(rows, j + 1, SAMPLES)
+            here, there = jacobian(u, v, camera), jacobian(u2, v2, camera)
+            for axis in range(2):
+                a = weights.moved(here[2 * axis], here[2 * axis + 1], camera)
+                b = weights.moved(there[2 * axis], there[2 * axis + 1], camera)
+                if a * b < 0:
+                    still = weights.still(here[2 * axis], here[2 * axis + 1], camera)
+                    found = max(found, abs(a - b) / math.sqrt(still + weights.NARROWEST))
+    return found * (SAMPLES - 1)
+
+
+@inner
 def _count(steps, fewest):
     """Return how many nodes are as many steps apart: at least `fewest`, and at most MOST + 1."""
     return int(min(max(steps + 2, fewest), MOST + 1))
@@ -94,7 +118,8 @@ def _counts(rows, cols, camera, cell):
             out[0, k], out[1, k] = 4, 2
             continue
         out[0, k] = _count(max(cycles[k] / CYCLES, change[k] / STEP), fewest)
-        out[1, k] = _count(change[k] / STEP_OF_WEIGHTS, 5)
+        swing = _swing(rows, cols, camera, k) / SWING
+        out[1, k] = _count(max(change[k] / STEP_OF_WEIGHTS, swing), 5)
     return out
 
 
@@ -129,13 +154,14 @@ def fits(camera, cell, widths, skew, sites, dark):
 
 @part
 def _line(positions, count):
-    """Return `count` nodes from the first to the last position, and the step between two."""
+    """Return `count` nodes from the first to the last position, and the step between two; for one
+    position all nodes are there, and the step is 1."""
     first, last = positions[0], positions[len(positions) - 1]
-    step = (last - first) / (count - 1) if last > first else 1.0
+    apart = (last - first) / (count - 1)
     out = np.empty(count, np.float64)
     for i in range(count):
-        out[i] = first + i * step
-    return out, step
+        out[i] = first + i * apart
+    return out, apart if last > first else 1.0
 
 
 @inner
@@ -178,7 +204,7 @@ def prepare(camera, cell, coefficients, widths, skew, sites):
     vs, step_v = _line(rows, counts[0, 1])
     amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
     harmonics.fold(amplitude)
-    terms = harmonics.terms_of(amplitude)
+    terms = harmonics.terms_of(amplitude, camera.gain)
     w = len(cols) // step
     lines = np.empty((step, len(vs), len(terms) * w), np.float32)
     ends, cubics = np.empty(len(us) - 2, np.int64), np.empty((4, w), np.float32)

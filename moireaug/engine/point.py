@@ -99,7 +99,7 @@ def expose_point(
     step = sites.step
     for r in range(h * step):
         v = sites.rows[r]
-        gain = np.float32(camera.gain * (flicker[r] if len(flicker) > 0 else 1.0))
+        pulse = flicker[r] if len(flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
@@ -109,7 +109,7 @@ def expose_point(
             fill(line, ZERO)
             channel, n, alpha = sites.channel[plane], float(point.raster), camera.alpha
             for i in range(len(point.rectangles)):
-                passed = filters[channel, cell.channel[i]]
+                passed = filters[channel, cell.channel[i]] * pulse
                 if passed == 0:
                     continue
                 x0, y0, x1, y1 = point.rectangles[i]
@@ -129,7 +129,7 @@ def expose_point(
                     np.float32(lit * passed),
                 )
             reflect(line, u, v, white[plane], camera)
-            attenuate(line, gain, u, v, camera)
+            attenuate(line, u, v, camera)
             row = r // step
             read(
                 raw[plane, row],

@@ -26,8 +26,9 @@ def reflect(line, cols, v, white, camera):
 
 
 @inner
-def attenuate(line, gain, cols, v, camera):
+def attenuate(line, cols, v, camera):
     """Multiply a row by gain and vignetting; cols and v are photo coordinates about the centre."""
+    gain = np.float32(camera.gain)
     if camera.falloff == 0:
         for i in range(len(line)):
             line[i] *= gain

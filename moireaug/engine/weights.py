@@ -18,20 +18,35 @@ from moireaug.engine.view import jacobian
 from moireaug.exposure.content import TAIL
 
 NARROWEST = 1e-12  # variance in cells
-GRAIN, MOST_PHASES = 16, 512  # phases are a multiple of GRAIN
+GRAIN = 16  # phases are a multiple of it
+# of which there are at most so many; at a few nodes, as in a frontal view, whose pixels may all lie
+# where a weight has a kink, at most FINEST
+MOST_PHASES, FINEST = 512, 8192
 SMOOTH = 4e-3  # error of a weight that is interpolated linearly between phases
 FAINT = 1e-3  # of a pixel's light: cells that give less are not looked at
+
+
+@inner
+def moved(by_u, by_v, camera):
+    """Return the standard deviation of the motion along one axis, in panel pixels, with a sign."""
+    return by_u * camera.motion_x + by_v * camera.motion_y
+
+
+@inner
+def still(by_u, by_v, camera):
+    """Return the variance along one axis without motion, beside the box: squared panel pixels."""
+    short = min(abs(by_u), abs(by_v)) * camera.fill
+    beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
+    return short * short / 12 + (by_u * by_u + by_v * by_v) * beside
 
 
 @inner
 def _spread(out, by_u, by_v, camera, period, width, skew, taps):
     """Do the same as `spreads` along one axis, along which a step to the next sensor pixel's u and
     v goes by so many panel pixels."""
-    ju, jv = abs(by_u) / period, abs(by_v) / period
-    moved = (by_u * camera.motion_x + by_v * camera.motion_y) / period
-    beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
-    long, short = max(ju, jv) * camera.fill, min(ju, jv) * camera.fill
-    variance = short * short / 12 + (ju * ju + jv * jv) * beside + moved * moved + skew
+    long = max(abs(by_u), abs(by_v)) * camera.fill / period
+    moves = moved(by_u, by_v, camera)
+    variance = (still(by_u, by_v, camera) + moves * moves) / (period * period) + skew
     sigma = math.sqrt(variance + NARROWEST)
     reach = long / 2 + TAIL * sigma
     shrink = min(1.0, max(taps + 0.5 - width / 2, NARROWEST) / reach)
@@ -53,10 +68,11 @@ def spreads(out, u, v, camera, period, width, skew, taps):
 @inner
 def _phases(spread, axis):
     """Return how many phases tables of weights need along an axis, over spreads (n, axis, 2)."""
+    most = FINEST if len(spread) <= 4 else MOST_PHASES
     needed = 1.0
     for i in range(len(spread)):
         needed = max(needed, 1 / math.sqrt(SMOOTH * spread[i, axis, 0] * spread[i, axis, 1]))
-    return GRAIN * min(math.ceil(needed / GRAIN), MOST_PHASES // GRAIN)
+    return GRAIN * min(math.ceil(needed / GRAIN), most // GRAIN)
 
 
 @inner

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from moireaug.geometry import grids
+from moireaug.numeric import is_transformed
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 
@@ -24,7 +25,7 @@ class Screen:
     def __init__(self, light: Tensor, shot, taps: int) -> None:
         self.light, self.taps, self.alpha = light, taps, shot.panel.scale[:, None, None]
         most = bounds(shot.scene.panel.scale)[1]
-        if len(light) and not torch.compiler.is_compiling():
+        if len(light) and not is_transformed():
             most = float(self.alpha.detach().max())
         px, py = as_layout(shot.scene.panel.layout).period
         # far enough past the picture for all taps to show its edge pixels

@@ -11,6 +11,7 @@ from numbers import Real
 from typing import Any, ClassVar, Self
 
 Range = float | tuple[float, float]
+RANGE = "a number or a (low, high) pair of numbers"
 
 
 def ranged(default: Range, low: float, high: float, unit: str = "") -> Any:
@@ -29,7 +30,9 @@ def one_of(name: str, got: object, allowed: Iterable[str]) -> str:
     raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}; got {got!r}.{hint}")
 
 
-def check_number(name: str, value: object, low: float, high: float, unit: str) -> float:
+def check_number(
+    name: str, value: object, low: float, high: float, unit: str, what: str = "a number"
+) -> float:
     """Return a finite number in [low, high] as a float.
 
     Raises:
@@ -37,7 +40,7 @@ def check_number(name: str, value: object, low: float, high: float, unit: str) -
         ValueError: outside [low, high], NaN or infinite.
     """
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a number or a (low, high) pair of numbers; got {value!r}.")
+        raise TypeError(f"{name} must be {what}; got {value!r}.")
     try:
         number = float(value)
     except OverflowError:
@@ -83,14 +86,14 @@ class Part:
                         f"{name} must be a number or a (low, high) pair; got {len(value)} values: "
                         f"{value!r}."
                     )
-                low, high = (check_number(name, v, **bounds) for v in value)
+                low, high = (check_number(name, v, **bounds, what=RANGE) for v in value)
                 if low > high:
                     raise ValueError(
                         f"{name} must be a (low, high) pair with low <= high; got {value!r}."
                     )
                 value = low if low == high else (low, high)
             else:
-                value = check_number(name, value, **bounds)
+                value = check_number(name, value, **bounds, what=RANGE)
             object.__setattr__(self, f.name, value)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 from moireaug.scene.subpixel import Subpixel, in_smallest_cell, overlap
@@ -41,10 +42,11 @@ class Layout:
             if not isinstance(getattr(self, name), (tuple, list)):
                 raise TypeError(f"Layout.{name} must be a tuple; got {getattr(self, name)!r}.")
         period = tuple(self.period)
-        if len(period) != 2 or any(type(p) is not int or not 1 <= p <= 16 for p in period):
+        if len(period) != 2 or any(not _is_whole(p) for p in period):
             raise ValueError(
                 f"Layout.period must be two whole numbers of panel pixels in [1, 16]; got {period}."
             )
+        period = (int(period[0]), int(period[1]))
         object.__setattr__(self, "period", period)
         if not self.subpixels:
             raise ValueError(
@@ -87,9 +89,13 @@ def _of(layout: Layout, channel: int) -> tuple[Subpixel, ...]:
     return tuple(in_smallest_cell(found))
 
 
+def _is_whole(period: Any) -> bool:
+    return isinstance(period, Integral) and not isinstance(period, bool) and 1 <= int(period) <= 16
+
+
 def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
     """Return one subpixel's numbers as a tuple, or raise if they are invalid."""
-    numbers = tuple(numbers)
+    numbers = tuple(numbers) if isinstance(numbers, Iterable) else (numbers,)
     strange = [v for v in numbers if isinstance(v, bool) or not isinstance(v, Real)]
     if len(numbers) not in (5, 7) or strange:
         raise TypeError(
@@ -101,6 +107,8 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
             f"a subpixel's channel must be 0 (red), 1 (green) or 2 (blue); got {numbers[0]!r} in "
             f"{numbers!r}."
         )
+    # as they are in a file: not NumPy's, or fractions
+    numbers = (int(numbers[0]), *(v if isinstance(v, int) else float(v) for v in numbers[1:]))
     subpixel = _subpixel(numbers, period)
     if len(numbers) == 5:
         _, x0, y0, x1, y1 = numbers
@@ -109,7 +117,7 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
                 f"a subpixel must have x0 < x1 and y0 < y1 inside its cell of {period[0]} x "
                 f"{period[1]} panel pixels; got {numbers!r}."
             )
-        return (int(numbers[0]), *numbers[1:])
+        return numbers
     for axis, name in enumerate(("wide", "high")):
         along = [corner[axis] for corner in subpixel.corners()]
         if not (
@@ -125,7 +133,7 @@ def _checked(numbers: Any, period: tuple[int, int]) -> tuple[float, ...]:
         raise ValueError(
             f"a parallelogram must have an area: its edges must not be parallel; got {numbers!r}."
         )
-    return (int(numbers[0]), *numbers[1:])
+    return numbers
 
 
 def _subpixel(numbers: tuple[float, ...], period: tuple[int, int]) -> Subpixel:

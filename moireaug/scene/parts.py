@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
+from numbers import Integral
 from typing import Any
 
 from moireaug.scene.fields import Part, Range, bounds, check_number, one_of, ranged
@@ -16,6 +17,7 @@ CFAS = ("rggb", "none")
 DEMOSAICS = ("bilinear", "malvar")
 DENOISERS = ("nlm", "bilateral")
 RESIZES = ("area", "antialias", "point")
+LEAST_SLOPE = 0.05  # of the radius in the photo over that in the view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,12 +144,12 @@ class Lens(Part):
                 # slope is zero
                 inner = [-3 * k1 / (10 * k2)] if k2 else []
                 slopes = [1 + 3 * k1 * t + 5 * k2 * t * t for t in (1.0, *inner) if 0 <= t <= 1]
-                if min(slopes) <= 0.05:
+                if min(slopes) <= LEAST_SLOPE:
                     raise ValueError(
                         f"Lens.k1 = {self.k1!r}, Lens.k2 = {self.k2!r} fold the photo onto itself "
-                        "before its corners: 1 + 3 k1 r^2 + 5 k2 r^4 must stay above 0.05 for r in "
-                        f"[0, 1], and is {min(slopes):.3g} at k1 = {k1:g}, k2 = {k2:g}. Bring the "
-                        "coefficients closer to 0."
+                        "before its corners: 1 + 3 k1 r^2 + 5 k2 r^4 must stay above "
+                        f"{LEAST_SLOPE} for r in [0, 1], and is {min(slopes):.3g} at k1 = {k1:g}, "
+                        f"k2 = {k2:g}. Bring the coefficients closer to 0."
                     )
 
 
@@ -209,12 +211,14 @@ class Sensor(Part):
         one_of("Sensor.cfa", self.cfa, CFAS)
         if self.bits is not None and (
             isinstance(self.bits, bool)
-            or not isinstance(self.bits, int)
+            or not isinstance(self.bits, Integral)
             or not 1 <= self.bits <= 16
         ):
             raise ValueError(
                 f"Sensor.bits must be a whole number in [1, 16], or None; got {self.bits!r}."
             )
+        if self.bits is not None:
+            object.__setattr__(self, "bits", int(self.bits))
 
 
 @dataclass(frozen=True, kw_only=True)

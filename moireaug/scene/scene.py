@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import torch
@@ -63,6 +64,10 @@ class Scene(SceneRecord):
             found = make_plan(self)
             object.__setattr__(self, "_plan", found)
         return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the plan out of copies and pickles: another version may plan otherwise."""
+        return {name: value for name, value in vars(self).items() if name != "_plan"}
 
     def sample(
         self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
@@ -144,26 +149,63 @@ class Shot(ShotRecord):
         """Rebuild a shot from `to_dict`.
 
         Raises:
-            ValueError: a missing part or field, or fields of different lengths.
+            ValueError, TypeError: a missing or unknown key, fields of different lengths, or a seed
+                or a size that is not in whole numbers.
         """
-        missing = [k for k in ("scene", "size", "seed", *PARTS) if k not in values]
+        if not isinstance(values, Mapping):
+            raise TypeError(f"a shot's values must be a mapping; got {values!r}.")
+        keys = ("scene", "size", "seed", *PARTS)
+        for key in values:
+            one_of("a key of a shot", key, keys)
+        missing = [key for key in keys if key not in values]
         if missing:
             raise ValueError(
-                f"a shot's dict must have the keys scene, size, seed, {', '.join(PARTS)}; missing "
-                f"{missing}."
+                f"a shot's dict must have the keys {', '.join(keys)}; missing {missing}."
             )
-        scene, n, numbers = Scene.from_dict(values["scene"]), len(values["seed"]), {}
-        for name in values_of(scene):
-            part, field = name.split(".")
-            given = values[part].get(field, ())
-            if len(given) != n:
-                raise ValueError(
-                    f"a shot's {name} must hold {n} numbers, one per image of its seed list."
-                )
-            numbers[name] = torch.tensor(given, dtype=torch.float64, device="cpu")
-        h, w = values["size"]
-        seed = torch.tensor(values["seed"], dtype=torch.int64, device="cpu")
-        return Shot(scene=scene, size=(h, w), seed=seed, **parts_with(scene, numbers))
+        scene, seed = Scene.from_dict(values["scene"]), values["seed"]
+        if not isinstance(seed, list | tuple) or not all(isinstance(s, Integral) for s in seed):
+            raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
+        numbers = {}
+        for part in PARTS:
+            for name, given in _numbers_of(part, values[part], scene, len(seed)).items():
+                numbers[f"{part}.{name}"] = torch.tensor(given, dtype=torch.float64, device="cpu")
+        h, w = _checked_size(values["size"])
+        seeds = torch.tensor(seed, dtype=torch.int64, device="cpu")
+        return Shot(scene=scene, size=(h, w), seed=seeds, **parts_with(scene, numbers))
+
+
+def _numbers_of(part: str, given: Any, scene: Scene, n: int) -> dict[str, list[float]]:
+    """Return the drawn fields of one part of a shot's dict, checked."""
+    if not isinstance(given, Mapping):
+        raise TypeError(f"a shot's {part} must be a mapping of its fields; got {given!r}.")
+    wanted = getattr(scene, part).ranged
+    for name in given:
+        one_of(f"a field of a shot's {part}", name, wanted)
+    for name in wanted:
+        numbers = given.get(name)
+        if not isinstance(numbers, list | tuple) or len(numbers) != n:
+            raise ValueError(
+                f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list."
+            )
+    return dict(given)
+
+
+def _checked_size(size: Any) -> tuple[int, int]:
+    """Return a size (height, width) in integers.
+
+    Raises:
+        ValueError: anything but two whole numbers of at least 1.
+    """
+    try:
+        h, w = (operator.index(side) for side in size)
+    except (TypeError, ValueError):  # no pair, or no integers
+        h, w = 0, 0
+    if h < 1 or w < 1:
+        raise ValueError(
+            "a shot needs a size (height, width) of at least 1 x 1 pixels, in whole numbers; got "
+            f"{size!r}."
+        )
+    return h, w
 
 
 def draw(
@@ -178,16 +220,9 @@ def draw(
     Raises:
         ValueError: an n that is no integer >= 0, or a size that is not two positive integers.
     """
-    try:
-        count = operator.index(n)
-        h, w = (operator.index(side) for side in size)
-    except (TypeError, ValueError):  # no pair, or no integers
-        count, h, w = 0, 0, 0
-    if count < 0 or h < 1 or w < 1:
-        raise ValueError(
-            "a shot needs n >= 0 and a size (height, width) of at least 1 x 1 pixels, in whole "
-            f"numbers; got n = {n!r}, size = {size!r}."
-        )
+    if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
+        raise ValueError(f"a shot needs a whole number n >= 0 of images; got n = {n!r}.")
+    n, (h, w) = int(n), _checked_size(size)
     ranges = {name: bounds(value) for name, value in values_of(scene).items()}
     varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]
     u = torch.rand(n, len(varied) + 1, dtype=torch.float64, device="cpu", generator=generator)

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose
+from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, expose, pipeline
 from moireaug.effects.display import most_reflected, reflected
 
 EVEN = Panel(layout="even")
@@ -125,3 +125,16 @@ def test_gradients_of_light_and_fields():
     for given in (image, *values):
         given.requires_grad_()
     assert torch.autograd.gradcheck(reading, (image, *values))
+
+
+def test_the_room_does_not_flicker_with_the_panel():
+    scene = Scene(
+        panel=Panel(layout="even", glare=0.5, pwm=100.0, duty=0.1, phase=0.0),
+        sensor=Sensor(cfa="none", shutter=1e-3, readout=0.02),
+    )
+    black, white = torch.zeros(1, 3, 32, 32), torch.ones(1, 3, 32, 32)
+    shot = scene.sample(1, (32, 32))
+    assert "flicker" in scene.plan() and "glare" in scene.plan()
+    for photographed in (expose, pipeline.expose):
+        assert (photographed(black, shot) - 0.5).abs().max() < 1e-6
+        assert photographed(white, shot).std() > 0.2  # the panel does

@@ -51,6 +51,15 @@ SCENES = {
         lens=SOFT,
         sensor=Sensor(scale=2.0, shutter=(0.001, 0.004), readout=0.03),
     ),
+    "flicker and glare": Scene(
+        panel=Panel(pwm=200.0, glare=0.3, glare_x=0.2),
+        lens=Lens(blur=0.3, vignetting=0.3),
+        sensor=Sensor(scale=2.0, gain=1.5, shutter=0.002, readout=0.03),
+    ),
+    "flicker and glare, point": Scene(
+        panel=Panel(pwm=200.0, glare=0.3),
+        sensor=Sensor(scale=3.0, exposure="point", shutter=0.002, readout=0.03),
+    ),
     "black level": Scene(panel=Panel(black=(0.01, 0.1)), lens=SOFT, sensor=TWICE),
     "black level, light": Scene(
         panel=Panel(black=(0.01, 0.1), scale=0.9),
@@ -92,6 +101,20 @@ SCENES = {
         sensor=TWICE,
     ),
     "motion alone": Scene(lens=Lens(motion_x=0.4), sensor=TWICE),
+    "motion that vanishes": Scene(
+        panel=Panel(scale=1.2),
+        view=View(pitch=22.0, fov=60.0, shift_x=-0.3),
+        lens=Lens(motion_y=1.0),
+        sensor=Sensor(scale=1.5, cfa="none", exposure="mean", fill=0.3),
+    ),
+    "motion that vanishes, soft": Scene(
+        panel=Panel(scale=1.2),
+        view=View(pitch=22.0, fov=60.0, shift_x=-0.3),
+        lens=Lens(motion_y=1.0, blur=0.2),
+        sensor=Sensor(scale=1.5),
+    ),
+    "aligned": Scene(panel=Panel(layout="even"), sensor=Sensor(scale=7.0)),
+    "aligned, magnified": Scene(panel=Panel(layout="even"), view=View(zoom=25.0)),
     "everything": Scene(
         panel=Panel(black=0.02, glare=0.1, glare_x=0.3, lit=0.7, scale=1.2),
         view=TURNED,
@@ -114,6 +137,21 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_equals_the_reference(name):
     assert_equal(*readings(SCENES[name], (40, 52)))
+
+
+@pytest.mark.parametrize(("lit", "gain"), [(0.2, 100.0), (0.02, 900.0)])
+def test_what_is_faint_on_the_panel_is_amplified(lit, gain):
+    scene = Scene(
+        panel=Panel(layout="led_cob", lit=lit, scale=1.3),
+        view=View(roll=3.0, yaw=5.0),
+        lens=Lens(blur=0.3),
+        sensor=Sensor(scale=2.0, gain=gain),
+    )
+    shot = scene.sample(1, (48, 48))
+    images = torch.full((1, 3, 48, 48), 0.9)
+    got = expose(images, shot)
+    assert got.std() > 0.02  # it is not saturated
+    assert_equal(got.double(), pipeline.expose(images.double(), shot))
 
 
 @pytest.mark.parametrize("name", [name for name in PRESETS if not name.startswith("paper")])
@@ -195,6 +233,16 @@ def test_random_scenes(part):
 )
 def test_any_size(name, size):
     assert_equal(*readings(SCENES[name], size))
+
+
+@pytest.mark.parametrize(("size", "scale"), [((1, 1), 1.0), ((2, 2), 0.7), ((1, 40), 1.0)])
+def test_a_single_row_is_where_the_lens_sees_it(size, scale):
+    scene = Scene(
+        view=View(yaw=30.0, pitch=-35.0, roll=-152.0),
+        lens=Lens(k1=0.25),
+        sensor=Sensor(scale=scale, cfa="none"),
+    )
+    assert_equal(*readings(scene, size))
 
 
 def test_a_batch_of_none():
