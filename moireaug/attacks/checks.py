@@ -4,7 +4,7 @@ models without an answer."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any
 
@@ -19,16 +19,16 @@ class NoAnswerError(ValueError):
     robust."""
 
 
-def check_model(model: object) -> None:
-    """Refuse a model that cannot be called.
+def check_model(model: object, name: str = "an attack's model") -> None:
+    """Refuse a model that cannot be called, and a class that has yet to be made one.
 
     Raises:
         TypeError: with what was got and what is allowed.
     """
-    if not callable(model):
+    if not callable(model) or isinstance(model, type):
         raise TypeError(
-            "an attack's model must be a function or a torch module from images (B, 3, H, W) to "
-            f"logits (B, K); got {model!r}."
+            f"{name} must be a function or a torch module from images (B, 3, H, W) to logits "
+            f"(B, K); got {model!r}."
         )
 
 
@@ -50,12 +50,19 @@ def check_bounds(eps: object) -> None:
 
 
 def _is_bound(eps: object) -> bool:
-    return isinstance(eps, Real) and not isinstance(eps, bool) and 0 <= float(eps) < math.inf
+    return is_finite(eps) and not isinstance(eps, bool) and eps >= 0  # type: ignore[operator]
+
+
+def is_finite(value: object) -> bool:
+    """Return whether this is a real number, neither NaN nor infinite."""
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 def check_count(name: str, value: object, least: int, what: str = "") -> None:
-    """Refuse what is not an integer of at least `least`; `what` it counts ends the sentence's
-    first half.
+    """Refuse what is not an integer of at least `least`.
+
+    Args:
+        what: added to the message, as in "the classes to go toward".
 
     Raises:
         ValueError: with what was got and what is allowed.
@@ -71,11 +78,13 @@ def check_sizes(step_size: float | None, random_start: float, steps: int) -> Non
     Raises:
         ValueError: with what was got and what is allowed.
     """
-    if step_size is not None and not (isinstance(step_size, Real) and step_size > 0):
-        raise ValueError(f"step_size must be above 0, in units of eps; got {step_size!r}.")
-    if not (isinstance(random_start, Real) and random_start >= 0):
+    if step_size is not None and not (is_finite(step_size) and step_size > 0):
         raise ValueError(
-            f"random_start must be a radius >= 0, in units of eps; got {random_start!r}."
+            f"step_size must be a finite number above 0, in units of eps; got {step_size!r}."
+        )
+    if not (is_finite(random_start) and random_start >= 0):
+        raise ValueError(
+            f"random_start must be a finite radius >= 0, in units of eps; got {random_start!r}."
         )
     if random_start > 1 and steps > 1:
         raise ValueError(
@@ -181,9 +190,15 @@ def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Ten
         )
 
 
-def check_gradient(logits: Tensor) -> None:
-    """Refuse logits without a gradient."""
-    if not logits.requires_grad:
+def check_gradient(logits: Tensor, gradients: Sequence[Tensor | None] | None = None) -> None:
+    """Refuse logits without a gradient, or whose gradient does not reach what is attacked.
+
+    Args:
+        gradients: in each variable of the attack, where they have been computed; None where the
+            logits do not depend on one.
+    """
+    cut = gradients is not None and all(gradient is None for gradient in gradients)
+    if cut or not logits.requires_grad:
         raise ValueError(
             "the model's logits have no gradient: it runs under torch.no_grad, detaches, rounds or "
             "computes outside torch. Pass a differentiable model, or search without gradients: "

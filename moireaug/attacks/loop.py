@@ -140,19 +140,22 @@ class Attack(ABC):
         *,
         shot: Shot | None = None,
         generator: torch.Generator | None = None,
+        problem: Problem | None = None,
     ) -> Result:
         """Attack a batch by steps toward one class per image, where any wrong class is a success.
 
         Args:
             classes: (B,) int64 that the loss steers toward, as toward the `targets` of a call; what
                 is kept, and what counts as success, is as without targets.
-            others: as in a call, with its errors; `eps` must be one number.
+            problem: how noise becomes these images, where that is known already; None makes one.
+
+        Other arguments and errors are as in a call; `eps` must be one number.
         """
         images, eps = check_images(images), self.one_eps()
         with evaluating(self.model):
             images = images.detach().clone()
             labels, aims = check_goals(images, labels, classes)
-            problem = self.problem(images, shot, generator)
+            problem = problem or self.problem(images, shot, generator)
             return self._run(Task(problem, labels, None, aims, eps, generator))
 
     def last(
@@ -192,7 +195,10 @@ class Attack(ABC):
         noise = torch.zeros(problem.shape, device="cpu")
         if radius and task.eps and "noise" not in problem.still:
             noise.uniform_(-radius * task.eps, radius * task.eps, generator=task.generator)
-        point = {"noise": noise.to(device, torch.promote_types(dtype, torch.float32))}
+        noise = noise.to(device, torch.promote_types(dtype, torch.float32))
+        if problem.reach is not None:
+            noise = noise * problem.reach
+        point = {"noise": noise}
         if problem.pose is not None:
             point["pose"] = problem.pose
             if restart:
@@ -239,9 +245,9 @@ class Attack(ABC):
                 check_gradient(logits)
             objective = LOSSES[self.loss](logits, *active.goals())
             # a scene may have ranges that no photo of it depends on
-            gradients = torch.autograd.grad(
-                objective.sum(), list(own.values()), allow_unused="pose" in own
-            )
+            gradients = torch.autograd.grad(objective.sum(), list(own.values()), allow_unused=True)
+            if k == 0:
+                check_gradient(logits, gradients)
             point = {name: x.detach() for name, x in point.items()}
             if best:
                 best.watch(point, logits.detach(), active.rows)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Callable, Iterator, Sequence
 
 import torch
 from torch import Tensor, nn
+
+# what torch says where weights and images differ in precision
+OTHER_PRECISION = r"same dtype|type .* should be the same|expected scalar type"
 
 
 class Normalized(nn.Module):
@@ -31,10 +35,11 @@ class Normalized(nn.Module):
     ) -> None:
         super().__init__()
         means, stds = torch.as_tensor(mean), torch.as_tensor(std)
-        if means.shape != stds.shape or means.shape not in ((1,), (3,)) or not (stds > 0).all():
+        sized = means.shape == stds.shape and means.shape in ((1,), (3,))
+        if not (sized and means.isfinite().all() and stds.isfinite().all() and (stds > 0).all()):
             raise ValueError(
-                "mean and std must each hold one number per channel, 3 or 1 for all, and every std "
-                f"must be above 0; got mean = {mean}, std = {std}."
+                "mean and std must each hold one finite number per channel, 3 or 1 for all, and "
+                f"every std must be above 0; got mean = {mean}, std = {std}."
             )
         self.model = model
         self.register_buffer("mean", means.view(-1, 1, 1), persistent=False)
@@ -42,6 +47,16 @@ class Normalized(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         return self.model((images - self.mean) / self.std)
+
+
+def _said_of_precision(model: nn.Module, error: RuntimeError) -> str:
+    dtypes = {value.dtype for value in model.parameters() if value.is_floating_point()}
+    weights = " and ".join(sorted(str(dtype).removeprefix("torch.") for dtype in dtypes))
+    return (
+        f"the model, whose weights are {weights or 'none'}, does not take these images "
+        f"({str(error).splitlines()[0]}): pass model.float(), or a function that converts them, as "
+        "in lambda images: model(images.half())."
+    )
 
 
 @contextlib.contextmanager
@@ -52,6 +67,10 @@ def evaluating(model: nn.Module | Callable[[Tensor], Tensor]) -> Iterator[None]:
     BatchNorm would otherwise update its statistics from the attack's intermediate images. Gradients
     are enabled inside, even under `torch.no_grad` and `torch.inference_mode`, because every attack
     needs them.
+
+    Raises:
+        TypeError: in place of torch's RuntimeError where the model's weights and the images differ
+            in precision.
     """
     modes = [(m, m.training) for m in model.modules()] if isinstance(model, nn.Module) else []
     try:
@@ -59,6 +78,10 @@ def evaluating(model: nn.Module | Callable[[Tensor], Tensor]) -> Iterator[None]:
             model.eval()
         with torch.inference_mode(False), torch.enable_grad():
             yield
+    except RuntimeError as error:
+        if isinstance(model, nn.Module) and re.search(OTHER_PRECISION, str(error)):
+            raise TypeError(_said_of_precision(model, error)) from error
+        raise
     finally:
         for module, training in modes:
             module.training = training

@@ -84,9 +84,15 @@ class MultiTargeted:
             rows = (~found.success).nonzero()[:, 0]  # those that are still right
             if not len(rows):
                 break
-            part = None if shot is None else shot[rows.to(shot.device)]
+            own = None if shot is None else shot[rows.to(shot.device)]
+            part = problem.part(rows) if problem.views == 1 else None
             result = attack.toward(
-                images[rows], labels[rows], toward[rows], shot=part, generator=generator
+                images[rows],
+                labels[rows],
+                toward[rows],
+                shot=own,
+                generator=generator,
+                problem=part,
             )
             with torch.no_grad():
                 reached = margin(attack.model(result.images).float(), labels[rows])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from moireaug.attacks.checks import is_finite
 from moireaug.attacks.pixel import PGD, refuse_shot
 from moireaug.attacks.problem import Problem
 from moireaug.numeric import clip
@@ -19,8 +20,8 @@ class Patch(PGD):
     """An adversarial patch, after Brown et al. (2017): a disc whose pixels may take any colour.
 
     Theirs is one patch for all images, trained over places, scales and angles. This one is found
-    for each image at one place, drawn from the generator: the strongest that such a patch can be
-    there. In the Result, `noise` is 0 outside of the disc.
+    for each image at one place, drawn from the generator, so it is as strong as a patch at that
+    place can be. In the Result, `noise` is 0 outside of the disc.
 
     Args:
         eps: how far a pixel of the disc may move; by default to any colour.
@@ -36,7 +37,7 @@ class Patch(PGD):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 < self.area < math.pi / 4:
+        if not (is_finite(self.area) and 0 < self.area < math.pi / 4):
             raise ValueError(
                 f"area must be the disc's share of the image, above 0 and below pi / 4; "
                 f"got {self.area!r}."
@@ -84,4 +85,13 @@ def _pasted(images: Tensor, mask: Tensor) -> Problem:
         return _pasted(images[rows], mask[rows])
 
     base = images if images.dtype == torch.float64 else images.float()
-    return Problem(render, render, tuple(images.shape), images, part, base=base, felt=(0.0, 1.0))
+    return Problem(
+        render,
+        render,
+        tuple(images.shape),
+        images,
+        part,
+        base=base,
+        felt=(0.0, 1.0),
+        reach=mask,
+    )

@@ -16,6 +16,7 @@ from moireaug.attacks.checks import (
     check_goals,
     check_gradient,
     check_model,
+    is_finite,
 )
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import margin, reported
@@ -113,11 +114,11 @@ class CW:
         check_model(self.model)
         check_count("steps", self.steps, 0)
         for name in ("c", "lr"):
-            if not 0 < getattr(self, name) < float("inf"):
+            if not (is_finite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(
                     f"{name} must be a finite number above 0; got {getattr(self, name)!r}."
                 )
-        if not 0 <= self.confidence < float("inf"):
+        if not (is_finite(self.confidence) and self.confidence >= 0):
             raise ValueError(
                 f"confidence must be a finite number >= 0, in logits; got {self.confidence!r}."
             )
@@ -152,6 +153,7 @@ class CW:
                     )
                     check_answers(logits, self.model, images)
                     check_gradient(logits)
+                    check_gradient(logits, _slope(logits, w))
                 far = (shown - x).square().sum((1, 2, 3))
                 ahead = sign * margin(logits, goal)
                 # torch.clamp would pass no gradient where both classes tie
@@ -175,6 +177,11 @@ class CW:
         return Result(
             photo, success, noise, torch.stack(losses).cpu() if losses else torch.zeros(0), eps
         )
+
+
+def _slope(logits: Tensor, w: Tensor) -> tuple[Tensor | None, ...]:
+    """Return the gradient of all logits in w; None where they do not depend on it."""
+    return torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
 
 
 def refuse_shot(shot: Shot | None) -> None:

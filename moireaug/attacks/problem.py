@@ -68,6 +68,7 @@ class Problem(NamedTuple):
         base: (B, ...) what the noise is added to, or None where that differs from step to step.
         felt: the least and greatest values of base + noise, beyond which more noise changes no
             photo.
+        reach: (B, 1, H, W), 1 where noise changes the image and 0 elsewhere; None is everywhere.
         pose: (B, F) where the search of a pose starts, in [-1, 1], or None.
         aim: from a pose to its shot, or None.
         still: variables that no step moves.
@@ -83,6 +84,7 @@ class Problem(NamedTuple):
     shot: Shot | None = None
     base: Tensor | None = None
     felt: tuple[float, float] = (-math.inf, math.inf)
+    reach: Tensor | None = None
     pose: Tensor | None = None
     aim: Callable[[Tensor], Shot] | None = None
     still: tuple[str, ...] = ()

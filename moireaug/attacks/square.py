@@ -15,7 +15,7 @@ from moireaug.attacks.problem import Point
 from moireaug.attacks.rules import choose
 from moireaug.attacks.task import Active, Task
 
-SHARE = 0.3  # of the area that the first windows cover
+SHARE = 0.8  # of the area that the first windows cover, as in AutoAttack
 # queries of 10,000 after which the share is halved: Andriushchenko et al. (2020), section 4.1 and
 # its code
 HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)

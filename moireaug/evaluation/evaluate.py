@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from moireaug.attacks.checks import check_bounds, check_count, check_model
 from moireaug.checks import check_images
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import Defence, Model
@@ -81,6 +83,11 @@ def evaluate(
             read, a folder with a callable that cannot be identified, or an lpips file of another
             network.
     """
+    for name, one in {"model": model, **(targets or {})}.items():
+        check_model(one, name)
+    check_bounds(eps if isinstance(eps, Real) else np.atleast_1d(eps).tolist())
+    check_count("steps", steps, 0)
+    check_count("seed", seed, 0)
     batches = gathered(loader, n)
     config = SuiteConfig(
         scene=as_scene(scene),
@@ -127,21 +134,16 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
         ValueError, TypeError: no images, an n below 1, or batches that are not pairs of images and
             labels.
     """
-    if n is not None and n < 1:
-        raise ValueError(f"n must be at least 1 image, or None for all; got {n}.")
+    if n is not None:
+        check_count("n", n, 1, "how many images, or None for all")
+    if not isinstance(loader, Iterable):
+        raise TypeError(
+            f"loader must yield batches of (images, labels); got a {type(loader).__name__}."
+        )
     batches = []
     left = n
     for pair in loader:
-        if not isinstance(pair, Sequence) or len(pair) != 2:
-            raise ValueError(
-                f"loader must yield (images, labels); got a {type(pair).__name__}. Wrap it: "
-                "((b['image'], b['label']) for b in loader)."
-            )
-        images, labels = (torch.as_tensor(part)[:left] for part in pair)
-        if images.dtype == torch.uint8:
-            images = images.float() / 255
-        if images.is_floating_point():
-            images = images.float()
+        images, labels = (part[:left] for part in _as_tensors(pair))
         if len(images):
             batches.append((check_images(images), labels))
         if left is not None:
@@ -151,3 +153,22 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
     if not batches:
         raise ValueError("loader yields no images: there is nothing to attack.")
     return batches
+
+
+def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
+    """Return what a loader has yielded as images and labels; uint8 images as float in [0, 1]."""
+    if not isinstance(pair, Sequence) or len(pair) != 2:
+        raise ValueError(
+            f"loader must yield (images, labels); got a {type(pair).__name__}. Wrap it: "
+            "((b['image'], b['label']) for b in loader)."
+        )
+    images, labels = (torch.as_tensor(part) for part in pair)
+    if images.ndim == 3 and not labels.ndim:
+        raise ValueError(
+            "loader must yield batches; got single images. Wrap them: DataLoader(data, 32)."
+        )
+    if images.dtype == torch.uint8:
+        images = images.float() / 255
+    if images.is_floating_point():
+        images = images.float()
+    return images, labels

@@ -82,6 +82,20 @@ def test_logits_without_a_gradient_are_refused(door, model, batch):
         DOORS[door](lambda x: model(x).detach())(*batch)
 
 
+@pytest.mark.parametrize("door", [d for d in DOORS if d != "square"])
+def test_a_model_that_cuts_the_gradient_off_its_input_is_refused(door, model, batch):
+    """Its weights have one."""
+    assert next(model.parameters()).requires_grad
+    with pytest.raises(ValueError, match=r"logits have no gradient.*attacks\.SquareMoire"):
+        DOORS[door](lambda x: model(x.detach()))(*batch)
+
+
+def test_a_camera_that_turns_does_not_hide_that_the_gradient_is_cut(model, batch):
+    attack = MoireAttack(lambda x: model(x.detach()), scene=SCENE, steps=2, optimise=("view",))
+    with pytest.raises(ValueError, match="logits have no gradient"):
+        attack(*batch)
+
+
 def broken_on(rows, model):
     """Answers NaN to these rows of a batch, whatever they show; the others' gradients stay
     whole."""

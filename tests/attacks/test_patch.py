@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from moireaug.attacks import PGD, Patch
+from moireaug.attacks import PGD, MultiTargeted, Patch
 from moireaug.attacks.patch import discs
 
 SQUARE, WIDE = (64, 64), (72, 96)
@@ -68,3 +68,22 @@ def test_a_disc_that_does_not_fit_is_refused():
 def test_a_shot_is_refused():
     with pytest.raises(ValueError, match="no camera"):
         Patch(Mean())(torch.rand(1, 3, 8, 8), torch.tensor([0]), shot=object())
+
+
+@pytest.mark.parametrize("settings", [{"restarts": 5, "steps": 1}, {"random_start": 1.0}])
+def test_the_noise_of_a_random_start_stays_inside_the_disc(settings):
+    images, labels = torch.rand(4, 3, 24, 24), torch.tensor([0, 1, 0, 1])
+    g = torch.Generator().manual_seed(2)
+    noise = Patch(Mean(), **settings)(images, labels, generator=g).noise
+    disc = discs(images, 0.05, torch.Generator().manual_seed(2))
+    assert noise.any() and not (noise * (1 - disc)).any()
+
+
+def test_every_class_is_tried_at_the_same_place():
+    images = torch.rand(8, 3, 24, 24)
+    labels = images.mean((2, 3)).argmax(1)  # the brightest channel
+    attack = Patch(lambda x: x.mean((2, 3)), area=0.1, steps=2, eps=0.02)
+    g = torch.Generator().manual_seed(0)
+    noise = MultiTargeted(attack, targets=2)(images, labels, generator=g).noise
+    disc = discs(images, 0.1, torch.Generator().manual_seed(0))
+    assert noise.any() and not (noise * (1 - disc)).any()

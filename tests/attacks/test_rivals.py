@@ -189,8 +189,8 @@ def test_square_asks_as_often_as_it_says_and_never_gets_worse(learnt):
 
 def test_squares_shrink_as_in_the_paper():
     shape = (1, 4, 100, 100)
-    assert side(0, 10_000, shape) == round((0.3 * 100 * 100) ** 0.5) == 55
-    assert side(11, 10_000, shape) == round((0.15 * 100 * 100) ** 0.5)
-    assert side(9_999, 10_000, shape) == round((0.3 / 2**9 * 100 * 100) ** 0.5)
+    assert side(0, 10_000, shape) == round((0.8 * 100 * 100) ** 0.5) == 89
+    assert side(11, 10_000, shape) == round((0.4 * 100 * 100) ** 0.5)
+    assert side(9_999, 10_000, shape) == round((0.8 / 2**9 * 100 * 100) ** 0.5)
     assert side(99, 100, shape) == side(9_999, 10_000, shape)
     assert side(0, 10, (1, 3, 4, 1000)) == 4 and side(9, 10, (1, 3, 2, 2)) == 1

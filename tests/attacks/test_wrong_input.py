@@ -1,12 +1,13 @@
 """Settings and input that no attack takes, and what each is told."""
 
+import copy
 import math
 
 import numpy as np
 import pytest
 from torch import nn
 
-from moireaug.attacks import CW, PGD, MoireAttack, MultiTargeted, Normalized, SquareMoire
+from moireaug.attacks import CW, PGD, MoireAttack, MultiTargeted, Normalized, Patch, SquareMoire
 from moireaug.transforms import AdversarialMoire
 from tests.attacks.common import SCENE
 
@@ -23,9 +24,15 @@ BAD = [
     (lambda m, x, y: MoireAttack(model=m, steps=-1), "steps must be an integer >= 0"),
     (lambda m, x, y: MoireAttack(model=m, restarts=0), "restarts must be an integer >= 1"),
     (lambda m, x, y: MoireAttack(model=m, eot=0), "eot must be an integer >= 1"),
-    (lambda m, x, y: MoireAttack(model=m, step_size=0), "step_size must be above 0"),
-    (lambda m, x, y: PGD(m, step_size="1"), "step_size must be above 0"),
-    (lambda m, x, y: PGD(m, random_start="1"), "random_start must be a radius >= 0"),
+    (
+        lambda m, x, y: MoireAttack(model=m, step_size=0),
+        "step_size must be a finite number above 0",
+    ),
+    (lambda m, x, y: PGD(m, step_size="1"), "step_size must be a finite number above 0"),
+    (lambda m, x, y: PGD(m, step_size=math.inf), "step_size must be a finite number above 0"),
+    (lambda m, x, y: PGD(m, random_start="1"), "random_start must be a finite radius >= 0"),
+    (lambda m, x, y: PGD(m, random_start=math.inf), "random_start must be a finite radius >= 0"),
+    (lambda m, x, y: PGD(nn.Linear), "logits (B, K); got <class"),
     (lambda m, x, y: MoireAttack(m, steps=2, random_start=2.0), "for a single step"),
     (lambda m, x, y: MoireAttack(model=m, loss="margins"), "Did you mean 'margin'?"),
     (lambda m, x, y: MoireAttack(model=m, scene="papers"), "Did you mean 'paper'?"),
@@ -47,7 +54,10 @@ BAD = [
     (lambda m, x, y: SquareMoire(m)(x, y + 5), "the model's classes; got"),
     (lambda m, x, y: CW(m, c=0), "c must be a finite number above 0"),
     (lambda m, x, y: CW(m, lr=math.nan), "lr must be a finite number above 0"),
+    (lambda m, x, y: CW(m, c="1"), "c must be a finite number above 0; got '1'"),
     (lambda m, x, y: CW(m, confidence=-1), "confidence must be"),
+    (lambda m, x, y: CW(m, confidence="1"), "confidence must be a finite number >= 0"),
+    (lambda m, x, y: Patch(m, area="a"), "area must be the disc's share"),
     (lambda m, x, y: CW(m, steps=1.5), "steps must be an integer >= 0"),
     (lambda m, x, y: CW(m)(x, y, shot=SCENE.sample(6, (16, 16))), "no camera"),
     (lambda m, x, y: CW(m)(x, y + 5), "the model's classes; got"),
@@ -66,6 +76,12 @@ BAD = [
     (lambda m, x, y: PGD(model=lambda i: i)(x, y), "must return logits (B, K)"),
     (lambda m, x, y: AdversarialMoire(m, p=2), "p must be a probability"),
     (lambda m, x, y: Normalized(m, std=(0.1, 0.0, 0.1)), "every std must be above 0"),
+    (lambda m, x, y: Normalized(m, mean=(math.nan,) * 3), "one finite number per channel"),
+    (lambda m, x, y: PGD(copy.deepcopy(m).half())(x, y), "weights are float16, does not take"),
+    (
+        lambda m, x, y: CW(copy.deepcopy(m).bfloat16())(x, y),
+        "pass model.float(), or a function that converts them",
+    ),
 ]
 
 
