@@ -136,7 +136,7 @@ class Classifier(L.LightningModule):
 
     def _diverged(self, what: str, index: int) -> FloatingPointError:
         return FloatingPointError(
-            f"the {what} in epoch {self.current_epoch}, batch {index}. Train with a smaller "
+            f"the {what} in epoch {self.current_epoch + 1}, batch {index}. Train with a smaller "
             "train.lr, or with trainer.precision=32-true; the epochs before this one are kept in "
             "the run's folder."
         )

@@ -29,7 +29,11 @@ def images(metrics: Metrics) -> Metrics:
 
 def settings(metrics: Metrics) -> Metrics:
     """Return what the runs of a table must share."""
-    found = {"model": metrics["model"], "scene": metrics["scene_name"]}
+    found = {
+        "model": metrics["model"],
+        "weights": metrics["config"].get("weights"),
+        "scene": metrics["scene_name"],
+    }
     for name, value in metrics["config"]["data"].items():
         if name not in _WHERE:
             found[f"data.{name}"] = value
@@ -97,26 +101,31 @@ def same(every: Mapping[Path, Metrics], what: str) -> Metrics:
     shared: Metrics = {}
     for key in sorted({key for own in every.values() for key in own}):
         values = {folder: own.get(key) for folder, own in every.items()}
-        usual = Counter(map(repr, values.values())).most_common(1)[0][0]
+        usual = Counter(map(_written, values.values())).most_common(1)[0][0]
         for folder, value in values.items():
-            if repr(value) != usual:
+            if _written(value) != usual:
                 raise ValueError(
-                    f"{what} with different {key} cannot be compared: {folder} has {value!r}, most "
-                    f"others have {usual}. Repeat it with the same, or move it to another "
-                    "folder."
+                    f"{what} with different {key} cannot be compared: {folder} has "
+                    f"{_written(value)}, most others have {usual}. Repeat it with the same, or "
+                    "move it to another folder."
                 )
             shared[key] = value
     return shared
 
 
+def _written(value: Any) -> str:
+    """Return a value as a command line takes it."""
+    return "null" if value is None else repr(value)
+
+
 def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
     """Return what a reader must know before trusting the figures."""
     found = []
-    machines = sorted({_machine(trained[folder]["environment"]) for folder in attacked})
+    machines = sorted({_machine(trained[folder]) for folder in attacked})
     if len(machines) > 1:
         named = "; ".join(machines)
         found.append(
-            f"The runs were trained on different machines ({named}): do not compare their times."
+            f"The runs were trained in different ways ({named}): do not compare their times."
         )
     shorter = {}
     for metrics in trained.values():
@@ -137,8 +146,13 @@ def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) 
     return found
 
 
-def _machine(environment: Mapping[str, Any]) -> str:
-    device = environment["device"]
-    if device == "cpu":
-        return f"{environment['cpu']}, {environment['threads']} threads"
-    return device
+def _machine(metrics: Metrics) -> str:
+    """Return what a run was trained on, and in which precision if one was set."""
+    environment, trainer = metrics["environment"], metrics["config"].get("trainer") or {}
+    said = environment["device"]
+    if said == "cpu":
+        said = f"{environment['cpu']}, {environment['threads']} threads"
+    for name, usual in (("devices", 1), ("num_nodes", 1), ("precision", None)):
+        if trainer.get(name, usual) != usual:
+            said += f", {name}={trainer[name]}"
+    return said

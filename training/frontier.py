@@ -29,6 +29,7 @@ from training.frontier_plot import draw
 from training.points import Found, read
 from training.summaries import Recipe, summarise
 
+WIDEST = 26  # characters of a recipe's name in the terminal
 TEMPLATE = Path(__file__).with_name("frontier.md.j2")
 TITLES = {
     "clean": "clean",
@@ -84,7 +85,7 @@ def said(recipes: Sequence[Recipe], found: Found) -> list[Part]:
     rows = [["", "seeds", *HEADS]]
     for recipe in recipes:
         worst = recipe.rates["worst_4"]
-        row = [name_of(recipe)[:26], str(len(recipe.seeds))]
+        row = [name_of(recipe, WIDEST), str(len(recipe.seeds))]
         for name in ("clean", "natural", "unseen_mean"):
             row.append(percent(recipe.rates[name].value))
         row.append(f"{percent(worst.value)} [{percent(worst.low)}, {percent(worst.high)}]")
@@ -103,10 +104,15 @@ def said(recipes: Sequence[Recipe], found: Found) -> list[Part]:
     return parts
 
 
-def name_of(recipe: Recipe) -> str:
-    """Return a recipe's name with its marks: ● on the front, † collapsed."""
-    front = " ●" if recipe.front else ""
-    return f"{recipe.name}{front}{' †' if recipe.collapsed else ''}"
+def name_of(recipe: Recipe, most: int | None = None) -> str:
+    """Return a recipe's name with its marks: ● on the front, † collapsed.
+
+    Args:
+        most: characters, beyond which the name is cut off, but not its marks.
+    """
+    marks = f"{' ●' if recipe.front else ''}{' †' if recipe.collapsed else ''}"
+    name = recipe.name if most is None else recipe.name[: most - len(marks)]
+    return name + marks
 
 
 def frontier(root: Path, out: Path) -> list[Recipe]:

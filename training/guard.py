@@ -35,7 +35,7 @@ class Guard(L.Callback):
         good = read_checkpoint(self.best)
         restore(trainer, module, good)
         module.harden(int(module.history[-1]["epoch"]))
-        _say(module, f"Back to epoch {good['epoch']}, and training continues with three steps.")
+        _say(module, f"Back to epoch {good['epoch'] + 1}, and training continues with three steps.")
 
     def on_train_end(  # type: ignore[override]
         self, trainer: L.Trainer, module: Classifier
@@ -53,9 +53,10 @@ def _fell(module: Classifier) -> bool:
 
 def _say(module: Classifier, then: str) -> None:
     *before, now = [row["perturbed"] for row in module.history]
+    epoch = int(module.collapsed_at or 0) + 1
     say(
-        f"\nCatastrophic overfitting in epoch {module.collapsed_at}: accuracy under three steps "
-        f"fell to {now:.0%} from {max(before):.0%}. {then}"
+        f"\nCatastrophic overfitting in epoch {epoch}: accuracy under three steps fell to "
+        f"{now:.0%} from {max(before):.0%}. {then}"
     )
 
 

@@ -206,7 +206,7 @@ def _command(folder: Path, metrics: Metrics, protocol: Metrics) -> str:
     more = ""
     for key, value in wanted.items():
         if own.get(key.removeprefix("reattack.")) != value:
-            more += f" {key}={value}"
+            more += f" {key}={'null' if value is None else value}"
     return f"python training/reattack.py run={shlex.quote(str(folder))} suite=recipes{more}"
 
 
@@ -246,9 +246,18 @@ def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
 
 def _steady_seconds(train: Metrics) -> float:
     """Return the time of a training whose every epoch takes as long as the median one: a machine
-    that slept, or was busy for a while, does not make a recipe dear."""
+    that slept, or was busy for a while, does not make a recipe dear. After a collapse, epochs of
+    more steps have a median of their own."""
     epochs = [epoch["seconds"] for epoch in train.get("history", ())]
-    return statistics.median(epochs) * len(epochs) if epochs else train["seconds"]
+    if not epochs:
+        return train["seconds"]
+    collapsed_at = train.get("collapsed_at")
+    same = len(epochs) if collapsed_at is None else collapsed_at + 1
+    total = 0.0
+    for part in (epochs[:same], epochs[same:]):
+        if part:
+            total += statistics.median(part) * len(part)
+    return total
 
 
 def _clean_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float:

@@ -153,9 +153,9 @@ def _rates(cell: pd.DataFrame) -> dict[str, object]:
 
 
 def _measures(cell: pd.DataFrame) -> dict[str, float]:
-    """Return the means over the images that got noise: one that is fooled without any has none, and
-    a PSNR without a meaning. Where no image got noise they are over all."""
-    if "largest" in cell and (cell["largest"] > 0).any():
+    """Return the means over the images that got noise; none where no image did. An image that is
+    fooled without noise has nothing to measure, and its PSNR means nothing."""
+    if "largest" in cell:
         cell = cell[cell["largest"] > 0]
     found = {}
     for name in MEASURES:

@@ -26,6 +26,7 @@ from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row
 
 SLACK = 0.02  # two points, or one image where that is more
+ROUNDING = 1e-9
 MASKED, SUSPECT = 0.5, 0.3  # shares of gradients that are exactly zero
 LONGER = 2  # times as many steps
 FULL = 0.9  # share of images fooled by the photo above which an attack can add nothing
@@ -170,7 +171,7 @@ def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> li
         transfer,
         float(own_images["zero_gradients"].mean()),
         float(own_images["differ"].mean()),
-        max(SLACK, 1 / counted),
+        max(SLACK, 1 / counted) + ROUNDING,
         int(own["undecided"].sum()),
         int(own["n"].sum()),
     )

@@ -235,6 +235,25 @@ def test_the_bootstrap_of_what_is_all_the_same_keeps_its_width():
     assert bootstrap(np.zeros((3, 100))) == pytest.approx((-width, width))
     assert bootstrap(np.ones((3, 100))) == pytest.approx((1 - width, 1))
     assert bootstrap(-np.ones((3, 100))) == pytest.approx((-1, width - 1))
+    # means over scenes, whose deviation is not exactly 0
+    assert bootstrap(np.full((3, 100), 0.9)) == pytest.approx((0.9 - width, 0.9 + width))
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: wilson(6, 5), r"hits must lie in \[0, n\]; got 6 of 5"),
+        (lambda: paired_gain([True], [False]), "bool tensor .n,.; got list"),
+        (lambda: paired_gain(torch.ones(5), torch.ones(5)), "bool tensor .n,.; got torch.float32"),
+        (
+            lambda: paired_gain(torch.ones(5).bool(), torch.zeros(5, 1).bool()),
+            r"one shape \(n,\); got \(5,\) and \(5, 1\)",
+        ),
+    ],
+)
+def test_outcomes_of_another_form_are_refused(call, said):
+    with pytest.raises((ValueError, TypeError), match=said):
+        call()
 
 
 class SilentOn(nn.Module):

@@ -157,7 +157,7 @@ def test_a_collapse_of_training_is_told(metrics, epoch, said, tmp_path):
     metrics["train"]["collapsed_at"] = epoch
     report.write_run(tmp_path / "report.html", metrics)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert (f"In epoch {epoch} this model collapsed" in text) == said
+    assert (f"In epoch {(epoch or 0) + 1} this model collapsed" in text) == said
     assert ("catastrophic overfitting" in text) == said
 
 

@@ -298,5 +298,5 @@ def test_a_damaged_checkpoint_gets_a_sentence(damage, whole, tmp_path):
 
 
 def test_a_nan_loss_stops_with_a_sentence(tmp_path):
-    with pytest.raises(FloatingPointError, match="the loss became nan in epoch 0"):
+    with pytest.raises(FloatingPointError, match="the loss became nan in epoch 1"):
         train(tmp_path, "nan", "train.lr=1e30")

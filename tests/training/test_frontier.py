@@ -5,6 +5,7 @@ import io
 import json
 import math
 import random
+from types import SimpleNamespace
 
 import pytest
 from PIL import Image
@@ -13,7 +14,7 @@ from scipy import stats
 from tests.training.frontier_runs import put
 from training import frontier as command
 from training.frontier_plot import draw, figure
-from training.points import read
+from training.points import _steady_seconds, read
 from training.summaries import pareto, rate, summarise
 
 
@@ -201,3 +202,27 @@ def test_the_caption_says_what_the_intervals_cover(lone, tmp_path):
     found = read(tmp_path)
     text = command.caption(summarise(found.points), found.shared)
     assert ("Those of a single seed cover the choice of images alone." in text) == lone
+
+
+def test_a_collapse_costs_the_epochs_of_more_steps():
+    train = {"history": [{"seconds": s} for s in (1.0, 1.0, 9.0, 3.0, 3.0)], "seconds": 17.0}
+    assert _steady_seconds(train) == 15.0  # the median of all is 3
+    assert _steady_seconds(train | {"collapsed_at": 2}) == 9.0  # 3 of 1, and 2 of 3
+    assert _steady_seconds(train | {"collapsed_at": 4}) == 15.0
+
+
+def test_runs_of_other_weights_share_no_table(tmp_path):
+    put(tmp_path, "good", 0)
+    put(tmp_path, "good", 1)
+    path = tmp_path / "good/seed1/metrics.json"
+    metrics = json.loads(path.read_text())
+    metrics["config"]["weights"] = "DEFAULT"
+    path.write_text(json.dumps(metrics))
+    with pytest.raises(ValueError, match=r"different weights cannot be compared.*'DEFAULT', most"):
+        read(tmp_path)
+
+
+def test_a_long_name_keeps_its_marks():
+    recipe = SimpleNamespace(name="moire_at_with_a_very_long_name", front=True, collapsed=True)
+    assert command.name_of(recipe, 26) == "moire_at_with_a_very_l ● †"
+    assert command.name_of(recipe) == "moire_at_with_a_very_long_name ● †"

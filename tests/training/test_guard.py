@@ -88,7 +88,7 @@ def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(
     model, seen, best = trained(tmp_path, monkeypatch, COLLAPSE)
     assert best["epoch"] == 0
     assert model.collapsed_at == 1 and seen.steps == {0: 1, 1: 1, 2: 3}
-    assert "Back to epoch 0, and training continues with three steps" in capsys.readouterr().out
+    assert "Back to epoch 1, and training continues with three steps" in capsys.readouterr().out
     again, before = seen.weights[2], best["current_model_state"]
     assert all(torch.equal(again[k], before[k]) for k in before)
     # the collapse outlives the process

@@ -132,7 +132,7 @@ def test_a_nan_loss_ends_at_the_last_whole_epoch(tmp_path, monkeypatch, straight
         )
 
     monkeypatch.setattr(Classifier, "forward", broken)
-    with pytest.raises(FloatingPointError, match="the loss became nan in epoch 1"):
+    with pytest.raises(FloatingPointError, match="the loss became nan in epoch 2"):
         train(tmp_path, "runs")
     folder = tmp_path / "runs/moire_at/seed0"
     assert epoch(folder / "last.ckpt") == 0

@@ -55,6 +55,7 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
         "seconds": total_seconds(metrics),
         "seconds_theirs": total_seconds(known["baseline"]),
         "collapsed_at": train.get("collapsed_at"),
+        "collapsed_last": train.get("collapsed_at") == len(train.get("history") or ()) - 1,
         "unanswered": _unanswered(sides),
         "shares": _shares(rows, main, sides),
         "cost": _cost(metrics, known["baseline"]),

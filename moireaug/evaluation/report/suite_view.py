@@ -138,6 +138,7 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
     cell = cells[row, attack]
     return {
         "row": row,
+        "column": attack,
         "eps": cell["eps"],
         "photo": photo,
         "random": random,
@@ -180,11 +181,13 @@ def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
 
 
 def _unanswered(lines: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return how many images had no answer; a cell may stand in several tables."""
-    found = {}
+    """Return how many images had no answer, for each condition that a judge saw; several cells may
+    show one. A cell of several conditions counts only what is counted already."""
+    found: dict[tuple[str, str], dict[str, Any]] = {}
     for line in lines.to_dict("records"):
-        if line["undecided"]:
+        single = line["condition"] != "worst" and not line["condition"].endswith(" pooled")
+        if line["undecided"] and single:
             shown = f"{title_of(line['row'], 'rows')}, {title_of(line['column'], 'columns')}"
             counts = {"undecided": line["undecided"], "n": line["n"], "shown": shown}
-            found[line["condition"], line["judge"]] = counts
+            found.setdefault((line["condition"], line["judge"]), counts)
     return list(found.values())
