@@ -53,8 +53,8 @@ def main() -> None:
     print(f"{device}: {args.batches * args.batch / seconds:.0f} images a second of {args.size} px")
 
     again, _ = augment(images, masks, params=augment._params)
-    print(f"Replayed from its parameters, the same pixels: {torch.equal(photos, again)}")
-    print(f"Masks hold their two values alone: {sorted(moved.unique().tolist()) == [0.0, 1.0]}")
+    print(f"Replaying the parameters gives the same pixels: {torch.equal(photos, again)}")
+    print(f"Masks still contain only 0 and 1: {sorted(moved.unique().tolist()) == [0.0, 1.0]}")
 
 
 if __name__ == "__main__":

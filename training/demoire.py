@@ -4,10 +4,8 @@
 
 `weights` is the weights.pt of a run of fit.py recipe=demoire, or any file written by
 moireaug.defenses.demoire.save. Photos are searched for in subfolders too; large ones are cleaned
-tile by tile. Photos that cannot be read are named, and the command then exits with status 1. A
-photo's colour profile and EXIF data stay with it, but for the tags of a TIFF. Every file is written
-whole or not at all.
-"""
+tile by tile. Photos that cannot be read are named, and the command then exits with status 1. Colour
+profile and EXIF data are kept, except TIFF tags. Every file is written whole or not at all."""
 
 from __future__ import annotations
 

@@ -37,6 +37,7 @@ from training.attacking import Attacked, Protocol, attack, protocol_of
 from training.data import load, require_training_images
 from training.demoireing import fit as demoireing
 from training.messages import quiet
+from training.models import require_known
 from training.processes import is_first, say
 from training.results import compare, describe, publish
 from training.schema import Config, absolute, as_config, register
@@ -103,6 +104,7 @@ def check(cfg: Config) -> None:
         TypeError, ValueError: with what was got and what is allowed.
     """
     reattack.check(cfg)
+    require_known(cfg.model)
     adversaries.check(cfg.adversary)
     require_training_images(cfg.data)
     one_of("train.init", cfg.train.init, ("random", "clean"))

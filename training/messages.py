@@ -31,6 +31,11 @@ def complain(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def counted(n: int, what: str) -> str:
+    """Return a number of things, in the singular for one."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
 def sentence(error: Exception) -> str:
     """Return what an error says, without the traceback that a DataLoader's worker adds."""
     if isinstance(error, OSError) and error.errno:  # the system's own words

@@ -102,14 +102,7 @@ def build(
     Raises ValueError for an unknown name, a file that is missing or unreadable, and weights of
     another model.
     """
-    if name not in OWN and name not in names():
-        closest = difflib.get_close_matches(name, names(), n=3, cutoff=0.3)
-        hint = f" Closest: {', '.join(closest)}." if closest else ""
-        raise ValueError(
-            f"There is no model named {name!r}.{hint} "
-            f"Please use {', '.join(map(repr, OWN))}, or a name from "
-            "torchvision.models.list_models(module=torchvision.models)."
-        )
+    require_known(name)
     if num_classes < 1:
         raise ValueError(
             f"num_classes={num_classes} must be at least 1. Please pass the number of classes."
@@ -120,6 +113,22 @@ def build(
     complaint = f"The weights {weights!r} do not fit {name!r} with {num_classes} classes"
     _load(model, _state(name, weights), complaint, whole)
     return model
+
+
+def require_known(name: str) -> None:
+    """Refuse a name that no model has.
+
+    Raises:
+        ValueError: says which names there are.
+    """
+    if name not in OWN and name not in names():
+        closest = difflib.get_close_matches(name, names(), n=3, cutoff=0.3)
+        hint = f" Closest: {', '.join(closest)}." if closest else ""
+        raise ValueError(
+            f"There is no model named {name!r}.{hint} "
+            f"Please use {', '.join(map(repr, OWN))}, or a name from "
+            "torchvision.models.list_models(module=torchvision.models)."
+        )
 
 
 def _fresh(name: str, num_classes: int) -> nn.Module:

@@ -5,6 +5,7 @@ Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 
 from __future__ import annotations
 
+import ast
 import os
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -188,6 +189,7 @@ def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
 
 
 HOME = ("signs", Config.model)  # data and model whose runs need no folder of their own
+LISTS = {"reattack.eps": "0.0078,0.0157"}  # settings that are one, with an example
 QUIET = {"run": {"dir": "."}, "sweep": {"dir": "${runs}", "subdir": "."}, "output_subdir": None}
 SILENT = [
     {"override hydra/job_logging": "none"},
@@ -211,30 +213,49 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
     """
     try:
         for override in overrides:
+            _check_form(override)
             key, _, value = override.partition("=")
             if not value or key.startswith(("+", "~", "-", "hydra")):
                 continue
-            node: Any = OmegaConf.structured(schema)
-            for part in key.split("."):
-                if not OmegaConf.is_dict(node):
-                    top = key.split(".")[0]
-                    example = (
-                        "{resnet18: FILE, ...}" if top == "targets" else "{preset: paper, ...}"
-                    )
-                    raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
-                part = one_of(f"a key in {key!r}", part, map(str, node))
-                node = None if OmegaConf.is_missing(node, part) else node[part]
-            if key == "recipe" and schema is ReattackConfig:
-                raise ValueError(
-                    "recipe= says how a model is trained, and this one is only attacked: leave it "
-                    "out."
-                )
+            _check_key(key, schema)
             names = {"recipe": [p.stem for p in RECIPES.rglob("*.yaml")], "data": list(DATA)}
             if key in names:
                 for name in value.split(","):
                     one_of(key, name, sorted(names[key]))
     except ValueError as error:
         raise SystemExit(f"error: {error}") from None
+
+
+def _check_form(override: str) -> None:
+    """Refuse what is no key=value, and a single value where a list is wanted."""
+    key, equals, value = override.partition("=")
+    if not equals and not key.startswith(("~", "-")):
+        raise ValueError(f"settings are given as key=value; got {override!r}.")
+    if key in LISTS and not value.startswith("["):
+        raise ValueError(f"{key} must be a list, as in {key}=[{LISTS[key]}]; got {value}.")
+
+
+def _check_key(key: str, schema: type[RunConfig]) -> None:
+    """Refuse a key that the schema does not have."""
+    node: Any = OmegaConf.structured(schema)
+    for part in key.split("."):
+        if not OmegaConf.is_dict(node):
+            top = key.split(".")[0]
+            example = "{resnet18: FILE, ...}" if top == "targets" else "{preset: paper, ...}"
+            raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
+        part = one_of(f"a key in {key!r}", part, map(str, node))
+        node = None if OmegaConf.is_missing(node, part) else node[part]
+    if key == "recipe" and schema is ReattackConfig:
+        raise ValueError(
+            "recipe= says how a model is trained, and this one is only attacked: leave it out."
+        )
+
+
+def help_of(script: str) -> dict[str, dict[str, str]]:
+    """Return what `--help` shows: what the script's docstring says, and the settings."""
+    text = ast.get_docstring(ast.parse((Path(__file__).parent / script).read_text("utf-8"))) or ""
+    settings = "Settings, of which training/schema.py says what they are:\n\n$CONFIG\n"
+    return {"help": {"template": f"{text.strip()}\n\n{settings}"}}
 
 
 def register() -> None:
@@ -245,10 +266,14 @@ def register() -> None:
         store.store(group="data", name=name, node=node)
     store_recipes(RECIPES)
     defaults = ["schema", {"data": HOME[0]}, {"recipe": "clean"}, "_self_"]
-    store.store(name="root", node={"defaults": [*defaults, *SILENT], "hydra": QUIET})
+    store.store(
+        name="root", node={"defaults": [*defaults, *SILENT], "hydra": QUIET | help_of("fit.py")}
+    )
     store.store(name="reattack_schema", node=ReattackConfig)
     defaults = ["reattack_schema", {"data": HOME[0]}, "_self_", *SILENT]
-    store.store(name="reattack", node={"defaults": defaults, "hydra": QUIET})
+    store.store(
+        name="reattack", node={"defaults": defaults, "hydra": QUIET | help_of("reattack.py")}
+    )
 
 
 def store_recipes(folder: Path) -> None:

@@ -7,10 +7,10 @@ machines.
 
 Every picture is a crop of `size` pixels from a picture in `images`, at any depth; those that are
 damaged or smaller are named and skipped. A pair is `photo`, `original`, with twin=true `twin` (the
-same shot without moiré), and the numbers of its shot, which replay it. They lie in 000000.tar,
-000001.tar, ... (WebDataset), or with format=imagefolder in folders of these numbers with a
-metadata.csv (Hugging Face datasets), `per_shard` pairs in each. What is in a file depends on the
-settings in dataset.json alone: not on the commands, machines or processes that share the work.
+same shot without moiré), and the numbers of its shot, which replay it. They are stored in
+000000.tar, 000001.tar, ... (WebDataset), or with format=imagefolder in folders of these numbers
+with a metadata.csv (Hugging Face datasets), `per_shard` pairs in each. What is in a file depends on
+the settings in dataset.json alone: not on the commands, machines or processes that share the work.
 
 If a command is interrupted, the same command continues after the last whole file.
 """
@@ -40,7 +40,7 @@ from moireaug.synthesis import Pairs
 from moireaug.synthesis.pictures import NoPictureError
 from training import scenes
 from training.locks import locked
-from training.messages import sentence
+from training.messages import counted, sentence
 from training.pair_files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
 from training.pair_sets import PairSet, Share, claim, release, share_of
 from training.settings import parse
@@ -154,13 +154,20 @@ def synthesise(cfg: Config) -> None:
             f"{_some(others)}."
         )
     left, whole = len(found.missing(Share(0, 1))), len(found.numbers(Share(0, 1)))
-    print(f"{found.folder} holds {whole - left} of its {whole} files of {cfg.per_shard} pairs.")
+    pairs_there = sum(len(found.pairs(number)) for number in found.numbers(Share(0, 1)))
+    if left:
+        print(f"{found.folder} holds {whole - left} of its {counted(whole, 'file')}.")
+    else:
+        total = counted(pairs_there, "pair")
+        print(f"{found.folder} is complete: {total} in {counted(whole, 'file')}.")
 
 
 def make(cfg: Config, pairs: Pairs, found: PairSet, share: Share) -> None:
     """Write the files of a share that are missing, and say how long it took."""
     missing = found.missing(share)
     total = sum(len(found.pairs(number)) for number in missing)
+    if not total:
+        return
     skipped: set[str] = set()
     began = time.perf_counter()
     encoded = EncodedPairs(pairs, cfg.encoding, cfg.quality)

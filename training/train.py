@@ -22,6 +22,7 @@ from training.classifier import Classifier
 from training.costs import cost, with_totals
 from training.files import read_checkpoint, read_json
 from training.guard import Guard
+from training.messages import counted
 from training.models import as_model, check_side
 from training.processes import is_first, say
 from training.schema import Config, Trainer, as_values, scene_of
@@ -77,13 +78,13 @@ def train_model(
     if is_first():
         write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
-    planned = f"{epochs} epochs"
+    planned = counted(epochs, "epoch")
     if before:
         planned += f" after the {before['epochs']} of its start"
     what = f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}"
     say(f"{what}: {planned}, lr {classifier.tuning.lr:g}")
     if done:
-        say(f"Resuming from {last} after {len(done)} epochs.")
+        say(f"Resuming from {last} after {counted(len(done), 'epoch')}.")
     batches = Batches(
         splits,
         cfg.train.batch_size,

@@ -26,7 +26,9 @@ from moireaug.scene.shot import ShotRecord
 if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
 
-SWITCH = "MOIREAUG_ENGINE"  # the environment variable: "off" forces the reference
+SWITCH = "MOIREAUG_ENGINE"  # the environment variable that may force the reference
+OFF = ("off", "0", "false", "no")  # its values that do, in capitals or not
+ON = ("", "on", "1", "true", "yes")
 EXPOSURES = ("spectral", "mean", "point")
 _blocks = 0  # `with reference()` blocks that are open, in any thread
 _counting = threading.Lock()
@@ -148,9 +150,21 @@ def _runs(tensor: Tensor) -> bool:
 
 def _unavailable() -> str:
     """Return why no scene gets the engine, or an empty string."""
-    if _blocks or os.environ.get(SWITCH) == "off":
+    if _blocks or _switched_off(os.environ.get(SWITCH, "")):
         return "the engine is turned off"
     return _without_numba()
+
+
+@functools.cache
+def _switched_off(value: str) -> bool:
+    """Return whether the environment turns the engine off.
+
+    Raises:
+        ValueError: a value that says neither.
+    """
+    if value.lower() not in (*OFF, *ON):
+        raise ValueError(f"{SWITCH} must be 'off', or unset; got {value!r}.")
+    return value.lower() in OFF
 
 
 @functools.cache

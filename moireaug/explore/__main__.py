@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 from moireaug.extras import require
 
@@ -18,8 +19,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Read the command line and serve the page until Ctrl-C.
 
     Raises:
-        SystemExit: the extra is not installed (the message says how to install it), or the port
-            is taken.
+        SystemExit: the extra is not installed (the message says how to install it), the port is
+            taken, or there is no such run.
     """
     parser = argparse.ArgumentParser(prog="python -m moireaug.explore", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -27,6 +28,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--run", default="", help="the folder of a run, for the second tab")
     parser.add_argument("--quiet", action="store_true", help="do not open a browser")
     args = parser.parse_args(argv)
+    if args.run and not Path(args.run).is_dir():
+        raise SystemExit(f"error: --run {args.run}: there is no such folder.")
     try:
         require("explore", "moireaug.explore")
     except ModuleNotFoundError as error:

@@ -70,7 +70,7 @@ STATISTICS = {
     "luma_2_4": Statistic("luma, sigma 2 to 4", "codes RMS", 0.25),
     "luma_4_8": Statistic("luma, sigma 4 to 8", "codes RMS", 0.25),
     "luma_8_16": Statistic("luma, sigma 8 to 16", "codes RMS", 0.25),
-    "peaks": Statistic("peaks of the spectrum", "a window", 0.5),
+    "peaks": Statistic("peaks of the spectrum", "per window", 0.5),
     "peak_strength": Statistic("strongest peak, strength", "codes RMS", 0.25),
     "peak_frequency": Statistic("strongest peak, frequency", "cycles/px", 0.02),
     "peak_angle": Statistic("strongest peak, direction", "degrees", 90.0, compared=False),
@@ -84,7 +84,7 @@ STATISTICS = {
     "saturation": Statistic("saturation", "codes", 5.0),
     "cast_red": Statistic("cast of greys, R - G", "codes", 5.0),
     "cast_blue": Statistic("cast of greys, B - G", "codes", 5.0),
-    "sharpness": Statistic("gradients, of the original's", "ratio", 0.1, paired=True),
+    "sharpness": Statistic("gradients over the original's", "ratio", 0.1, paired=True),
     "noise": Statistic("noise", "codes RMS", 0.25),
     "blocks": Statistic("blocks of 8 px", "ratio - 1", 0.05),
 }

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from moireaug import Scene, View, capture, develop, expose
-from moireaug.engine import explain, reference
+from moireaug.engine import dispatch, explain, reference
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -78,3 +78,18 @@ def test_a_tangent_is_not_lost():
         dual = torch.autograd.forward_ad.make_dual(IMAGES, torch.ones_like(IMAGES))
         with pytest.raises(NotImplementedError, match="forward AD"):  # of the reference's sampling
             capture(dual, SHOT)
+
+
+@pytest.mark.parametrize(
+    ("value", "off"),
+    [("off", True), ("OFF", True), ("0", True), ("false", True), ("", False), ("on", False)],
+)
+def test_the_environment_turns_the_engine_off(value, off, monkeypatch):
+    monkeypatch.setenv(dispatch.SWITCH, value)
+    assert ("turned off" in dispatch.explain(Scene.preset("screen_photo"))) == off
+
+
+def test_a_switch_that_says_neither_is_refused(monkeypatch):
+    monkeypatch.setenv(dispatch.SWITCH, "of")
+    with pytest.raises(ValueError, match="MOIREAUG_ENGINE must be 'off', or unset; got 'of'"):
+        Scene.preset("screen_photo").capture(torch.rand(1, 3, 8, 8))

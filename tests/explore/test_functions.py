@@ -214,15 +214,20 @@ def test_without_gradio_the_command_names_the_extra(monkeypatch):
         command.main([])
 
 
-def test_the_command_serves_the_run_that_it_is_given(monkeypatch):
+def test_a_run_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(SystemExit, match=r"--run .*nowhere: there is no such folder"):
+        command.main(["--run", str(tmp_path / "nowhere")])
+
+
+def test_the_command_serves_the_run_that_it_is_given(monkeypatch, tmp_path):
     served = []
     page = types.ModuleType("page")
     page.serve = lambda run, port, in_browser: served.append((run, port, in_browser))
     monkeypatch.setattr(command, "require", lambda *_: None)
     monkeypatch.setitem(sys.modules, "moireaug.explore.page", page)
     monkeypatch.setattr("moireaug.explore.page", page, raising=False)
-    command.main(["--run", "runs/x", "--port", "7999", "--quiet"])
-    assert served == [("runs/x", 7999, False)]
+    command.main(["--run", str(tmp_path), "--port", "7999", "--quiet"])
+    assert served == [(str(tmp_path), 7999, False)]
 
 
 @pytest.mark.parametrize("port", ["0", "70000", "-1", "http"])

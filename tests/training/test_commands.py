@@ -93,6 +93,13 @@ def test_only_the_first_process_speaks(known, variables, first, monkeypatch, cap
     assert capsys.readouterr().out == ("here\n" if first else "")
 
 
+@pytest.mark.parametrize(("script", "module"), [("fit.py", fit), ("reattack.py", reattack)])
+def test_help_is_what_the_command_does_and_its_settings(script, module, tmp_path):
+    out = inside(script, "--help", cwd=tmp_path).stdout
+    assert out.startswith(module.__doc__.splitlines()[0])
+    assert "Settings, of which training/schema.py says what they are" in out and "\ntrain:\n" in out
+
+
 def odd(cfg):
     """A job of a sweep, which fails with some seeds."""
     if cfg.seed == 1:

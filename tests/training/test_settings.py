@@ -56,6 +56,13 @@ def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
         }
 
 
+def test_a_wrong_model_is_found_before_the_data_are_made(monkeypatch, tmp_path):
+    monkeypatch.setattr(fit, "load", lambda cfg: pytest.fail("time was spent"))
+    cfg = configured("recipe=clean", "model=resnet19", f"runs={tmp_path}")
+    with pytest.raises(ValueError, match=r"no model named 'resnet19'.*resnet18"):
+        fit.fit(cfg)
+
+
 SENTENCES = [
     (["recipe=clean", "data=folder", "data.root=nowhere"], "is not a folder"),
     (["recipe=clean", "data=cifar10", "data.root=nowhere"], "data.download=true"),
@@ -93,6 +100,8 @@ KEYS = [
     ("recipe=moire_att", "Did you mean 'moire_at'?"),
     ("data=sign", "Did you mean 'signs'?"),
     ("sceen=paper", "Did you mean 'scene'?"),
+    ("moire_at", "settings are given as key=value; got 'moire_at'"),
+    ("reattack.eps=4/255", "reattack.eps must be a list, as in reattack.eps=[0.0078,0.0157]"),
     ("scene.preset=paper", "pass scene whole"),
 ]
 

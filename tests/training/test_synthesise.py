@@ -92,7 +92,7 @@ def test_a_killed_command_goes_on_with_nothing_lost_but_the_running_file(tmp_pat
     assert hashes(killed) == made(tmp_path / "straight", "n=120")
     capsys.readouterr()
     synthesise.main([*given, "workers=0"])
-    assert "killed holds 30 of its 30 files of 4 pairs" in capsys.readouterr().out
+    assert "killed is complete: 120 pairs in 30 files." in capsys.readouterr().out
 
 
 READ = """

@@ -11,7 +11,7 @@ from typing import Any
 
 from hydra.core.config_store import ConfigStore
 
-from training.schema import QUIET, RECIPES, SILENT, RunConfig, store_recipes
+from training.schema import QUIET, RECIPES, SILENT, RunConfig, help_of, store_recipes
 
 OWN = RECIPES / "demoireing"
 PICTURES = ("signs", "folder")  # data sets that come in any size
@@ -101,4 +101,7 @@ def register() -> None:
     store.store(name="demoire_schema", node=DemoireConfig)
     store_recipes(OWN)
     defaults = ["demoire_schema", {"data": PICTURES[0]}, {"recipe": "demoire"}, "_self_"]
-    store.store(name="demoire", node={"defaults": [*defaults, *SILENT], "hydra": QUIET})
+    store.store(
+        name="demoire",
+        node={"defaults": [*defaults, *SILENT], "hydra": QUIET | help_of("demoireing/fit.py")},
+    )
