@@ -59,7 +59,7 @@ def attackers(steps: int) -> dict[str, Attacker]:
 def measured(
     model: nn.Module, batches: Batches, scene: Scene, settings: dict[str, Any]
 ) -> list[dict[str, Any]]:
-    """Return accuracy and seconds an image of every attacker at every budget."""
+    """Return accuracy and seconds per image of every attacker at every budget."""
     found = []
     # the first attack of a process pays for loading and caches
     warm = Table("warm-up", (Cell("MA", "1", (attackers(1)["MA"],)),))
@@ -91,7 +91,7 @@ def recommended(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def drawn(results: dict[str, list[dict[str, Any]]], n: int) -> Figure:
-    """Return a panel per model: accuracy against seconds an image, a line per attacker."""
+    """Return a panel per model: accuracy against seconds per image, a line per attacker."""
     figure = Figure(figsize=(10, 4.6), layout="constrained", facecolor="white")
     panels = figure.subplots(1, len(results), sharey=False, squeeze=False)[0]
     for ax, (name, rows) in zip(panels, results.items(), strict=True):
@@ -101,7 +101,7 @@ def drawn(results: dict[str, list[dict[str, Any]]], n: int) -> Figure:
             accuracy = [100 * row["accuracy"] for row in own]
             ax.plot(seconds, accuracy, marker=marker, color=colour, markersize=5, label=attacker)
         ax.set_xscale("log")
-        ax.set_xlabel("seconds an image (log scale)")
+        ax.set_xlabel("seconds per image (log scale)")
         ax.set_title(name, loc="left", size=11, parse_math=False)
         ax.grid(color="#DDDDDD", linewidth=0.7)
         ax.spines[["top", "right"]].set_visible(False)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from training.messages import counted
 from training.runs import PLAIN
 
 _WHERE = ("root", "workers", "download")  # settings of the data that no image depends on
@@ -151,7 +152,7 @@ def _machine(metrics: Metrics) -> str:
     environment, trainer = metrics["environment"], metrics["config"].get("trainer") or {}
     said = environment["device"]
     if said == "cpu":
-        said = f"{environment['cpu']}, {environment['threads']} threads"
+        said = f"{environment['cpu']}, {counted(environment['threads'], 'thread')}"
     for name, usual in (("devices", 1), ("num_nodes", 1), ("precision", None)):
         if trainer.get(name, usual) != usual:
             said += f", {name}={trainer[name]}"

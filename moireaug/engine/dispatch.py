@@ -52,8 +52,9 @@ def explain(scene: Scene) -> str:
     """Return which execution a scene gets on the CPU without a gradient in image or shot, and why:
     one line for exposing and one for developing.
 
-    Views near the horizon, and panels of far more pixels than the sensor, are exposed by the
-    reference all the same: that is decided for each image of a shot.
+    Some views are exposed by the reference all the same, which is decided for each image of a shot:
+    near the horizon, of far more panel than sensor pixels, of motion that vanishes somewhere in a
+    sharp photo, and, in the camera's frame, from so far away that a pixel sees too many cells.
     """
     lines = []
     for stage, reason in reasons(scene).items():
