@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-OF_MODULES = tuple(vars(nn.Module()))
+OF_MODULES = tuple(vars(nn.Module()))  # attributes that tell none: the mode, hooks, what has a name
 UNKNOWN = "callable "  # before the id in memory of what has no other name
 
 
@@ -30,9 +30,9 @@ def identity(part: object) -> str:
 def digest(model: nn.Module) -> str:
     """Return sixteen hex digits that change with a weight, a buffer, or a setting of a layer or of
     anything that it holds; the code of a class is not seen."""
-    sums = hashlib.sha256(repr(model).encode())
+    sums = hashlib.sha256()
     for told in _told(model, ()):
-        sums.update(told.encode())
+        sums.update(told.encode() + b"\n")
     return sums.hexdigest()[:16]
 
 
@@ -116,6 +116,13 @@ def _tell_sequence(part: Sequence, outer: tuple[int, ...]) -> Iterator[str]:
     for one in part:
         yield from _told(one, outer)
     yield ")"
+
+
+@_tell.register(set)
+@_tell.register(frozenset)
+def _tell_set(part: set | frozenset, outer: tuple[int, ...]) -> Iterator[str]:
+    """Without their order, which differs from process to process."""
+    yield from sorted(" ".join(_told(one, outer)) for one in part)
 
 
 @_tell.register

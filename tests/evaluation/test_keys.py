@@ -3,6 +3,9 @@
 import copy
 import dataclasses
 import functools
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -112,6 +115,7 @@ DIFFER = {
     "an object's method": (Plain(1.0).__call__, Plain(2.0).__call__),
     "a transform": (v2.Compose([v2.RandomErasing(0.1)]), v2.Compose([v2.RandomErasing(0.2)])),
     "an option": (v2.InterpolationMode.BILINEAR, v2.InterpolationMode.NEAREST),
+    "a set": ({"a", "b", "c"}, {"a", "b", "d"}),
     "networks in a list": ([classifier(0)], [classifier(1)]),
     "a function": (torch.relu, torch.sigmoid),
 }
@@ -129,6 +133,16 @@ def test_models_are_told_apart_by(what):
 def test_what_holds_a_lambda_is_refused_where_records_are_kept(hide):
     with pytest.raises(ValueError, match="nothing tells the model, a Holds that is or holds a lam"):
         require_identity("the model", Holds(hide(lambda images: images)))
+
+
+def test_another_process_tells_the_same_of_a_set():
+    told = []
+    for hashes in ("1", "2"):
+        program = "from moireaug.evaluation.identity import identity; print(identity({*'abcdef'}))"
+        env = os.environ | {"PYTHONHASHSEED": hashes}
+        done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True)
+        told.append(done.stdout)
+    assert told[0] == told[1] != b""
 
 
 def test_what_holds_itself_has_an_end():
