@@ -36,7 +36,6 @@ from training import adversaries, commands, reattack, runs, saved, scenes
 from training.attacking import Attacked, Protocol, attack, protocol_of
 from training.data import load, require_training_images
 from training.demoireing import fit as demoireing
-from training.messages import quiet
 from training.models import require_known
 from training.processes import is_first, say
 from training.results import compare, describe, publish
@@ -216,7 +215,6 @@ def one_run(
 @hydra.main(version_base="1.3", config_path=None, config_name="root")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    quiet()
     with commands.sentences(kept="Every complete epoch is kept"):
         fit(cfg)
 

@@ -1,10 +1,8 @@
-"""What commands print: errors on lines of their own, each a sentence; and what they do not."""
+"""What commands print: errors on lines of their own, each a sentence."""
 
 from __future__ import annotations
 
-import logging
 import sys
-import warnings
 from typing import Any, TextIO
 
 
@@ -43,22 +41,3 @@ def sentence(error: Exception) -> str:
         return f"{error}. {advice}"
     said = str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
     return said or type(error).__name__
-
-
-# Lightning's warnings at every start that a user of these recipes cannot act on
-KNOWN = (
-    ".*does not have many workers.*",
-    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
-    ".*Checkpoint directory .* exists and is not empty.*",
-    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
-    ".*smaller than the logging interval.*",
-    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
-)
-
-
-def quiet() -> None:
-    """Silence what Lightning says at every start."""
-    for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
-        logging.getLogger(name).setLevel(logging.WARNING)
-    for message in KNOWN:
-        warnings.filterwarnings("ignore", message)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import sys
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -38,6 +40,7 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         settings: passed on; a null precision is "32-true".
         callbacks: what keeps and averages the weights.
     """
+    quiet()
     given = asdict(settings)
     if given["precision"] is None:
         given["precision"] = "32-true"
@@ -62,3 +65,22 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         use_distributed_sampler=False,
         benchmark=False,
     )
+
+
+# Lightning's warnings at every start that a user of these recipes cannot act on
+KNOWN = (
+    ".*does not have many workers.*",
+    ".*in eval mode at the start of training.*",  # batch normalisation in fine-tuning
+    ".*Checkpoint directory .* exists and is not empty.*",
+    ".*sync_dist=True.*",  # what is logged is the mean of all devices already
+    ".*smaller than the logging interval.*",
+    ".*isinstance.treespec, LeafSpec.*",  # Lightning's own, on newer torch
+)
+
+
+def quiet() -> None:
+    """Silence what Lightning says at every start; its import undoes what was set before."""
+    for name in ("lightning.pytorch", "lightning.fabric", "lightning"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    for message in KNOWN:
+        warnings.filterwarnings("ignore", message)

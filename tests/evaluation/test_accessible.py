@@ -210,7 +210,7 @@ def calibration_page(folder, metrics, pictures):
     crops = Crops(pixels, pixels, torch.zeros(1, dtype=torch.int64), ("a",))
     measures = [dict.fromkeys(STATISTICS, 1.0)]
     scene = Scene.preset("paper")
-    fitted = Fitted(scene, scene, 0.5, 0.4, 10, 2.0, (("panel.scale", 1.0, 2.0),))
+    fitted = Fitted(scene, scene, 0.5, 0.4, 0.5, 0.3, 10, 2.0, (("panel.scale", 1.0, 2.0),))
     examples = calibrate.blocks(crops, pixels, "paper")
     found = compared(measures, measures)
     return calibrate.page(found, crops, scene, "paper", b"", examples, fitted)

@@ -103,7 +103,7 @@ def test_worst_cases_of_other_attackers_do_not_compare(tmp_path):
         ),
         (
             {"decay": 5e-4},
-            "different train.weight_decay cannot be compared: .* has 0.0005, most others have None",
+            "different train.weight_decay cannot be compared: .* has 0.0005, most others have null",
         ),
         ({"n": 480}, r"different reattack.n cannot be compared: \S+odd/seed0 has 480"),
     ],
@@ -153,7 +153,7 @@ def test_times_of_two_machines_and_failed_checks_are_said(tmp_path):
     put(tmp_path, "good", 0, device={"device": "NVIDIA H100"})
     machines, checks = read(tmp_path).warnings
     assert machines.startswith(
-        "The runs were trained on different machines (NVIDIA H100; a slow one, 2 threads)"
+        "The runs were trained in different ways (NVIDIA H100; a slow one, 2 threads)"
     )
     assert checks.endswith(f"failed on {Path(tmp_path, 'clean', 'seed0')}: many steps beat one.")
 

@@ -37,7 +37,6 @@ from training.demoireing.schema import DemoireConfig as DemoireConfig
 from training.demoireing.schema import asked_for as asked_for
 from training.demoireing.schema import register as register
 from training.demoireing.testing import summary, test
-from training.messages import quiet
 from training.processes import is_first
 from training.schema import absolute, as_config
 
@@ -198,6 +197,5 @@ def tested(
 @hydra.main(version_base="1.3", config_path=None, config_name="demoire")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
-    quiet()
     with commands.sentences(kept="What was validated is kept"):
         fit(cfg)
