@@ -192,9 +192,9 @@ def _again(folder: Path, metrics: Metrics) -> Metrics | None:
             continue
         if comparable.images(again) != comparable.images(metrics):
             continue
-        # the weights of an unfinished run can be attacked, too; earlier versions wrote no digest
-        digests = {again.get("digest"), metrics.get("digest")} - {None}
-        if len(digests) <= 1:
+        # the weights of an unfinished run can be attacked, too; earlier versions did not tell
+        identities = {again.get("identity"), metrics.get("identity")} - {None}
+        if len(identities) <= 1:
             found.append(again)
     return max(found, key=lambda again: (again["n"], again["steps"]), default=None)
 

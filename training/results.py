@@ -46,7 +46,7 @@ def describe(attacked: Attacked) -> Metrics:
         "clean_accuracy": rows[0]["accuracy"],
         "reattack": rows,
         "correct": outcomes,
-        "digest": attacked.runner.name,
+        "identity": attacked.runner.name,
         **attacked.checks,
     }
 
@@ -175,7 +175,7 @@ def publish_suite(
         "n": protocol.batches.n,
         "steps": protocol.settings.steps,
         "eps": protocol.config().middle,
-        "digest": attacked.runner.name,
+        "identity": attacked.runner.name,
         **attacked.checks,
         "tables": tables,
         "time": {**seconds, **attacked.seconds},

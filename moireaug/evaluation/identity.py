@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-OF_MODULES = tuple(vars(nn.Module()))  # attributes that tell none: the mode, hooks, what has a name
+OF_MODULES = tuple(vars(nn.Module()))  # of every module: mode, hooks, and tables of its parts
 UNKNOWN = "callable "  # before the id in memory of what has no other name
 
 

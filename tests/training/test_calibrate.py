@@ -1,45 +1,25 @@
-"""calibrate.py: pairs and photos in, a table and a page out; the fit of a scene to hidden ones."""
+"""calibrate.py: pairs and photos in, a table and a page out."""
 
 import contextlib
 import csv
-import math
 import os
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 from PIL import Image
 
-from moireaug import Develop, Lens, Scene, Sensor, View
+from moireaug import Develop, Sensor, View
 from moireaug.synthesis.statistics import STATISTICS
-from training import calibrate, demoire, frontier, scenes, synthesise
-from training.calibration import fit as fitting
+from tests.training.screens import PLAIN, picture
+from training import calibrate, demoire, frontier, synthesise
 from training.calibration.compare import distance, lines, measured
-from training.calibration.fit import Searched, fit
-from training.calibration.pairs import Crops, cut, find_pairs, photographed, read_pairs
+from training.calibration.pairs import cut, find_pairs, photographed, read_pairs
 
 ROOT = Path(__file__).resolve().parents[2]
-PLAIN = Scene(
-    view=View(roll=(-6.0, 6.0)),
-    lens=Lens(blur=(0.3, 0.4)),
-    sensor=Sensor(scale=2.0, gain=(2.4, 3.0)),
-    develop=Develop(linear_light=True),
-)
-
-
-def picture(seed, height=120, width=160):
-    """Return discs before a gradient, (H, W, 3) uint8."""
-    draw = np.random.default_rng(seed)
-    y, x = np.mgrid[0.5:height, 0.5:width]
-    found = np.stack([40 + 150 * x / width, 90 + 100 * y / height, 0 * x + 120], -1)
-    for _ in range(height * width // 800):
-        inside = np.hypot(x - draw.uniform(0, width), y - draw.uniform(0, height))
-        found[inside < draw.uniform(3, 22)] = draw.uniform(20, 235, 3)
-    return found.astype(np.uint8)
 
 
 def photo_of(scene, shown, seed):
@@ -185,90 +165,6 @@ def test_a_scene_is_nearest_to_itself():
     assert distance(lines(real, same)) < 0.75 * distance(lines(real, other))
 
 
-@pytest.fixture(scope="module")
-def hidden():
-    """Photos of a scene of which gain and blur are to be found; drawn from the seed of a search
-    whose shots are judged by 0, so that the distance at the hidden ranges is 0."""
-    side = 48
-    originals = [torch.from_numpy(picture(s, side, side)).permute(2, 0, 1) for s in range(8)]
-    crops = torch.stack(originals)
-    scene = replace(PLAIN, lens=Lens(blur=(0.7, 0.8)), sensor=Sensor(scale=2.0, gain=(2.9, 3.3)))
-    photos = photographed(scene, crops, 1)
-    found = Crops(photos, crops, torch.arange(8), tuple("abcdefgh"))
-    return found, measured(photos, crops)
-
-
-SEARCHED = (Searched("lens.blur", 0.2, 1.2), Searched("sensor.gain", 1.0, 5.0))
-START = replace(PLAIN, sensor=Sensor(scale=2.0, gain=(1.6, 2.0)))
-
-
-def test_a_fit_finds_what_was_hidden(hidden, tmp_path):
-    crops, real = hidden
-    told = []
-    found = fit(START, crops, real, 64, math.inf, 0, told.append, SEARCHED)
-    assert found.searched_after < 0.25 * found.searched_before
-    assert found.after < 0.75 * found.before  # in other shots
-    assert sum(found.scene.sensor.gain) / 2 == pytest.approx(3.1, abs=0.35)
-    assert sum(found.scene.lens.blur) / 2 == pytest.approx(0.75, abs=0.12)
-    assert found.scene.view == START.view and found.evaluations == 64
-    assert told[0].startswith("fit: distance") and len(told) > 3
-    path = tmp_path / "scene.yaml"
-    for scene in (START, PLAIN, found.scene):
-        calibrate.write_scene(path, scene)
-    assert scenes.load(str(path)) == found.scene
-    # earlier fits are kept
-    assert scenes.load(str(tmp_path / "scene-2.yaml")) == START
-    assert scenes.load(str(tmp_path / "scene-3.yaml")) == PLAIN
-
-
-def test_an_interrupted_fit_keeps_the_best(hidden):
-    crops, real = hidden
-
-    def interrupt(line):
-        if "evaluations" in line and "interrupted" not in line:
-            raise KeyboardInterrupt
-
-    found = fit(START, crops, real, 1000, math.inf, 0, interrupt, SEARCHED)
-    assert found.evaluations < 20
-    assert found.after <= found.before
-    assert "evaluations in" in found.said()
-
-
-def test_a_fit_that_may_not_search_leaves_the_scene(hidden):
-    crops, real = hidden
-    found = fit(START, crops, real, 1, math.inf, 0, lambda line: None, SEARCHED)
-    assert found.scene is START and found.before == found.after
-    assert "found no better ranges: the scene stays as it was" in found.said()
-
-
-def test_a_scene_that_fits_the_shots_of_the_search_alone_is_not_taken(monkeypatch, hidden):
-    crops, real = hidden
-    monkeypatch.setattr(
-        fitting,
-        "apart",
-        lambda scene, originals, wanted, seed: (
-            # better in the search's shots, worse in others
-            float(scene.sensor.gain[0]) * (1 if seed == 8 else -1)
-        ),
-    )
-    told = []
-    found = fit(START, crops, real, 40, math.inf, 7, told.append, SEARCHED)
-    assert found.scene is START and found.before == found.after == -1.6
-    assert float(told[-1].split()[2]) < 1.3  # it had found something
-
-
-def test_every_searched_field_is_a_range_of_a_scene():
-    for name in ("screen_photo", "dashcam_at_led_sign", "paper"):
-        scene = Scene.preset(name)
-        limits = tuple(fitting._widened(scene, one) for one in fitting.SEARCHED)
-        again = fitting.decode(scene, limits, fitting.encode(scene, limits))
-        for field, low, high in limits:
-            for ours, theirs in zip(
-                fitting.get(again, field), fitting.get(scene, field), strict=True
-            ):
-                assert ours == pytest.approx(theirs, abs=0.021 * (high - low)), field
-
-
 def test_pairs_are_matched_within_their_folder(tmp_path):
     for kind, suffix in (("photo", "jpg"), ("original", "png")):
         for day in ("monday", "tuesday"):
@@ -279,19 +175,6 @@ def test_pairs_are_matched_within_their_folder(tmp_path):
     Image.fromarray(picture(1, 24, 32)).save(tmp_path / "original" / "monday" / "1.jpg")
     with pytest.raises(ValueError, match="more than one picture of its name"):
         find_pairs(tmp_path)
-
-
-def test_the_distance_of_a_fit_is_that_of_the_scene_that_is_written(hidden, tmp_path):
-    """Narrow ranges, too: as numbers they would draw nothing, and shift all other draws."""
-    crops, real = hidden
-    narrow = (Searched("lens.blur", 0.7, 0.8), Searched("sensor.gain", 1.0, 5.0))
-    start = replace(START, lens=Lens(blur=(0.75, 0.7501)))
-    found = fit(start, crops, real, 24, math.inf, 3, lambda line: None, narrow)
-    for seed, said in ((3, found.after), (4, found.searched_after)):
-        photos = photographed(found.scene, crops.originals, seed)
-        again = distance(lines(real, measured(photos, crops.originals)))
-        assert said == pytest.approx(again, abs=1e-12)
-    assert found.after <= found.before
 
 
 def test_photos_are_read_upright_and_hidden_files_skipped(tmp_path):
@@ -311,10 +194,3 @@ def test_a_crop_does_not_keep_its_photo(tmp_path):
     photo = torch.zeros(3, 300, 300, dtype=torch.uint8)
     crops = cut([("a", photo, photo)], 16, 2)
     assert crops.photos.untyped_storage().nbytes() == 2 * 3 * 16 * 16
-
-
-def test_rounding_leaves_every_range_its_width():
-    """Without width a range draws nothing, and shifts all other draws."""
-    scene = replace(START, lens=Lens(blur=(0.75, 0.7500008)), sensor=Sensor(gain=(1.23456, 2.0)))
-    found = fitting.rounded(scene, SEARCHED)
-    assert found.lens.blur == (0.75, 0.7500008) and found.sensor.gain == (1.235, 2.0)

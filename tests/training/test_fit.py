@@ -51,7 +51,7 @@ def test_a_run_leaves_what_it_promises(whole):
         and m["train"]["images_per_second"] > 0
     )
     assert m["train"]["passes"] == 2.0 and len(m["train"]["history"]) == 2
-    assert m["digest"] == digest(saved.read(folder).model())  # as a later re-attack says it
+    assert m["identity"] == digest(saved.read(folder).model())  # as a later re-attack says it
     names = [r["name"] for r in m["reattack"]]
     assert names == [
         "clean",

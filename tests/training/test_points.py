@@ -172,13 +172,13 @@ def test_an_attack_on_an_unfinished_run_does_not_count(tmp_path):
     """Its weights are others than those of the finished run."""
     folder = put(tmp_path, "good", 0)
     metrics = json.loads((folder / "metrics.json").read_text())
-    write(folder, metrics | {"digest": "after"})
+    write(folder, metrics | {"identity": "after"})
     (path,) = folder.glob("reattack/*/recipes/metrics.json")
     again = json.loads(path.read_text())
-    write(path.parent, again | {"digest": "before"})
+    write(path.parent, again | {"identity": "before"})
     with pytest.raises(ValueError, match=r"(?s)own scene. Run:.*good/seed0 suite=recipes"):
         read(tmp_path)
-    write(folder / "reattack/later/recipes", again | {"digest": "after"})
+    write(folder / "reattack/later/recipes", again | {"identity": "after"})
     assert len(read(tmp_path).points) == 1
     write(folder, metrics)  # by an earlier version, which wrote no digest
     assert len(read(tmp_path).points) == 1

@@ -133,12 +133,16 @@ def fit(
         tell: takes a line of progress.
         searched: the fields.
 
+    Raises:
+        ValueError: crops without originals.
+
     Returns:
         The best scene of the search, or `start` where that is no better in other shots.
     """
     began = time.perf_counter()
     chosen = np.unique(np.linspace(0, len(real) - 1, min(CROPS, len(real))).round().astype(int))
-    assert crops.originals is not None
+    if crops.originals is None:
+        raise ValueError("a fit needs the pictures that were on the screen; got photos alone.")
     originals = crops.originals[torch.from_numpy(chosen)]
     wanted = [real[i] for i in chosen]
 
