@@ -7,20 +7,19 @@ import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 import torch
 from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
+from tests.training.forked import ALONE, LONG, ROOT
 from training import commands, fit, reattack, runs
 from training.data import load
 from training.files import read_checkpoint
 from training.schema import Config, ReattackConfig, as_config
 from training.train import train_model
 
-ROOT = Path(__file__).resolve().parents[2]
 TINY = [
     "data.train=64",
     "data.val=32",
@@ -40,30 +39,18 @@ BRIEF = [
     "reattack.steps=1",
 ]  # after TINY, where the attack does not matter
 MAINS = {"fit.py": (fit.main, Config), "reattack.py": (reattack.main, ReattackConfig)}
-LONG = 240  # seconds, for a busy machine
-
-
-def start(script, *overrides, cwd):
-    """Start a script as a user does, away from the repository."""
-    return subprocess.Popen(
-        [sys.executable, str(ROOT / "training" / script), *overrides],
-        cwd=cwd,
-        env=os.environ
-        | {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
 
 
 def command(script, *overrides, cwd):
-    """Run a script as a user does, to its end."""
-    process = start(script, *overrides, cwd=cwd)
-    try:
-        out, err = process.communicate(timeout=LONG)
-    finally:
-        process.kill()
-    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+    """Run a script as a user does, away from the repository, to its end."""
+    return subprocess.run(
+        [sys.executable, str(ROOT / "training" / script), *overrides],
+        cwd=cwd,
+        env=os.environ | ALONE,
+        capture_output=True,
+        text=True,
+        timeout=LONG,
+    )
 
 
 def inside(script, *overrides, cwd):

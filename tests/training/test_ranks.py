@@ -11,7 +11,8 @@ import pytest
 import torch
 from lightning.pytorch.plugins.environments import SLURMEnvironment
 
-from tests.training.small import BRIEF, LONG, TINY, command, configured, start, wait
+from tests.training.forked import Command
+from tests.training.small import BRIEF, TINY, configured, wait
 from training import ranks, runs
 from training.data import load
 from training.train import train_model, trainer_of
@@ -29,20 +30,21 @@ def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
         "trainer.devices=2",
         "trainer.strategy=ddp",
     ]
-    process = start("fit.py", *given, cwd=tmp_path)
+    process = Command("fit.py", *given, cwd=tmp_path)
     wait(process, tmp_path / "runs/clean/seed0/last.ckpt", 0)
     (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     os.kill(int(child), signal.SIGKILL)
-    _, err = process.communicate(timeout=LONG)
+    _, err = process.communicate()
     assert process.returncode == 1 and err.count("another process of this run was lost") == 1
     assert "Traceback" not in err
 
-    done = command("fit.py", *given, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "Resuming from" in done.stdout
+    again = Command("fit.py", *given, cwd=tmp_path)
+    out, err = again.communicate()
+    assert again.returncode == 0, err
+    assert "Resuming from" in out
     m = json.loads((tmp_path / "runs/clean/seed0/metrics.json").read_text())
     assert m["train"]["epochs"] == 12 and m["reattack"][0]["n"] == 6
-    assert done.stdout.count("Report: runs/clean/seed0/report.html") == 1
+    assert out.count("Report: runs/clean/seed0/report.html") == 1
 
 
 def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):

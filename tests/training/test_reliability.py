@@ -16,15 +16,14 @@ from torchvision.io import write_png
 
 from moireaug import files
 from tests.conftest import THREADS
+from tests.training.forked import Command
 from tests.training.small import (
     BRIEF,
-    LONG,
     TINY,
     configured,
     epoch,
     inside,
     same,
-    start,
     train,
     wait,
     weights,
@@ -52,16 +51,16 @@ def straight(tmp_path_factory):
 def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp_path):
     given = ["recipe=clean", *TINY, *BRIEF, "train.epochs=24", "data.workers=1"]
     folder = tmp_path / "runs/clean/seed0"
-    process = start("fit.py", *given, cwd=tmp_path)
+    process = Command("fit.py", *given, cwd=tmp_path)
     wait(process, folder / "last.ckpt", 1)
     process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=LONG)
+    out, _ = process.communicate()
     assert process.returncode == 130
     assert re.search("python .*training/fit.py recipe=clean", out) and "resume" not in out
     assert not (folder / "metrics.json").exists() and not (folder / "report.html").exists()
 
     kept = epoch(folder / "last.ckpt")
-    process = start("fit.py", *given, cwd=tmp_path)
+    process = Command("fit.py", *given, cwd=tmp_path)
     wait(process, folder / "last.ckpt", kept + 1)
     process.send_signal(signal.SIGSTOP)
     cfg = configured(*given, f"runs={tmp_path / 'runs'}")
@@ -70,7 +69,7 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     kept = epoch(folder / "last.ckpt")
     assert kept < 23, "nothing was left to go on with"
     process.kill()
-    process.communicate(timeout=LONG)
+    process.communicate()
 
     torch.set_num_threads(1)  # as the commands before
     done = inside("fit.py", *given, cwd=tmp_path)

@@ -2,19 +2,16 @@
 and given what they cannot use."""
 
 import json
-import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 import warnings
-from pathlib import Path
 
 import pytest
 import torch
 
 from moireaug.defenses import demoire
+from tests.training.forked import Command
 from tests.training.tiny_suites import TINY, cells, folder_of, records_of, suite
 from training.eval_batches import EvalBatches
 from training.schema import Reattack, ReattackConfig, check_keys
@@ -22,8 +19,6 @@ from training.splits import Splits
 from training.suites import networks_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -34,23 +29,8 @@ def straight(weights, tmp_path_factory):
         return suite("noise_position", weights, tmp_path_factory.mktemp("straight"))
 
 
-def run(cwd, weights, *more, **options):
-    names = ["model=small_resnet", f"weights={weights}", *TINY, *more]
-    env = os.environ | {
-        "OMP_NUM_THREADS": "1",
-        "OMP_WAIT_POLICY": "passive",
-        "PYTHONPATH": str(ROOT),
-    }
-    process = subprocess.Popen(
-        [sys.executable, str(ROOT / "training/reattack.py"), *names],
-        cwd=cwd,
-        env=env,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **options,
-    )
-    return process
+def run(cwd, weights, *more):
+    return Command("reattack.py", "model=small_resnet", f"weights={weights}", *TINY, *more, cwd=cwd)
 
 
 def metrics_of(cwd, name):
@@ -85,7 +65,7 @@ def test_processes_share_the_work(weights, straight, tmp_path):
     process = run(
         tmp_path, weights, "suite=noise_position", "trainer.devices=2", "trainer.strategy=ddp"
     )
-    out, err = process.communicate(timeout=240)
+    out, err = process.communicate()
     assert process.returncode == 0, err
     assert out.count("Report: ") == 1
     folder = tmp_path / "runs/reattack/small_resnet/records"

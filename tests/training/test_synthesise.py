@@ -20,8 +20,8 @@ from PIL import Image
 
 from moireaug import Shot, capture
 from tests.synthesis.folders import put, spoil
+from tests.training.forked import LONG, Command
 from tests.training.pairs import FEW, hashes, made
-from tests.training.small import LONG, start
 from training import pair_files, synthesise
 
 
@@ -67,7 +67,7 @@ def test_the_bytes_are_the_same_however_the_work_is_shared(tmp_path, form, folde
 def test_a_killed_command_goes_on_with_nothing_lost_but_the_running_file(tmp_path, capsys):
     given = ["images=pictures", "out=killed", *FEW, "n=120", "workers=1"]
     killed, done = tmp_path / "killed", tmp_path / "killed/000001.tar"
-    process = start("synthesise.py", *given, cwd=tmp_path)
+    process = Command("synthesise.py", *given, cwd=tmp_path)
     deadline = time.monotonic() + LONG
     while not done.exists():
         assert process.poll() is None, process.communicate()
@@ -77,9 +77,7 @@ def test_a_killed_command_goes_on_with_nothing_lost_but_the_running_file(tmp_pat
     with pytest.raises(SystemExit, match="another command is at work on shard=0/1 of killed"):
         synthesise.main([*given, "workers=0"])
     process.kill()
-    process.wait(LONG)  # its worker ends some seconds later
-    process.stdout.close()
-    process.stderr.close()
+    process.communicate()  # its worker ends some seconds later
     kept = hashes(killed)
     times = {name: (killed / name).stat().st_mtime_ns for name in kept}
     assert len(kept) < 31, "nothing was left to go on with"
