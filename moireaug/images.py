@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 KEPT = ("exif", "icc_profile")
+ORIENTATION = 0x0112  # the key in EXIF data
+LYING = 5  # orientations from this one on have width and height exchanged
 DEEP = ("I;16", "I;16L", "I;16B")  # 16-bit grey
 AS_RGB = (
     "1",
@@ -31,16 +35,35 @@ def read(path: str) -> Image.Image:
             (`PIL.Image.MAX_IMAGE_PIXELS`), or of a mode whose black and white are not known, such
             as 32-bit numbers.
     """
+    with _opened(path) as image:
+        picture = _rgb(image)
+        for name in KEPT:
+            if name in image.info:
+                picture.info[name] = image.info[name]
+        return picture
+
+
+def size_of(path: str) -> tuple[int, int]:
+    """Return width and height of the picture in a file, upright as its EXIF data say, without
+    decoding it.
+
+    Raises:
+        ValueError: as `read`, as far as the head of the file tells.
+    """
+    with _opened(path) as image:
+        width, height = image.size
+        lies = image.getexif().get(ORIENTATION, 1) >= LYING
+        return (height, width) if lies else (width, height)
+
+
+@contextlib.contextmanager
+def _opened(path: str) -> Iterator[Image.Image]:
+    """Open an image file; whatever goes wrong until it is closed gets a sentence."""
     try:
         with open(path, "rb") as file, warnings.catch_warnings():
             # PIL only warns of a suspicious size, and opens the file all the same
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(file)
-            picture = _rgb(image)
-            for name in KEPT:
-                if name in image.info:
-                    picture.info[name] = image.info[name]
-            return picture
+            yield Image.open(file)
     # depending on the damaged byte: OSError, SyntaxError, struct.error, EOFError, ...
     except Exception as error:
         raise ValueError(

@@ -10,7 +10,7 @@ Measures crops of the photos, and photos of the same crops by the scene: strengt
 scale, stripes or lattice, tone, tint, sharpness, noise. With `picture`, each photo is first
 registered to the picture; without originals, only the photos are measured. `fit=true` searches the
 scene's ranges so that the two agree, and writes scene.yaml, which every command takes as
-scene=FILE: the best scene, if it is also better in shots that the search did not see.
+scene=FILE, if the best scene is also better in shots that the search did not see.
 
 Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics.png into
 runs/calibrate/<pairs or photos>-<scene>/, or where out=DIR says.
@@ -93,8 +93,9 @@ def calibrate(cfg: Config) -> list[Line]:
     if cfg.fit:
         fitted = fit.fit(scene, crops, real, cfg.evaluations, cfg.seconds, cfg.seed, print)
         print(f"fit: {fitted.said()}")
-        scene, name = fitted.scene, f"{name}, fitted"
-        write_scene(out / "scene.yaml", scene)
+        if fitted.scene is not scene:
+            scene, name = fitted.scene, f"{name}, fitted"
+            write_scene(out / "scene.yaml", scene)
     simulated = theirs = None
     if crops.originals is not None:
         simulated = photographed(scene, crops.originals, cfg.seed)

@@ -12,7 +12,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import Scene, as_scene
@@ -222,6 +225,8 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
             if key in names:
                 for name in value.split(","):
                     one_of(key, name, sorted(names[key]))
+            else:
+                _check_type(override, schema)
     except ValueError as error:
         raise SystemExit(f"error: {error}") from None
 
@@ -249,6 +254,18 @@ def _check_key(key: str, schema: type[RunConfig]) -> None:
         raise ValueError(
             "recipe= says how a model is trained, and this one is only attacked: leave it out."
         )
+
+
+def _check_type(override: str, schema: type[RunConfig]) -> None:
+    """Refuse a value of another type than the schema's; a sweep's are left to Hydra."""
+    try:
+        parsed = OverridesParser.create().parse_override(override)
+        if not parsed.is_sweep_override():
+            OmegaConf.update(OmegaConf.structured(schema), parsed.key_or_group, parsed.value())
+    except HydraException:
+        return  # of its grammar, which Hydra explains by itself
+    except OmegaConfBaseException as error:
+        raise ValueError(f"{parsed.key_or_group}: {str(error).splitlines()[0]}.") from error
 
 
 def help_of(script: str) -> dict[str, dict[str, str]]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import lightning as L
 import torch
-from lightning.pytorch.callbacks import TQDMProgressBar
+from lightning.pytorch.callbacks import Checkpoint, TQDMProgressBar
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
 from lightning.pytorch.strategies import DDPStrategy
 from lightning.pytorch.utilities import rank_zero_only
@@ -21,8 +21,12 @@ from training.processes import WAIT
 from training.schema import Trainer
 
 
-class EpochLines(L.Callback):
-    """Prints a line per epoch, with the figures that a progress bar shows."""
+class EpochLines(Checkpoint):
+    """Prints a line per epoch, with the figures that a progress bar shows.
+
+    Lightning calls what it takes for a checkpoint last, in the order given: an epoch whose line is
+    printed has been kept.
+    """
 
     @rank_zero_only
     def on_train_epoch_end(self, trainer: L.Trainer, module: L.LightningModule) -> None:

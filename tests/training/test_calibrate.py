@@ -67,6 +67,14 @@ def test_the_command_compares_and_writes_a_page(folder, tmp_path):
     assert (tmp_path / "statistics.png").stat().st_size > 10_000
 
 
+def test_a_scene_that_is_no_better_is_not_written(folder, tmp_path, capsys):
+    given = [f"pairs={folder}", "scene=screen_photo", f"out={tmp_path}", "size=64", "crops=1"]
+    calibrate.main([*given, "fit=true", "evaluations=1"])
+    said = capsys.readouterr().out
+    assert "found no better ranges" in said and "fitted" not in said
+    assert not list(tmp_path.glob("*.yaml"))
+
+
 def test_photos_alone_are_measured_alone(folder, tmp_path, capsys):
     given = [f"photos={folder / 'photo'}", f"out={tmp_path}", "size=64", "crops=1"]
     calibrate.main(given)

@@ -18,6 +18,7 @@ from tests.synthesis.folders import put
 from tests.training.small import command, configured, same
 from training import runs
 from training.demoireing import fit as demoireing
+from training.demoireing import testing
 from training.demoireing.batches import Numbers
 from training.demoireing.fidelity import fidelity
 from training.demoireing.module import Demoireing
@@ -25,7 +26,6 @@ from training.demoireing.pairs import SimulatedPairs, toned
 from training.demoireing.starting import start_as_identity
 from training.demoireing.testing import clean
 from training.files import read_checkpoint
-from training.schema import check_keys
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -154,7 +154,9 @@ def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
         assert ours | {"milliseconds": 0} == theirs | {"milliseconds": 0}
 
 
-def test_a_finished_run_is_shown_and_tested_on_other_pairs(whole, tmp_path, real, capsys):
+def test_a_finished_run_is_shown_and_tested_on_other_pairs(
+    whole, tmp_path, real, capsys, monkeypatch
+):
     folder, _ = whole
     again = configure(f"pairs={real}", f"runs={folder.parents[2]}")
     before = (folder / "weights.pt").stat().st_mtime_ns
@@ -168,8 +170,11 @@ def test_a_finished_run_is_shown_and_tested_on_other_pairs(whole, tmp_path, real
     assert runs.read_metrics(folder) == found
     with (tmp_path / "pairs.csv").open("a") as table:  # of the same name
         table.write(f"\n{real}/b.png,{real}/b_shown.png")
+    monkeypatch.setattr(testing, "MOST_SHOWN", 1)
     found = demoireing.fit(configure(f"pairs={tmp_path}", f"runs={folder.parents[2]}"))
     assert {r["n"] for r in found["test"] if r["kind"] == "real"} == {2}
+    page = (folder / "report.html").read_text()
+    assert "real photos: a<" in page and "real photos: b<" not in page
 
 
 def test_a_network_learns_to_take_stripes_away(monkeypatch):
@@ -247,41 +252,3 @@ def test_fidelity_is_that_of_the_textbook():
     flat = torch.full((1, 3, 40, 40), 0.5)
     expected = (2 * 0.5 * 0.6 + 1e-4) / (0.5**2 + 0.6**2 + 1e-4)  # luminance alone
     assert float(ssim(flat, torch.full_like(flat, 0.6))) == pytest.approx(expected, abs=1e-4)
-
-
-SENTENCES = [
-    (["data=cifar10"], "data must be one of 'signs', 'folder'; got 'cifar10'"),
-    (["data=folder"], "needs data.root=DIR"),
-    (["data=folder", "data.root=nowhere"], "nowhere is not a folder"),
-    (["model=esdnett"], "Did you mean 'esdnet'?"),
-    (["demoire.target=twins"], "Did you mean 'twin'?"),
-    (["demoire.width=0"], "width"),
-    (["data.train=100"], "data.train= has no effect on a demoiréing network"),
-    (["train.check_every=3"], "must be a multiple of train.check_every"),
-    (["train.steps=0"], "train.steps must be at least 1"),
-    (["data.val=null"], "data.val must be at least 1"),
-    (["scene=[]"], "name at least one"),
-    (["scene=paper"], "registered"),
-    (["scene=screen_foto"], "Did you mean 'screen_photo'?"),
-    (["test.unseen=[screen_photo]"], "which is trained on too"),
-    (["weights=nowhere.pt"], "no weights file 'nowhere.pt'"),
-    (["pairs=nowhere"], "neither a CSV file nor a folder"),
-    (["resume=true"], "leave it out to start"),
-]
-
-
-@pytest.mark.parametrize(("given", "sentence"), SENTENCES, ids=[" ".join(s[0]) for s in SENTENCES])
-def test_wrong_settings_get_a_sentence(given, sentence, tmp_path):
-    with pytest.raises((ValueError, TypeError)) as error:
-        demoireing.fit(configure(*given, f"runs={tmp_path}"))
-    assert sentence in str(error.value)
-    assert not list(tmp_path.rglob("*.ckpt"))
-
-
-def test_recipes_of_two_kinds_go_to_two_commands():
-    assert demoireing.asked_for(["seed=1", "recipe=demoire"])
-    assert not demoireing.asked_for(["recipe=moire_at"]) and not demoireing.asked_for([])
-    with pytest.raises(SystemExit, match="Use two commands"):
-        demoireing.asked_for(["-m", "recipe=demoire,moire_at"])
-    with pytest.raises(SystemExit, match="Did you mean 'check_every'"):
-        check_keys(["train.chekc_every=2"], demoireing.DemoireConfig)

@@ -33,6 +33,8 @@ from training import train as training
 from training.classifier import Classifier
 from training.data import load
 from training.train import train_model
+from training.trainers import EpochLines
+from training.tuning import tuning
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -81,6 +83,14 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     runs.run_of(whole).prepare()
     train_model(whole, load(whole.data))
     assert same(folder, runs.folder(whole))
+
+
+def test_an_epoch_whose_line_is_printed_has_been_kept(tmp_path):
+    """Lightning calls callbacks in this order."""
+    cfg = configured(*TINY)
+    made = training.trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
+    *_, best, last, lines = made.callbacks
+    assert isinstance(lines, EpochLines) and (best.filename, last.filename) == ("best", "last")
 
 
 def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight):

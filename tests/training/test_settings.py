@@ -103,6 +103,9 @@ KEYS = [
     ("moire_at", "settings are given as key=value; got 'moire_at'"),
     ("reattack.eps=4/255", "reattack.eps must be a list, as in reattack.eps=[0.0078,0.0157]"),
     ("scene.preset=paper", "pass scene whole"),
+    ("train.lr=fast", "train.lr: Value 'fast' of type 'str' could not be converted to Float."),
+    ("data.train=1.5", "data.train: Value '1.5' of type 'float' could not be converted to Integer"),
+    ("reattack.eps=[a]", "reattack.eps: Value 'a' of type 'str' could not be converted to Float."),
 ]
 
 
@@ -111,6 +114,12 @@ def test_an_unknown_key_gets_the_nearest_one(override, sentence):
     with pytest.raises(SystemExit) as error:
         check_keys(["seed=1", "scene={preset: paper}", "recipe=clean,moire_at", override], Config)
     assert sentence in str(error.value)
+
+
+def test_what_hydra_takes_is_taken():
+    good = ["seed=0,1", "seed=range(3)", "train.lr=1e-3", "data.root='a b'", "data.root=null"]
+    good += ["trainer.devices=2", "reattack.eps=[0.1,1]", "scene=screen_photo", "data=folder"]
+    check_keys([*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr"], Config)
 
 
 def test_a_recipe_is_not_given_to_an_attack():

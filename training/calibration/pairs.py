@@ -15,7 +15,7 @@ from PIL import ImageOps
 from torch import Tensor
 
 from moireaug import Scene, capture
-from moireaug.images import read
+from moireaug.images import read, size_of
 from moireaug.synthesis.pictures import SUFFIXES
 from moireaug.synthesis.registration import register
 from training.files import read_table
@@ -83,6 +83,18 @@ def find_pairs(source: Path) -> list[Pair]:
             if not path.is_file():
                 raise ValueError(f"the picture {path}, named in {source}, does not exist.")
     return pairs
+
+
+def require_one_size(pair: Pair) -> None:
+    """Refuse a photo of another size than its original, as their files say, before either is
+    decoded.
+
+    Raises:
+        ValueError: with both sizes, or a file that is no picture.
+    """
+    photo, original = size_of(str(pair.photo)), size_of(str(pair.original))
+    if photo != original:
+        raise ValueError(_not_one_size(pair, photo, original))
 
 
 def fingerprint(pairs: Iterable[Pair]) -> str:
@@ -164,12 +176,17 @@ def read_pairs(pairs: Iterable[Pair]) -> Iterator[Shown]:
     for pair in pairs:
         photo, original = read_picture(pair.photo), read_picture(pair.original)
         if photo.shape != original.shape:
-            raise ValueError(
-                f"{pair.photo} is {_size(photo)} and {pair.original} {_size(original)} pixels: a "
-                "pair must be aligned and of one size. With photos= and picture= photos are "
-                "registered first."
-            )
+            sizes = [(p.shape[-1], p.shape[-2]) for p in (photo, original)]
+            raise ValueError(_not_one_size(pair, *sizes))
         yield Shown(pair.photo.stem, photo, original)
+
+
+def _not_one_size(pair: Pair, photo: tuple[int, int], original: tuple[int, int]) -> str:
+    sizes = ["{} x {}".format(*size) for size in (photo, original)]
+    return (
+        f"{pair.photo} is {sizes[0]} and {pair.original} {sizes[1]} pixels: a pair must be aligned "
+        "and of one size. With photos= and picture= photos are registered first."
+    )
 
 
 def cut(pictures: Iterable[Shown], side: int, each: int, seed: int = 0) -> Crops:

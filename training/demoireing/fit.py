@@ -30,7 +30,7 @@ from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
 from moireaug.synthesis.pairs import SIZES, check_aligned
 from training import commands, machine, runs, scenes
-from training.calibration.pairs import find_pairs, fingerprint
+from training.calibration.pairs import find_pairs, fingerprint, require_one_size
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
 from training.demoireing.schema import DemoireConfig as DemoireConfig
@@ -86,6 +86,21 @@ def check(cfg: DemoireConfig) -> None:
     for key, usual in UNUSED.items():
         if getattr(cfg.data, key) != usual:
             raise ValueError(f"data.{key}= has no effect on a demoiréing network: leave it out.")
+    _check_numbers(cfg)
+    demoire.build(cfg.model, width=cfg.demoire.width, weights=cfg.weights)
+    seen = scenes_of(cfg)
+    for name in cfg.test.unseen:
+        check_aligned(as_scene(name))
+        if name in seen:
+            raise ValueError(
+                f"test.unseen names {name}, which is trained on too: leave it out of one of them."
+            )
+    if cfg.pairs:
+        for pair in find_pairs(Path(cfg.pairs)):
+            require_one_size(pair)
+
+
+def _check_numbers(cfg: DemoireConfig) -> None:
     for name, value, least in (
         ("train.steps", cfg.train.steps, 1),
         ("train.check_every", cfg.train.check_every, 1),
@@ -105,16 +120,6 @@ def check(cfg: DemoireConfig) -> None:
         )
     if not 0 <= cfg.train.ema < 1:
         raise ValueError(f"train.ema must be in [0, 1); got {cfg.train.ema}.")
-    demoire.build(cfg.model, width=cfg.demoire.width, weights=cfg.weights)
-    seen = scenes_of(cfg)
-    for name in cfg.test.unseen:
-        check_aligned(as_scene(name))
-        if name in seen:
-            raise ValueError(
-                f"test.unseen names {name}, which is trained on too: leave it out of one of them."
-            )
-    if cfg.pairs:
-        find_pairs(Path(cfg.pairs))
 
 
 def finished(cfg: DemoireConfig) -> Metrics:

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from torch import Tensor
 
 from moireaug.evaluation.report.numbers import number
@@ -19,7 +17,6 @@ from moireaug.evaluation.visibility import WINDOW
 from training.demoireing.testing import GroupedPair
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
-PICTURE = 300  # pixels of a picture that the page shows
 STRONGER = 4  # factor by which what was removed is amplified
 Row = Mapping[str, Any]
 
@@ -35,7 +32,7 @@ def page(metrics: Mapping[str, Any], shown: Sequence[tuple[GroupedPair, Tensor]]
     """Return the report of a run as a self-contained page.
 
     Args:
-        metrics: what metrics.json holds. shown: pairs and their cleaned photos.
+        metrics: what metrics.json holds. shown: pairs and their cleaned photos, as they are shown.
     """
     lead = []
     for kind in ("seen", "unseen", "real"):
@@ -157,15 +154,8 @@ def block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
     cells = []
     for title, picture in sides.items():
         if picture is not None:
-            cells.append({"title": title, "image": middle(picture)})
+            cells.append({"title": title, "image": picture.permute(1, 2, 0).contiguous().numpy()})
     return {"label": f"{pair.group}: {pair.name}", "cells": cells}
-
-
-def middle(picture: Tensor) -> NDArray[np.uint8]:
-    """Return the middle of a picture (3, H, W) as (h, w, 3)."""
-    top, left = (max(0, (length - PICTURE) // 2) for length in picture.shape[1:])
-    part = picture[:, top : top + PICTURE, left : left + PICTURE]
-    return part.permute(1, 2, 0).contiguous().numpy()
 
 
 def curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, str]]:

@@ -1,0 +1,62 @@
+"""Settings of a demoiréing run that cannot be used get a sentence, before any time is spent."""
+
+import pytest
+from PIL import Image
+
+from tests.training.small import configured
+from training.demoireing import fit as demoireing
+from training.schema import check_keys
+
+FEW = ["recipe=demoire", "train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
+
+
+def put_uneven(folder):
+    """A pair of two sizes; the photo lies on its side, and its EXIF data say so."""
+    (folder / "uneven").mkdir()
+    lying = Image.new("RGB", (20, 30))
+    exif = lying.getexif()
+    exif[0x0112] = 6
+    lying.save(folder / "uneven/uneven.png", exif=exif)
+    Image.new("RGB", (30, 21)).save(folder / "uneven/shown.png")
+    (folder / "uneven/pairs.csv").write_text("photo,original\nuneven.png,shown.png\n")
+
+
+SENTENCES = [
+    (["data=cifar10"], "data must be one of 'signs', 'folder'; got 'cifar10'"),
+    (["data=folder"], "needs data.root=DIR"),
+    (["data=folder", "data.root=nowhere"], "nowhere is not a folder"),
+    (["model=esdnett"], "Did you mean 'esdnet'?"),
+    (["demoire.target=twins"], "Did you mean 'twin'?"),
+    (["demoire.width=0"], "width"),
+    (["data.train=100"], "data.train= has no effect on a demoiréing network"),
+    (["train.check_every=3"], "must be a multiple of train.check_every"),
+    (["train.steps=0"], "train.steps must be at least 1"),
+    (["data.val=null"], "data.val must be at least 1"),
+    (["scene=[]"], "name at least one"),
+    (["scene=paper"], "registered"),
+    (["scene=screen_foto"], "Did you mean 'screen_photo'?"),
+    (["test.unseen=[screen_photo]"], "which is trained on too"),
+    (["weights=nowhere.pt"], "no weights file 'nowhere.pt'"),
+    (["pairs=nowhere"], "neither a CSV file nor a folder"),
+    (["pairs=uneven"], "uneven.png is 30 x 20 and uneven/shown.png 30 x 21 pixels: a pair must"),
+    (["resume=true"], "leave it out to start"),
+]
+
+
+@pytest.mark.parametrize(("given", "sentence"), SENTENCES, ids=[" ".join(s[0]) for s in SENTENCES])
+def test_wrong_settings_get_a_sentence(given, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    put_uneven(tmp_path)
+    with pytest.raises((ValueError, TypeError)) as error:
+        demoireing.fit(configured(*FEW, *given, f"runs={tmp_path}", name="demoire"))
+    assert sentence in str(error.value)
+    assert not list(tmp_path.rglob("*.ckpt"))
+
+
+def test_recipes_of_two_kinds_go_to_two_commands():
+    assert demoireing.asked_for(["seed=1", "recipe=demoire"])
+    assert not demoireing.asked_for(["recipe=moire_at"]) and not demoireing.asked_for([])
+    with pytest.raises(SystemExit, match="Use two commands"):
+        demoireing.asked_for(["-m", "recipe=demoire,moire_at"])
+    with pytest.raises(SystemExit, match="Did you mean 'check_every'"):
+        check_keys(["train.chekc_every=2"], demoireing.DemoireConfig)
