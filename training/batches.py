@@ -12,14 +12,30 @@ from training.splits import Splits
 MOST_VAL = 320  # images of a batch of validation
 
 
+def require_even(batch_size: int, processes: int) -> None:
+    """Refuse a batch that the processes cannot share evenly.
+
+    Raises:
+        ValueError: with the nearest that they can.
+    """
+    if batch_size % processes:
+        near = max(1, round(batch_size / processes)) * processes
+        raise ValueError(
+            f"train.batch_size is that of all processes together, a multiple of their number, "
+            f"{processes}; got {batch_size}. The nearest is {near}."
+        )
+
+
 class Batches(L.LightningDataModule):
     """Serves the splits as loaders of images (B, 3, H, W) uint8 and labels (B,) int64.
 
-    The order depends on the seed and the epoch alone, whatever the number of ranks.
+    The order depends on the seed and the epoch alone, whatever the number of ranks. Each rank gets
+    as many images as any other, and where the images cannot be shared evenly a few come twice, in
+    training and in validation.
 
     Args:
         splits: the images.
-        batch_size: of all devices together.
+        batch_size: of all ranks together, to train; a multiple of their number.
         workers: processes of each loader that read images.
         seed: of the order of the images.
         first: the epoch that training begins or resumes with.
@@ -39,7 +55,7 @@ class Batches(L.LightningDataModule):
         return DistributedSampler(data, ranks, rank, shuffle=shuffle, seed=self.seed)
 
     def _loader(self, sampler: DistributedSampler, batch_size: int, drop_last: bool) -> DataLoader:
-        size = max(1, batch_size // sampler.num_replicas)
+        size = batch_size // sampler.num_replicas
         return DataLoader(
             sampler.dataset,
             size,

@@ -83,7 +83,8 @@ def _number(key: str, value: Any, low: float, high: float | None) -> None:
 
 
 def _devices(trainer: Trainer) -> None:
-    """Refuse more devices than there are; -1, "auto" and lists of GPUs are left to Lightning.
+    """Refuse more devices than there are; -1, "auto" and lists of GPUs are left to Lightning, which
+    takes no such names of processes on a CPU.
 
     Raises:
         ValueError: with how many there are.
@@ -103,7 +104,7 @@ def _devices(trainer: Trainer) -> None:
     what = "processes (CPU cores)" if on_cpu else "GPUs"
     if isinstance(asked, str) and asked.isdigit():
         asked = int(asked)
-    if asked == -1 or isinstance(asked, Sequence):
+    if asked == "auto" or (not on_cpu and (asked == -1 or isinstance(asked, Sequence))):
         return
     if type(asked) is not int or not 1 <= asked <= there:
         raise ValueError(f"trainer.devices must be 1 to {there} {what}, or auto; got {asked}.")

@@ -117,6 +117,11 @@ class Classifier(L.LightningModule):
 
     def on_train_epoch_start(self) -> None:
         self._loss, self._began = [], time.perf_counter()
+        if torch.distributed.is_initialized():
+            # Each process has its own statistics of batch normalisation, which DDP does not share
+            # after a validation; attacks see them. A resumed run begins with the first's.
+            for buffer in self.buffers():
+                torch.distributed.broadcast(buffer, 0)
 
     def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
         # all draws follow from seed, epoch, batch and rank, so that a resumed run repeats them

@@ -19,6 +19,7 @@ from training.schema import RunConfig, check_keys
 
 EXPECTED = (ValueError, TypeError, FloatingPointError, OSError)
 OF_LIGHTNING = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
+SWEEP = {"-m", "--multirun"}
 _failed: list[str] = []  # jobs of a sweep
 
 
@@ -30,7 +31,9 @@ def run(main: Callable[[], None], schema: type[RunConfig]) -> None:
     """
     sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)
     check_keys(sys.argv[1:], schema)
-    if {"-m", "--multirun"} & set(sys.argv[1:]):  # Hydra writes into this folder before any job
+    # to the front: Lightning appends settings for further processes, which must not follow it
+    sys.argv[1:] = sorted(sys.argv[1:], key=lambda argument: argument not in SWEEP)
+    if SWEEP & set(sys.argv[1:]):  # Hydra writes into this folder before any job
         named = [
             a.removeprefix("runs=").strip("'\"") for a in sys.argv[1:] if a.startswith("runs=")
         ]

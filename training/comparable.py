@@ -122,12 +122,13 @@ def _written(value: Any) -> str:
 def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
     """Return what a reader must know before trusting the figures."""
     found = []
-    machines = sorted({_machine(trained[folder]) for folder in attacked})
+    machines = _machines(trained, attacked)
     if len(machines) > 1:
         named = "; ".join(machines)
         found.append(
             f"The runs were trained in different ways ({named}): do not compare their times."
         )
+    found += _unshared_seeds(trained, attacked)
     shorter = {}
     for metrics in trained.values():
         if baseline(metrics, trained.values()) != plain_recipe(metrics):
@@ -145,6 +146,42 @@ def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) 
         if failed:
             found.append(f"Checks of the attack failed on {folder}: {'; '.join(failed)}.")
     return found
+
+
+def _machines(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
+    """Return what was trained on, of every run whose time counts: those attacked, the clean ones
+    and the starts."""
+    found = set()
+    for folder, metrics in trained.items():
+        if folder in attacked or metrics["recipe"] == "clean":
+            found.add(_machine(metrics))
+        start = metrics.get("start") or {}
+        if folder in attacked and "environment" in start:
+            found.add(_machine({**metrics, "environment": start["environment"]}))
+    return sorted(found)
+
+
+def _unshared_seeds(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
+    """Return a sentence for each recipe that has a seed which plain training has not."""
+    seeds: dict[str, set[int]] = {}
+    plain: dict[str, str | None] = {}
+    for folder in attacked:
+        metrics = trained[folder]
+        seeds.setdefault(metrics["recipe"], set()).add(metrics["seed"])
+        plain[metrics["recipe"]] = baseline(metrics, trained.values())
+    found = []
+    for recipe, own in seeds.items():
+        theirs = seeds.get(plain[recipe] or "", set())
+        shared, lone = own & theirs, own - theirs
+        if shared and lone:
+            said = f"The gain of {recipe} is over {_numbered(shared)} alone: {plain[recipe]} was "
+            found.append(f"{said}not trained and attacked with {_numbered(lone)}.")
+    return found
+
+
+def _numbered(seeds: set[int]) -> str:
+    word = "seed" if len(seeds) == 1 else "seeds"
+    return f"{word} {', '.join(map(str, sorted(seeds)))}"
 
 
 def _machine(metrics: Metrics) -> str:

@@ -16,8 +16,12 @@ CPUINFO = Path("/proc/cpuinfo")
 BFLOAT16 = {"amx_bf16", "avx512_bf16"}  # flags of CPUs that multiply it faster than float32
 
 
-def environment() -> dict[str, Any]:
-    """Return versions and machine, for the record."""
+def environment(accelerator: str) -> dict[str, Any]:
+    """Return versions and machine, for the record.
+
+    Args:
+        accelerator: the trainer's: "cpu" leaves a GPU that is there alone.
+    """
     import kornia
     import lightning
     import numpy
@@ -28,7 +32,7 @@ def environment() -> dict[str, Any]:
         found[module.__name__] = module.__version__
     found["cpu"] = _cpu()
     found["threads"] = torch.get_num_threads()
-    found["device"] = torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
+    found["device"] = torch.cuda.get_device_name() if _on_gpu(accelerator) else "cpu"
     return found
 
 
@@ -51,8 +55,12 @@ def precision(trainer: Trainer) -> Any:
     return "bf16-mixed" if _multiplies_bfloat16(trainer.accelerator) else "32-true"
 
 
+def _on_gpu(accelerator: str) -> bool:
+    return torch.cuda.is_available() and accelerator != "cpu"
+
+
 def _multiplies_bfloat16(accelerator: str) -> bool:
-    if torch.cuda.is_available() and accelerator != "cpu":
+    if _on_gpu(accelerator):
         return torch.cuda.is_bf16_supported(including_emulation=False)
     try:
         flags = set(CPUINFO.read_text().split())

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import shlex
 import statistics
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,28 +96,35 @@ def read(root: Path) -> Found:
         ValueError: no run, none attacked, runs or re-attacks that cannot be compared, or an
             incomplete file.
     """
-    root, others = _group(root)
-    trained = {}
-    for folder in _seeds(root):
-        metrics = read_metrics(folder)
-        if metrics and "train" in metrics:
-            trained[folder] = metrics
+    root, notes = _group(root)
+    trained = _classifiers(root)
     if not trained:
         raise ValueError(
             f"no finished run in {root}: it must hold <recipe>/seed<k>/metrics.json, as "
             f"training/fit.py writes them. "
             "Pass the folder given as runs=, or the folder of one data set and model in it."
         )
+    for folder in _seeds(root):
+        if read_metrics(folder) is None:
+            notes.append(
+                f"{folder / 'metrics.json'} is damaged, and the run left out: its command, given "
+                "again, writes it anew."
+            )
     try:
-        return _compared(root, trained, others)
-    except (KeyError, TypeError, AttributeError) as error:
+        found = _compared(root, trained)
+    except KeyError as error:
         raise ValueError(
             f"a metrics.json in {root} lacks {error}: another version of this project wrote it. "
             f"Train and attack again."
         ) from error
+    except (TypeError, AttributeError) as error:
+        raise ValueError(
+            f"a metrics.json in {root} holds what no run writes ({error}). Train and attack again."
+        ) from error
+    return found._replace(warnings=[*found.warnings, *notes])
 
 
-def _compared(root: Path, trained: Mapping[Path, Metrics], others: list[str]) -> Found:
+def _compared(root: Path, trained: Mapping[Path, Metrics]) -> Found:
     settings = comparable.same(
         {folder: comparable.settings(metrics) for folder, metrics in trained.items()}, "runs"
     )
@@ -126,10 +134,7 @@ def _compared(root: Path, trained: Mapping[Path, Metrics], others: list[str]) ->
             if metrics["recipe"] == recipe:
                 seeds[folder] = comparable.training(metrics)
         comparable.same(seeds, f"seeds of {recipe}")
-    attacked = {}
-    for folder, metrics in trained.items():
-        if again := _again(folder, metrics):
-            attacked[folder] = again
+    attacked = _chosen({folder: _attacks(folder, metrics) for folder, metrics in trained.items()})
     protocol = comparable.same(
         {folder: comparable.protocol(again) for folder, again in attacked.items()}, "re-attacks"
     )
@@ -151,13 +156,24 @@ def _compared(root: Path, trained: Mapping[Path, Metrics], others: list[str]) ->
     }
     for name, value in protocol.items():
         shared[name.removeprefix("reattack.")] = value
-    return Found(points, shared, commands, comparable.warnings(trained, attacked) + others)
+    return Found(points, shared, commands, comparable.warnings(trained, attacked))
 
 
 def _seeds(root: Path) -> list[Path]:
     """Return the folders <recipe>/seed<k> of a folder that hold a finished run."""
     found = sorted(path.parent for path in root.glob("*/*/metrics.json"))
     return [folder for folder in found if re.fullmatch(r"seed-?\d+", folder.name)]
+
+
+def _classifiers(root: Path) -> dict[Path, Metrics]:
+    """Return the metrics of a folder's finished classifiers; a demoiréing network has no adversary
+    and no place in the table."""
+    found = {}
+    for folder in _seeds(root):
+        metrics = read_metrics(folder) or {}
+        if metrics.get("train") and "adversary" in metrics.get("config", {}):
+            found[folder] = metrics
+    return found
 
 
 def _group(root: Path) -> tuple[Path, list[str]]:
@@ -167,11 +183,11 @@ def _group(root: Path) -> tuple[Path, list[str]]:
     Raises:
         ValueError: there are only groups of runs, of which one must be chosen.
     """
-    groups = [path for path in sorted(root.glob("*")) if path.is_dir() and _seeds(path)]
+    groups = [path for path in sorted(root.glob("*")) if path.is_dir() and _classifiers(path)]
     if not groups:
         return root, []
     named = ", ".join(shlex.quote(str(path)) for path in groups)
-    if _seeds(root):
+    if _classifiers(root):
         note = f"Runs of other data or models are left out; for a table of these pass {named}."
         return root, [note]
     if len(groups) == 1:
@@ -182,9 +198,8 @@ def _group(root: Path) -> tuple[Path, list[str]]:
     )
 
 
-def _again(folder: Path, metrics: Metrics) -> Metrics | None:
-    """Return the re-attack of a run's final weights in its own scene, on its own images; of
-    several, the one with the most images, then the most steps."""
+def _attacks(folder: Path, metrics: Metrics) -> list[Metrics]:
+    """Return the re-attacks of a run's final weights in its own scene, on its own images."""
     found = []
     for path in sorted(folder.glob("reattack/*/recipes")):
         again = read_metrics(path)
@@ -196,7 +211,24 @@ def _again(folder: Path, metrics: Metrics) -> Metrics | None:
         identities = {again.get("identity"), metrics.get("identity")} - {None}
         if len(identities) <= 1:
             found.append(again)
-    return max(found, key=lambda again: (again["n"], again["steps"]), default=None)
+    return found
+
+
+def _chosen(every: Mapping[Path, list[Metrics]]) -> dict[Path, Metrics]:
+    """Return a re-attack of each run that has any: of the size that most runs have; of several that
+    as many have, with the most images, then the most steps."""
+    runs_with: Counter[tuple[int, int]] = Counter()
+    for attacks in every.values():
+        runs_with.update({_size(again) for again in attacks})
+    chosen = {}
+    for folder, attacks in every.items():
+        if attacks:
+            chosen[folder] = max(attacks, key=lambda again: (runs_with[_size(again)], _size(again)))
+    return chosen
+
+
+def _size(again: Metrics) -> tuple[int, int]:
+    return again["n"], again["steps"]
 
 
 def _command(folder: Path, metrics: Metrics, protocol: Metrics) -> str:

@@ -93,7 +93,7 @@ def about(cfg: Config) -> Metrics:
         "plan": str(scene.plan()),
         "config": settings,
         "fingerprint": runs.fingerprint(settings),
-        "environment": machine.environment(),
+        "environment": machine.environment(cfg.trainer.accelerator),
         "command": machine.command(),
     }
 
@@ -117,6 +117,8 @@ def _shared(known: Mapping[str, Any] | None) -> Metrics | None:
     if not known:
         return None
     shared = {key: known[key] for key in SHARED}
+    if "environment" in known:  # not so of a copy by an earlier version
+        shared["environment"] = known["environment"]
     train = shared["train"]
     by_earlier_version = train and "total_epochs" not in train and train.get("init") == "random"
     if by_earlier_version:

@@ -180,6 +180,7 @@ def read_config(path: Path) -> Config:
             f"{path} is not a run's settings: {said}. A run holds keys of training/schema.py "
             "alone, as fit.py of this version writes them."
         ) from None
+    cfg.data.download = False  # that a folder asks for: only a command line may
     return as_config(cfg)  # type: ignore[arg-type]
 
 

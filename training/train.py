@@ -16,7 +16,7 @@ from moireaug.evaluation.statistics import mix
 from moireaug.files import write_text
 from training import machine, ranks, runs, saved
 from training.adversaries import passes
-from training.batches import Batches
+from training.batches import Batches, require_even
 from training.checkpoints import ClassNames, RunCheckpoint
 from training.classifier import Classifier
 from training.costs import cost, with_totals
@@ -36,7 +36,8 @@ def try_out(cfg: Config, splits: Splits) -> None:
     or any time is spent.
 
     Raises:
-        ValueError: weights, a trainer's setting, a size of images or data that cannot be used.
+        ValueError: weights, a trainer's setting, a size of images, of a batch, or data that cannot
+            be used.
     """
     if splits.num_classes < 2:
         raise ValueError(
@@ -44,7 +45,8 @@ def try_out(cfg: Config, splits: Splits) -> None:
         )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
-    trainer_of(cfg.trainer, classifier.tuning, 1, runs.folder(cfg), splits.classes)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, runs.folder(cfg), splits.classes)
+    require_even(cfg.train.batch_size, trainer.world_size)
 
 
 def train_model(

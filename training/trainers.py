@@ -13,7 +13,6 @@ import lightning as L
 import torch
 from lightning.pytorch.callbacks import Checkpoint, TQDMProgressBar
 from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasticEnvironment
-from lightning.pytorch.strategies import DDPStrategy
 from lightning.pytorch.utilities import rank_zero_only
 
 from training.checkpoints import AtomicCheckpointIO
@@ -31,8 +30,10 @@ class EpochLines(Checkpoint):
     @rank_zero_only
     def on_train_epoch_end(self, trainer: L.Trainer, module: L.LightningModule) -> None:
         figures = []
+        history: Any = module.history
+        means = history[-1] if history else {}  # the bar's loss is that of the last batch
         for name, value in trainer.progress_bar_metrics.items():
-            figures.append(f"{name} {value:.4g}")
+            figures.append(f"{name} {means.get(name, value):.4g}")
         print(f"Epoch {trainer.current_epoch + 1} of {trainer.max_epochs}: {', '.join(figures)}")
 
 
@@ -50,14 +51,12 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         given["precision"] = "32-true"
     if given["accelerator"] == "auto" and not torch.cuda.is_available():
         given["accelerator"] = "cpu"  # Apple's GPUs have no float64, which the geometry needs
-    if given["strategy"] == "ddp":
-        given["strategy"] = DDPStrategy(timeout=WAIT)
     plugins: list[Any] = [AtomicCheckpointIO()]
     if SLURMEnvironment.detect() and not TorchElasticEnvironment.detect():
         plugins.append(SLURMEnvironment(auto_requeue=False))  # the same command resumes by itself
     terminal = sys.stdout.isatty()
     progress = TQDMProgressBar(leave=False) if terminal else EpochLines()
-    return L.Trainer(
+    trainer = L.Trainer(
         **given,
         max_epochs=epochs,
         callbacks=[*callbacks, progress],
@@ -69,6 +68,9 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         use_distributed_sampler=False,
         benchmark=False,
     )
+    if hasattr(trainer.strategy, "_timeout"):  # whichever of them runs several processes
+        trainer.strategy._timeout = WAIT
+    return trainer
 
 
 # Lightning's warnings at every start that a user of these recipes cannot act on

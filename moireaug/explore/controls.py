@@ -102,7 +102,13 @@ class Control(NamedTuple):
 
     def value(self, shown: Sequence[Any]) -> Any:
         """Return the field's value from what this control shows; the ends of a range may come in
-        either order."""
+        either order.
+
+        Raises:
+            ValueError: a number that was deleted.
+        """
+        if self.kind in ("range", "number") and None in shown:
+            raise ValueError(f"{self.name} is empty: enter a number.")
         if self.kind == "range":
             low, high = sorted(float(end) for end in shown)
             return low if low == high else (low, high)

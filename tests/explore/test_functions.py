@@ -118,6 +118,13 @@ def test_a_crop_is_magnified_where_it_was_asked_for_and_stays_inside():
     assert photo.magnify(ramp[:20, :10]).shape == (120, 60, 3)
 
 
+def test_a_number_that_was_deleted_is_named():
+    values = shown(Scene.preset("screen_photo"))
+    values[0] = None
+    with pytest.raises(ValueError, match=rf"^{CONTROLS[0].name} is empty: enter a number"):
+        scene_of(values)
+
+
 def test_the_spectrum_of_stripes_is_two_points_at_their_frequency():
     stripes = 128 + 100 * np.sin(2 * np.pi * np.arange(96) / 8)  # 1/8 cycle a pixel
     picture = np.broadcast_to(stripes[None, :, None], (96, 96, 3)).astype(np.uint8)

@@ -92,7 +92,11 @@ def test_nothing_is_begun(override, message, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("devices", "fine"), [(1, 1), (2, 1), ("2", 1), ("auto", 1), (-1, 1), ("99999", 0), (None, 0)]
+    ("devices", "fine"),
+    [
+        *[(1, 1), (2, 1), ("2", 1), ("auto", 1)],
+        *[(-1, 0), ("99999", 0), (None, 0), ([0], 0), ("0,1", 0), ("abc", 0)],
+    ],
 )
 def test_devices_that_are_there_are_taken(devices, fine, untyped):
     cfg = OmegaConf.create(

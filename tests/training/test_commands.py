@@ -11,11 +11,12 @@ import tempfile
 from pathlib import Path
 
 import pytest
+import torch
 from tqdm import tqdm
 
 from tests.training.small import TINY, configured, inside
 from tests.training.strangers import put
-from training import fit, messages, processes, reattack, runs, suites
+from training import fit, machine, messages, processes, reattack, runs, suites
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -100,6 +101,13 @@ def test_help_is_what_the_command_does_and_its_settings(script, module, tmp_path
     assert "Settings, of which training/schema.py says what they are" in out and "\ntrain:\n" in out
 
 
+@pytest.mark.parametrize(("accelerator", "device"), [("auto", "H100"), ("cpu", "cpu")])
+def test_a_gpu_that_is_left_alone_is_not_on_record(accelerator, device, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "H100")
+    assert machine.environment(accelerator)["device"] == device
+
+
 def odd(cfg):
     """A job of a sweep, which fails with some seeds."""
     if cfg.seed == 1:
@@ -107,6 +115,14 @@ def odd(cfg):
     if cfg.seed == 2:
         raise ZeroDivisionError("nobody expects it")
     print("done", cfg.recipe, cfg.seed)
+
+
+def test_the_flag_of_a_sweep_may_come_last(tmp_path, monkeypatch):
+    """Lightning appends settings to the command line of further processes."""
+    seen = []
+    monkeypatch.setattr(fit, "fit", lambda cfg: seen.append((cfg.seed, sys.argv[1])))
+    assert inside("fit.py", "recipe=clean", "seed=0,1", "-m", cwd=tmp_path).returncode == 0
+    assert seen == [(0, "-m"), (1, "-m")]
 
 
 def test_a_sweep_goes_on_after_a_failed_job_and_lists_what_failed(tmp_path, monkeypatch):

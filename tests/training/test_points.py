@@ -114,6 +114,43 @@ def test_what_does_not_compare_is_named(root, odd, message):
         read(root)
 
 
+def test_a_larger_re_attack_of_one_run_leaves_the_table_as_it_was(root):
+    put(root, "good", 0, worst=(0.0, 0.0), n=480)
+    found = read(root)
+    assert found.shared["n"] == 200 and len(found.points) == 10
+    for folder in sorted(root.glob("*/seed*")):
+        (attack,) = folder.glob("reattack/*-n200-*/recipes")
+        again = json.loads((attack / "metrics.json").read_text())
+        write(folder / "reattack/larger/recipes", again | {"n": 960})
+    assert read(root).shared["n"] == 960
+
+
+def test_a_gain_over_some_of_the_seeds_is_said(tmp_path):
+    for recipe, seeds in (("clean", (0, 1)), ("baseline", (0, 1)), ("good", (1, 2))):
+        for seed in seeds:
+            put(tmp_path, recipe, seed)
+    (said,) = read(tmp_path).warnings
+    assert said == (
+        "The gain of good is over seed 1 alone: baseline was not trained and attacked with seed 2."
+    )
+
+
+def test_a_demoireing_network_has_no_place_in_the_table(root):
+    network = {"recipe": "demoire", "seed": 0, "train": {"seconds": 1.0}, "config": {"data": {}}}
+    write(root / "demoire/seed0", network)
+    write(root / "folder-pics-esdnet/demoire/seed0", network)
+    found = read(root)
+    assert len(found.points) == 10 and not found.warnings
+    with pytest.raises(ValueError, match="no finished run"):
+        read(root / "folder-pics-esdnet")
+
+
+def test_a_run_whose_metrics_are_damaged_is_named(root):
+    (root / "good/seed0/metrics.json").write_text("{")
+    (said,) = read(root).warnings
+    assert "good/seed0/metrics.json is damaged, and the run left out" in said
+
+
 def test_a_shorter_recipe_compares(root):
     put(root, "short", 0, length=0.5)
     assert "short" in {point.recipe for point in read(root).points}
@@ -156,6 +193,20 @@ def test_times_of_two_machines_and_failed_checks_are_said(tmp_path):
         "The runs were trained in different ways (NVIDIA H100; a slow one, 2 threads)"
     )
     assert checks.endswith(f"failed on {Path(tmp_path, 'clean', 'seed0')}: many steps beat one.")
+
+
+def test_the_machine_of_a_clean_run_counts_though_it_was_not_attacked(tmp_path):
+    """Its time is the unit of all others."""
+    other = {"device": "NVIDIA H100"}
+    put(tmp_path, "clean", 0, device=other, attacked=False)
+    folder = put(tmp_path, "good", 0)
+    (said,) = read(tmp_path).warnings
+    assert said.startswith("The runs were trained in different ways (NVIDIA H100; a slow one")
+    (tmp_path / "clean/seed0/metrics.json").unlink()
+    assert not read(tmp_path).warnings
+    metrics = json.loads((folder / "metrics.json").read_text())
+    write(folder, metrics | {"start": metrics["start"] | {"environment": other}})
+    assert read(tmp_path).warnings == [said]
 
 
 def test_seeds_of_other_settings_are_not_one_recipe(tmp_path):

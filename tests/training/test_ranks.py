@@ -10,12 +10,14 @@ from types import SimpleNamespace
 import pytest
 import torch
 from lightning.pytorch.plugins.environments import SLURMEnvironment
+from lightning.pytorch.strategies import DDPStrategy
 
 from tests.training.forked import Command
 from tests.training.small import BRIEF, TINY, configured, wait
-from training import ranks, runs
+from training import fit, ranks, runs
 from training.data import load
-from training.train import train_model, trainer_of
+from training.processes import WAIT
+from training.train import classifier_of, train_model, trainer_of
 from training.tuning import tuning
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -81,6 +83,33 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
     assert ended == [1] and not capsys.readouterr().err
     ranks._end_with_parent(os.getppid() + 1)
     assert ended == [1, 1]
+
+
+@pytest.mark.parametrize("strategy", ["auto", "ddp", "ddp_find_unused_parameters_true"])
+def test_processes_wait_for_one_that_attacks(strategy, tmp_path):
+    cfg = configured(*TINY, "trainer.devices=2", f"trainer.strategy={strategy}")
+    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
+    assert isinstance(trainer.strategy, DDPStrategy) and trainer.strategy._timeout == WAIT
+
+
+def test_a_batch_that_the_processes_cannot_share_is_refused_before_the_work(tmp_path):
+    given = ["trainer.devices=2", "train.batch_size=7", f"runs={tmp_path}"]
+    with pytest.raises(ValueError, match=r"multiple of their number, 2; got 7. The nearest is 8"):
+        fit.fit(configured("recipe=clean", *TINY, *given))
+    assert not list(tmp_path.rglob("*.ckpt"))
+
+
+def test_an_epoch_begins_with_the_statistics_of_the_first_process(monkeypatch):
+    """DDP does not share them after a validation, and a resumed run has the first's."""
+    sent = []
+    monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "broadcast", lambda *given: sent.append(given))
+    classifier = classifier_of(configured(*TINY), 4)
+    classifier.on_train_epoch_start()
+    buffers = list(classifier.buffers())
+    assert len(sent) == len(buffers) > 0
+    for (buffer, source), own in zip(sent, buffers, strict=True):
+        assert buffer is own and source == 0
 
 
 def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):

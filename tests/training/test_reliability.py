@@ -8,6 +8,7 @@ import re
 import resource
 import shutil
 import signal
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -91,6 +92,13 @@ def test_an_epoch_whose_line_is_printed_has_been_kept(tmp_path):
     made = training.trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
     *_, best, last, lines = made.callbacks
     assert isinstance(lines, EpochLines) and (best.filename, last.filename) == ("best", "last")
+
+
+def test_an_epochs_line_has_its_mean_loss(capsys):
+    bar = {"loss": torch.tensor(9.0), "val_clean": torch.tensor(0.5)}
+    made = SimpleNamespace(progress_bar_metrics=bar, current_epoch=1, max_epochs=3)
+    EpochLines().on_train_epoch_end(made, SimpleNamespace(history=[{"loss": 7.0}, {"loss": 2.25}]))
+    assert capsys.readouterr().out == "Epoch 2 of 3: loss 2.25, val_clean 0.5\n"
 
 
 def test_a_full_disk_leaves_the_last_epoch_whole(tmp_path, monkeypatch, straight):

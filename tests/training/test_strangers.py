@@ -89,6 +89,7 @@ def test_options_that_act_come_from_the_command_line_alone(tmp_path):
         "data.workers=9",
     )
     given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
+    assert saved.read(folder).cfg.data.download is False  # as the explorer reads it
     cfg = overrides.onto(saved.read(folder).cfg, configured(*given, name="reattack"), given)
     assert (cfg.demoire, cfg.suite, cfg.targets, cfg.reattack.n) == (
         "torch:relu",

@@ -187,7 +187,7 @@ def tested(
         "scenes": {name: scene.to_dict() for name, scene in scenes_of(cfg).items()},
         "config": settings,
         "fingerprint": runs.fingerprint(settings),
-        "environment": machine.environment(),
+        "environment": machine.environment(cfg.trainer.accelerator),
         "command": machine.command(),
     }
     write_text(folder / "scores.csv", found.scores.to_csv(index=False, float_format="%.6g"))
