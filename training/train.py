@@ -66,7 +66,7 @@ def train_model(
         KeyboardInterrupt: Ctrl-C or SIGTERM; every complete epoch is kept.
     """
     L.seed_everything(cfg.seed, verbose=False)
-    run, start = runs.run_of(cfg), runs.start_config(cfg)
+    run = runs.run_of(cfg)
     out, resumed = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     classifier = classifier_of(cfg, splits.num_classes)
@@ -74,17 +74,14 @@ def train_model(
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), with_totals(train, before)
+    start = runs.start_config(cfg)
     if start and not resumed:
         classifier.model.load_state_dict(saved.finished(start).state)
-    done = read_checkpoint(last)["history"] if resumed else []
     if is_first():
         write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
-    planned = counted(epochs, "epoch")
-    if before:
-        planned += f" after the {before['epochs']} of its start"
-    what = f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}"
-    say(f"{what}: {planned}, lr {classifier.tuning.lr:g}")
+    say(_planned(cfg, epochs, classifier.tuning.lr, before))
+    done = read_checkpoint(last)["history"] if resumed else []
     if done:
         say(f"Resuming from {last} after {counted(len(done), 'epoch')}.")
     batches = Batches(
@@ -98,11 +95,11 @@ def train_model(
     began = time.perf_counter()
     ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
-    # without those of an incomplete last batch
-    seen = int(trainer.num_training_batches) * cfg.train.batch_size
-    images = min(len(splits.train), seen)  # type: ignore[arg-type]
     state = read_checkpoint(best)
     classifier.load_state_dict(state["state_dict"])
+    # an incomplete last batch is left out of an epoch
+    seen = int(trainer.num_training_batches) * cfg.train.batch_size
+    images = min(len(splits.train), seen)  # type: ignore[arg-type]
     train = {
         **cost(classifier.history, classifier.collapsed_at, images),
         "wall_seconds": wall,
@@ -114,6 +111,14 @@ def train_model(
     if is_first():
         write_text(train_json, json.dumps(train))
     return classifier.eval(), train
+
+
+def _planned(cfg: Config, epochs: int, lr: float, before: Mapping[str, Any] | None) -> str:
+    """Return what is about to be trained, as a line."""
+    planned = counted(epochs, "epoch")
+    if before:
+        planned += f" after the {before['epochs']} of its start"
+    return f"Training {cfg.model} on {cfg.data.name}, recipe {cfg.recipe}: {planned}, lr {lr:g}"
 
 
 def classifier_of(cfg: Config, num_classes: int) -> Classifier:
