@@ -85,6 +85,22 @@ def test_a_process_that_waits_for_a_lost_one_ends_too(monkeypatch, capsys, code)
     assert ended == [1, 1]
 
 
+def test_a_process_that_is_told_to_end_sends_nothing_in_the_middle_of_a_batch(
+    tmp_path, monkeypatch
+):
+    """The others may be sending gradients, and would wait for it for ever."""
+    cfg = configured(*TINY, "trainer.devices=2")
+    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
+    monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "broadcast", lambda *a, **k: pytest.fail("it was sent"))
+    before = signal.getsignal(signal.SIGTERM)
+    with ranks.together(trainer):
+        trainer._signal_connector.register_signal_handlers()
+        signal.raise_signal(signal.SIGTERM)
+        assert trainer.received_sigterm
+    signal.signal(signal.SIGTERM, before)
+
+
 @pytest.mark.parametrize("strategy", ["auto", "ddp", "ddp_find_unused_parameters_true"])
 def test_processes_wait_for_one_that_attacks(strategy, tmp_path):
     cfg = configured(*TINY, "trainer.devices=2", f"trainer.strategy={strategy}")
