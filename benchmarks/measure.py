@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import inspect
 import json
 import os
 import platform
@@ -170,7 +171,9 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def arguments(doc: str) -> argparse.ArgumentParser:
     """Return a parser of the options that every script takes."""
-    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=inspect.cleandoc(doc), formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
         "--quick",
         action="store_true",

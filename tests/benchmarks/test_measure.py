@@ -68,6 +68,11 @@ def test_candidates_take_turns_and_slow_ones_sit_out():
     )
 
 
+def test_help_shows_the_whole_docstring():
+    parser = measure.arguments(accuracy_vs_time.__doc__)
+    assert accuracy_vs_time.__doc__.strip() in parser.format_help()
+
+
 def test_a_table_is_aligned():
     assert (
         measure.table(("a", "b"), [("x", 1.5), ("yy", 12345.0)])
