@@ -229,7 +229,7 @@ def gpu(size: Size, device: str = "cuda") -> Iterator[Row]:
     labels = torch.zeros(len(images), dtype=torch.long, device=device)
     calls = {"photo": lambda: scene.capture(images), "train": training_step(model, images, labels)}
     times = timed_together(calls, 4 * size.repeats, warmup=5)
-    what = f"draw and capture {len(images)} on the GPU"
+    what = f"draw and capture {len(images)} on the GPU, {measure.name_of(device)}"
     yield in_ms(what, times["photo"], "a ResNet-18 training step, bf16", times["train"], bar=0.02)
 
 

@@ -2,8 +2,8 @@
 
     python benchmarks/training_steps.py
 
-A step is forward, backward and update of `training.classifier.Classifier` on one batch of
-photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at
+A step is forward, backward and update of `training.classifier.Classifier` on the CPU, on one batch
+of photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at
 224 px, beside which it does not. The small one takes steps of Muon, the large one of SGD, as
 fine-tuning does. Loading is the DataLoader of `training.batches` over a folder of
 JPEG files, made for the purpose. Prints three tables and writes results/training_steps.json.
@@ -145,8 +145,8 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def configure(*overrides: str) -> Config:
-    """Return the settings that these overrides of fit.py give."""
-    return as_config(compose("root", list(overrides)))
+    """Return the settings that these overrides of fit.py give on the CPU, where steps are taken."""
+    return as_config(compose("root", ["trainer.accelerator=cpu", *overrides]))
 
 
 def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:

@@ -68,6 +68,13 @@ def test_candidates_take_turns_and_slow_ones_sit_out():
     )
 
 
+def test_a_gpu_is_named_only_where_it_is_used(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: f"the GPU {device}")
+    assert measure.metadata()["device"] == "cpu"
+    assert measure.metadata("cuda")["device"] == "the GPU cuda"
+
+
 def test_help_shows_the_whole_docstring():
     parser = measure.arguments(accuracy_vs_time.__doc__)
     assert accuracy_vs_time.__doc__.strip() in parser.format_help()
