@@ -11,7 +11,15 @@ from pathlib import Path
 import pytest
 import torch
 
-from benchmarks import accuracy_vs_time, attack_budget, checkouts, effects_cost, measure, released
+from benchmarks import (
+    accuracy_vs_time,
+    attack_budget,
+    checkouts,
+    effects_cost,
+    measure,
+    released,
+    training_steps,
+)
 from benchmarks.runs import WITHOUT
 from moireaug import Scene, capture
 from moireaug.scene.presets import PRESETS
@@ -150,6 +158,8 @@ def test_training_steps(ran):
         "train.channels_last=false",
     }
     assert all(row["loaded"] > 0 and row["share"] > 0 for row in written["loading"])
+    read = [(row["read_from"], row["workers"]) for row in written["loading"]]
+    assert read == list(training_steps.READ)
     assert "images/s loaded" in out
 
 

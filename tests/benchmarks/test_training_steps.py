@@ -5,7 +5,8 @@ import torch
 from hydra import initialize
 
 from benchmarks import training_steps
-from training import machine
+from moireaug import images
+from training import image_sets, machine
 from training.schema import register
 
 
@@ -14,6 +15,20 @@ def _hydra():
     register()
     with initialize(version_base="1.3", config_path=None):
         yield
+
+
+@pytest.mark.parametrize(("source", "again"), [("files", 4), ("memory", 0)])
+def test_a_pass_reads_what_its_row_says(monkeypatch, tmp_path, source, again):
+    training_steps.write_folder(tmp_path, 4, 16)
+    opened = []
+    monkeypatch.setattr(image_sets, "read", lambda path: opened.append(path) or images.read(path))
+    given = ["data=folder", "data.size=16", "data.val=2", "train.batch_size=2"]
+    cfg = training_steps.configure("recipe=clean", *given, f"data.root={tmp_path}")
+    loader = training_steps.loader_of(cfg, source, 0)
+    list(loader)
+    assert len(opened) == 4
+    list(loader)
+    assert len(opened) == 4 + again
 
 
 def test_steps_take_the_precision_of_the_cpu_beside_a_gpu(monkeypatch, tmp_path):
