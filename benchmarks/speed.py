@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -127,24 +127,42 @@ def panels(size: Size) -> Iterator[Row]:
     """Yield what a panel's black matrix costs the exposure, beside stripes without one; and a scene
     without a lattice."""
     images, default = size.images(), Scene.preset("screen_photo")
-    scenes = {}
-    for layout in ("rgb_stripe", "pentile"):
-        for lit in size.lit:
-            panel = replace(default.panel, layout=layout, lit=lit)
-            scenes[f"expose, {layout}, lit {lit:g}"] = replace(default, panel=panel)
-    calls = {"plain": running(expose, default, images)}
+    plain, scenes = black_matrices(size.lit)
+    calls = {"plain": running(expose, plain, images)}
     for name, scene in scenes.items():
         calls[name] = running(expose, scene, images)
     times = timed_together(calls, size.repeats)
     for name, scene in scenes.items():
         what = f"{name}: {scene.plan().exposure}, {len(scene.plan().harmonics)} harmonics"
         yield in_ms(what, times[name], "rgb_stripe, lit 1", times["plain"], bar=1.3)
-    # no colour filters, and so no need of more pixels
-    sensor = replace(default.sensor, cfa="none", scale=1)
-    even = replace(default, panel=replace(default.panel, layout="even"), sensor=sensor)
-    calls = {"default": running(capture, default, images), "even": running(capture, even, images)}
+    calls = {
+        "default": running(capture, default, images),
+        "even": running(capture, without_lattice(), images),
+    }
     times = timed_together(calls, size.repeats)
     yield in_ms("capture without any lattice", times["even"], "the default scene", times["default"])
+
+
+def black_matrices(lit: Iterable[float]) -> tuple[Scene, dict[str, Scene]]:
+    """Return the default scene with stripes that are lit all over, and, by the names of their rows,
+    scenes whose subpixels are lit in part, the same along both axes."""
+    default = Scene.preset("screen_photo")
+    whole = replace(default.panel, layout="rgb_stripe", lit=1.0, lit_x=1.0, lit_y=1.0)
+    scenes = {}
+    for layout in ("rgb_stripe", "pentile"):
+        for share in lit:
+            panel = replace(whole, layout=layout, lit=share)
+            scenes[f"expose, {layout}, lit {share:g}"] = replace(default, panel=panel)
+    return replace(default, panel=whole), scenes
+
+
+def without_lattice() -> Scene:
+    """Return the default scene with pixels that shine evenly, right up to the next."""
+    default = Scene.preset("screen_photo")
+    panel = replace(default.panel, layout="even", lit=1.0, lit_x=1.0, lit_y=1.0)
+    # no colour filters, and so no need of more pixels
+    sensor = replace(default.sensor, cfa="none", scale=1)
+    return replace(default, panel=panel, sensor=sensor)
 
 
 def running(stage: Callable, scene: Scene, images: Tensor) -> Callable[[], Tensor]:
