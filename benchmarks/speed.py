@@ -2,11 +2,12 @@
 
     python benchmarks/speed.py [--before DIR] [--only WORD]
 
-Prints a table and writes results/speed.json. A ratio is ours over the other's, of medians taken in
-turns; `met` says whether it keeps its bar. Rows without a bar are for
-information. Images are float32 of 224 px in batches of 16 and gradients are off, unless a row says
-otherwise; the scene is the default, "screen_photo". `--before` names an older checkout of the
-project (`git worktree add DIR COMMIT`), whose DataLoaders take turns with this one's.
+Prints a table and writes results/speed.json, with `--only WORD` results/speed-WORD.json. A ratio is
+ours over the other's, of medians taken in turns; `met` says whether it keeps its bar. Rows without
+a bar are for information. Images are float32 of 224 px in batches of 16 and gradients are off,
+unless a row says otherwise; the scene is the default, "screen_photo". `--before` names an older
+checkout of the project (`git worktree add DIR COMMIT`), whose DataLoaders take turns with this
+one's.
 """
 
 from __future__ import annotations
@@ -265,32 +266,67 @@ def training_step(model: nn.Module, images: Tensor, labels: Tensor) -> Callable[
     return run
 
 
+GROUPS = (
+    transforms,
+    released_chain,
+    panels,
+    attack_step,
+    training,
+    precisions,
+    apart.executions,
+    apart.doors,
+    apart.memory,
+    apart.large_photo,
+    apart.starts,
+    gpu,
+)
+
+
+def groups_of(word: str, before: Path | None) -> list[Callable[[Size], Iterator[Row]]]:
+    """Return the groups with a word in their names, without those that cannot be measured here."""
+    found = [group for group in GROUPS if word in group.__name__]
+    if not before and apart.doors in found:
+        found.remove(apart.doors)
+    if not torch.cuda.is_available() and gpu in found:
+        found.remove(gpu)
+    return found
+
+
 def main() -> None:
     parser = measure.arguments(__doc__)
-    parser.add_argument("--only", default="", help="only the groups with this in their name")
+    parser.add_argument(
+        "--only",
+        default="",
+        metavar="WORD",
+        help="only the groups with this in their name; writes speed-WORD.json",
+    )
     checkouts.add_before(parser)
     args = parser.parse_args()
+    chosen = groups_of(args.only, args.before)
+    if not chosen:
+        names = ", ".join(group.__name__ for group in GROUPS)
+        parser.error(
+            f"--only {args.only} leaves nothing to measure. Name a part of one of these: {names}; "
+            "doors needs --before DIR, and gpu a GPU."
+        )
     torch.set_num_threads(args.threads)
     torch.manual_seed(0)
     facts = measure.metadata() | {"before": checkouts.commit(args.before)}
     size = replace(QUICK if args.quick else Size(), threads=args.threads, before=args.before)
     print(measure.told(facts), end="\n\n")
-    groups = [transforms, released_chain, panels, attack_step, training, precisions]
-    groups += [apart.executions, apart.doors, apart.memory, apart.large_photo, apart.starts]
-    groups += [gpu] * torch.cuda.is_available()
     rows = []
     with torch.no_grad():
-        for group in groups:
-            if args.only in group.__name__:
-                rows += list(group(size))
-                print(f"{group.__name__} measured", file=sys.stderr)
+        for group in chosen:
+            rows += list(group(size))
+            print(f"{group.__name__} measured", file=sys.stderr)
     print(report(rows))
     if not args.before:
         print("Without --before DIR, the rows of DataLoaders are missing.")
     # no path of this machine among the results
     sizes = dataclasses.asdict(replace(size, before=None))
+    name = f"speed-{args.only}.json" if args.only else "speed.json"
     measure.write_json(
-        args.out / "speed.json",
+        args.out / name,
         {"metadata": facts, "size": sizes, "rows": [r.to_dict() for r in rows]},
     )
 
