@@ -7,6 +7,7 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -198,6 +199,26 @@ def test_synthesis(tmp_path):
     for one, three in zip(rows[:4], rows[4:], strict=True):
         assert three["bytes"] > one["bytes"]
     assert "a million of them" in out
+
+
+def test_two_runs_of_a_recipe_are_two_models_and_download_nothing(monkeypatch):
+    asked = []
+
+    def read(folder):
+        data, reattack = SimpleNamespace(download=True), SimpleNamespace(n=0)
+        cfg = SimpleNamespace(recipe="clean", data=data, reattack=reattack)
+        return SimpleNamespace(cfg=cfg, model=lambda: folder)
+
+    monkeypatch.setattr(attack_budget.saved, "read", read)
+    monkeypatch.setattr(attack_budget, "load", lambda data: asked.append(data.download))
+    protocol = SimpleNamespace(batches=[], scene=None)
+    monkeypatch.setattr(attack_budget, "protocol_of", lambda cfg, splits: protocol)
+    found = attack_budget.models_of(["clean/seed0", "clean/seed1"], 4)
+    assert {name: str(model) for name, (model, _, _) in found.items()} == {
+        "clean/seed0": "clean/seed0",
+        "clean/seed1": "clean/seed1",
+    }
+    assert asked == [False, False]
 
 
 def test_the_recommended_budget_is_the_cheapest_that_is_near():
