@@ -166,9 +166,13 @@ def in_both(
 
 
 def run_by(scene: Scene) -> str:
-    """Return the stages of a capture that the engine runs."""
+    """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
     taken = [stage for stage, reason in dispatch.reasons(scene).items() if not reason]
-    return " and ".join(taken) or "nothing"
+    found = " and ".join(taken) or "nothing"
+    rest = dispatch.finishing(scene.plan())
+    if "develop" in taken and rest:
+        found += f"; reference from {rest[0].name!r} on"
+    return found
 
 
 @torch.no_grad()

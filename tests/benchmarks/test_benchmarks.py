@@ -101,8 +101,10 @@ def test_effects_cost(ran):
     assert effects.keys() == {*effects_cost.WITHOUT, *effects_cost.WITH, *effects_cost.ALWAYS}
     whole = written["default_photo"]["seconds"]["engine"]["median"]
     assert effects["pose"]["share"] == pytest.approx(effects["pose"]["engine"] / whole)
-    assert effects["denoise bilateral"]["run_by"] == "expose and develop"
-    assert effects["jpeg"]["run_by"] == "expose and develop"
+    assert effects["pose"]["run_by"] == "expose and develop"
+    told = "expose and develop; reference from '{}' on"
+    assert effects["denoise bilateral"]["run_by"] == told.format("denoise")
+    assert effects["jpeg"]["run_by"] == told.format("jpeg")
     assert len(written["presets"]) == effects_cost.QUICK["presets"]
     for name, rows in written["presets"].items():
         plan = Scene.preset(name).plan()
