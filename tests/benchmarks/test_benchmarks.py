@@ -299,9 +299,20 @@ def test_the_first_photo_of_a_start_is_one():
     assert names["scene"] == Scene.preset(apart.SCENE)
 
 
-def test_a_checkout_measures_its_own_code_alone(tmp_path):
+def test_a_checkout_measures_its_own_code_alone(tmp_path, monkeypatch):
+    """Where another one is found, here an empty one, with a torch that takes no time to import."""
+    other = tmp_path / "other"
+    files = {
+        "moireaug/__init__.py": "Scene = None",
+        "torch/__init__.py": "Tensor = set_num_threads = manual_seed = no_grad = nullcontext",
+        "torch/utils/data.py": "DataLoader = Dataset = object",
+    }
+    for name, text in files.items():
+        (other / name).parent.mkdir(parents=True, exist_ok=True)
+        (other / name).write_text(f"from contextlib import nullcontext\n{text}\n")
+    monkeypatch.setenv("PYTHONPATH", str(other))
     with pytest.raises(RuntimeError, match="no moireaug of its own"):
-        checkouts.Checkout(tmp_path, threads=1)
+        checkouts.Checkout(tmp_path / "mine", threads=1)
 
 
 def test_the_plain_chain_is_the_capture():

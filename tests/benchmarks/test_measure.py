@@ -52,8 +52,8 @@ def test_the_reference_says_how_far_it_is_off():
         panel=Panel(scale=1.4), view=View(roll=5), lens=Lens(blur=0.3), sensor=Sensor(scale=2)
     )
     image = torch.rand(1, 3, 12, 12, dtype=torch.float64)
-    reading, told = accuracy_vs_time.converged(scene, image, 8)
-    shot = accuracy_vs_time.draw(accuracy_vs_time.with_method(scene, "supersample:32"), image)
+    reading, told = accuracy_vs_time.converged(scene, image, 4)
+    shot = accuracy_vs_time.draw(accuracy_vs_time.with_method(scene, "supersample:16"), image)
     off = accuracy_vs_time.rms(reading - expose(image, shot), reading)
     assert 0.4 * told["error_left_percent"] < off < 2 * told["error_left_percent"]
 

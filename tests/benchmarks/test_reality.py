@@ -16,7 +16,7 @@ from moireaug import Scene
 from training.calibration.pairs import Crops, Shown, photographed
 
 ROOT = Path(__file__).resolve().parents[2]
-EFFORT = told_apart.Effort(steps=100, batch=16, side=32, judged=64)
+EFFORT = told_apart.Effort(steps=80, batch=16, side=32, judged=64)
 
 
 def pictures(n, side=64):
@@ -82,6 +82,7 @@ def test_one_pair_has_statistics(tmp_path, monkeypatch):
 
 
 def test_a_discriminator_tells_stripes_of_ten_codes_and_not_a_photo_from_itself():
+    torch.set_num_threads(1)  # so small a network is no faster with more
     photos = pictures(8)
     stripes = 10 * torch.cos(torch.arange(64) * 2 * torch.pi / 8)
     striped = (photos.float() + stripes).round().clamp(0, 255).to(torch.uint8)
