@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -282,7 +282,7 @@ GROUPS = (
 )
 
 
-def groups_of(word: str, before: Path | None) -> list[Callable[[Size], Iterator[Row]]]:
+def groups_of(word: str, before: Path | None) -> Sequence[Callable[[Size], Iterator[Row]]]:
     """Return the groups with a word in their names, without those that cannot be measured here."""
     found = [group for group in GROUPS if word in group.__name__]
     if not before and apart.doors in found:
