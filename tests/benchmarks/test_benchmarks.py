@@ -281,6 +281,7 @@ def test_a_scene_reaches_another_checkout_whole(name):
 
 
 def test_a_checkout_is_a_process_that_captures():
+    torch.set_num_threads(1)  # as there
     image = torch.rand(1, 3, 16, 16)
     scene = Scene.preset(apart.SCENE)
     with checkouts.Checkout(ROOT, threads=1, engine=False) as run:
