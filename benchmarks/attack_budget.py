@@ -118,13 +118,14 @@ def drawn(results: dict[str, list[dict[str, Any]]], n: int) -> Figure:
 
 
 def models_of(folders: list[str], n: int) -> dict[str, tuple[nn.Module, Batches, Scene]]:
-    """Return the runs' models with their test images and scene."""
+    """Return, by their folders, the runs' models with their test images and scene."""
     found: dict[str, tuple[nn.Module, Batches, Scene]] = {}
     for folder in folders:
         run = saved.read(Path(folder))
+        run.cfg.data.download = False  # a run may come from anyone
         run.cfg.reattack.n = n
         protocol = protocol_of(run.cfg, load(run.cfg.data))
-        found[run.cfg.recipe] = (run.model(), protocol.batches, protocol.scene)
+        found[folder] = (run.model(), protocol.batches, protocol.scene)
     return found
 
 

@@ -39,10 +39,18 @@ FULL = {
     "photo": (16, 224),
     "build_up": (8, 128),
     "repeats": 15,
+    "warmup": 1,
     "budget": 2.0,
     "presets": len(PRESETS),
 }
-QUICK = {"photo": (1, 16), "build_up": (1, 8), "repeats": 1, "budget": 0.0, "presets": 2}
+QUICK = {
+    "photo": (1, 16),
+    "build_up": (1, 8),
+    "repeats": 1,
+    "warmup": 0,
+    "budget": 0.0,
+    "presets": 2,
+}
 DEFAULT = "screen_photo"
 MOST = 0.25  # of the default photo, for one effect
 
@@ -101,38 +109,59 @@ def main() -> None:
 def default_photo(settings: dict[str, Any]) -> dict[str, Any]:
     """Return the default photo's time, and a row for each effect: what it adds, in seconds an
     image."""
-    whole = Scene.preset(DEFAULT)
-    scenes = {"whole": whole}
-    bare = whole
-    for name, changes in WITHOUT.items():
-        scenes[name] = changed(whole, changes)
-        bare = changed(bare, changes)
-    for name, changes in WITH.items():
-        scenes[name] = changed(whole, changes)
     shown = images("photo", *settings["photo"])
-    shots = {name: draw(scene, shown) for name, scene in scenes.items()}
-    calls = {name: lambda shot=shot: capture(shown, shot) for name, shot in shots.items()}
+    whole = Scene.preset(DEFAULT)
+    bare = whole
+    for changes in WITHOUT.values():
+        bare = changed(bare, changes)
+    scenes = {}
+    for name, changes in (WITHOUT | WITH).items():
+        scenes[name] = changed(whole, changes)
+
+    calls = {"whole": taking(whole, shown)}
+    for name, scene in scenes.items():
+        calls[name] = taking(scene, shown)
     shot = draw(bare, shown)
     raw = expose(shown, shot)
-    calls[ALWAYS[0]] = lambda: expose(shown, shot)
-    calls[ALWAYS[1]] = lambda: develop(raw, shot)
-    scenes |= dict.fromkeys(ALWAYS, bare)
-
+    exposure, development = ALWAYS
+    calls[exposure] = lambda: expose(shown, shot)
+    calls[development] = lambda: develop(raw, shot)
     times = in_both(calls, settings, len(shown))
+
     rows = []
-    for kind, names in (("left out", WITHOUT), ("added", WITH), ("always there", ALWAYS)):
-        for name in names:
-            row = {"effect": name, "kind": kind, "run_by": run_by(scenes[name])}
-            for execution in EXECUTIONS:
-                taken, full = times[execution][name].median, times[execution]["whole"].median
-                row[execution] = {
-                    "left out": full - taken,
-                    "added": taken - full,
-                    "always there": taken,
-                }[kind]
-            row["share"] = row["engine"] / times["engine"]["whole"].median
-            rows.append(row)
-    return {"seconds": {e: times[e]["whole"]._asdict() for e in EXECUTIONS}, "effects": rows}
+    for name in WITHOUT:
+        rows.append(effect_row(name, "left out", scenes[name], times))
+    for name in WITH:
+        rows.append(effect_row(name, "added", scenes[name], times))
+    for name in ALWAYS:
+        rows.append(effect_row(name, "always there", bare, times))
+    seconds = {execution: times[execution]["whole"]._asdict() for execution in EXECUTIONS}
+    return {"seconds": seconds, "effects": rows}
+
+
+def effect_row(
+    name: str, kind: str, scene: Scene, times: dict[str, dict[str, measure.Timing]]
+) -> dict[str, Any]:
+    """Return an effect's row, of the times of both executions: of the call of its name, and of the
+    whole photo."""
+    row: dict[str, Any] = {"effect": name, "kind": kind, "run_by": run_by(scene)}
+    for execution in EXECUTIONS:
+        whole = times[execution]["whole"].median
+        taken = times[execution][name].median
+        if kind == "left out":
+            row[execution] = whole - taken
+        elif kind == "added":
+            row[execution] = taken - whole
+        else:
+            row[execution] = taken
+    row["share"] = row["engine"] / times["engine"]["whole"].median
+    return row
+
+
+def taking(scene: Scene, shown: Tensor) -> Callable[[], Tensor]:
+    """Return a capture of images in a shot that is drawn and planned once."""
+    shot = draw(scene, shown)
+    return lambda: capture(shown, shot)
 
 
 def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
@@ -154,11 +183,11 @@ def in_both(
     calls: dict[str, Callable], settings: dict[str, Any], n: int
 ) -> dict[str, dict[str, measure.Timing]]:
     """Return the times per image, of n, by the engine, where it can run, and by the reference."""
-    repeats, budget = settings["repeats"], settings["budget"]
+    repeats, warmup, budget = settings["repeats"], settings["warmup"], settings["budget"]
     # differences of milliseconds need many runs
-    ours = measure.timed_together(calls, 4 * repeats, budget=4 * budget)
+    ours = measure.timed_together(calls, 4 * repeats, warmup, 4 * budget)
     with engine.reference():
-        plain = measure.timed_together(calls, repeats, budget=budget)
+        plain = measure.timed_together(calls, repeats, warmup, budget)
     each = {"engine": ours, "reference": plain}
     return {
         execution: {name: t / n for name, t in times.items()} for execution, times in each.items()
@@ -166,9 +195,13 @@ def in_both(
 
 
 def run_by(scene: Scene) -> str:
-    """Return the stages of a capture that the engine runs."""
+    """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
     taken = [stage for stage, reason in dispatch.reasons(scene).items() if not reason]
-    return " and ".join(taken) or "nothing"
+    found = " and ".join(taken) or "nothing"
+    rest = dispatch.finishing(scene.plan())
+    if "develop" in taken and rest:
+        found += f"; reference from {rest[0].name!r} on"
+    return found
 
 
 @torch.no_grad()
@@ -178,8 +211,7 @@ def build_up(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
     stages = list(growing(scene))
     calls = {}
     for i, (_, stage) in enumerate(stages):
-        shot = draw(stage, shown)
-        calls[str(i)] = lambda shot=shot: capture(shown, shot)
+        calls[str(i)] = taking(stage, shown)
     times = in_both(calls, settings, len(shown))
     rows = []
     for i, (added, stage) in enumerate(stages):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import inspect
 import json
 import os
 import platform
@@ -95,12 +96,15 @@ def frontier(points: Sequence[tuple[float, float]]) -> list[int]:
     return kept
 
 
-def metadata() -> dict[str, Any]:
-    """Return the machine, its load and the libraries. Call it before anything is timed."""
-    gpu = torch.cuda.is_available()
+def metadata(device: str = "cpu") -> dict[str, Any]:
+    """Return the machine, its load and the libraries. Call it before anything is timed.
+
+    Args:
+        device: that the script runs on; a GPU that is there but unused is not named.
+    """
     return {
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "device": torch.cuda.get_device_name() if gpu else "cpu",
+        "device": name_of(device),
         "cpu": _cpu(),
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads(),
@@ -108,6 +112,11 @@ def metadata() -> dict[str, Any]:
         "python": platform.python_version(),
         **{name: version(name) for name in LIBRARIES},
     }
+
+
+def name_of(device: str) -> str:
+    """Return the name of a GPU, or "cpu"."""
+    return "cpu" if device == "cpu" else torch.cuda.get_device_name(device)
 
 
 def _cpu() -> str:
@@ -170,7 +179,9 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def arguments(doc: str) -> argparse.ArgumentParser:
     """Return a parser of the options that every script takes."""
-    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=inspect.cleandoc(doc), formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
         "--quick",
         action="store_true",

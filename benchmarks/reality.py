@@ -147,27 +147,39 @@ def main() -> None:
     parser.add_argument("--images", type=Path, help="a folder of clean pictures to train on")
     parser.add_argument("--target", nargs="+", choices=cleaned.TARGETS, default=["twin"])
     parser.add_argument("--steps", type=int, help="of training each network")
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS)
+    parser.add_argument("--only", nargs="+", choices=PARTS)
     args = parser.parse_args()
+    parts = args.only or PARTS
+    if args.only and "cleaned" in args.only and not args.images:
+        parser.error("--only cleaned trains on clean pictures: pass their folder, --images DIR.")
     torch.set_num_threads(args.threads)
     facts = measure.metadata()
     settings = dict(QUICK if args.quick else FULL)
     if args.steps:
         for part in ("apart", "cleaned"):
             settings[part] = dataclasses.replace(settings[part], steps=args.steps)
+    try:
+        chosen = {name: scenes.load(name) for name in args.scenes}
+        pairs = find_pairs(args.pairs)
+        if "apart" in parts and len(pairs) < 2:
+            raise ValueError(
+                f"{args.pairs} holds one pair, and telling photos apart needs at least two, as one "
+                "is left out at a time. Add pairs, or pass --only statistics."
+            )
+        crops = cut(read_pairs(pairs), settings["side"], settings["each"])
+    except (ValueError, OSError) as error:
+        parser.error(str(error))
     print(measure.told(facts), end="\n\n")
-    chosen = {name: scenes.load(name) for name in args.scenes}
-    crops = cut(read_pairs(find_pairs(args.pairs)), settings["side"], settings["each"])
     photos = {name: simulated(scene, crops, settings["shots"]) for name, scene in chosen.items()}
     found: dict[str, Any] = {"metadata": facts}
-    if "statistics" in args.only:
+    if "statistics" in parts:
         found["statistics"] = statistics(crops, photos)
-    if "apart" in args.only:
+    if "apart" in parts:
         others: dict[str, Tensor] = {}
         if args.controls:
             others = dict(zip(CONTROLS, (crops.photos[None], crops.originals[None]), strict=True))
         found["told_apart"] = tell(crops, others | photos, settings["apart"])
-    if "cleaned" in args.only and args.images:
+    if "cleaned" in parts and args.images:
         found["cleaned"] = clean(chosen, args, settings["cleaned"])
     measure.write_json(args.out / "reality.json", found)
 

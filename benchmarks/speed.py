@@ -2,18 +2,19 @@
 
     python benchmarks/speed.py [--before DIR] [--only WORD]
 
-Prints a table and writes results/speed.json. A ratio is ours over the other's, of medians taken in
-turns; `met` says whether it keeps its bar. Rows without a bar are for
-information. Images are float32 of 224 px in batches of 16 and gradients are off, unless a row says
-otherwise; the scene is the default, "screen_photo". `--before` names an older checkout of the
-project (`git worktree add DIR COMMIT`), whose DataLoaders take turns with this one's.
+Prints a table and writes results/speed.json, with `--only WORD` results/speed-WORD.json. A ratio is
+ours over the other's, of medians taken in turns; `met` says whether it keeps its bar. Rows without
+a bar are for information. Images are float32 of 224 px in batches of 16 and gradients are off,
+unless a row says otherwise; the scene is the default, "screen_photo". `--before` names an older
+checkout of the project (`git worktree add DIR COMMIT`), whose DataLoaders take turns with this
+one's.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -127,24 +128,42 @@ def panels(size: Size) -> Iterator[Row]:
     """Yield what a panel's black matrix costs the exposure, beside stripes without one; and a scene
     without a lattice."""
     images, default = size.images(), Scene.preset("screen_photo")
-    scenes = {}
-    for layout in ("rgb_stripe", "pentile"):
-        for lit in size.lit:
-            panel = replace(default.panel, layout=layout, lit=lit)
-            scenes[f"expose, {layout}, lit {lit:g}"] = replace(default, panel=panel)
-    calls = {"plain": running(expose, default, images)}
+    plain, scenes = black_matrices(size.lit)
+    calls = {"plain": running(expose, plain, images)}
     for name, scene in scenes.items():
         calls[name] = running(expose, scene, images)
     times = timed_together(calls, size.repeats)
     for name, scene in scenes.items():
         what = f"{name}: {scene.plan().exposure}, {len(scene.plan().harmonics)} harmonics"
         yield in_ms(what, times[name], "rgb_stripe, lit 1", times["plain"], bar=1.3)
-    # no colour filters, and so no need of more pixels
-    sensor = replace(default.sensor, cfa="none", scale=1)
-    even = replace(default, panel=replace(default.panel, layout="even"), sensor=sensor)
-    calls = {"default": running(capture, default, images), "even": running(capture, even, images)}
+    calls = {
+        "default": running(capture, default, images),
+        "even": running(capture, without_lattice(), images),
+    }
     times = timed_together(calls, size.repeats)
     yield in_ms("capture without any lattice", times["even"], "the default scene", times["default"])
+
+
+def black_matrices(lit: Iterable[float]) -> tuple[Scene, dict[str, Scene]]:
+    """Return the default scene with stripes that are lit all over, and, by the names of their rows,
+    scenes whose subpixels are lit in part, the same along both axes."""
+    default = Scene.preset("screen_photo")
+    whole = replace(default.panel, layout="rgb_stripe", lit=1.0, lit_x=1.0, lit_y=1.0)
+    scenes = {}
+    for layout in ("rgb_stripe", "pentile"):
+        for share in lit:
+            panel = replace(whole, layout=layout, lit=share)
+            scenes[f"expose, {layout}, lit {share:g}"] = replace(default, panel=panel)
+    return replace(default, panel=whole), scenes
+
+
+def without_lattice() -> Scene:
+    """Return the default scene with pixels that shine evenly, right up to the next."""
+    default = Scene.preset("screen_photo")
+    panel = replace(default.panel, layout="even", lit=1.0, lit_x=1.0, lit_y=1.0)
+    # no colour filters, and so no need of more pixels
+    sensor = replace(default.sensor, cfa="none", scale=1)
+    return replace(default, panel=panel, sensor=sensor)
 
 
 def running(stage: Callable, scene: Scene, images: Tensor) -> Callable[[], Tensor]:
@@ -229,7 +248,7 @@ def gpu(size: Size, device: str = "cuda") -> Iterator[Row]:
     labels = torch.zeros(len(images), dtype=torch.long, device=device)
     calls = {"photo": lambda: scene.capture(images), "train": training_step(model, images, labels)}
     times = timed_together(calls, 4 * size.repeats, warmup=5)
-    what = f"draw and capture {len(images)} on the GPU"
+    what = f"draw and capture {len(images)} on the GPU, {measure.name_of(device)}"
     yield in_ms(what, times["photo"], "a ResNet-18 training step, bf16", times["train"], bar=0.02)
 
 
@@ -247,32 +266,67 @@ def training_step(model: nn.Module, images: Tensor, labels: Tensor) -> Callable[
     return run
 
 
+GROUPS = (
+    transforms,
+    released_chain,
+    panels,
+    attack_step,
+    training,
+    precisions,
+    apart.executions,
+    apart.doors,
+    apart.memory,
+    apart.large_photo,
+    apart.starts,
+    gpu,
+)
+
+
+def groups_of(word: str, before: Path | None) -> Sequence[Callable[[Size], Iterator[Row]]]:
+    """Return the groups with a word in their names, without those that cannot be measured here."""
+    found = [group for group in GROUPS if word in group.__name__]
+    if not before and apart.doors in found:
+        found.remove(apart.doors)
+    if not torch.cuda.is_available() and gpu in found:
+        found.remove(gpu)
+    return found
+
+
 def main() -> None:
     parser = measure.arguments(__doc__)
-    parser.add_argument("--only", default="", help="only the groups with this in their name")
+    parser.add_argument(
+        "--only",
+        default="",
+        metavar="WORD",
+        help="only the groups with this in their name; writes speed-WORD.json",
+    )
     checkouts.add_before(parser)
     args = parser.parse_args()
+    chosen = groups_of(args.only, args.before)
+    if not chosen:
+        names = ", ".join(group.__name__ for group in GROUPS)
+        parser.error(
+            f"--only {args.only} leaves nothing to measure. Name a part of one of these: {names}; "
+            "doors needs --before DIR, and gpu a GPU."
+        )
     torch.set_num_threads(args.threads)
     torch.manual_seed(0)
     facts = measure.metadata() | {"before": checkouts.commit(args.before)}
     size = replace(QUICK if args.quick else Size(), threads=args.threads, before=args.before)
     print(measure.told(facts), end="\n\n")
-    groups = [transforms, released_chain, panels, attack_step, training, precisions]
-    groups += [apart.executions, apart.doors, apart.memory, apart.large_photo, apart.starts]
-    groups += [gpu] * torch.cuda.is_available()
     rows = []
     with torch.no_grad():
-        for group in groups:
-            if args.only in group.__name__:
-                rows += list(group(size))
-                print(f"{group.__name__} measured", file=sys.stderr)
+        for group in chosen:
+            rows += list(group(size))
+            print(f"{group.__name__} measured", file=sys.stderr)
     print(report(rows))
     if not args.before:
         print("Without --before DIR, the rows of DataLoaders are missing.")
     # no path of this machine among the results
     sizes = dataclasses.asdict(replace(size, before=None))
+    name = f"speed-{args.only}.json" if args.only else "speed.json"
     measure.write_json(
-        args.out / "speed.json",
+        args.out / name,
         {"metadata": facts, "size": sizes, "rows": [r.to_dict() for r in rows]},
     )
 

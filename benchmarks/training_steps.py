@@ -2,11 +2,13 @@
 
     python benchmarks/training_steps.py
 
-A step is forward, backward and update of `training.classifier.Classifier` on one batch of
-photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at
+A step is forward, backward and update of `training.classifier.Classifier` on the CPU, on one batch
+of photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at
 224 px, beside which it does not. The small one takes steps of Muon, the large one of SGD, as
-fine-tuning does. Loading is the DataLoader of `training.batches` over a folder of
-JPEG files, made for the purpose. Prints three tables and writes results/training_steps.json.
+fine-tuning does. Loading is the DataLoader of `training.batches` over a folder of JPEG files, made
+for the purpose: each pass decodes the files, which the system's cache holds, or, as from the second
+epoch on without workers, reads the images that are kept in memory. Prints three tables and writes
+results/training_steps.json.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import torch
 from hydra import compose, initialize
 from PIL import Image
+from torch.utils.data import DataLoader
 
 from benchmarks import measure
 from benchmarks.problems import images
@@ -48,6 +52,8 @@ QUICK = {
     "sides": (16,),
     "compile": False,
 }
+# what a pass of the loader reads, and its workers
+READ = (("files", 0), ("files", 2), ("memory", 0))
 SMALL = 64  # px; networks of larger images take steps of SGD
 OPTIONS = {
     "as it is": [],
@@ -87,10 +93,11 @@ def main() -> None:
         for r in found["options"]
     ]
     print(measure.table(heads, rows), end="\n\n")
-    print("Loading JPEG files, and the training that they are loaded for (clean)")
+    print("Loading images, and the training that they are loaded for (clean)")
     heads = [
         "side",
         "model",
+        "read from",
         "workers",
         "images/s loaded",
         "images/s trained",
@@ -145,8 +152,8 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def configure(*overrides: str) -> Config:
-    """Return the settings that these overrides of fit.py give."""
-    return as_config(compose("root", list(overrides)))
+    """Return the settings that these overrides of fit.py give on the CPU, where steps are taken."""
+    return as_config(compose("root", ["trainer.accelerator=cpu", *overrides]))
 
 
 def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
@@ -171,8 +178,8 @@ def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
 
 
 def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return a row for each size of files and number of workers: images a second, and those of a
-    step of clean training."""
+    """Return a row for each size of files and each of `READ`: images a second, and those of a step
+    of clean training."""
     rows = []
     for side in settings["sides"]:
         model, batch, size = settings["models"][0 if side < 100 else -1]
@@ -187,12 +194,9 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
         trained = batch / measure.timed(clean, settings["repeats"]).median
         with tempfile.TemporaryDirectory() as root:
             write_folder(Path(root), settings["files"], side)
-            for workers in (0, 2):
-                cfg = configure(
-                    *given, f"data.root={root}", f"data.workers={workers}", "data.val=2"
-                )
-                batches = Batches(load(cfg.data), batch, workers=workers, seed=cfg.seed)
-                loader = batches.train_dataloader()
+            cfg = configure(*given, f"data.root={root}", "data.val=2")
+            for source, workers in READ:
+                loader = loader_of(cfg, source, workers)
                 n = len(loader) * min(batch, settings["files"])
                 taken = measure.timed(
                     lambda loader=loader: list(loader), 3 if settings["repeats"] > 1 else 1
@@ -201,6 +205,7 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
                     {
                         "side": side,
                         "model": model,
+                        "read_from": source,
                         "workers": workers,
                         "loaded": n / taken,
                         "trained": trained,
@@ -208,6 +213,15 @@ def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
                     }
                 )
     return rows
+
+
+def loader_of(cfg: Config, source: str, workers: int) -> DataLoader:
+    """Return a loader of the training images that decodes their files in every pass, or, of the
+    source "memory", in the first alone."""
+    # images are kept in memory only where no workers are set
+    data = replace(cfg.data, workers=0 if source == "memory" else max(1, workers))
+    batches = Batches(load(data), cfg.train.batch_size, workers=workers, seed=cfg.seed)
+    return batches.train_dataloader()
 
 
 def write_folder(root: Path, n: int, side: int) -> None:

@@ -1,19 +1,31 @@
 """Every benchmark runs in its quick form, one of them as a user would run it. No time is
 asserted."""
 
+import contextlib
+import importlib
 import json
 import math
 import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
 
-from benchmarks import accuracy_vs_time, attack_budget, checkouts, effects_cost, measure, released
+from benchmarks import (
+    accuracy_vs_time,
+    apart,
+    attack_budget,
+    checkouts,
+    effects_cost,
+    measure,
+    released,
+    training_steps,
+)
 from benchmarks.runs import WITHOUT
-from moireaug import Scene, capture
+from moireaug import Scene, capture, engine, expose
 from moireaug.scene.presets import PRESETS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -92,8 +104,10 @@ def test_effects_cost(ran):
     assert effects.keys() == {*effects_cost.WITHOUT, *effects_cost.WITH, *effects_cost.ALWAYS}
     whole = written["default_photo"]["seconds"]["engine"]["median"]
     assert effects["pose"]["share"] == pytest.approx(effects["pose"]["engine"] / whole)
-    assert effects["denoise bilateral"]["run_by"] == "expose and develop"
-    assert effects["jpeg"]["run_by"] == "expose and develop"
+    assert effects["pose"]["run_by"] == "expose and develop"
+    told = "expose and develop; reference from '{}' on"
+    assert effects["denoise bilateral"]["run_by"] == told.format("denoise")
+    assert effects["jpeg"]["run_by"] == told.format("jpeg")
     assert len(written["presets"]) == effects_cost.QUICK["presets"]
     for name, rows in written["presets"].items():
         plan = Scene.preset(name).plan()
@@ -102,6 +116,16 @@ def test_effects_cost(ran):
             and rows[-1]["exposure"] == plan.exposure
         )
     assert "develop.registered False" in out and "demosaic bilinear" in out
+
+
+@pytest.mark.parametrize(
+    ("kind", "cost"), [("left out", 6.0), ("added", -6.0), ("always there", 2.0)]
+)
+def test_an_effect_costs_what_it_adds_to_the_photo(kind, cost):
+    times = {"whole": measure.Timing.of([8.0]), "it": measure.Timing.of([2.0])}
+    both = dict.fromkeys(effects_cost.EXECUTIONS, times)
+    row = effects_cost.effect_row("it", kind, Scene(), both)
+    assert row["engine"] == row["reference"] == cost and row["share"] == cost / 8
 
 
 @pytest.mark.parametrize("name", effects_cost.WITHOUT)
@@ -124,18 +148,39 @@ def test_what_is_added_is_not_in_the_default_photo(name):
         assert name in more.plan() and name not in whole.plan()
 
 
-def test_speed(ran):
+@pytest.fixture
+def started(monkeypatch):
+    """Run checkouts in this process, and start nothing that imports torch for seconds."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "argv", ["worker.py", str(ROOT)])
+    worker = importlib.import_module("benchmarks.worker")
+    monkeypatch.setattr(worker, "resident_rise", lambda scene, shape: 1.0)
+
+    class Inside(checkouts.Checkout):
+        def __init__(self, root, threads, engine=True):
+            self.engine = engine
+
+        def ask(self, name, **arguments):
+            with contextlib.nullcontext() if self.engine else engine.reference():
+                return getattr(worker, name)(**arguments)
+
+        def __exit__(self, *_):
+            pass
+
+    monkeypatch.setattr(apart, "Checkout", Inside)
+    monkeypatch.setattr(apart, "TORCH", "pass")
+    monkeypatch.setattr(apart, "PHOTO", "pass")
+
+
+def test_speed(started, ran):
     out, written, _ = ran("speed")
     barred = [row for row in written["rows"] if row["bar"] is not None and "GPU" not in row["what"]]
     assert len(barred) == 13 and all(row["met"] in (True, False) for row in barred)
     assert not any("older checkout" in row["against"] for row in written["rows"])
     assert "Without --before DIR" in out and written["metadata"]["before"] is None
     for row in written["rows"]:
-        assert (
-            row["what"] in out
-            and row["value"] >= 0
-            and {"low", "high", "unit", "ratio"} <= row.keys()
-        )
+        assert row["what"] in out and {"low", "high", "unit", "ratio"} <= row.keys()
+        assert row["value"] >= 0 or "above" in row["what"]  # a difference of two times
         assert row["met"] == (row["ratio"] <= row["bar"] if row["bar"] else None)
 
 
@@ -150,6 +195,8 @@ def test_training_steps(ran):
         "train.channels_last=false",
     }
     assert all(row["loaded"] > 0 and row["share"] > 0 for row in written["loading"])
+    read = [(row["read_from"], row["workers"]) for row in written["loading"]]
+    assert read == list(training_steps.READ)
     assert "images/s loaded" in out
 
 
@@ -190,6 +237,26 @@ def test_synthesis(tmp_path):
     assert "a million of them" in out
 
 
+def test_two_runs_of_a_recipe_are_two_models_and_download_nothing(monkeypatch):
+    asked = []
+
+    def read(folder):
+        data, reattack = SimpleNamespace(download=True), SimpleNamespace(n=0)
+        cfg = SimpleNamespace(recipe="clean", data=data, reattack=reattack)
+        return SimpleNamespace(cfg=cfg, model=lambda: folder)
+
+    monkeypatch.setattr(attack_budget.saved, "read", read)
+    monkeypatch.setattr(attack_budget, "load", lambda data: asked.append(data.download))
+    protocol = SimpleNamespace(batches=[], scene=None)
+    monkeypatch.setattr(attack_budget, "protocol_of", lambda cfg, splits: protocol)
+    found = attack_budget.models_of(["clean/seed0", "clean/seed1"], 4)
+    assert {name: str(model) for name, (model, _, _) in found.items()} == {
+        "clean/seed0": "clean/seed0",
+        "clean/seed1": "clean/seed1",
+    }
+    assert asked == [False, False]
+
+
 def test_the_recommended_budget_is_the_cheapest_that_is_near():
     rows = [
         {"attacker": "quick", "steps": 1, "accuracy": 0.5, "n": 100, "seconds_per_image": 1.0},
@@ -213,9 +280,40 @@ def test_a_scene_reaches_another_checkout_whole(name):
     assert Scene.from_dict(told) == scene and "olpf" not in told["lens"]
 
 
-def test_a_checkout_measures_its_own_code_alone(tmp_path):
+def test_a_checkout_is_a_process_that_captures():
+    torch.set_num_threads(1)  # as there
+    image = torch.rand(1, 3, 16, 16)
+    scene = Scene.preset(apart.SCENE)
+    with checkouts.Checkout(ROOT, threads=1, engine=False) as run:
+        run.ask("hold", key="it", scene=scene.to_dict(), images=image.numpy())
+        run.call("it", "capture")()
+        reading = torch.from_numpy(run.ask("result", key="it", what="first reading"))
+        assert run.ask("resident_rise", scene=apart.SCENE, shape=(1, 64, 64)) > 0
+    shot = scene.sample(1, (16, 16), torch.Generator().manual_seed(0))
+    with engine.reference():
+        torch.testing.assert_close(reading, expose(image, shot))
+
+
+def test_the_first_photo_of_a_start_is_one():
+    names = {}
+    exec(apart.PHOTO, names)
+    assert names["scene"] == Scene.preset(apart.SCENE)
+
+
+def test_a_checkout_measures_its_own_code_alone(tmp_path, monkeypatch):
+    """Where another one is found, here an empty one, with a torch that takes no time to import."""
+    other = tmp_path / "other"
+    files = {
+        "moireaug/__init__.py": "Scene = None",
+        "torch/__init__.py": "Tensor = set_num_threads = manual_seed = no_grad = nullcontext",
+        "torch/utils/data.py": "DataLoader = Dataset = object",
+    }
+    for name, text in files.items():
+        (other / name).parent.mkdir(parents=True, exist_ok=True)
+        (other / name).write_text(f"from contextlib import nullcontext\n{text}\n")
+    monkeypatch.setenv("PYTHONPATH", str(other))
     with pytest.raises(RuntimeError, match="no moireaug of its own"):
-        checkouts.Checkout(tmp_path, threads=1)
+        checkouts.Checkout(tmp_path / "mine", threads=1)
 
 
 def test_the_plain_chain_is_the_capture():

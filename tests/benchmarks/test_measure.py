@@ -52,8 +52,8 @@ def test_the_reference_says_how_far_it_is_off():
         panel=Panel(scale=1.4), view=View(roll=5), lens=Lens(blur=0.3), sensor=Sensor(scale=2)
     )
     image = torch.rand(1, 3, 12, 12, dtype=torch.float64)
-    reading, told = accuracy_vs_time.converged(scene, image, 8)
-    shot = accuracy_vs_time.draw(accuracy_vs_time.with_method(scene, "supersample:32"), image)
+    reading, told = accuracy_vs_time.converged(scene, image, 4)
+    shot = accuracy_vs_time.draw(accuracy_vs_time.with_method(scene, "supersample:16"), image)
     off = accuracy_vs_time.rms(reading - expose(image, shot), reading)
     assert 0.4 * told["error_left_percent"] < off < 2 * told["error_left_percent"]
 
@@ -66,6 +66,18 @@ def test_candidates_take_turns_and_slow_ones_sit_out():
     assert (
         times["a"].runs == measure.FEWEST and times["a"].low <= times["a"].median <= times["a"].high
     )
+
+
+def test_a_gpu_is_named_only_where_it_is_used(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: f"the GPU {device}")
+    assert measure.metadata()["device"] == "cpu"
+    assert measure.metadata("cuda")["device"] == "the GPU cuda"
+
+
+def test_help_shows_the_whole_docstring():
+    parser = measure.arguments(accuracy_vs_time.__doc__)
+    assert accuracy_vs_time.__doc__.strip() in parser.format_help()
 
 
 def test_a_table_is_aligned():

@@ -16,7 +16,7 @@ from moireaug import Scene
 from training.calibration.pairs import Crops, Shown, photographed
 
 ROOT = Path(__file__).resolve().parents[2]
-EFFORT = told_apart.Effort(steps=100, batch=16, side=32, judged=64)
+EFFORT = told_apart.Effort(steps=80, batch=16, side=32, judged=64)
 
 
 def pictures(n, side=64):
@@ -29,19 +29,27 @@ def crops_of(photos, n):
     return Crops(photos, photos, torch.arange(len(photos)) % n, tuple(map(str, range(n))))
 
 
-def test_the_benchmark_writes_figures(tmp_path, monkeypatch, capsys):
-    originals = pictures(2, 96)
+def write_pairs(folder, n):
+    originals = pictures(n, 96)
     photos = photographed(Scene.preset("paper_code"), originals)
     lines = ["photo,original"]
     for i, (photo, original) in enumerate(zip(photos, originals, strict=True)):
         for kind, picture in (("p", photo), ("o", original)):
-            Image.fromarray(picture.permute(1, 2, 0).numpy()).save(tmp_path / f"{kind}{i}.png")
+            Image.fromarray(picture.permute(1, 2, 0).numpy()).save(folder / f"{kind}{i}.png")
         lines.append(f"p{i}.png,o{i}.png")
-    (tmp_path / "pairs.csv").write_text("\n".join(lines))
-    given = [str(tmp_path / "pairs.csv"), "screen_photo", "--images", str(tmp_path)]
-    given += ["--controls", "--quick", "--threads", "1", "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", ["reality.py", *given])
+    (folder / "pairs.csv").write_text("\n".join(lines))
+
+
+def run(folder, monkeypatch, *given):
+    """Run the script on the pairs of a folder."""
+    own = ["--quick", "--threads", "1", "--out", str(folder)]
+    monkeypatch.setattr(sys, "argv", ["reality.py", str(folder / "pairs.csv"), *given, *own])
     runpy.run_path(str(ROOT / "benchmarks/reality.py"), run_name="__main__")
+
+
+def test_the_benchmark_writes_figures(tmp_path, monkeypatch, capsys):
+    write_pairs(tmp_path, 2)
+    run(tmp_path, monkeypatch, "screen_photo", "--images", str(tmp_path), "--controls")
     assert "Told apart, 2 pictures" in capsys.readouterr().out
     found = json.loads((tmp_path / "reality.json").read_text())
     assert found["statistics"]["screen_photo"]["distance"] > 0
@@ -51,7 +59,30 @@ def test_the_benchmark_writes_figures(tmp_path, monkeypatch, capsys):
     assert found["cleaned"][0]["target"] == "twin" and len(found["cleaned"][0]["pictures"]) == 2
 
 
+@pytest.mark.parametrize(
+    ("pairs", "given", "said"),
+    [
+        (1, ["screen_photo"], "holds one pair, and telling photos apart needs at least two"),
+        (2, ["screen_photo", "--only", "cleaned"], "pass their folder, --images DIR"),
+        (2, ["none.yaml"], "none.yaml could not be read"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(tmp_path, monkeypatch, capsys, pairs, given, said):
+    write_pairs(tmp_path, pairs)
+    with pytest.raises(SystemExit):
+        run(tmp_path, monkeypatch, *given)
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "reality.json").exists()
+
+
+def test_one_pair_has_statistics(tmp_path, monkeypatch):
+    write_pairs(tmp_path, 1)
+    run(tmp_path, monkeypatch, "screen_photo", "--only", "statistics")
+    assert json.loads((tmp_path / "reality.json").read_text()).keys() == {"metadata", "statistics"}
+
+
 def test_a_discriminator_tells_stripes_of_ten_codes_and_not_a_photo_from_itself():
+    torch.set_num_threads(1)  # so small a network is no faster with more
     photos = pictures(8)
     stripes = 10 * torch.cos(torch.arange(64) * 2 * torch.pi / 8)
     striped = (photos.float() + stripes).round().clamp(0, 255).to(torch.uint8)

@@ -1,0 +1,41 @@
+"""What the steps and the loading are timed on."""
+
+import pytest
+import torch
+from hydra import initialize
+
+from benchmarks import training_steps
+from moireaug import images
+from training import image_sets, machine
+from training.schema import register
+
+
+@pytest.fixture(autouse=True)
+def _hydra():
+    register()
+    with initialize(version_base="1.3", config_path=None):
+        yield
+
+
+@pytest.mark.parametrize(("source", "again"), [("files", 4), ("memory", 0)])
+def test_a_pass_reads_what_its_row_says(monkeypatch, tmp_path, source, again):
+    training_steps.write_folder(tmp_path, 4, 16)
+    opened = []
+    monkeypatch.setattr(image_sets, "read", lambda path: opened.append(path) or images.read(path))
+    given = ["data=folder", "data.size=16", "data.val=2", "train.batch_size=2"]
+    cfg = training_steps.configure("recipe=clean", *given, f"data.root={tmp_path}")
+    loader = training_steps.loader_of(cfg, source, 0)
+    list(loader)
+    assert len(opened) == 4
+    list(loader)
+    assert len(opened) == 4 + again
+
+
+def test_steps_take_the_precision_of_the_cpu_beside_a_gpu(monkeypatch, tmp_path):
+    flags = tmp_path / "cpuinfo"
+    flags.write_text("flags : fpu sse2\n")
+    monkeypatch.setattr(machine, "CPUINFO", flags)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda **_: True)
+    cfg = training_steps.configure("recipe=clean")
+    assert machine.precision(cfg.trainer) == "32-true"
