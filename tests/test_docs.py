@@ -27,7 +27,8 @@ def commands(text):
     # recipes that a page shows how to write
     own = {f"recipe={name}" for name in re.findall(r"`recipes/(\w+)\.yaml`", text)}
     found = []
-    for script, rest in COMMAND.findall(text.replace("\\\n", " ")):
+    text = re.sub(r"\$\w+", "0", text.replace("\\\n", " "))  # a shell's variables
+    for script, rest in COMMAND.findall(text):
         words = [word.strip("'\";") for word in rest.partition(" #")[0].split()]
         found.append((script, [word for word in words if "=" in word and word not in own]))
     return found

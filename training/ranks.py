@@ -61,8 +61,8 @@ def together(trainer: L.Trainer) -> Iterator[None]:
     _ending.clear()  # of another job of the same sweep
     # Lightning's observer kills this process without a message
     subprocess_script._launch_process_observer = _observe  # type: ignore[assignment]
-    # SIGTERM is noted, and ends this process after its batch. Lightning's handler broadcasts it, too,
-    # in the middle of whatever the processes are sending: they would wait for each other for ever.
+    # SIGTERM is noted, and ends this process after its batch. Lightning's handler also broadcasts
+    # it, in the middle of what the processes are sending: they would wait for each other for ever.
     signals = trainer._signal_connector
     signals._sigterm_notifier_fn = lambda *_: setattr(signals, "received_sigterm", True)  # type: ignore[method-assign]
     environment = getattr(trainer.strategy, "cluster_environment", None)
