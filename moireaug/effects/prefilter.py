@@ -87,7 +87,8 @@ def variance_at(points: Tensor, shot) -> Tensor:
 def most_variance(scene: SceneRecord) -> float:
     """Return the most variance that a scene's ranges need, in squared image pixels."""
     alphas = extremes.inside(scene.panel.scale, points=3)
-    return max(float(coarseness(torch.tensor(alpha))) for alpha in alphas) + most_lost(scene)
+    drawn = torch.tensor(alphas, dtype=torch.float64, device="cpu")
+    return float(coarseness(drawn).max()) + most_lost(scene)
 
 
 @functools.lru_cache(maxsize=64)

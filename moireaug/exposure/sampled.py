@@ -30,7 +30,7 @@ class Sampled(Exposure):
         inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
-            totals = [torch.zeros(())] * len(site.channels)
+            totals = [light.new_zeros(())] * len(site.channels)
             for i in range(offsets.shape[2]):
                 v = rows[site.row :: step] + down[:, i, None]
                 u = cols[site.column :: step] + across[:, i, None]
