@@ -10,8 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import Optics
-from moireaug.exposure.seen import WHOLE_PIXEL, footprint_of
+from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
 from moireaug.geometry.grids import image_to_photo, jacobian
 from moireaug.geometry.homography import homography
 from moireaug.panel.fourier import coefficient
@@ -146,10 +147,10 @@ def narrowest(scene: SceneRecord) -> float:
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
 
-def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool) -> list[tuple]:
-    """Return `(footprint, width, period)` along each axis of each kind of subpixel, for the widest
-    spread that the optics allow: footprint and width in cells, the cell's period in panel
-    pixels."""
+def footprints(
+    scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool
+) -> list[tuple[Footprint, Tensor, int]]:
+    """Return `seen.footprints_of` for the widest spread that the optics allow."""
     sensor, lens = scene.sensor, scene.lens
     # as if the hand moved in every direction
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
@@ -159,12 +160,7 @@ def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: b
     lit = torch.ones(1, **PRECISE)
     step = seen[None, :, None] * (alpha / sensor.scale)
     kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
-    found = []
-    for subpixel in kinds:
-        for axis, period in enumerate(subpixel.period):
-            along, width = footprint_of(subpixel, axis, step, (lit, lit), optics)
-            found.append((along, float(width), period))
-    return found
+    return footprints_of(kinds, step, (lit, lit), optics)
 
 
 def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
@@ -173,5 +169,5 @@ def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
     for seen_along, width, _ in footprints(
         scene, seen, bounds(scene.panel.scale)[1], whole_pixel=whole_pixel
     ):
-        most = max(most, float(seen_along.reach().max()) + width / 2)
+        most = max(most, float(seen_along.reach().max()) + float(width) / 2)
     return most
