@@ -71,12 +71,16 @@ def move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
 
 
 def move_bboxes(bboxes: np.ndarray, shot: Shot) -> np.ndarray:
-    """Move rows of x1, y1, x2, y2, as fractions of the photo, and anything after; they may reach
-    out of the photo."""
+    """Move rows of x1, y1, x2, y2, as fractions of the photo, and anything after. They may reach
+    out of the photo, and have no area where they lie outside of it."""
     bboxes, (h, w) = _as_float(bboxes), shot.size
     sides = np.array([w, h, w, h], np.float64)
     moved = bboxes.copy()
     moved[:, :4] = move_boxes(torch.from_numpy(bboxes[:, :4] * sides), shot).numpy() / sides
+    seen = moved[:, :4].clip(0, 1)
+    # a Compose drops them, but refuses those that it clips to nothing itself
+    outside = (seen[:, 0] >= seen[:, 2]) | (seen[:, 1] >= seen[:, 3])
+    moved[outside, :4] = seen[outside]
     return moved
 
 

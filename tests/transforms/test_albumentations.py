@@ -305,12 +305,19 @@ def test_all_that_a_replay_carries_lands_on_the_light_at_any_size(times, marked,
     assert (torch.from_numpy(out["bboxes"][0] * sides) - box).abs().max() < 2.0 * times
 
 
+@pytest.mark.parametrize("each", [False, True])
 @pytest.mark.parametrize("clip", [False, True])
 @pytest.mark.parametrize(("least", "kept"), [(0.0, 1), (0.9, 0)])
-def test_a_compose_measures_how_much_of_a_box_is_visible(least, kept, clip):
+def test_a_compose_measures_how_much_of_a_box_is_visible(least, kept, clip, each):
     scene = dataclasses.replace(MOVED, view=View(shift_x=0.5, fit=False))
     boxes = [(20.0, 10.0, 50.0, 40.0), (50.0, 10.0, 60.0, 20.0)]  # the second leaves the photo
-    params = A.BboxParams("pascal_voc", label_fields=["kinds"], min_visibility=least, clip=clip)
+    params = A.BboxParams(
+        "pascal_voc",
+        label_fields=["kinds"],
+        min_visibility=least,
+        clip=clip,
+        check_each_transform=each,
+    )
     out = A.Compose([RandomMoire(scene, p=1)], bbox_params=params)(
         image=values((48, 64, 3), np.uint8), bboxes=boxes, kinds=[1, 2]
     )
