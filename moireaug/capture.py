@@ -32,7 +32,8 @@ def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Ten
     Returns:
         (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where
         the plan's exposure is "spectral", "box" or "mean", in every field of the shot whose effect
-        the plan has, except the JPEG quality.
+        the plan has, except the JPEG quality; forward and by `torch.func`, too, but for scenes with
+        JPEG or the denoiser "nlm", which only backward passes.
 
     Raises:
         TypeError, ValueError: an image that is not a float batch of three channels, or not a

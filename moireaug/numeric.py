@@ -27,7 +27,12 @@ def saturate(x: Tensor) -> Tensor:
 
 def _has_gradient(x: Tensor) -> bool:
     """Return whether a derivative may be asked for, backward or forward."""
-    if x.requires_grad or torch._C._functorch.peek_interpreter_stack() is not None:
+    return x.requires_grad or may_be_dual(x)
+
+
+def may_be_dual(x: Tensor) -> bool:
+    """Return whether a forward derivative may be asked for: a torch.func transform hides it."""
+    if torch._C._functorch.peek_interpreter_stack() is not None:
         return True
     return not torch.compiler.is_compiling() and forward_ad.unpack_dual(x).tangent is not None
 

@@ -176,3 +176,33 @@ def test_a_subpixel_in_the_very_middle_of_an_aperture_moves_with_the_camera(expo
         assert slope.isfinite().all()
     (slope,) = torch.autograd.grad(raw.sum(), shift)
     assert slope.abs() > 0.1
+
+
+FORWARD = {
+    **SCENES,
+    "turned": Scene(view=View(yaw=12.0, roll=5.0), lens=Lens(k1=0.03), sensor=Sensor(scale=2.0)),
+    "far": Scene(view=View(zoom=0.1)),
+    "antialias": Scene(sensor=Sensor(scale=1.5), develop=Develop(resize="antialias")),
+    "bilateral": Scene(develop=Develop(denoise="bilateral")),
+}
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
+@pytest.mark.parametrize("name", FORWARD)
+def test_forward_derivatives_are_those_of_backward(name):
+    shot = FORWARD[name].sample(2, (4, 5), torch.Generator().manual_seed(5))
+    along = torch.randn(IMAGES.shape, dtype=torch.float64)
+    images = IMAGES.clone().requires_grad_()
+    expected = capture(images, shot)
+    photo, moved = torch.func.jvp(lambda x: capture(x, shot), (IMAGES,), (along,))
+    assert torch.allclose(photo, expected, atol=1e-9)
+    (slope,) = torch.autograd.grad(projected(expected), images)
+    torch.testing.assert_close(projected(moved), (slope * along).sum())
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")
+@pytest.mark.parametrize("develop", [Develop(jpeg=80.0), Develop(denoise="nlm")])
+def test_a_codecs_forward_derivative_is_refused_not_zero(develop):
+    shot = Scene(develop=develop).sample(2, (4, 5))
+    with pytest.raises(NotImplementedError, match="has no forward derivative"):
+        torch.func.jvp(lambda x: capture(x, shot), (IMAGES,), (torch.ones_like(IMAGES),))

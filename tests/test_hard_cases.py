@@ -24,7 +24,7 @@ CASES = {
     "grazing, zoomed in": Scene(view=View(pitch=85, fov=80, zoom=20), lens=SOFT),
     **{f"roll {a}": Scene(view=View(roll=a), lens=SOFT) for a in (0.0, 90.0, 180.0)},
     "released, no roll": Scene(view=View(pose="released"), develop=Develop(registered=False)),
-    "released, hardly a roll": Scene(view=View(pose="released", roll=1e-9, yaw=19)),
+    "released, hardly a roll": Scene(view=View(pose="released", roll=1, yaw=19)),
     "pitch of the sensor": Scene(panel=Panel(scale=1.0)),
     "pitch of two": Scene(panel=Panel(scale=1.0), sensor=Sensor(scale=2)),
     "pitch to zero": Scene(panel=Panel(scale=1000.0)),

@@ -50,6 +50,10 @@ CALLED = [
     ("exposure", {"lens": Lens(motion_y=(-0.5, 0.0))}),
     ("exposure", {"sensor": colour(crosstalk=0.1)}),
     ("glare", {"panel": Panel(layout="even", glare=0.05)}),
+    (
+        "glare",
+        {"panel": Panel(layout="even", glare=0.001), "develop": Develop(linear_light=True)},
+    ),
     # too little in the middle of the photo, enough in a corner
     ("glare", {"panel": Panel(layout="even", glare=0.0019, glare_x=0.3, glare_y=(-0.3, 0.0))}),
     ("vignetting", {"lens": Lens(vignetting=(0, 0.1))}),

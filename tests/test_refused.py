@@ -51,7 +51,16 @@ REFUSED = [
     (lambda: changed(size=[0, -1]), "at least 1 x 1 pixels"),
     (lambda: changed(seed=5), "seed must be a list of whole numbers; got 5"),
     (lambda: changed(seed=[1.5]), "seed must be a list of whole numbers; got [1.5]"),
+    (lambda: changed(seed=[True]), "seed must be a list of whole numbers; got [True]"),
+    (lambda: changed(seed=[2**63]), "seed must lie in [-2**63, 2**63)"),
     (lambda: changed(panel_scale=1.0), "panel.scale must hold 1 numbers"),
+    (lambda: changed(panel_scale=[0.0]), "a shot's panel.scale must lie in [0.001, 1000]"),
+    (lambda: changed(view_yaw=[float("nan")]), "a shot's view.yaw must lie in [-89, 89]"),
+    (lambda: View(yaw=(-0.4, 0.4), pose="released"), "View.yaw must be in whole degrees"),
+    (lambda: View(roll=2.7, pose="released"), "got 2.7. Round it, or use pose = 'camera'"),
+    (lambda: Panel(layout={}), "Panel.layout must name its subpixels"),
+    (lambda: Panel(layout={"period": (1, 1)}), "got {'period': (1, 1)}"),
+    (lambda: Sensor(exposure="supersample:1000"), "supersample:n with n from 1 to 999"),
     (lambda: changed(panel_scael=[1.0]), "Did you mean 'scale'?"),
     (lambda: changed(pannel={}), "Did you mean 'panel'?"),
     (lambda: Panel(black=1.1), "Panel.black must lie in [0, 1]"),
@@ -99,6 +108,10 @@ MISTAKEN = [
     (lambda: develop(expose(X, SHOT), Scene()), "a shot must be a Shot; got a Scene"),
     (lambda: develop(np.zeros((1, 4, 2, 2)), SHOT), "floating point tensor; got a ndarray"),
     (lambda: Shot.from_dict(None), "a shot's values must be a mapping; got None"),
+    *[
+        (lambda v=v: changed(panel_scale=[v]), "a shot's panel.scale must be a number; got")
+        for v in ([1.0], "1", None, True)
+    ],
     (lambda: changed(panel=None), "a shot's panel must be a mapping of its fields; got None"),
     (lambda: Scene(tolerance=(0, 1)), "Scene.tolerance must be a number; got (0, 1)"),
     (lambda: Layout((1, 2)), "Layout.subpixels must be (channel, x0, y0, x1, y1)"),

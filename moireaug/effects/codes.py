@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 
 def to_codes(photo: Tensor) -> np.ndarray:
@@ -24,10 +25,18 @@ def to_codes(photo: Tensor) -> np.ndarray:
     return codes.permute(0, 2, 3, 1).contiguous().cpu().numpy()
 
 
+def check_not_dual(photo: Tensor, name: str) -> None:
+    """Refuse a forward derivative, which would be 0: codes are whole numbers."""
+    if not torch.compiler.is_compiling() and forward_ad.unpack_dual(photo).tangent is not None:
+        raise NotImplementedError(
+            f"{name} has no forward derivative. Use backward, or a scene without it."
+        )
+
+
 def from_codes(codes: Iterable[np.ndarray], like: Tensor) -> Tensor:
     """Return the inverse of `to_codes`: from (H, W, 3) uint8 for each image, a new photo of the
     shape, dtype and device of `like`."""
-    photo = torch.empty(like.shape, dtype=torch.uint8)
+    photo = torch.empty(like.shape, dtype=torch.uint8, device="cpu")
     for row, image in zip(photo, codes, strict=True):
         row.copy_(torch.from_numpy(image).permute(2, 0, 1))
     return photo.to(like.device).to(like.dtype) / 255

@@ -9,7 +9,7 @@ from kornia.filters import bilateral_blur
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.effects.codes import from_codes, to_codes
+from moireaug.effects.codes import check_not_dual, from_codes, to_codes
 from moireaug.scene.record import SceneRecord
 
 WINDOW = 5  # pixels: larger than the 3 x 3 that demosaicing has already smoothed
@@ -44,11 +44,14 @@ def nlm(photo: Tensor) -> Tensor:
         photo: (B, 3, H, W) floating point in [0, 1], sRGB codes. Not modified.
 
     Returns:
-        (B, 3, H, W), whole codes / 255, of the photo's dtype. The gradient passes straight through.
+        (B, 3, H, W), whole codes / 255, of the photo's dtype. The gradient passes straight
+        through, by backward alone: neither by `torch.func.grad` nor forward.
 
     Raises:
+        NotImplementedError: a forward derivative is asked for.
         ValueError: a photo that holds NaN.
     """
+    check_not_dual(photo, "the denoiser 'nlm'")
     return _nlm(photo)
 
 

@@ -43,6 +43,8 @@ class Glare(Effect):
         glare = scene.panel.glare
         why = f"the glass reflects {show(glare)} of a white screen's light"
         change = most_reflected(scene) * bounds(scene.sensor.gain)[1]
+        if scene.develop.linear_light:
+            change *= STEEPEST
         return judged(change, scene, why, "the glass reflects nothing")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:

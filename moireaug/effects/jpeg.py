@@ -11,7 +11,7 @@ from PIL import Image
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out, show
-from moireaug.effects.codes import from_codes, to_codes
+from moireaug.effects.codes import check_not_dual, from_codes, to_codes
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
@@ -48,12 +48,14 @@ def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
         quality: (B,), rounded to whole numbers and clamped to 1..100.
 
     Returns:
-        (B, 3, H, W), whole codes / 255, of the photo's dtype. Differentiable in photo, once; not in
-        quality.
+        (B, 3, H, W), whole codes / 255, of the photo's dtype. Differentiable in photo, once, by
+        backward alone: neither by `torch.func.grad` nor forward; not in quality.
 
     Raises:
+        NotImplementedError: a forward derivative is asked for.
         ValueError: NaN in photo or quality, or not one quality per photo.
     """
+    check_not_dual(photo, "JPEG")
     return _jpeg(photo, quality.detach().round().clamp(1, 100))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterable
 
 import torch
 import torch.nn.functional as F
@@ -13,9 +14,10 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure import content, extremes
 from moireaug.exposure.choose import exposure_of
+from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import optics_of
 from moireaug.exposure.sampled import Sampled
-from moireaug.exposure.seen import WHOLE_PIXEL, footprint_of
+from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
 from moireaug.exposure.smooth import Mean
 from moireaug.geometry import grids
 from moireaug.scene.fields import bounds
@@ -76,18 +78,28 @@ def variance_at(points: Tensor, shot) -> Tensor:
     kinds = as_layout(shot.scene.panel.layout).all()
     if isinstance(method, Mean):
         kinds = (WHOLE_PIXEL,)
-    lit, lost = torch.ones_like(shot.panel.scale), [torch.zeros_like(coarse)]
-    for subpixel in kinds:
-        for axis, period in enumerate(subpixel.period):
-            along, width = footprint_of(subpixel, axis, step, (lit, lit), optics_of(shot))
-            lost.append(content.fitted(along, width, method.taps)[1] * (period / alpha) ** 2)
-    return coarse + torch.stack(lost).amax(0)
+    lit = torch.ones_like(shot.panel.scale)
+    footprints = footprints_of(kinds, step, (lit, lit), optics_of(shot))
+    return coarse + lost_variance(footprints, alpha, method.taps)
+
+
+def lost_variance(
+    footprints: Iterable[tuple[Footprint, Tensor, int]], alpha: Tensor | float, taps: int
+) -> Tensor:
+    """Return the most variance that views lose along an axis when narrowed to `taps` cells, in
+    squared image pixels: of what `footprints_of` returns, for a panel of `alpha` panel pixels per
+    image pixel."""
+    lost = []
+    for seen, width, period in footprints:
+        lost.append(content.fitted(seen, width, taps)[1] * (period / alpha) ** 2)
+    return torch.stack(lost).amax(0)
 
 
 def most_variance(scene: SceneRecord) -> float:
     """Return the most variance that a scene's ranges need, in squared image pixels."""
     alphas = extremes.inside(scene.panel.scale, points=3)
-    return max(float(coarseness(torch.tensor(alpha))) for alpha in alphas) + most_lost(scene)
+    drawn = torch.tensor(alphas, dtype=torch.float64, device="cpu")
+    return float(coarseness(drawn).max()) + most_lost(scene)
 
 
 @functools.lru_cache(maxsize=64)
@@ -99,11 +111,8 @@ def most_lost(scene: SceneRecord) -> float:
         return 0.0
     seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
     for alpha in extremes.inside(scene.panel.scale, points=3):
-        for along, width, period in extremes.footprints(
-            scene, seen, alpha, whole_pixel=isinstance(method, Mean)
-        ):
-            lost = content.fitted(along, width, method.taps)[1]
-            most = max(most, float(lost.max()) * (period / alpha) ** 2)
+        footprints = extremes.footprints(scene, seen, alpha, whole_pixel=isinstance(method, Mean))
+        most = max(most, float(lost_variance(footprints, alpha, method.taps).max()))
     return most
 
 

@@ -23,7 +23,9 @@ class Resize(Effect):
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
         rows, cols = shot.sampled_pixels()
-        return resize(photo, rows, cols, shot.scene.develop.resize)
+        resized = resize(photo, rows, cols, shot.scene.develop.resize)
+        # means of codes lie in [0, 1] but for rounding, which must not cut white's gradient off
+        return resized + (resized.clamp(0, 1) - resized).detach()
 
 
 def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) -> Tensor:

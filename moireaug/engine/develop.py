@@ -8,7 +8,7 @@ from moireaug.engine.codes import codes_of_row, is_read, tone_of, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.vectors import add, peek, poke
 
-ZERO, HALF = np.float32(0), np.float32(0.5)
+ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
 @inner
@@ -74,6 +74,17 @@ def blank(photo, top, bottom):
 
 
 @inner
+def bound(photo, top, bottom):
+    """Clip rows `top` to `bottom` of photo (3, H, W): sums of weighted codes round to just above 1.
+
+    The backward pass leaves this out, as the codes themselves lie in [0, 1]."""
+    for c in range(3):
+        rows = photo[c, top:bottom].reshape(-1)
+        for i in range(len(rows)):
+            rows[i] = min(max(rows[i], ZERO), ONE)
+
+
+@inner
 def _develop(photo, raw, codes, work, tone, image, line, top, bottom):
     """Do the same as `develop`, in buffers that it allocated."""
     rows = codes.rows
@@ -90,6 +101,7 @@ def _develop(photo, raw, codes, work, tone, image, line, top, bottom):
                 for i in range(rows.first[row], rows.last[row] + 1):
                     if top <= i < bottom:
                         add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
+    bound(photo, top, bottom)
 
 
 @part

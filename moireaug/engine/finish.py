@@ -9,7 +9,7 @@ import numpy as np
 from moireaug.engine.codes import codes_of_row, tone_of, workspace
 from moireaug.engine.compiling import copy, fill, inner, part
 from moireaug.engine.detail import above, enter, filter_of, filter_row, needed
-from moireaug.engine.develop import along, blank, gather, sources
+from moireaug.engine.develop import along, blank, bound, gather, sources
 from moireaug.engine.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
@@ -87,6 +87,7 @@ def _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, l
         if len(inside):
             _note(inside[0], row, y)
         _resize_row(out, row, y, line, detail.rows, detail.cols, top, bottom)
+    bound(out, top, bottom)
 
 
 @part

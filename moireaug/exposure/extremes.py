@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import Optics
-from moireaug.exposure.seen import WHOLE_PIXEL, footprint_of
+from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
 from moireaug.geometry.grids import image_to_photo, jacobian
 from moireaug.geometry.homography import homography
 from moireaug.panel.fourier import coefficient
@@ -22,6 +24,8 @@ from moireaug.scene.record import SceneRecord
 SHAPES = ((256, 256), (192, 256), (256, 192))
 STRIPS = ((16, 256), (256, 16))  # perspective is strongest along a long strip
 HIGHEST = 32  # highest harmonic per panel pixel that is ever summed
+# a scene's plan depends neither on torch's default dtype nor on its default device
+PRECISE: dict[str, Any] = {"dtype": torch.float64, "device": "cpu"}
 
 
 def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
@@ -41,7 +45,7 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
     poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
-    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), dtype=torch.float64).T
+    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **PRECISE).T
     fields = {k: torch.zeros_like(yaw) for k in v.ranged}
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
     fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
@@ -49,9 +53,7 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     for size in SHAPES if usual else SHAPES + STRIPS:
         h, w = size
         m = homography(fields, k1, k2, size, scene.sensor.scale, pose=v.pose, fit=v.fit)
-        picture = torch.tensor(
-            [[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], dtype=torch.float64
-        )
+        picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **PRECISE)
         points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
         seen = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         found.append(seen.flatten(0, 2))
@@ -93,8 +95,8 @@ def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
 
 def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
     """Return k and l of every harmonic of a cell but the mean, one of each conjugate pair."""
-    k = torch.arange(HIGHEST * px + 1, dtype=torch.float64)
-    l = torch.arange(-HIGHEST * py, HIGHEST * py + 1, dtype=torch.float64)
+    k = torch.arange(HIGHEST * px + 1, **PRECISE)
+    l = torch.arange(-HIGHEST * py, HIGHEST * py + 1, **PRECISE)
     k, l = torch.meshgrid(k, l, indexing="ij")
     counted = (k > 0) | (l > 0)
     return k[counted], l[counted]
@@ -105,10 +107,10 @@ def _strongest(scene: SceneRecord, k: Tensor, l: Tensor) -> Tensor:
     panel, layout = scene.panel, as_layout(scene.panel.layout)
     lit = inside(panel.lit, points=9)
     along = inside(panel.lit_x, points=5), inside(panel.lit_y, points=5)
-    emitting = torch.tensor(list(itertools.product(lit, *along)), dtype=torch.float64)
+    emitting = torch.tensor(list(itertools.product(lit, *along)), **PRECISE)
     width = (emitting[:, 0].sqrt() * emitting[:, 1])[None]
     height = (emitting[:, 0].sqrt() * emitting[:, 2])[None]
-    strongest = torch.zeros(3, len(k), dtype=torch.float64)
+    strongest = torch.zeros(3, len(k), **PRECISE)
     for subpixel in layout.all():
         # in cycles per cell of its own, which must be whole
         across = k / (layout.period[0] // subpixel.period[0])
@@ -145,25 +147,20 @@ def narrowest(scene: SceneRecord) -> float:
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
 
-def footprints(scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool) -> list[tuple]:
-    """Return `(footprint, width, period)` along each axis of each kind of subpixel, for the widest
-    spread that the optics allow: footprint and width in cells, the cell's period in panel
-    pixels."""
+def footprints(
+    scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool
+) -> list[tuple[Footprint, Tensor, int]]:
+    """Return `seen.footprints_of` for the widest spread that the optics allow."""
     sensor, lens = scene.sensor, scene.lens
     # as if the hand moved in every direction
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
     blur = math.hypot(bounds(lens.blur)[1], motion)
     widest = (bounds(sensor.fill)[1], blur, bounds(lens.olpf)[1], 0.0, 0.0)
-    optics = Optics(*(torch.tensor([value]).double() for value in widest))
-    lit = torch.ones(1, dtype=torch.float64)
+    optics = Optics(*(torch.tensor([value], **PRECISE) for value in widest))
+    lit = torch.ones(1, **PRECISE)
     step = seen[None, :, None] * (alpha / sensor.scale)
     kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
-    found = []
-    for subpixel in kinds:
-        for axis, period in enumerate(subpixel.period):
-            along, width = footprint_of(subpixel, axis, step, (lit, lit), optics)
-            found.append((along, float(width), period))
-    return found
+    return footprints_of(kinds, step, (lit, lit), optics)
 
 
 def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
@@ -172,5 +169,5 @@ def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
     for seen_along, width, _ in footprints(
         scene, seen, bounds(scene.panel.scale)[1], whole_pixel=whole_pixel
     ):
-        most = max(most, float(seen_along.reach().max()) + width / 2)
+        most = max(most, float(seen_along.reach().max()) + float(width) / 2)
     return most

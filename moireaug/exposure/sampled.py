@@ -30,7 +30,7 @@ class Sampled(Exposure):
         inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
         planes = []
         for site in CFA[shot.scene.sensor.cfa]:
-            totals = [torch.zeros(())] * len(site.channels)
+            totals = [light.new_zeros(())] * len(site.channels)
             for i in range(offsets.shape[2]):
                 v = rows[site.row :: step] + down[:, i, None]
                 u = cols[site.column :: step] + across[:, i, None]
@@ -91,29 +91,31 @@ def _raster(
     `high`, through the two nearest of n raster subpixels per panel pixel, and where it comes from;
     positions in panel pixels. With an `end`, it is dark outside [0, end)."""
     at = at * n - 0.5
-    left = at.floor().detach()
-    second = at - left
-    first = 1 - second
-    if high - low < period:
-        around = n * period
-        place = left % around
-        first = first * _lies_in(place, low * n, high * n, around)
-        second = second * _lies_in((place + 1) % around, low * n, high * n, around)
-    here, there = ((left + k + 0.5).div(n).floor() + 0.5 for k in (0, 1))
-    if end is not None:
-        first, second = (t * ((p >= 0) & (p < end)) for t, p in ((first, here), (second, there)))
-    light = first + second
-    # both in one panel pixel, or the second in the next
-    return light, here + (there - here) * second / light.clamp(min=1e-12)
+    first = at.floor().detach()
+    to_second = at - first
+    lights, pixels = [], []
+    for column, near in ((first, 1 - to_second), (first + 1, to_second)):
+        pixel = (column + 0.5).div(n).floor() + 0.5
+        light = near
+        if high - low < period:
+            light = light * _lies_in(column, low * n, high * n, n * period)
+        if end is not None:
+            light = light * ((pixel >= 0) & (pixel < end))
+        lights.append(light)
+        pixels.append(pixel)
+    total = lights[0] + lights[1]
+    # both columns lie in one panel pixel, or the second in the next
+    apart = pixels[1] - pixels[0]
+    return total, pixels[0] + apart * lights[1] / total.clamp(min=1e-12)
 
 
 def _lies_in(column: Tensor, low: float, high: float, around: int) -> Tensor:
     """Return the share of each raster column, given by its left edge, that lies between `low` and
-    `high` or in their copies `around` columns before and behind: a subpixel may reach into the next
-    cell."""
-    share = torch.zeros_like(column)
-    for copy in (column - around, column, column + around):
-        share = share + ((copy + 1).clamp(max=high) - copy.clamp(min=low)).clamp(min=0)
+    `high` in a cell of `around` columns."""
+    column, share = column % around, torch.zeros_like(column)
+    # a subpixel may reach into the cell before or behind
+    for left in (column - around, column, column + around):
+        share = share + ((left + 1).clamp(max=high) - left.clamp(min=low)).clamp(min=0)
     return share
 
 

@@ -80,7 +80,7 @@ class Screen:
 
 class Gather(torch.autograd.Function):
     """Gather numbers (B, N) at indices (B, P) plus each of some steps: (B, P) each. Differentiable
-    any number of times.
+    any number of times, forward, too.
 
     torch.gather would keep an index for each step for its gradient.
     """
@@ -95,6 +95,7 @@ class Gather(torch.autograd.Function):
     def setup_context(ctx, inputs: tuple, output: tuple) -> None:
         numbers, first, ctx.steps = inputs
         ctx.save_for_backward(first)
+        ctx.save_for_forward(first)
         ctx.n = numbers.shape[1]
 
     @staticmethod
@@ -103,6 +104,11 @@ class Gather(torch.autograd.Function):
         index = torch.cat([first + step for step in ctx.steps], 1)
         nothing = slopes[0].new_zeros(len(first), ctx.n)
         return nothing.scatter_add(1, index, torch.cat(slopes, 1)), None, None
+
+    @staticmethod
+    def jvp(ctx, along: Tensor, *_: None) -> tuple[Tensor, ...]:
+        (first,) = ctx.saved_tensors
+        return tuple(along[:, step:].gather(1, first) for step in ctx.steps)
 
 
 def on_panel(

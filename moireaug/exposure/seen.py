@@ -95,6 +95,19 @@ def footprint_of(
     return Footprint(seen.box, seen.variance + slant), width
 
 
+def footprints_of(
+    kinds: Iterable[Subpixel], step: Tensor, lit: tuple[Tensor, Tensor], optics: Optics
+) -> list[tuple[Footprint, Tensor, int]]:
+    """Return `(footprint, width, period)` of each kind of subpixel along x and along y: as
+    `footprint_of`, and the cell's period in panel pixels."""
+    found = []
+    for subpixel in kinds:
+        for axis, period in enumerate(subpixel.period):
+            seen, width = footprint_of(subpixel, axis, step, lit, optics)
+            found.append((seen, width, period))
+    return found
+
+
 def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen) -> AlongAxis:
     """Return one kind of subpixel along x (axis 0) or y (axis 1)."""
     taps, dtype, period = screen.taps, screen.light.dtype, subpixel.period[axis]
@@ -107,20 +120,26 @@ def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen
     kept, lost = content.fitted(seen, width, taps)
     shares = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
     share = content.normalised([s.to(dtype) for s in shares])
-    found = AlongAxis(cells, nearest, kept, width, share, None)
-    if shot.scene.develop.registered:
-        return found
-    ends = shot.panel.scale[:, None, None] * shot.size[1 - axis]
-    # a narrowed view sees as much of the picture as the whole view does
-    past = (sight.position[..., axis] - ends / 2) / period
-    (whole,) = content.shares(past, Footprint(*(t.double() for t in seen)), ends / period, 1)
-    lit = []
-    for k in range(-(taps // 2), taps // 2 + 1):
-        at = (nearest + k) * period + subpixel.pixel[axis]
-        lit.append(
-            torch.where(lost > 0, whole.clamp(min=0), ((at >= 0) & (at < ends)).double()).to(dtype)
-        )
-    return found._replace(lit=lit)
+    lit = None
+    if not shot.scene.develop.registered:
+        ends = shot.panel.scale[:, None, None] * shot.size[1 - axis]
+        pixel = nearest * period + subpixel.pixel[axis]
+        whole = _share_on_picture(sight.position[..., axis], seen, ends, period)
+        # a narrowed view sees as much of the picture as the whole view does
+        narrowed, lit = lost > 0, []
+        for k in range(-(taps // 2), taps // 2 + 1):
+            at = pixel + k * period
+            alone = ((at >= 0) & (at < ends)).double()
+            lit.append(torch.where(narrowed, whole, alone).to(dtype))
+    return AlongAxis(cells, nearest, kept, width, share, lit)
+
+
+def _share_on_picture(at: Tensor, seen: Footprint, ends: Tensor, period: int) -> Tensor:
+    """Return the share of the views at positions `at` that falls on the picture, which reaches from
+    0 to `ends`, (B, h, w) float64; positions in panel pixels."""
+    precise = Footprint(*(t.double() for t in seen))
+    (share,) = content.shares((at - ends / 2) / period, precise, ends / period, 1)
+    return share.clamp(min=0)
 
 
 def covered(along: AlongAxis) -> Tensor:

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from moireaug.geometry.distortion import inverse_radial_factor, radial_factor
 from moireaug.geometry.homography import apply_homography
+from moireaug.numeric import may_be_dual
 
 # least depth: a ray that meets the screen a thousand times as far away as its centre, or farther,
 # counts as past the horizon
@@ -34,8 +35,28 @@ def look_up(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
     pixel centres, which lie at half integers; the edge pixels are repeated past the edges.
     Differentiable in picture and coordinates."""
     h, w = picture.shape[-2:]
+    if any(may_be_dual(t) for t in (picture, x, y)):
+        return _gathered(picture, x, y)
     at = torch.stack((x * (2 / w) - 1, y * (2 / h) - 1), -1).to(picture.dtype)
     return F.grid_sample(picture, at, padding_mode="border", align_corners=False)
+
+
+def _gathered(picture: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Do the same as `look_up`, by what has forward derivatives, which grid_sample has not."""
+    h, w = picture.shape[-2:]
+    x, y = (x - 0.5).clamp(0, w - 1), (y - 0.5).clamp(0, h - 1)
+    left, top = x.detach().floor(), y.detach().floor()
+    right, below = (left + 1).clamp(max=w - 1), (top + 1).clamp(max=h - 1)
+    across, down = ((at - first).to(picture.dtype)[:, None] for at, first in ((x, left), (y, top)))
+
+    def pixels(row: Tensor, column: Tensor) -> Tensor:
+        place = (row * w + column).long()[:, None].flatten(2).expand(-1, picture.shape[1], -1)
+        return picture.flatten(2).gather(2, place).unflatten(2, row.shape[1:])
+
+    upper, lower = (
+        pixels(row, left) * (1 - across) + pixels(row, right) * across for row in (top, below)
+    )
+    return upper * (1 - down) + lower * down
 
 
 def photo_to_image(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
+from moireaug.scene.fields import one_of
 from moireaug.scene.subpixel import Subpixel, in_smallest_cell, overlap
 
 RED, GREEN, BLUE = 0, 1, 2
@@ -157,6 +158,13 @@ def _check_overlaps(layout: Layout) -> None:
 def as_layout(value: Layout | str | dict[str, Any]) -> Layout:
     """Return a Layout from a Layout, a key of `LAYOUTS` or a dict of its two fields."""
     if isinstance(value, dict):
+        for key in value:
+            one_of("a field of Panel.layout", key, ("subpixels", "period"))
+        if "subpixels" not in value:
+            raise ValueError(
+                "Panel.layout must name its subpixels, (channel, x0, y0, x1, y1) rectangles or "
+                f"parallelograms; got {value!r}. See moireaug.scene.layout.Layout."
+            )
         return Layout(**value)
     return value if isinstance(value, Layout) else LAYOUTS[value]
 

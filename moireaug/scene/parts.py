@@ -9,7 +9,7 @@ from numbers import Integral
 from typing import Any
 
 from moireaug.scene.fields import Part, Range, bounds, check_number, one_of, ranged
-from moireaug.scene.layout import LAYOUTS, Layout
+from moireaug.scene.layout import LAYOUTS, Layout, as_layout
 
 EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
 POSES = ("camera", "released")
@@ -60,9 +60,7 @@ class Panel(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if isinstance(self.layout, dict):
-            for key in self.layout:
-                one_of("a field of Panel.layout", key, ("subpixels", "period"))
-            object.__setattr__(self, "layout", Layout(**self.layout))
+            object.__setattr__(self, "layout", as_layout(self.layout))
         if not isinstance(self.layout, Layout):
             one_of("Panel.layout", self.layout, LAYOUTS)
 
@@ -85,10 +83,11 @@ class View(Part):
         fov: angle that the picture's diagonal spans as seen from the camera, in degrees: a small
             value is a distant camera.
         fit: move the camera back until the whole picture is in the photo, before `zoom` and the
-            shifts apply.
+            shifts apply; behind a strong lens, its border may reach out by 0.3 % of a side.
         pose: "camera" is a pinhole camera as described; "released" is the homography of the paper's
             released code: whole degrees, focal length tied to the roll (`fov`, `zoom` and the
-            shifts are not read).
+            shifts are not read). Its angles are whole degrees; of a range, the
+            highest is not drawn.
     """
 
     yaw: Range = ranged(0.0, -89.0, 89.0, "degrees")
@@ -104,6 +103,17 @@ class View(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("View.pose", self.pose, POSES)
+        if self.pose == "released":
+            for name in ("yaw", "pitch", "roll"):
+                self._check_whole(name)
+
+    def _check_whole(self, name: str) -> None:
+        value = getattr(self, name)
+        if not hasattr(value, "shape") and any(end % 1 for end in bounds(value)):
+            raise ValueError(
+                f"View.{name} must be in whole degrees where pose = 'released', which draws no "
+                f"others; got {value!r}. Round it, or use pose = 'camera'."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +216,13 @@ class Sensor(Part):
             "Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel"
         )
         object.__setattr__(self, "scale", scale)
-        if not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
+        if str(self.exposure).startswith("supersample"):
+            if not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
+                raise ValueError(
+                    "Sensor.exposure must be supersample:n with n from 1 to 999, to read n * n "
+                    f"points; got {self.exposure!r}."
+                )
+        else:
             one_of("Sensor.exposure", self.exposure, EXPOSURES)
         one_of("Sensor.cfa", self.cfa, CFAS)
         if self.bits is not None and (

@@ -14,7 +14,7 @@ from moireaug.capture import capture
 from moireaug.checks import check_shape
 from moireaug.pipeline import Plan, make_plan
 from moireaug.scene.by_name import parts_with, values_of
-from moireaug.scene.fields import bounds, one_of
+from moireaug.scene.fields import bounds, check_number, one_of
 from moireaug.scene.parts import PARTS, part_from_dict
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.record import SceneRecord
@@ -149,8 +149,8 @@ class Shot(ShotRecord):
         """Rebuild a shot from `to_dict`.
 
         Raises:
-            ValueError, TypeError: a missing or unknown key, fields of different lengths, or a seed
-                or a size that is not in whole numbers.
+            ValueError, TypeError: a missing or unknown key, fields of different lengths, a number
+                that no scene may have, or a seed or a size that is not in whole numbers.
         """
         if not isinstance(values, Mapping):
             raise TypeError(f"a shot's values must be a mapping; got {values!r}.")
@@ -163,8 +163,7 @@ class Shot(ShotRecord):
                 f"a shot's dict must have the keys {', '.join(keys)}; missing {missing}."
             )
         scene, seed = Scene.from_dict(values["scene"]), values["seed"]
-        if not isinstance(seed, list | tuple) or not all(isinstance(s, Integral) for s in seed):
-            raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
+        _check_seed(seed)
         numbers = {}
         for part in PARTS:
             for name, given in _numbers_of(part, values[part], scene, len(seed)).items():
@@ -174,6 +173,15 @@ class Shot(ShotRecord):
         return Shot(scene=scene, size=(h, w), seed=seeds, **parts_with(scene, numbers))
 
 
+def _check_seed(seed: Any) -> None:
+    if not isinstance(seed, list | tuple) or not all(
+        isinstance(s, Integral) and not isinstance(s, bool) for s in seed
+    ):
+        raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
+    if not all(-(2**63) <= s < 2**63 for s in seed):
+        raise ValueError(f"a shot's seed must lie in [-2**63, 2**63), 64 bits; got {seed!r}.")
+
+
 def _numbers_of(part: str, given: Any, scene: Scene, n: int) -> dict[str, list[float]]:
     """Return the drawn fields of one part of a shot's dict, checked."""
     if not isinstance(given, Mapping):
@@ -181,13 +189,15 @@ def _numbers_of(part: str, given: Any, scene: Scene, n: int) -> dict[str, list[f
     wanted = getattr(scene, part).ranged
     for name in given:
         one_of(f"a field of a shot's {part}", name, wanted)
+    checked = {}
     for name in wanted:
-        numbers = given.get(name)
+        numbers, allowed = given.get(name), PARTS[part].__dataclass_fields__[name].metadata
         if not isinstance(numbers, list | tuple) or len(numbers) != n:
             raise ValueError(
                 f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list."
             )
-    return dict(given)
+        checked[name] = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in numbers]
+    return checked
 
 
 def _checked_size(size: Any) -> tuple[int, int]:

@@ -27,10 +27,21 @@ def apply_to_all(
     attacker's noise."""
     if not len(images):
         return np.asarray(images)
-    photos = photograph(
-        torch.cat([planes(image) for image in images]), shot.repeat(len(images)), noise
-    )
-    return photos.permute(0, 2, 3, 1).reshape(len(images), *images[0].shape).numpy()
+    pictures = torch.cat([planes(image) for image in images])
+    if noise is not None:
+        _check_size(shot, (pictures.shape[-2], pictures.shape[-1]))
+    photos = photograph(pictures, shot.repeat(len(images)), noise)
+    stacked = photos.permute(0, 2, 3, 1).reshape(len(images), *images[0].shape).numpy()
+    return stacked.astype(images[0].dtype, copy=False)
+
+
+def _check_size(shot: Shot, size: tuple[int, int]) -> None:
+    """Refuse to replay an attacker's noise on images of another size (height, width)."""
+    if shot.size != size:
+        raise ValueError(
+            "a replayed AdversarialMoire holds noise for images of the size that it was recorded "
+            f"at, {shot.size}; got {size}. Replay it at that size, or attack these images."
+        )
 
 
 def planes(image: np.ndarray) -> torch.Tensor:
@@ -42,14 +53,17 @@ def planes(image: np.ndarray) -> torch.Tensor:
             "an image must have 3 channels (RGB) or 1 (grey), in the order (H, W, C); got "
             f"{image.shape}. Its channels seem to be first: put them last with transpose(1, 2, 0)."
         )
-    pixels = torch.from_numpy(np.array(image, order="C"))
+    # torch reads only the machine's byte order, and no long doubles
+    known = image.dtype.newbyteorder("=")
+    known = np.dtype(np.float64) if known == np.longdouble else known
+    pixels = torch.from_numpy(np.array(image, known, order="C"))
     return pixels.reshape(1, *image.shape[:2], -1).permute(0, 3, 1, 2)
 
 
 def move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
     """Move a mask (H, W) or (H, W, C), of any dtype: nearest pixel, 0 off the image."""
-    # torch indexes few unsigned types, and moving pixels only needs their bits
-    bits = mask.view(f"i{mask.itemsize}") if mask.dtype.kind == "u" else mask
+    # torch knows few of numpy's types, and moving pixels only needs their bits
+    bits = mask.view(f"i{mask.itemsize}") if mask.dtype.kind in "iuf" else mask
     pixels = torch.from_numpy(np.array(bits, order="C"))
     channels = pixels.reshape(1, *mask.shape[:2], -1).permute(0, 3, 1, 2)
     moved = at_size(shot, mask.shape[:2]).to_photo_mask(channels)[0].permute(1, 2, 0)
@@ -57,12 +71,16 @@ def move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
 
 
 def move_bboxes(bboxes: np.ndarray, shot: Shot) -> np.ndarray:
-    """Move rows of x1, y1, x2, y2, as fractions of the photo, and anything after."""
+    """Move rows of x1, y1, x2, y2, as fractions of the photo, and anything after. They may reach
+    out of the photo, and have no area where they lie outside of it."""
     bboxes, (h, w) = _as_float(bboxes), shot.size
-    pixels = torch.from_numpy(bboxes[:, :4].astype(np.float64)) * torch.tensor([w, h, w, h])
+    sides = np.array([w, h, w, h], np.float64)
     moved = bboxes.copy()
-    shares = move_boxes(pixels, shot) / torch.tensor([w, h, w, h])
-    moved[:, :4] = shares.clamp(min=0, max=1).numpy()
+    moved[:, :4] = move_boxes(torch.from_numpy(bboxes[:, :4] * sides), shot).numpy() / sides
+    seen = moved[:, :4].clip(0, 1)
+    # a Compose drops them, but refuses those that it clips to nothing itself
+    outside = (seen[:, 0] >= seen[:, 2]) | (seen[:, 1] >= seen[:, 3])
+    moved[outside, :4] = seen[outside]
     return moved
 
 
@@ -119,4 +137,5 @@ def noise_of(
     """Return an attacker's noise for the n pictures of a target, (n, *Shot.raw_shape()[1:])."""
     if noise is None or first is None:
         return None
-    return torch.tensor(noise[first[target] : first[target] + n])
+    rows = noise[first[target] : first[target] + n]
+    return torch.tensor(rows, dtype=torch.float32, device="cpu")

@@ -28,6 +28,10 @@ from moireaug.transforms._convert import (
 )
 from moireaug.transforms.torchvision import CARRIED, SHOWN, wrap
 
+NO_BATCH = (
+    "a sample must hold one batch of images, a tensor (B, C, H, W), beside its labels; got {}."
+)
+
 
 class AdversarialMoire(v2.Transform):
     """Photograph images on a screen with the noise that fools a model most. Used like `v2.MixUp`:
@@ -53,7 +57,7 @@ class AdversarialMoire(v2.Transform):
     `tv_tensors.Image` (B, C, H, W), C = 3 or 1 (grey), uint8 or float in [0, 1]; type and dtype are
     kept. Labels are (B,) class indices, as integers or whole floats, or (B, classes) weights, as
     `v2.MixUp`, `v2.CutMix` and one-hot encodings give them; the class of the greatest weight is
-    then attacked. They are returned unchanged.
+    then attacked. They are returned unchanged. The photos are not differentiable in the images.
 
     Call with `generator=` to draw from a CPU generator instead of torch's global one.
 
@@ -93,6 +97,8 @@ class AdversarialMoire(v2.Transform):
         self._labels_getter = _parse_labels_getter(labels_getter)
 
     def forward(self, *inputs: Any, generator: torch.Generator | None = None) -> Any:
+        if not inputs:
+            raise ValueError(NO_BATCH.format("nothing"))
         sample = inputs if len(inputs) > 1 else inputs[0]
         labels = self._labels_getter(sample)
         flat, spec = tree_flatten(sample)
@@ -111,10 +117,7 @@ class AdversarialMoire(v2.Transform):
         others = [None if x is labels else x for x in flat]
         shown = [i for i, needed in enumerate(self._needs_transform_list(others)) if needed]
         if len(shown) != 1:
-            raise ValueError(
-                "a sample must hold one batch of images, a tensor (B, C, H, W), beside its labels; "
-                f"got {len(shown)}."
-            )
+            raise ValueError(NO_BATCH.format(len(shown)))
         images = flat[shown[0]]
         if isinstance(images, (PIL.Image.Image, Video)) or images.ndim != 4:
             got = tuple(images.shape) if isinstance(images, Tensor) else "a PIL image"
@@ -126,8 +129,8 @@ class AdversarialMoire(v2.Transform):
 
     def _attacked(self, images: Tensor, labels: Any, generator: torch.Generator | None) -> Tensor:
         classes = class_of(labels, len(images)).to(images.device)
-        plain = images.as_subclass(Tensor)
-        drawn = torch.rand(len(images), generator=generator, device="cpu")
+        plain = images.detach().as_subclass(Tensor)
+        drawn = torch.rand(len(images), dtype=torch.float32, generator=generator, device="cpu")
         chosen = (drawn < self.p).to(images.device)
         if not chosen.any():
             return images

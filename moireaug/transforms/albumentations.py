@@ -34,6 +34,7 @@ from moireaug.transforms._arrays import (
 from moireaug.transforms._convert import (
     as_model_takes,
     as_shown,
+    at_size,
     check_adversary,
     check_probability,
     moves,
@@ -69,9 +70,12 @@ class RandomMoire(DualTransform):
 
     Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's
     frame (`Develop(registered=False)` with a pose or a lens); then they move with the picture:
-    masks to the nearest pixel, bboxes to those that enclose the moved ones, clamped to the photo,
-    keypoints with their angle and scale, in albumentations' pixel-index coordinates. The parameters
-    are plain numbers: `ReplayCompose` and JSON can hold them.
+    masks to the nearest pixel, bboxes to those that enclose the moved ones, keypoints with their
+    angle and scale, in albumentations' pixel-index coordinates. Bboxes may reach out of the photo:
+    a Compose clips them, after `BboxParams(min_visibility=)` has compared their areas. A keypoint's
+    angle is taken to run from x towards y, clockwise as seen; `A.Rotate` and `A.Affine` change it
+    the other way round. The parameters are plain numbers: `ReplayCompose` and JSON can hold them,
+    and a replay takes images of any size.
 
     Raises:
         TypeError, ValueError: an unknown keyword or scene, a p out of range, and images as above.
@@ -110,6 +114,14 @@ class RandomMoire(DualTransform):
         ) -> dict[str, Any]:
             return self.draw(params, data, self.random_generator)
 
+    def apply_with_params(
+        self, params: dict[str, Any], *args: Any, **kwargs: Any
+    ) -> dict[str, Any]:
+        pictures, _ = pictures_of(kwargs)
+        if pictures:  # a replay holds the shape that it was recorded at
+            params = params | {"shape": pictures[0].shape}
+        return super().apply_with_params(params, *args, **kwargs)
+
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
         return apply_shot(img, Shot.from_dict(shot), noise_of("image", 1, **params))
 
@@ -144,16 +156,18 @@ class RandomMoire(DualTransform):
         return np.stack([self.apply_to_masks(m, shot=shot, **params) for m in masks3d])
 
     def apply_to_bboxes(
-        self, bboxes: np.ndarray, shot: dict[str, Any], **params: Any
+        self, bboxes: np.ndarray, shot: dict[str, Any], shape: tuple[int, ...], **params: Any
     ) -> np.ndarray:
-        return move_bboxes(bboxes, Shot.from_dict(shot)) if self._moves and len(bboxes) else bboxes
+        if not self._moves or not len(bboxes):
+            return bboxes
+        return move_bboxes(bboxes, at_size(Shot.from_dict(shot), (shape[0], shape[1])))
 
     def apply_to_keypoints(
-        self, keypoints: np.ndarray, shot: dict[str, Any], **params: Any
+        self, keypoints: np.ndarray, shot: dict[str, Any], shape: tuple[int, ...], **params: Any
     ) -> np.ndarray:
         if not self._moves or not len(keypoints):
             return keypoints
-        return move_keypoints(keypoints, Shot.from_dict(shot))
+        return move_keypoints(keypoints, at_size(Shot.from_dict(shot), (shape[0], shape[1])))
 
 
 class AdversarialMoire(RandomMoire):
@@ -184,7 +198,8 @@ class AdversarialMoire(RandomMoire):
 
     As in RandomMoire; each image, and each slice of a volume, gets its own noise. Pictures in
     additional targets are refused: pass several as `images`. The noise is one
-    of the parameters, as nested lists, so that `ReplayCompose.replay` needs no model.
+    of the parameters, as nested lists, so that `ReplayCompose.replay` needs no model, but images of
+    the same size.
 
     Raises:
         ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a model that cannot be
@@ -267,7 +282,7 @@ class AdversarialMoire(RandomMoire):
         shown = torch.cat([as_shown(planes(picture)) for picture in pictures]).to(device)
         result = self.attack(  # of one eps
             as_model_takes(shown, self.attack.model),
-            torch.full((len(pictures),), label),
+            torch.full((len(pictures),), label, device="cpu"),
             shot=Shot.from_dict(drawn["shot"]).repeat(len(pictures)),
             generator=generator,
         )

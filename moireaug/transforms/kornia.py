@@ -33,7 +33,8 @@ class RandomMoire(IntensityAugmentationBase2D):
         same_on_batch: all images share one draw, sensor noise included.
         keepdim: a (C, H, W) input comes back as (C, H, W), not as (1, C, H, W).
         images_only: take scenes that leave the photo in the camera's frame, too, as the paper's do,
-            for images and class labels alone: masks, boxes and key points are then refused.
+            for images and class labels alone: masks, boxes and key points are then refused on the
+            way forward. kornia does not ask for the way back: `inverse` leaves them as they are.
 
     Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned
     as luma; floating point in [0, 1], so use it before `Normalize`. Values that resizing, blur or
@@ -44,9 +45,12 @@ class RandomMoire(IntensityAugmentationBase2D):
     Convention: an intensity augmentation: masks, boxes and key points stay as they are,
     `transform_matrix` is the identity, and `inverse` leaves it out. The parameters hold the whole
     shot, so `seq(x, params=seq._params)` replays bit for bit; those of one image replay on all rows
-    of a batch. Draws come from torch's global generator.
+    of a batch. Draws come from torch's global generator. In a `VideoSequential` with
+    `same_on_frame=True`, frames share the sensor noise, too; `moireaug.transforms.RandomMoire`
+    draws it anew for each frame of a `tv_tensors.Video`.
 
     Raises:
+        TypeError: an `images_only` that is no bool.
         ValueError: a scene that leaves the photo in the camera's frame without `images_only`:
             kornia moves boxes and key points by a matrix alone, and no matrix holds a lens. With
             it, masks, boxes and key points. Also a p out of range, parameters of another number of
@@ -62,6 +66,8 @@ class RandomMoire(IntensityAugmentationBase2D):
         images_only: bool = False,
     ) -> None:
         super().__init__(p=check_probability(p), same_on_batch=same_on_batch, keepdim=keepdim)
+        if not isinstance(images_only, bool):
+            raise TypeError(f"images_only must be True or False; got {images_only!r}.")
         self.scene = as_scene(scene)
         self.images_only = images_only
         if moves(self.scene) and not images_only:

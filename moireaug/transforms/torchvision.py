@@ -96,7 +96,9 @@ class RandomMoire(v2.Transform):
         n = next((_count(x) for x in flat_inputs if not isinstance(x, CARRIED)), 1)
         # what is drawn does not depend on the size, and each leaf brings its own
         return {
-            "chosen": (torch.rand(n, device="cpu") < self.p).nonzero().flatten(),
+            "chosen": (torch.rand(n, dtype=torch.float32, device="cpu") < self.p)
+            .nonzero()
+            .flatten(),
             "n": n,
             "shot": self.scene.sample(n, (1, 1)),
         }
@@ -143,10 +145,9 @@ def apply_shot(inpt: Any, shot: Shot) -> Any:
 
 def _frames(shot: Shot, n: int) -> Shot:
     """Return each draw for n frames, which differ in the seed of their sensor noise."""
-    shot = shot[torch.arange(len(shot)).repeat_interleave(n)]
-    return dataclasses.replace(
-        shot, seed=shot.seed + torch.arange(n).repeat(len(shot) // max(n, 1))
-    )
+    frame = torch.arange(n, device=shot.device).repeat(len(shot))
+    shot = shot[torch.arange(len(shot), device=shot.device).repeat_interleave(n)]
+    return dataclasses.replace(shot, seed=shot.seed + frame)
 
 
 def _apply_to_pil(image: PIL.Image.Image, shot: Shot) -> PIL.Image.Image:

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from moireaug import Develop, Panel, Scene, Sensor, develop, pipeline
 from moireaug.effects.resize import resize, window_centres
 from moireaug.geometry.sensor import sampled_pixels
 
@@ -67,3 +68,17 @@ def test_a_flat_photo_stays_flat(how, scale):
     rows, cols = (len(sampled_pixels(n, scale, how, 0).index) for n in (4, 7))
     out = resized(torch.full((1, 3, rows, cols), 0.3, dtype=torch.float64), (4, 7), scale, how)
     assert out.shape == (1, 3, 4, 7) and torch.allclose(out, torch.full_like(out, 0.3))
+
+
+@pytest.mark.parametrize("how", ["area", "antialias", "point"])
+@pytest.mark.parametrize("scale", [1.5, 2.5, 3.0])
+def test_no_photo_is_brighter_than_white_and_white_has_a_gradient(scale, how):
+    sensor = Sensor(scale=scale)
+    scene = Scene(panel=Panel(layout="even"), sensor=sensor, develop=Develop(resize=how))
+    shot = scene.sample(1, (13, 10))
+    for step in (develop, pipeline.develop):
+        raw = torch.ones(shot.raw_shape(), requires_grad=True)
+        photo = step(raw, shot)
+        assert photo.max() == 1 and photo.min() > 1 - 1e-6
+        photo.sum().backward()
+        assert raw.grad.sum().item() == pytest.approx(photo.numel(), rel=1e-4)

@@ -115,6 +115,18 @@ def test_what_is_no_batch_with_labels_gets_a_sentence(sample, sentence, model):
         attack(model)(*sample)
 
 
+def test_no_sample_gets_a_sentence(model):
+    with pytest.raises(ValueError, match=r"one batch of images.*got nothing"):
+        attack(model)()
+
+
+def test_photos_have_no_gradient_in_the_images(model):
+    shown, _ = drawn(attack(model, p=0.5), IMAGES.clone().requires_grad_(), LABELS)
+    assert not shown.requires_grad and torch.equal(
+        shown, drawn(attack(model, p=0.5), IMAGES, LABELS)[0]
+    )
+
+
 def test_masks_beside_a_scene_in_the_cameras_frame_are_refused(model):
     sample = {
         "image": tv_tensors.Image(IMAGES),

@@ -119,6 +119,8 @@ def test_a_replay_needs_no_model(model, registered):
     )
     again = A.ReplayCompose.replay(json.loads(json.dumps(out["replay"])), image=image)
     assert np.array_equal(again["image"], out["image"])
+    with pytest.raises(ValueError, match=r"recorded at, \(12, 14\); got \(24, 28\)"):
+        A.ReplayCompose.replay(out["replay"], image=frames(1, (24, 28, 3))[0])
 
 
 def test_it_is_written_as_lambda_is(model, registered):

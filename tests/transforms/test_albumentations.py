@@ -1,5 +1,6 @@
 """The albumentations door: targets, replay, serialisation and the seeding of workers."""
 
+import dataclasses
 import json
 
 # isort: skip  # after the door, which keeps it from asking for its newest version
@@ -9,7 +10,7 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, Dataset, Subset
 
-from moireaug import Shot
+from moireaug import Develop, Panel, Scene, Sensor, Shot, View
 from moireaug.transforms import albumentations as door
 from moireaug.transforms._workers import transforms_of
 from moireaug.transforms.albumentations import RandomMoire
@@ -275,3 +276,67 @@ def test_a_transform_that_two_attributes_share_is_found_once(registered):
     one = A.Compose([RandomMoire(registered, p=1)])
     data = Views(one, one, again=[one, {"deep": (one,)}])
     assert len(transforms_of(data)) == 2  # with the one that normalises
+
+
+MOVED = Scene(
+    panel=Panel(layout="even"),
+    view=View(roll=20.0, zoom=0.8, shift_x=0.3, fit=False),
+    sensor=Sensor(cfa="none"),
+    develop=Develop(registered=False),
+)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_all_that_a_replay_carries_lands_on_the_light_at_any_size(times, marked, square, find):
+    small = values((40, 60, 3), np.uint8)
+    steps = compose(MOVED, A.ReplayCompose)
+    replay = steps(image=small, bboxes=[], kinds=[], keypoints=[])["replay"]
+    step = A.ReplayCompose._restore_for_replay(replay["transforms"][0])
+    image = np.repeat(np.repeat(marked.permute(1, 2, 0).numpy(), times, 0), times, 1)
+    x1, y1, x2, y2 = (v * times for v in square)
+    sides = np.array([64, 48, 64, 48]) * times
+    out = step(
+        image=image,
+        bboxes=np.array([[x1, y1, x2, y2]]) / sides,
+        keypoints=np.array([[(x1 + x2) / 2 - 0.5, (y1 + y2) / 2 - 0.5]]),
+    )
+    light, box = find(torch.from_numpy(out["image"]).permute(2, 0, 1))
+    assert (torch.from_numpy(out["keypoints"][0]) + 0.5 - light).norm() < 1.0
+    assert (torch.from_numpy(out["bboxes"][0] * sides) - box).abs().max() < 2.0 * times
+
+
+@pytest.mark.parametrize("each", [False, True])
+@pytest.mark.parametrize("clip", [False, True])
+@pytest.mark.parametrize(("least", "kept"), [(0.0, 1), (0.9, 0)])
+def test_a_compose_measures_how_much_of_a_box_is_visible(least, kept, clip, each):
+    scene = dataclasses.replace(MOVED, view=View(shift_x=0.5, fit=False))
+    boxes = [(20.0, 10.0, 50.0, 40.0), (50.0, 10.0, 60.0, 20.0)]  # the second leaves the photo
+    params = A.BboxParams(
+        "pascal_voc",
+        label_fields=["kinds"],
+        min_visibility=least,
+        clip=clip,
+        check_each_transform=each,
+    )
+    out = A.Compose([RandomMoire(scene, p=1)], bbox_params=params)(
+        image=values((48, 64, 3), np.uint8), bboxes=boxes, kinds=[1, 2]
+    )
+    assert len(out["bboxes"]) == kept
+    assert not kept or np.allclose(out["bboxes"], [(52, 10, 64, 40)], atol=1e-4)
+
+
+@pytest.mark.parametrize("dtype", [">f4", np.longdouble, ">i4"])
+def test_numbers_that_torch_does_not_read(dtype, camera):
+    step = RandomMoire(camera, p=1)
+    step.set_random_seed(0)
+    known = values((9, 12, 3), np.float64 if dtype == np.longdouble else np.float32)
+    mask = (known[..., 0] * 100).astype(np.int32)
+    shown = step(image=known, mask=mask)
+    step.set_random_seed(0)
+    if np.dtype(dtype).kind == "f":
+        given = known.astype(dtype)
+        out = step(image=given)["image"]
+        assert out.dtype == given.dtype and np.array_equal(out, shown["image"])
+    else:
+        out = step(image=known, mask=mask.astype(dtype))["mask"]
+        assert out.dtype == np.dtype(dtype) and np.array_equal(out, shown["mask"])

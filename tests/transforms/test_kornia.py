@@ -206,6 +206,8 @@ def test_a_frontal_scene_in_the_cameras_frame_moves_nothing_and_is_taken():
 def test_errors_are_sentences(registered):
     with pytest.raises(ValueError, match="p must be a probability"):
         RandomMoire(registered, p=2)
+    with pytest.raises(TypeError, match="images_only must be True or False; got 'no'"):
+        RandomMoire("paper", images_only="no")
     with pytest.raises(ValueError, match="Undo the normalisation"):
         RandomMoire(registered, p=1)(torch.randn(1, 3, 9, 12) * 9)
     with pytest.raises(ValueError, match="3 channels"):

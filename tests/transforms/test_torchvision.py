@@ -13,6 +13,9 @@ from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 
 from moireaug import capture
+from moireaug.effects.prefilter import most_lost
+from moireaug.exposure import extremes
+from moireaug.exposure.choose import exposure_of
 from moireaug.transforms import RandomMoire
 from moireaug.transforms.torchvision import apply_shot
 from tests.transforms.common import sample_of_leaves, values
@@ -288,3 +291,25 @@ def test_channels_last_are_told_how_to_come_first(dtype, shape, order, p, regist
 def test_deep_pil_images_are_not_sent_where_they_turn_white(mode, registered):
     with pytest.raises(ValueError, match=r"Scale it to float in \[0, 1\]"):
         RandomMoire(registered, p=1)(PIL.Image.new(mode, (12, 9)))
+
+
+def test_neither_default_device_nor_default_dtype_changes_a_photo(camera):
+    video = tv_tensors.Video(values((2, 3, 9, 12), torch.float32))
+
+    def photo():
+        # planned anew
+        scene = dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor))
+        torch.manual_seed(0)
+        for cached in (extremes.views, extremes.harmonics, exposure_of, most_lost):
+            cached.cache_clear()
+        return RandomMoire(scene, p=0.9)(video)
+
+    expected = photo()
+    torch.set_default_dtype(torch.float64)
+    try:
+        assert torch.equal(photo(), expected)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    with torch.device("meta"):
+        moved = photo()
+    assert torch.equal(moved, expected)
