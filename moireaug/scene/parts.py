@@ -85,9 +85,8 @@ class View(Part):
         fit: move the camera back until the whole picture is in the photo, before `zoom` and the
             shifts apply; behind a strong lens, its border may reach out by 0.3 % of a side.
         pose: "camera" is a pinhole camera as described; "released" is the homography of the paper's
-            released code: whole degrees, focal length tied to the roll (`fov`, `zoom` and the
-            shifts are not read). Its angles are whole degrees; of a range, the
-            highest is not drawn.
+            released code: whole degrees, of a range all but the highest, and a focal length tied
+            to the roll (`fov`, `zoom` and the shifts are not read).
     """
 
     yaw: Range = ranged(0.0, -89.0, 89.0, "degrees")
