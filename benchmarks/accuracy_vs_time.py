@@ -91,8 +91,8 @@ def main() -> None:
     print(accuracy_tables.summary(found, WITHIN))
     facts["before"] = checkouts.commit(args.before)
     content = {"metadata": facts, "settings": settings, "problems": found}
-    measure.write_json(args.out / "accuracy_vs_time.json", content)
-    plots.accuracy_vs_time(found, args.out / "accuracy_vs_time.png")
+    measure.write_json(measure.results(args) / "accuracy_vs_time.json", content)
+    plots.accuracy_vs_time(found, measure.results(args) / "accuracy_vs_time.png")
 
 
 @torch.no_grad()

@@ -122,7 +122,6 @@ def models_of(folders: list[str], n: int) -> dict[str, tuple[nn.Module, Batches,
     found: dict[str, tuple[nn.Module, Batches, Scene]] = {}
     for folder in folders:
         run = saved.read(Path(folder))
-        run.cfg.data.download = False  # a run may come from anyone
         run.cfg.reattack.n = n
         protocol = protocol_of(run.cfg, load(run.cfg.data))
         found[folder] = (run.model(), protocol.batches, protocol.scene)
@@ -151,7 +150,10 @@ def main() -> None:
     n = settings["n"]
     print(measure.told(facts), end="\n\n")
     results = {}
-    models = models_of(args.runs, n) if args.runs else quick_model(n)
+    try:
+        models = models_of(args.runs, n) if args.runs else quick_model(n)
+    except ValueError as error:
+        parser.error(str(error))
     for name, (model, batches, scene) in models.items():
         rows = measured(model, batches, scene, settings)
         results[name] = rows
@@ -170,9 +172,9 @@ def main() -> None:
         )
     chosen = {name: recommended(rows) for name, rows in results.items()}
     written = {"metadata": facts, "eps": EPS, "results": results, "recommended": chosen}
-    measure.write_json(args.out / "attack_budget.json", written)
+    measure.write_json(measure.results(args) / "attack_budget.json", written)
     drawn(results, n).savefig(
-        args.out / "attack_budget.png", dpi=100, pil_kwargs={"optimize": True}
+        measure.results(args) / "attack_budget.png", dpi=100, pil_kwargs={"optimize": True}
     )
 
 

@@ -102,7 +102,7 @@ def main() -> None:
         found[name] = build_up(Scene.preset(name), settings)
         print(report(name, found[name]), end="\n\n", flush=True)
     content = {"metadata": facts, "settings": settings, "default_photo": photo, "presets": found}
-    measure.write_json(args.out / "effects_cost.json", content)
+    measure.write_json(measure.results(args) / "effects_cost.json", content)
 
 
 @torch.no_grad()

@@ -187,6 +187,16 @@ def arguments(doc: str) -> argparse.ArgumentParser:
         action="store_true",
         help="tiny sizes, a few seconds: only shows that it runs",
     )
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="folder of the results; without it they replace the published ones, or with --quick "
+        "go into a folder beside them",
+    )
     parser.add_argument("--threads", type=int, default=2)
     return parser
+
+
+def results(args: argparse.Namespace) -> Path:
+    """Return the folder that a script writes into."""
+    return args.out or (RESULTS / "quick" if args.quick else RESULTS)

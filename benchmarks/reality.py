@@ -18,7 +18,7 @@ no pictures. For each scene:
   of these alone, and cleans the real photos. Their PSNR before and after, each after its best
   global colour map onto the original, says whether what it learned carries over to reality.
 
-Writes results/reality.json.
+Writes results/reality.json, or with --only results/reality-PART.json.
 """
 
 from __future__ import annotations
@@ -147,7 +147,9 @@ def main() -> None:
     parser.add_argument("--images", type=Path, help="a folder of clean pictures to train on")
     parser.add_argument("--target", nargs="+", choices=cleaned.TARGETS, default=["twin"])
     parser.add_argument("--steps", type=int, help="of training each network")
-    parser.add_argument("--only", nargs="+", choices=PARTS)
+    parser.add_argument(
+        "--only", nargs="+", choices=PARTS, help="these parts; they get a file of their own"
+    )
     args = parser.parse_args()
     parts = args.only or PARTS
     if args.only and "cleaned" in args.only and not args.images:
@@ -181,7 +183,8 @@ def main() -> None:
         found["told_apart"] = tell(crops, others | photos, settings["apart"])
     if "cleaned" in parts and args.images:
         found["cleaned"] = clean(chosen, args, settings["cleaned"])
-    measure.write_json(args.out / "reality.json", found)
+    name = "-".join(["reality", *(args.only or [])])
+    measure.write_json(measure.results(args) / f"{name}.json", found)
 
 
 if __name__ == "__main__":

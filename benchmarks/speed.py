@@ -326,7 +326,7 @@ def main() -> None:
     sizes = dataclasses.asdict(replace(size, before=None))
     name = f"speed-{args.only}.json" if args.only else "speed.json"
     measure.write_json(
-        args.out / name,
+        measure.results(args) / name,
         {"metadata": facts, "size": sizes, "rows": [r.to_dict() for r in rows]},
     )
 

@@ -50,7 +50,7 @@ def main() -> None:
     print(f"A pair in {SCENE}: core time in ms, pairs a second of one core, and a million of them")
     print(report(rows))
     content = {"metadata": facts, "settings": settings, "scene": SCENE, "rows": rows}
-    measure.write_json(args.out / "synthesis.json", content)
+    measure.write_json(measure.results(args) / "synthesis.json", content)
 
 
 def portrait(folder: Path) -> Path:

@@ -105,9 +105,8 @@ def main() -> None:
     ]
     rows = [list(r.values()) for r in found["loading"]]
     print(measure.table(heads, rows))
-    measure.write_json(
-        args.out / "training_steps.json", {"metadata": facts, "settings": settings} | found
-    )
+    content = {"metadata": facts, "settings": settings} | found
+    measure.write_json(measure.results(args) / "training_steps.json", content)
 
 
 def recipes(settings: dict[str, Any]) -> list[dict[str, Any]]:

@@ -20,6 +20,11 @@ def clip(x: Tensor) -> Tensor:
     return torch.where((x < 0) | (x > 1), x.detach().clamp(min=0, max=1), x)
 
 
+def bounded(x: Tensor) -> Tensor:
+    """Put back into [0, 1] what lies there but for rounding, with gradient 1 everywhere."""
+    return x + (x.detach().clamp(0, 1) - x.detach())
+
+
 def saturate(x: Tensor) -> Tensor:
     """Clip to at most 1; gradient as in `clip`."""
     return torch.where(x > 1, torch.ones_like(x), x) if _has_gradient(x) else x.clamp(max=1)

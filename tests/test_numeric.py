@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug.numeric import clip, per_image, saturate
+from moireaug.numeric import bounded, clip, per_image, saturate
 
 
 def test_black_and_white_pixels_are_attackable():
@@ -18,6 +18,14 @@ def test_a_full_well_reads_one_and_passes_no_gradient():
     full = saturate(raw)
     assert full.tolist() == saturate(raw.detach()).tolist() == [-0.5, 0, 0.5, 1, 1]
     assert torch.autograd.grad(full.sum(), raw)[0].tolist() == [1, 1, 1, 1, 0]
+
+
+def test_what_is_rounded_past_white_keeps_its_gradient():
+    x = torch.tensor([-1e-9, 0.3, 1.0, 1 + 2.0**-23], requires_grad=True)
+    found = bounded(x)
+    assert found.min() == 0 and found.max() == 1 and found[1] == x[1]
+    found.sum().backward()
+    assert torch.equal(x.grad, torch.ones(4))
 
 
 def test_fields_of_a_shot_meet_images():

@@ -7,7 +7,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.effects.exposing import is_bent, is_posed
 from moireaug.geometry import grids
-from moireaug.numeric import clip
+from moireaug.numeric import bounded
 from moireaug.scene.record import SceneRecord
 
 
@@ -41,4 +41,4 @@ def register(photo: Tensor, matrix: Tensor, lens: grids.Lens | None) -> Tensor:
     x, y = seen.unbind(-1)
     inside = (x >= 0) & (x <= size[1]) & (y >= 0) & (y <= size[0])
     moved = grids.look_up(photo, x, y) * inside.to(photo.dtype)[:, None]
-    return clip(moved)  # interpolation may round to just above 1
+    return bounded(moved)

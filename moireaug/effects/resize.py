@@ -7,6 +7,7 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.geometry.sensor import SampledPixels
+from moireaug.numeric import bounded
 from moireaug.scene.record import SceneRecord
 
 
@@ -23,9 +24,7 @@ class Resize(Effect):
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
         rows, cols = shot.sampled_pixels()
-        resized = resize(photo, rows, cols, shot.scene.develop.resize)
-        # means of codes lie in [0, 1] but for rounding, which must not cut white's gradient off
-        return resized + (resized.clamp(0, 1) - resized).detach()
+        return bounded(resize(photo, rows, cols, shot.scene.develop.resize))
 
 
 def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) -> Tensor:

@@ -237,16 +237,13 @@ def test_synthesis(tmp_path):
     assert "a million of them" in out
 
 
-def test_two_runs_of_a_recipe_are_two_models_and_download_nothing(monkeypatch):
-    asked = []
-
+def test_two_runs_of_a_recipe_are_two_models(monkeypatch):
     def read(folder):
-        data, reattack = SimpleNamespace(download=True), SimpleNamespace(n=0)
-        cfg = SimpleNamespace(recipe="clean", data=data, reattack=reattack)
+        cfg = SimpleNamespace(recipe="clean", data=None, reattack=SimpleNamespace(n=0))
         return SimpleNamespace(cfg=cfg, model=lambda: folder)
 
     monkeypatch.setattr(attack_budget.saved, "read", read)
-    monkeypatch.setattr(attack_budget, "load", lambda data: asked.append(data.download))
+    monkeypatch.setattr(attack_budget, "load", lambda data: None)
     protocol = SimpleNamespace(batches=[], scene=None)
     monkeypatch.setattr(attack_budget, "protocol_of", lambda cfg, splits: protocol)
     found = attack_budget.models_of(["clean/seed0", "clean/seed1"], 4)
@@ -254,7 +251,22 @@ def test_two_runs_of_a_recipe_are_two_models_and_download_nothing(monkeypatch):
         "clean/seed0": "clean/seed0",
         "clean/seed1": "clean/seed1",
     }
-    assert asked == [False, False]
+
+
+def test_a_folder_without_a_run_is_refused_in_a_sentence(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["attack_budget.py", "nowhere"])
+    with pytest.raises(SystemExit):
+        attack_budget.main()
+    assert "nowhere is not a run's folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "folder"),
+    [([], "results"), (["--quick"], "results/quick"), (["--quick", "--out", "here"], "here")],
+)
+def test_a_quick_run_replaces_no_published_results(given, folder):
+    args = measure.arguments("About.").parse_args(given)
+    assert measure.results(args).as_posix().endswith(folder)
 
 
 def test_the_recommended_budget_is_the_cheapest_that_is_near():

@@ -78,7 +78,8 @@ def test_what_cannot_be_measured_is_refused(tmp_path, monkeypatch, capsys, pairs
 def test_one_pair_has_statistics(tmp_path, monkeypatch):
     write_pairs(tmp_path, 1)
     run(tmp_path, monkeypatch, "screen_photo", "--only", "statistics")
-    assert json.loads((tmp_path / "reality.json").read_text()).keys() == {"metadata", "statistics"}
+    found = json.loads((tmp_path / "reality-statistics.json").read_text())
+    assert found.keys() == {"metadata", "statistics"}
 
 
 def test_a_discriminator_tells_stripes_of_ten_codes_and_not_a_photo_from_itself():
