@@ -93,6 +93,38 @@ def protocol(again: Metrics) -> Metrics:
     }
 
 
+def same_training(trained: Mapping[Path, Metrics]) -> Metrics:
+    """Return the settings that all runs of a table share.
+
+    Raises:
+        ValueError: as `same`, of the runs or of the seeds of one recipe.
+    """
+    of_all: dict[Path, Metrics] = {}
+    of_recipes: dict[str, dict[Path, Metrics]] = {}
+    for folder, metrics in trained.items():
+        of_all[folder] = settings(metrics)
+        of_recipes.setdefault(metrics["recipe"], {})[folder] = training(metrics)
+    shared = same(of_all, "runs")
+    for recipe, of_seeds in sorted(of_recipes.items()):
+        same(of_seeds, f"seeds of {recipe}")
+    return shared
+
+
+def same_attack(attacked: Mapping[Path, Metrics]) -> Metrics:
+    """Return the protocol that all re-attacks of a table share; empty where there are none.
+
+    Raises:
+        ValueError: as `same`, of the protocol or of the attackers.
+    """
+    protocols, worst = {}, {}
+    for folder, again in attacked.items():
+        protocols[folder] = protocol(again)
+        worst[folder] = attackers(again)
+    shared = same(protocols, "re-attacks")
+    same(worst, "re-attacks")
+    return shared
+
+
 def same(every: Mapping[Path, Metrics], what: str) -> Metrics:
     """Return what all of them share; empty where there are none.
 

@@ -73,31 +73,47 @@ def folder(cfg: Data) -> Splits:
             f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ "
             f"inside it."
         )
-    # class folders alone: all of it is test data
-    halves = [root / "train", root / "test"] if (root / "train").is_dir() else [root, root]
+    if not (root / "train").is_dir():  # class folders alone: all of it is test data
+        every = _pictures(root, cfg)
+        classes = _label(every, cfg)
+        images = held(every, cfg)
+        return Splits(images, images, take(images, cfg.test), classes, _count(classes, cfg))
+    known, seen = _pictures(root / "train", cfg), _pictures(root / "test", cfg)
+    # with data.class_index, a class need not be in both
+    if known.classes != seen.classes and not cfg.class_index:
+        odd = sorted(set(known.classes) ^ set(seen.classes))
+        raise ValueError(
+            f"train/ and test/ under {cfg.root!r} must hold the same class folders; these "
+            f"differ: {odd[:5]}."
+        )
+    classes = _label(known, cfg) | _label(seen, cfg)
+    train, val = split(held(known, cfg), cfg)
+    test = take(held(seen, cfg), cfg.test)
+    return Splits(train, val, test, classes, _count(classes, cfg))
+
+
+def _pictures(root: Path, cfg: Data) -> ImageFolder:
     try:
-        sets = [ImageFolder(half, transform=_resize(cfg.size), loader=read) for half in halves]
+        return ImageFolder(root, transform=_resize(cfg.size), loader=read)
     except (FileNotFoundError, RuntimeError) as error:
         raise ValueError(
             f"data.root={cfg.root!r} does not look like an image folder: {error}. "
             "It must hold train/<class>/ and test/<class>/, or <class>/ alone for a re-attack, "
             "with images inside."
         ) from error
-    # with data.class_index, a class need not be in both halves
-    numbers = [_numbers(half.classes, cfg) for half in sets]
-    if numbers[0] != numbers[1] and not cfg.class_index:
-        odd = sorted(set(sets[0].classes) ^ set(sets[1].classes))
-        raise ValueError(
-            f"train/ and test/ under {cfg.root!r} must hold the same class folders; these "
-            f"differ: {odd[:5]}."
-        )
-    for half, index in zip(sets, numbers, strict=True):
-        half.target_transform = [index[name] for name in half.classes].__getitem__
-    known, seen = held(sets[0], cfg), held(sets[1], cfg)
-    train, val = split(known, cfg) if halves[0] != halves[1] else (known, known)
-    classes = {number: name for index in numbers for name, number in index.items()}
-    count = IMAGENET if cfg.class_index else len(classes)
-    return Splits(train, val, take(seen, cfg.test), classes, count)
+
+
+def _label(pictures: ImageFolder, cfg: Data) -> dict[int, str]:
+    """Have a folder's pictures labelled by `_numbers`; return the names of its classes."""
+    numbers = _numbers(pictures.classes, cfg)
+    labels = [numbers[name] for name in pictures.classes]
+    pictures.target_transform = labels.__getitem__
+    return {number: name for name, number in numbers.items()}
+
+
+def _count(classes: dict[int, str], cfg: Data) -> int:
+    """Return the number of logits."""
+    return IMAGENET if cfg.class_index else len(classes)
 
 
 def _numbers(names: list[str], cfg: Data) -> dict[str, int]:

@@ -125,22 +125,9 @@ def read(root: Path) -> Found:
 
 
 def _compared(root: Path, trained: Mapping[Path, Metrics]) -> Found:
-    settings = comparable.same(
-        {folder: comparable.settings(metrics) for folder, metrics in trained.items()}, "runs"
-    )
-    for recipe in sorted({metrics["recipe"] for metrics in trained.values()}):
-        seeds = {}
-        for folder, metrics in trained.items():
-            if metrics["recipe"] == recipe:
-                seeds[folder] = comparable.training(metrics)
-        comparable.same(seeds, f"seeds of {recipe}")
+    settings = comparable.same_training(trained)
     attacked = _chosen({folder: _attacks(folder, metrics) for folder, metrics in trained.items()})
-    protocol = comparable.same(
-        {folder: comparable.protocol(again) for folder, again in attacked.items()}, "re-attacks"
-    )
-    comparable.same(
-        {folder: comparable.attackers(again) for folder, again in attacked.items()}, "re-attacks"
-    )
+    protocol = comparable.same_attack(attacked)
     commands = []
     for folder, metrics in trained.items():
         if folder not in attacked:

@@ -53,6 +53,8 @@ class Command:
 def _run(args, cwd, said):
     import torch
 
+    # its own processes start as those of any script, not from the server, which outlives it
+    multiprocessing.set_start_method(None, force=True)
     os.environ |= ALONE
     torch.set_num_threads(1)
     os.chdir(cwd)
