@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from moireaug import Scene, Shot, capture, expose
+from moireaug.scene.fields import bounds
 from moireaug.scene.layout import LAYOUTS, Layout
 from moireaug.scene.parts import PARTS
 
@@ -65,10 +66,18 @@ def values(part, field):
     return own | own | number | st.tuples(number, number).map(lambda pair: tuple(sorted(pair)))
 
 
+def built(cls, **given):
+    """A part of a scene; the released pose takes whole degrees."""
+    if given.get("pose") == "released":
+        for angle in ("yaw", "pitch", "roll"):
+            ends = [float(round(end)) for end in bounds(given[angle])]
+            given[angle] = ends[0] if ends[0] == ends[1] else tuple(ends)
+    return cls(**given)
+
+
 def a_part(part):
-    return st.builds(
-        PARTS[part], **{f.name: values(part, f) for f in dataclasses.fields(PARTS[part])}
-    )
+    fields = {f.name: values(part, f) for f in dataclasses.fields(PARTS[part])}
+    return st.builds(built, st.just(PARTS[part]), **fields)
 
 
 SCENES = st.builds(

@@ -10,7 +10,8 @@ Measures crops of the photos, and photos of the same crops by the scene: strengt
 scale, stripes or lattice, tone, tint, sharpness, noise. With `picture`, each photo is first
 registered to the picture; without originals, only the photos are measured. `fit=true` searches the
 scene's ranges so that the two agree, and writes scene.yaml, which every command takes as
-scene=FILE, if the best scene is also better in shots that the search did not see.
+scene=FILE: the best scene, if it is also better in shots that the search did not see; else the
+scene as it was, or an earlier fit that is there.
 
 Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics.png into
 runs/calibrate/<pairs or photos>-<scene>/, or where out=DIR says.
@@ -95,6 +96,8 @@ def calibrate(cfg: Config) -> list[Line]:
         print(f"fit: {fitted.said()}")
         if fitted.scene is not scene:
             scene, name = fitted.scene, f"{name}, fitted"
+            write_scene(out / "scene.yaml", scene)
+        elif not (out / "scene.yaml").exists():  # an earlier fit stays
             write_scene(out / "scene.yaml", scene)
     simulated = theirs = None
     if crops.originals is not None:

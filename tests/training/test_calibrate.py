@@ -12,10 +12,10 @@ import pytest
 import torch
 from PIL import Image
 
-from moireaug import Develop, Sensor, View
+from moireaug import Develop, Scene, Sensor, View
 from moireaug.synthesis.statistics import STATISTICS
 from tests.training.screens import PLAIN, picture
-from training import calibrate, demoire, frontier, synthesise
+from training import calibrate, demoire, frontier, scenes, synthesise
 from training.calibration.compare import distance, lines, measured
 from training.calibration.pairs import cut, find_pairs, photographed, read_pairs
 
@@ -67,12 +67,16 @@ def test_the_command_compares_and_writes_a_page(folder, tmp_path):
     assert (tmp_path / "statistics.png").stat().st_size > 10_000
 
 
-def test_a_scene_that_is_no_better_is_not_written(folder, tmp_path, capsys):
+def test_a_scene_that_is_no_better_replaces_no_earlier_fit(folder, tmp_path, capsys):
     given = [f"pairs={folder}", "scene=screen_photo", f"out={tmp_path}", "size=64", "crops=1"]
     calibrate.main([*given, "fit=true", "evaluations=1"])
     said = capsys.readouterr().out
     assert "found no better ranges" in said and "fitted" not in said
-    assert not list(tmp_path.glob("*.yaml"))
+    path = tmp_path / "scene.yaml"
+    assert scenes.load(str(path)) == Scene.preset("screen_photo")
+    calibrate.write_scene(path, PLAIN)
+    calibrate.main([*given, "fit=true", "evaluations=1"])
+    assert scenes.load(str(path)) == PLAIN
 
 
 def test_photos_alone_are_measured_alone(folder, tmp_path, capsys):

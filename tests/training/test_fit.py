@@ -123,6 +123,7 @@ def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole
             "clean_accuracy",
             "train",
             "reattack",
+            "environment",
         }
         assert ours == {key: theirs[key] for key in ours}
     epochs = {

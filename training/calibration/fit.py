@@ -103,7 +103,7 @@ class Fitted:
         """Return what it has brought, as a sentence."""
         took = f"{self.evaluations} evaluations in {self.seconds:.0f} s"
         if self.scene is self.start:
-            return f"{took} found no better ranges: the scene stays as it was, and is not written."
+            return f"{took} found no better ranges: the scene stays as it was."
         return (
             f"{took} brought the mean distance from {self.before:.3f} to {self.after:.3f}; on the "
             f"shots that the search looked at, from {self.searched_before:.3f} to "
