@@ -50,7 +50,7 @@ class RandomMoire(IntensityAugmentationBase2D):
     draws it anew for each frame of a `tv_tensors.Video`.
 
     Raises:
-        TypeError: an `images_only` that is no bool.
+        TypeError: an `images_only` that is not a bool.
         ValueError: a scene that leaves the photo in the camera's frame without `images_only`:
             kornia moves boxes and key points by a matrix alone, and no matrix holds a lens. With
             it, masks, boxes and key points. Also a p out of range, parameters of another number of
