@@ -40,6 +40,10 @@ SENTENCES = [
     (["pairs=nowhere"], "neither a CSV file nor a folder"),
     (["pairs=uneven"], "uneven.png is 30 x 20 and uneven/shown.png 30 x 21 pixels: a pair must"),
     (["resume=true"], "leave it out to start"),
+    (
+        ["trainer.accelerator=cpu", "trainer.devices=2", "train.batch_size=3"],
+        "a multiple of their number, 2; got 3",
+    ),
 ]
 
 

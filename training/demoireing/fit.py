@@ -141,11 +141,14 @@ def finished(cfg: DemoireConfig) -> Metrics:
 
 def one_run(cfg: DemoireConfig) -> Metrics:
     """Train, test and report; returns the metrics, {} in all but one process."""
-    from training.demoireing.train import train_network  # Lightning takes seconds to import
+    # Lightning takes seconds to import
+    from training.batches import require_even
+    from training.demoireing.train import train_network, trainer_of
 
     run = runs.run_of(cfg)
     splits = pictures.load(cfg)
     pictures.require_usable(splits)
+    require_even(cfg.train.batch_size, trainer_of(cfg, run.folder).world_size)
     if is_first():
         if run.can_resume():
             pictures.require_same(run.folder, splits)
