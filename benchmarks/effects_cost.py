@@ -18,21 +18,19 @@ shots drawn and plans made; an effect that the engine leaves to the reference sa
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import torch
-from torch import Tensor
 
-from benchmarks import measure
+from benchmarks import build_up, measure
+from benchmarks.executions import EXECUTIONS, draw, in_both, taking
 from benchmarks.problems import images
-from moireaug import Scene, Sensor, capture, develop, engine, expose
+from moireaug import Scene, develop, expose
 from moireaug.engine import dispatch
-from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
 
 FULL = {
@@ -85,7 +83,6 @@ WITH: dict[str, dict[str, Any]] = {
     "jpeg": {"develop.jpeg": 80.0},
 }
 ALWAYS = ("exposure alone", "demosaic, resize")  # with all of `WITHOUT` left out
-EXECUTIONS = ("engine", "reference")
 
 
 def main() -> None:
@@ -99,8 +96,8 @@ def main() -> None:
     print("Presets field by field, {} images of {} px".format(*settings["build_up"]), end="\n\n")
     found = {}
     for name in list(PRESETS)[: settings["presets"]]:
-        found[name] = build_up(Scene.preset(name), settings)
-        print(report(name, found[name]), end="\n\n", flush=True)
+        found[name] = build_up.rows_of(Scene.preset(name), settings)
+        print(build_up.report(name, found[name]), end="\n\n", flush=True)
     content = {"metadata": facts, "settings": settings, "default_photo": photo, "presets": found}
     measure.write_json(measure.results(args) / "effects_cost.json", content)
 
@@ -158,12 +155,6 @@ def effect_row(
     return row
 
 
-def taking(scene: Scene, shown: Tensor) -> Callable[[], Tensor]:
-    """Return a capture of images in a shot that is drawn and planned once."""
-    shot = draw(scene, shown)
-    return lambda: capture(shown, shot)
-
-
 def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
     """Return a scene with some of its fields, as "part.field", changed."""
     parts: dict[str, dict[str, Any]] = {}
@@ -175,25 +166,6 @@ def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
     )
 
 
-def draw(scene: Scene, shown: Tensor) -> Any:
-    return scene.sample(len(shown), tuple(shown.shape[-2:]), torch.Generator().manual_seed(0))
-
-
-def in_both(
-    calls: dict[str, Callable], settings: dict[str, Any], n: int
-) -> dict[str, dict[str, measure.Timing]]:
-    """Return the times per image, of n, by the engine, where it can run, and by the reference."""
-    repeats, warmup, budget = settings["repeats"], settings["warmup"], settings["budget"]
-    # differences of milliseconds need many runs
-    ours = measure.timed_together(calls, 4 * repeats, warmup, 4 * budget)
-    with engine.reference():
-        plain = measure.timed_together(calls, repeats, warmup, budget)
-    each = {"engine": ours, "reference": plain}
-    return {
-        execution: {name: t / n for name, t in times.items()} for execution, times in each.items()
-    }
-
-
 def run_by(scene: Scene) -> str:
     """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
     taken = [stage for stage, reason in dispatch.reasons(scene).items() if not reason]
@@ -202,47 +174,6 @@ def run_by(scene: Scene) -> str:
     if "develop" in taken and rest:
         found += f"; reference from {rest[0].name!r} on"
     return found
-
-
-@torch.no_grad()
-def build_up(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return a row for each field added, with the time of one image."""
-    shown = images("photo", *settings["build_up"])
-    stages = list(growing(scene))
-    calls = {}
-    for i, (_, stage) in enumerate(stages):
-        calls[str(i)] = taking(stage, shown)
-    times = in_both(calls, settings, len(shown))
-    rows = []
-    for i, (added, stage) in enumerate(stages):
-        plan = stage.plan()
-        row = {"added": added, "effects": [step.name for step in plan], "exposure": plan.exposure}
-        rows.append(
-            row | {execution: times[execution][str(i)]._asdict() for execution in EXECUTIONS}
-        )
-    return rows
-
-
-def growing(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene]]:
-    """Yield what is added, and the scene with it and all before: from the sensor's scale alone to
-    the whole scene."""
-    built = Scene(sensor=Sensor(scale=scene.sensor.scale), tolerance=scene.tolerance)
-    yield {"sensor.scale": scene.sensor.scale}, built
-    waiting: dict[str, dict[str, Any]] = {}
-    for part in PARTS:
-        for field in fields(getattr(scene, part)):
-            value = getattr(getattr(scene, part), field.name)
-            if value == getattr(getattr(built, part), field.name):
-                continue
-            waiting.setdefault(part, {})[field.name] = value
-            try:
-                built = replace(
-                    built, **{p: replace(getattr(built, p), **new) for p, new in waiting.items()}
-                )
-            except ValueError:
-                continue  # it needs another field beside it
-            yield {f"{p}.{k}": v for p, new in waiting.items() for k, v in new.items()}, built
-            waiting = {}
 
 
 def photo_report(photo: dict[str, Any]) -> str:
@@ -266,50 +197,6 @@ def photo_report(photo: dict[str, Any]) -> str:
         "the engine takes",
     )
     return "\n".join(lines) + "\n" + measure.table(columns, rows)
-
-
-def report(preset: str, rows: list[dict[str, Any]]) -> str:
-    """Return one preset's table."""
-    lines, before = [], None
-    for row in rows:
-        added = ", ".join(f"{name} {value(v)}" for name, v in row["added"].items())
-        median, quartiles = measure.in_ms(row["engine"])
-        plain, _ = measure.in_ms(row["reference"])
-        more = (
-            [f"{new - old:+.2f}" for new, old in zip((median, plain), before, strict=True)]
-            if before
-            else ["", ""]
-        )
-        lines.append(
-            (
-                added,
-                row["exposure"],
-                len(row["effects"]),
-                median,
-                quartiles,
-                more[0],
-                plain,
-                more[1],
-            )
-        )
-        before = (median, plain)
-    columns = (
-        preset,
-        "exposure",
-        "effects",
-        "engine, ms an image",
-        "quartiles",
-        "more",
-        "reference, ms",
-        "more",
-    )
-    return measure.table(columns, lines)
-
-
-def value(v: Any) -> str:
-    if isinstance(v, tuple):
-        return " to ".join(f"{end:g}" for end in v)
-    return f"{v:g}" if isinstance(v, float) else str(v)
 
 
 if __name__ == "__main__":

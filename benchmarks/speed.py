@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,19 +22,15 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywhere, installed or not
 
 import torch
-import torch.nn.functional as F
-from hydra import initialize
 from kornia.augmentation import RandomJPEG
-from torch import Tensor, nn
-from torchvision.models import resnet18
+from torch import Tensor
 
-from benchmarks import apart, checkouts, measure, released, training_steps
+from benchmarks import apart, checkouts, measure, panels, released, steps
 from benchmarks.measure import timed_together
 from benchmarks.rows import Row, Size, in_ms, report
-from moireaug import Scene, attacks, capture, develop, expose
+from moireaug import Scene, capture, develop, expose
 from moireaug.transforms import RandomMoire
 from moireaug.transforms import kornia as kornia_door
-from training.schema import register
 
 QUICK = Size(
     side=32,
@@ -124,100 +120,6 @@ def in_the_noise(photo: Callable[[Tensor], Tensor], shape: tuple[int, ...]) -> C
     return run
 
 
-def panels(size: Size) -> Iterator[Row]:
-    """Yield what a panel's black matrix costs the exposure, beside stripes without one; and a scene
-    without a lattice."""
-    images, default = size.images(), Scene.preset("screen_photo")
-    plain, scenes = black_matrices(size.lit)
-    calls = {"plain": running(expose, plain, images)}
-    for name, scene in scenes.items():
-        calls[name] = running(expose, scene, images)
-    times = timed_together(calls, size.repeats)
-    for name, scene in scenes.items():
-        what = f"{name}: {scene.plan().exposure}, {len(scene.plan().harmonics)} harmonics"
-        yield in_ms(what, times[name], "rgb_stripe, lit 1", times["plain"], bar=1.3)
-    calls = {
-        "default": running(capture, default, images),
-        "even": running(capture, without_lattice(), images),
-    }
-    times = timed_together(calls, size.repeats)
-    yield in_ms("capture without any lattice", times["even"], "the default scene", times["default"])
-
-
-def black_matrices(lit: Iterable[float]) -> tuple[Scene, dict[str, Scene]]:
-    """Return the default scene with stripes that are lit all over, and, by the names of their rows,
-    scenes whose subpixels are lit in part, the same along both axes."""
-    default = Scene.preset("screen_photo")
-    whole = replace(default.panel, layout="rgb_stripe", lit=1.0, lit_x=1.0, lit_y=1.0)
-    scenes = {}
-    for layout in ("rgb_stripe", "pentile"):
-        for share in lit:
-            panel = replace(whole, layout=layout, lit=share)
-            scenes[f"expose, {layout}, lit {share:g}"] = replace(default, panel=panel)
-    return replace(default, panel=whole), scenes
-
-
-def without_lattice() -> Scene:
-    """Return the default scene with pixels that shine evenly, right up to the next."""
-    default = Scene.preset("screen_photo")
-    panel = replace(default.panel, layout="even", lit=1.0, lit_x=1.0, lit_y=1.0)
-    # no colour filters, and so no need of more pixels
-    sensor = replace(default.sensor, cfa="none", scale=1)
-    return replace(default, panel=panel, sensor=sensor)
-
-
-def running(stage: Callable, scene: Scene, images: Tensor) -> Callable[[], Tensor]:
-    """Return `expose` or `capture` of the images, in a shot that is drawn and planned once."""
-    shot = scene.sample(len(images), tuple(images.shape[-2:]), torch.Generator().manual_seed(0))
-    return lambda: stage(images, shot)
-
-
-def attack_step(size: Size) -> Iterator[Row]:
-    """Yield a step of the Moiré Attack against one of PGD on pixels: forward, backward, update."""
-    images, labels = size.images(), torch.zeros(size.batch, dtype=torch.long)
-    model = resnet18(weights=None).eval()
-    ours = attacks.MoireAttack(model, scene="screen_photo")
-    steps = {"moire": step(ours, images, labels), "pgd": step(attacks.PGD(model), images, labels)}
-    times = timed_together(steps, 2 * size.slow)
-    yield in_ms(
-        "a Moiré Attack step, ResNet-18",
-        times["moire"],
-        "a PGD step",
-        times["pgd"],
-        bar=1.03,
-        stretch=1.01,
-    )
-
-
-def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[], Tensor]:
-    """Return a step as in the attacks' loop, on a problem that is set up once for all steps."""
-    problem, eps = attack.problem(images, None, None), attack.eps
-    start = torch.zeros(problem.shape)
-
-    @torch.enable_grad()
-    def run() -> Tensor:
-        noise = start.clone().requires_grad_(True)
-        loss = F.cross_entropy(attack.model(problem.rehearse(noise)), labels, reduction="sum")
-        (gradient,) = torch.autograd.grad(loss, noise)
-        return (noise.detach() + eps / 4 * gradient.sign()).clamp(-eps, eps)
-
-    return run
-
-
-def training(size: Size) -> Iterator[Row]:
-    """Yield a step of adversarial training through the camera beside one on pixels."""
-    register()
-    batch, side = size.training
-    with initialize(version_base="1.3", config_path=None), torch.enable_grad():
-        calls = {}
-        for name in ("moire_at", "pgd_at"):
-            cfg = training_steps.configure(f"recipe={name}", "model=small_resnet")
-            calls[name] = training_steps.step(cfg, batch, side)
-        times = timed_together(calls, 2 * size.slow)
-    what = f"a moire_at step, small_resnet, {batch} of {side} px"
-    yield in_ms(what, times["moire_at"], "a pgd_at step", times["pgd_at"], bar=1.25, stretch=1.1)
-
-
 def precisions(size: Size) -> Iterator[Row]:
     """Yield other precisions, and gradients in the image, against a capture of float32."""
     images = size.images()
@@ -240,45 +142,19 @@ def precisions(size: Size) -> Iterator[Row]:
         yield in_ms(name, times[name], "capture of float32", times["capture of float32"])
 
 
-def gpu(size: Size, device: str = "cuda") -> Iterator[Row]:
-    """Yield draw and capture on a GPU against a training step there; the batch is 4 times that on
-    the CPU."""
-    images = size.images().to(device).repeat(4, 1, 1, 1)
-    scene, model = Scene.preset("screen_photo"), resnet18(weights=None).to(device)
-    labels = torch.zeros(len(images), dtype=torch.long, device=device)
-    calls = {"photo": lambda: scene.capture(images), "train": training_step(model, images, labels)}
-    times = timed_together(calls, 4 * size.repeats, warmup=5)
-    what = f"draw and capture {len(images)} on the GPU, {measure.name_of(device)}"
-    yield in_ms(what, times["photo"], "a ResNet-18 training step, bf16", times["train"], bar=0.02)
-
-
-def training_step(model: nn.Module, images: Tensor, labels: Tensor) -> Callable[[], None]:
-    optimiser = torch.optim.SGD(model.parameters(), lr=1e-3, momentum=0.9)
-
-    @torch.enable_grad()
-    def run() -> None:
-        optimiser.zero_grad()
-        with torch.autocast(images.device.type, dtype=torch.bfloat16):
-            loss = F.cross_entropy(model(images), labels)
-        loss.backward()
-        optimiser.step()
-
-    return run
-
-
 GROUPS = (
     transforms,
     released_chain,
-    panels,
-    attack_step,
-    training,
+    panels.panels,
+    steps.attack_step,
+    steps.training,
     precisions,
     apart.executions,
     apart.doors,
     apart.memory,
     apart.large_photo,
     apart.starts,
-    gpu,
+    steps.gpu,
 )
 
 
@@ -287,8 +163,8 @@ def groups_of(word: str, before: Path | None) -> Sequence[Callable[[Size], Itera
     found = [group for group in GROUPS if word in group.__name__]
     if not before and apart.doors in found:
         found.remove(apart.doors)
-    if not torch.cuda.is_available() and gpu in found:
-        found.remove(gpu)
+    if not torch.cuda.is_available() and steps.gpu in found:
+        found.remove(steps.gpu)
     return found
 
 

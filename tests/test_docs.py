@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from training import calibrate, demoire, synthesise
+from training.command_line import check_keys
 from training.demoireing import schema as demoireing
-from training.schema import Config, ReattackConfig, check_keys
+from training.schema import Config, ReattackConfig
 
 ROOT = Path(__file__).parents[1]
 PAGES = {

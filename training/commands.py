@@ -13,9 +13,10 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
 from training import machine, runs
+from training.command_line import check_keys
 from training.messages import Lines, complain, sentence
 from training.processes import is_first, say
-from training.schema import RunConfig, check_keys
+from training.schema import RunConfig
 
 EXPECTED = (ValueError, TypeError, FloatingPointError, OSError)
 OF_LIGHTNING = "MisconfigurationException"  # by its name, as Lightning takes seconds to import

@@ -12,7 +12,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-import torch
 
 from benchmarks import (
     accuracy_vs_time,
@@ -21,12 +20,10 @@ from benchmarks import (
     checkouts,
     effects_cost,
     measure,
-    released,
     training_steps,
 )
 from benchmarks.runs import WITHOUT
-from moireaug import Scene, capture, engine, expose
-from moireaug.scene.presets import PRESETS
+from moireaug import Scene, engine
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICKLY = ["--quick", "--threads", "1", "--out", "."]
@@ -116,36 +113,6 @@ def test_effects_cost(ran):
             and rows[-1]["exposure"] == plan.exposure
         )
     assert "develop.registered False" in out and "demosaic bilinear" in out
-
-
-@pytest.mark.parametrize(
-    ("kind", "cost"), [("left out", 6.0), ("added", -6.0), ("always there", 2.0)]
-)
-def test_an_effect_costs_what_it_adds_to_the_photo(kind, cost):
-    times = {"whole": measure.Timing.of([8.0]), "it": measure.Timing.of([2.0])}
-    both = dict.fromkeys(effects_cost.EXECUTIONS, times)
-    row = effects_cost.effect_row("it", kind, Scene(), both)
-    assert row["engine"] == row["reference"] == cost and row["share"] == cost / 8
-
-
-@pytest.mark.parametrize("name", effects_cost.WITHOUT)
-def test_the_default_photo_has_what_is_left_out(name):
-    """All of it in the plan, nothing of it without; `saturate` goes with a gain that cannot exceed
-    the full well."""
-    whole = Scene.preset(effects_cost.DEFAULT)
-    bare = effects_cost.changed(whole, effects_cost.WITHOUT[name])
-    for effect in name.split(", "):
-        assert effect in whole.plan() and effect not in bare.plan()
-
-
-@pytest.mark.parametrize("name", effects_cost.WITH)
-def test_what_is_added_is_not_in_the_default_photo(name):
-    whole = Scene.preset(effects_cost.DEFAULT)
-    more = effects_cost.changed(whole, effects_cost.WITH[name])
-    assert str(more.plan()) != str(whole.plan())
-    # else it is another kind of one that is there
-    if name in {step.name for step in whole.plan().steps}:
-        assert name in more.plan() and name not in whole.plan()
 
 
 @pytest.fixture
@@ -277,58 +244,3 @@ def test_the_recommended_budget_is_the_cheapest_that_is_near():
     ]
     assert attack_budget.recommended(rows)["attacker"] == "near"
     assert attack_budget.recommended([rows[0], rows[2]])["attacker"] == "best"
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_is_built_up_whole(name):
-    *_, (added, last) = effects_cost.growing(Scene.preset(name))
-    assert last == Scene.preset(name) and len(added) == 1
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_scene_reaches_another_checkout_whole(name):
-    scene = Scene.preset(name)
-    told = checkouts.plain(scene)
-    assert Scene.from_dict(told) == scene and "olpf" not in told["lens"]
-
-
-def test_a_checkout_is_a_process_that_captures():
-    torch.set_num_threads(1)  # as there
-    image = torch.rand(1, 3, 16, 16)
-    scene = Scene.preset(apart.SCENE)
-    with checkouts.Checkout(ROOT, threads=1, engine=False) as run:
-        run.ask("hold", key="it", scene=scene.to_dict(), images=image.numpy())
-        run.call("it", "capture")()
-        reading = torch.from_numpy(run.ask("result", key="it", what="first reading"))
-        assert run.ask("resident_rise", scene=apart.SCENE, shape=(1, 64, 64)) > 0
-    shot = scene.sample(1, (16, 16), torch.Generator().manual_seed(0))
-    with engine.reference():
-        torch.testing.assert_close(reading, expose(image, shot))
-
-
-def test_the_first_photo_of_a_start_is_one():
-    names = {}
-    exec(apart.PHOTO, names)
-    assert names["scene"] == Scene.preset(apart.SCENE)
-
-
-def test_a_checkout_measures_its_own_code_alone(tmp_path, monkeypatch):
-    """Where another one is found, here an empty one, with a torch that takes no time to import."""
-    other = tmp_path / "other"
-    files = {
-        "moireaug/__init__.py": "Scene = None",
-        "torch/__init__.py": "Tensor = set_num_threads = manual_seed = no_grad = nullcontext",
-        "torch/utils/data.py": "DataLoader = Dataset = object",
-    }
-    for name, text in files.items():
-        (other / name).parent.mkdir(parents=True, exist_ok=True)
-        (other / name).write_text(f"from contextlib import nullcontext\n{text}\n")
-    monkeypatch.setenv("PYTHONPATH", str(other))
-    with pytest.raises(RuntimeError, match="no moireaug of its own"):
-        checkouts.Checkout(tmp_path / "mine", threads=1)
-
-
-def test_the_plain_chain_is_the_capture():
-    scene, image = Scene.preset("paper_code"), torch.rand(1, 3, 21, 21, dtype=torch.float64)
-    shot = scene.sample(1, (21, 21))
-    assert (released.photograph(image, shot.matrix()) - capture(image, shot)).abs().max() < 1e-6

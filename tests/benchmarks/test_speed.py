@@ -5,12 +5,12 @@ import sys
 
 import pytest
 
-from benchmarks import speed
+from benchmarks import panels, speed
 from benchmarks.rows import Row
 
 
 def test_panels_are_lit_as_their_rows_say():
-    plain, scenes = speed.black_matrices((0.35, 0.9))
+    plain, scenes = panels.black_matrices((0.35, 0.9))
     for scene in (plain, *scenes.values()):
         assert scene.panel.lit_x == scene.panel.lit_y == 1
     assert plain.panel.lit == 1
@@ -23,7 +23,7 @@ def test_panels_are_lit_as_their_rows_say():
 
 
 def test_a_scene_without_a_lattice_has_none():
-    assert not speed.without_lattice().plan().harmonics
+    assert not panels.without_lattice().plan().harmonics
 
 
 def run(monkeypatch, folder, word):

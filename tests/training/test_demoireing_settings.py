@@ -4,8 +4,8 @@ import pytest
 from PIL import Image
 
 from tests.training.small import configured
+from training.command_line import check_keys
 from training.demoireing import fit as demoireing
-from training.schema import check_keys
 
 FEW = ["recipe=demoire", "train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
 

@@ -9,6 +9,7 @@ from tests.training.small import TINY, configured, train
 from training import fit, machine, reattack, runs, saved
 from training.augmentation import augment
 from training.classifier import Classifier
+from training.command_line import check_keys
 from training.data import load
 from training.schema import (
     Config,
@@ -18,7 +19,6 @@ from training.schema import (
     Trainer,
     absolute,
     as_values,
-    check_keys,
 )
 from training.train import classifier_of, draws, trainer_of
 from training.tuning import tuning

@@ -13,8 +13,9 @@ import torch
 from moireaug.defenses import demoire
 from tests.training.forked import Command
 from tests.training.tiny_suites import TINY, cells, folder_of, records_of, suite
+from training.command_line import check_keys
 from training.eval_batches import EvalBatches
-from training.schema import Reattack, ReattackConfig, check_keys
+from training.schema import Reattack, ReattackConfig
 from training.splits import Splits
 from training.suites import networks_of
 

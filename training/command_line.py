@@ -1,0 +1,75 @@
+"""Check the settings of a command line before Hydra reads them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from moireaug.scene.fields import one_of
+from training.schema import DATA, RECIPES, ReattackConfig, RunConfig
+
+LISTS = {"reattack.eps": "0.0078,0.0157"}  # settings that are one, with an example
+
+
+def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
+    """Refuse an unknown key, recipe or data set of a command line, with the nearest known one.
+
+    Raises:
+        SystemExit: an unknown name; says which are known.
+    """
+    try:
+        for override in overrides:
+            _check_form(override)
+            key, _, value = override.partition("=")
+            if not value or key.startswith(("+", "~", "-", "hydra")):
+                continue
+            _check_key(key, schema)
+            names = {"recipe": [p.stem for p in RECIPES.rglob("*.yaml")], "data": list(DATA)}
+            if key in names:
+                for name in value.split(","):
+                    one_of(key, name, sorted(names[key]))
+            else:
+                _check_type(override, schema)
+    except ValueError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+def _check_form(override: str) -> None:
+    """Refuse what is no key=value, and a single value where a list is wanted."""
+    key, equals, value = override.partition("=")
+    if not equals and not key.startswith(("~", "-")):
+        raise ValueError(f"settings are given as key=value; got {override!r}.")
+    if key in LISTS and not value.startswith("["):
+        raise ValueError(f"{key} must be a list, as in {key}=[{LISTS[key]}]; got {value}.")
+
+
+def _check_key(key: str, schema: type[RunConfig]) -> None:
+    """Refuse a key that the schema does not have."""
+    node: Any = OmegaConf.structured(schema)
+    for part in key.split("."):
+        if not OmegaConf.is_dict(node):
+            top = key.split(".")[0]
+            example = "{resnet18: FILE, ...}" if top == "targets" else "{preset: paper, ...}"
+            raise ValueError(f"{key!r}: pass {top} whole, as in {top}='{example}'.")
+        part = one_of(f"a key in {key!r}", part, map(str, node))
+        node = None if OmegaConf.is_missing(node, part) else node[part]
+    if key == "recipe" and schema is ReattackConfig:
+        raise ValueError(
+            "recipe= says how a model is trained, and this one is only attacked: leave it out."
+        )
+
+
+def _check_type(override: str, schema: type[RunConfig]) -> None:
+    """Refuse a value of another type than the schema's; a sweep's are left to Hydra."""
+    try:
+        parsed = OverridesParser.create().parse_override(override)
+        if not parsed.is_sweep_override():
+            OmegaConf.update(OmegaConf.structured(schema), parsed.key_or_group, parsed.value())
+    except HydraException:
+        return  # of its grammar, which Hydra explains by itself
+    except OmegaConfBaseException as error:
+        raise ValueError(f"{parsed.key_or_group}: {str(error).splitlines()[0]}.") from error
