@@ -11,7 +11,7 @@ from PIL import Image, UnidentifiedImageError
 
 KEPT = ("exif", "icc_profile")
 ORIENTATION = 0x0112  # the key in EXIF data
-LYING = 5  # orientations from this one on have width and height exchanged
+LYING = (5, 6, 7, 8)  # orientations with width and height exchanged
 DEEP = ("I;16", "I;16L", "I;16B")  # 16-bit grey
 AS_RGB = (
     "1",
@@ -52,7 +52,8 @@ def size_of(path: str) -> tuple[int, int]:
     """
     with _opened(path) as image:
         width, height = image.size
-        lies = image.getexif().get(ORIENTATION, 1) >= LYING
+        # PIL turns a TIFF by itself
+        lies = image.format != "TIFF" and image.getexif().get(ORIENTATION) in LYING
         return (height, width) if lies else (width, height)
 
 
