@@ -170,14 +170,17 @@ def as_config(cfg: DictConfig | Settings) -> Settings:
 
 
 def absolute(cfg: Settings) -> Settings:
-    """Return the settings with absolute paths of data, so that runs of two projects that share a
-    folder of runs are not taken for each other."""
+    """Return the settings with absolute paths of data and weights, so that runs of two projects
+    that share a folder of runs are not taken for each other."""
     data = replace(cfg.data)
     if data.root:
         data.root = os.path.abspath(data.root)
     if data.class_index:
         data.class_index = os.path.abspath(data.class_index)
-    return replace(cfg, data=data)
+    weights = cfg.weights
+    if weights and not weights.isidentifier():  # torchvision's names are
+        weights = os.path.abspath(weights)
+    return replace(cfg, data=data, weights=weights)
 
 
 def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
