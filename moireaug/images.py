@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 KEPT = ("exif", "icc_profile")
 ORIENTATION = 0x0112  # the key in EXIF data
@@ -41,6 +41,15 @@ def read(path: str) -> Image.Image:
             if name in image.info:
                 picture.info[name] = image.info[name]
         return picture
+
+
+def read_upright(path: str) -> Image.Image:
+    """Return the picture in a file as `read` does, turned as its EXIF data say.
+
+    Raises:
+        ValueError: as `read`.
+    """
+    return ImageOps.exif_transpose(read(path))
 
 
 def size_of(path: str) -> tuple[int, int]:
