@@ -90,6 +90,13 @@ def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
     assert next(devices[0].parameters()).device.type == "meta"
 
 
+def test_a_finished_run_is_shown_though_its_start_file_is_gone(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs.Run, "stage", lambda run: "finished")
+    monkeypatch.setattr(demoireing, "finished", lambda cfg: "shown")
+    given = ["weights=gone.pt", "demoire.vgg=gone.pth", f"runs={tmp_path}"]
+    assert demoireing.fit(configured(*FEW, *given, name="demoire")) == "shown"
+
+
 def test_recipes_of_two_kinds_go_to_two_commands():
     assert demoireing.asked_for(["seed=1", "recipe=demoire"])
     assert not demoireing.asked_for(["recipe=moire_at"]) and not demoireing.asked_for([])
