@@ -11,14 +11,16 @@ its photo and the photo without moiré side by side. Takes a few seconds.
 """
 
 import argparse
+from pathlib import Path
 
 import torch
-from PIL import Image, ImageOps
+from PIL import Image
 from skimage import data
 from torchvision.transforms.v2.functional import to_dtype, to_image
 from torchvision.utils import save_image
 
 from moireaug import Scene, capture
+from moireaug.images import read_upright
 from moireaug.synthesis import without_moire
 
 
@@ -32,8 +34,8 @@ def main() -> None:
     parser.add_argument("--out", default="photo.png")
     args = parser.parse_args()
 
-    picture = Image.open(args.picture) if args.picture else Image.fromarray(data.chelsea())
-    picture = ImageOps.exif_transpose(picture).convert("RGB")
+    Path(args.out).parent.mkdir(parents=True, exist_ok=True)  # before the work
+    picture = read_upright(args.picture) if args.picture else Image.fromarray(data.chelsea())
     picture.thumbnail((args.side, args.side))
     images = to_dtype(to_image(picture), torch.float32, scale=True)[None]  # (1, 3, H, W), [0, 1]
 

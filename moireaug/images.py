@@ -7,11 +7,11 @@ import warnings
 from collections.abc import Iterator
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 KEPT = ("exif", "icc_profile")
 ORIENTATION = 0x0112  # the key in EXIF data
-LYING = 5  # orientations from this one on have width and height exchanged
+LYING = (5, 6, 7, 8)  # orientations with width and height exchanged
 DEEP = ("I;16", "I;16L", "I;16B")  # 16-bit grey
 AS_RGB = (
     "1",
@@ -43,6 +43,15 @@ def read(path: str) -> Image.Image:
         return picture
 
 
+def read_upright(path: str) -> Image.Image:
+    """Return the picture in a file as `read` does, turned as its EXIF data say.
+
+    Raises:
+        ValueError: as `read`.
+    """
+    return ImageOps.exif_transpose(read(path))
+
+
 def size_of(path: str) -> tuple[int, int]:
     """Return width and height of the picture in a file, upright as its EXIF data say, without
     decoding it.
@@ -52,7 +61,8 @@ def size_of(path: str) -> tuple[int, int]:
     """
     with _opened(path) as image:
         width, height = image.size
-        lies = image.getexif().get(ORIENTATION, 1) >= LYING
+        # PIL turns a TIFF by itself
+        lies = image.format != "TIFF" and image.getexif().get(ORIENTATION) in LYING
         return (height, width) if lies else (width, height)
 
 

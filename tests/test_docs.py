@@ -26,7 +26,7 @@ OTHERS = {"synthesise": synthesise, "calibrate": calibrate, "demoire": demoire}
 def commands(text):
     """The script and the settings of each command on a page, in a block or in a line of text."""
     # recipes that a page shows how to write
-    own = {f"recipe={name}" for name in re.findall(r"`recipes/(\w+)\.yaml`", text)}
+    own = {f"recipe={name}" for name in re.findall(r"`training/recipes/(\w+)\.yaml`", text)}
     found = []
     text = re.sub(r"\$\w+", "0", text.replace("\\\n", " "))  # a shell's variables
     for script, rest in COMMAND.findall(text):

@@ -1,10 +1,10 @@
-"""The bounds of every number in the schema, checked before any time is spent."""
+"""The bounds of every number in a run's settings, checked before any time is spent."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Real
 from operator import attrgetter
 from typing import Any
@@ -12,15 +12,15 @@ from typing import Any
 import torch
 
 from moireaug.scene.fields import one_of
-from training.schema import Config, Trainer
+from training.schema import Config, RunConfig, Trainer
 
+Bounds = tuple[float, float | None]  # the least and the greatest value; None is no bound
 SEEDS = 2**32 - 1
 # weights are float32 in all of them: the average, the attack and every re-attack need that
 PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 
-# key: the least and the greatest value, both allowed; None is no bound.
-# A null is not checked: the schema's types say where it is allowed.
-BOUNDS: dict[str, tuple[float, float | None]] = {
+# of a classifier's run
+BOUNDS: dict[str, Bounds] = {
     "seed": (0, SEEDS),
     "data.size": (16, 8192),
     "data.train": (1, None),
@@ -49,17 +49,29 @@ BOUNDS: dict[str, tuple[float, float | None]] = {
 
 
 def check(cfg: Config) -> None:
-    """Refuse numbers out of bounds, and more devices than there are.
+    """Refuse settings of a classifier's run that are out of bounds.
 
     Raises:
         ValueError: with what was got and what is allowed.
     """
-    for key, (low, high) in BOUNDS.items():
-        _number(key, attrgetter(key)(cfg), low, high)
-    _devices(cfg.trainer)
+    check_run(cfg, BOUNDS)
     eps = cfg.reattack.eps
     if len(set(eps)) < len(eps):
         raise ValueError(f"reattack.eps must be different bounds; got {list(eps)}.")
+
+
+def check_run(cfg: RunConfig, numbers: Mapping[str, Bounds]) -> None:
+    """Refuse numbers out of bounds, more devices than there are, and a trainer's other settings
+    that cannot be used.
+
+    A null is not checked: the schema's types say where it is allowed.
+
+    Raises:
+        ValueError: with what was got and what is allowed.
+    """
+    for key, (low, high) in numbers.items():
+        _number(key, attrgetter(key)(cfg), low, high)
+    _devices(cfg.trainer)
     if cfg.trainer.deterministic not in (True, False, "warn"):
         raise ValueError(
             f"trainer.deterministic must be true, false or warn; got {cfg.trainer.deterministic!r}."

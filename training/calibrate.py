@@ -14,7 +14,7 @@ scene=FILE: the best scene, if it is also better in shots that the search did no
 scene as it was, or an earlier fit that is there.
 
 Writes report.html, statistics.csv, crops.csv (one line per crop) and statistics.png into
-runs/calibrate/<pairs or photos>-<scene>/, or where out=DIR says.
+runs/calibrate/<pairs or photos>-<scene>-<digits that change with either>/, or where out=DIR says.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def calibrate(cfg: Config) -> list[Line]:
     scene, name = scenes.load(cfg.scene), Path(cfg.scene).stem
     if cfg.pairs or cfg.picture:
         check_aligned(scene)
-    out = Path(cfg.out) if cfg.out else Path("runs") / "calibrate" / f"{_stem(cfg)}-{name}"
+    out = Path(cfg.out) if cfg.out else folder_of(cfg, scene)
     runs.make(out, "out=DIR")
     crops = cut(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
     real = measured(crops.photos, crops.originals)
@@ -115,8 +115,14 @@ def calibrate(cfg: Config) -> list[Line]:
     return found
 
 
-def _stem(cfg: Config) -> str:
-    return Path(str(cfg.pairs or cfg.photos)).resolve().stem
+def folder_of(cfg: Config, scene: Scene) -> Path:
+    """Return where the results of these photos and this scene lie by default; others of the same
+    names get another folder."""
+    photos = Path(str(cfg.pairs or cfg.photos)).resolve()
+    picture = str(Path(cfg.picture).resolve()) if cfg.picture else None
+    told = {"photos": str(photos), "picture": picture, "scene": scene.to_dict()}
+    name = f"{photos.name}-{Path(cfg.scene).stem}-{runs.fingerprint(told)[:6]}"
+    return Path("runs") / "calibrate" / name
 
 
 def check(cfg: Config) -> None:

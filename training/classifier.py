@@ -193,11 +193,11 @@ class Classifier(L.LightningModule):
             means["score"] = torch.zeros_like(means["score"])  # never the best epoch
         for name, value in means.items():
             self.log(f"val_{name}", value, prog_bar=True, logger=False)
-        loss = float(torch.stack(self._loss).mean()) if self._loss else float("nan")
+        loss = torch.tensor(self._loss, device=self.device).mean()
         validation = time.perf_counter() - self._began - self._trained
         row = {
             "epoch": self.current_epoch,
-            "loss": loss,
+            "loss": float(self.trainer.strategy.reduce(loss, reduce_op="mean")),
             "seconds": self._trained,
             "validation_seconds": validation,
         }

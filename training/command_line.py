@@ -1,7 +1,9 @@
-"""Check the settings of a command line before Hydra reads them."""
+"""Quote the paths of a command line and check its settings, before Hydra reads them."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -10,9 +12,41 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.scene.fields import one_of
+from training.overrides import literal
 from training.schema import DATA, RECIPES, ReattackConfig, RunConfig
 
+SWEEP = {"-m", "--multirun"}
+PATHS = (
+    *("runs", "run", "weights", "data.root", "data.class_index"),
+    *("pairs", "lpips", "demoire.vgg"),
+)
 LISTS = {"reattack.eps": "0.0078,0.0157"}  # settings that are one, with an example
+
+
+def quoted(overrides: Sequence[str]) -> list[str]:
+    """Return the overrides with paths that Hydra takes as they are, and `~` in them expanded.
+
+    Hydra's grammar would read 2024_11 as a number and refuse most punctuation. What is quoted or
+    escaped for it stays, and so does what a sweep takes for several values.
+    """
+    sweep = not SWEEP.isdisjoint(overrides)
+    found = []
+    for override in overrides:
+        key, _, value = override.partition("=")
+        several = sweep and "," in value
+        if key in PATHS and value not in ("", "null") and value[0] not in "'\"" and not several:
+            override = _quoted(key, os.path.expanduser(value))
+        found.append(override)
+    return found
+
+
+def _quoted(key: str, path: str) -> str:
+    try:
+        parsed = OverridesParser.create().parse_override(f"{key}={path}")
+        as_it_is = "\\" in path or parsed.value() == path
+    except HydraException:
+        as_it_is = False
+    return f"{key}={path}" if as_it_is else f"{key}={literal(path)}"
 
 
 def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:

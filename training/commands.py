@@ -13,14 +13,13 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
 from training import machine, runs
-from training.command_line import check_keys
+from training.command_line import SWEEP, check_keys, quoted
 from training.messages import Lines, complain, sentence
 from training.processes import is_first, say
 from training.schema import RunConfig
 
 EXPECTED = (ValueError, TypeError, FloatingPointError, OSError)
 OF_LIGHTNING = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
-SWEEP = {"-m", "--multirun"}
 _failed: list[str] = []  # jobs of a sweep
 
 
@@ -31,6 +30,7 @@ def run(main: Callable[[], None], schema: type[RunConfig]) -> None:
         SystemExit: a wrong command line, or jobs of a sweep that failed, with a list of them.
     """
     sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)
+    sys.argv[1:] = quoted(sys.argv[1:])
     check_keys(sys.argv[1:], schema)
     # to the front: Lightning appends settings for further processes, which must not follow it
     sys.argv[1:] = sorted(sys.argv[1:], key=lambda argument: argument not in SWEEP)

@@ -10,7 +10,7 @@ from moireaug.scene.fields import one_of
 from training import signs
 from training.augmentation import AUGMENT
 from training.schema import DATA, Data
-from training.splits import Splits
+from training.splits import Splits, has_parts
 
 
 def load(cfg: Data) -> Splits:
@@ -29,18 +29,18 @@ def load(cfg: Data) -> Splits:
 
 
 def require_training_images(cfg: Data) -> None:
-    """Refuse a folder of class folders alone, all of which are test images.
+    """Refuse a folder of class folders alone, whose images are all for testing.
 
     Raises:
         ValueError: with what to do.
     """
     if cfg.name != "folder" or not cfg.root or not Path(cfg.root).is_dir():
         return
-    if not (Path(cfg.root) / "train").is_dir():
+    if not has_parts(cfg.root):
         raise ValueError(
-            f"data.root={cfg.root!r} has no folder train/, so that all its images are for testing. "
-            "Training needs train/<class>/ and test/<class>/ in it; to attack given weights on "
-            "these images, use training/reattack.py."
+            f"data.root={cfg.root!r} lacks train/ or test/, so that all its images are for "
+            "testing. Training needs train/<class>/ and test/<class>/ in it; to attack given "
+            "weights on these images, use training/reattack.py."
         )
 
 

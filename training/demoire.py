@@ -5,7 +5,8 @@
 `weights` is the weights.pt of a run of fit.py recipe=demoire, or any file written by
 moireaug.defenses.demoire.save. Photos are searched for in subfolders too; large ones are cleaned
 tile by tile. Photos that cannot be read are named, and the command then exits with status 1. Colour
-profile and EXIF data are kept, except TIFF tags. Every file is written whole or not at all."""
+profile and EXIF data are kept, except TIFF tags. What is written has one page of 8 bits a channel,
+with white in place of what was transparent. Every file is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -34,6 +35,7 @@ from training.messages import sentence
 from training.settings import parse
 
 EXAMPLE = "python training/demoire.py in=DIR out=DIR weights=FILE"
+DEVICES = ("cpu", "cuda", "mps")
 JPEG = {"quality": 95, "subsampling": "4:4:4"}  # much of the moiré that remains is colour
 LOSSLESS = {"lossless": True}
 OPTIONS: dict[str, dict[str, Any]] = {".jpg": JPEG, ".jpeg": JPEG, ".webp": LOSSLESS}
@@ -46,7 +48,7 @@ class Config:
     in_: str = MISSING  # in=: a folder of photos
     out: str = MISSING
     weights: str = MISSING
-    device: str = "auto"  # or cpu, cuda, cuda:1
+    device: str = "auto"  # or cpu, cuda, cuda:1, mps
     tile: int = SIDE  # longest side that is cleaned at once, pixels; less needs less memory
 
 
@@ -79,10 +81,15 @@ def device_of(name: str) -> torch.device:
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
-        return torch.empty(0, device=name).device
+        device = torch.empty(0, device=name).device
     except (RuntimeError, AssertionError) as error:
         said = str(error).splitlines()[0]
         raise ValueError(f"device={name} cannot be used ({said}). Use device=cpu.") from error
+
+    if device.type not in DEVICES:
+        kinds = ", ".join(DEVICES)
+        raise ValueError(f"device must be auto, or one of {kinds}; got {name}. Use device=cpu.")
+    return device
 
 
 def clean_folder(cfg: Config) -> list[str]:
@@ -103,10 +110,8 @@ def clean_folder(cfg: Config) -> list[str]:
             try:
                 photo = read(str(path))
                 content = encoded(clean(network, photo, cfg.tile), photo, path.suffix)
-            except ValueError as error:
-                said = str(error)
-                if name not in said:  # of the encoder, which knows no name
-                    said = f"{path} could not be written: {said}"
+            except (ValueError, MemoryError, RuntimeError) as error:
+                said = reason(error, path)
                 failed.append(said)
                 bar.write(f"not cleaned: {said}", file=sys.stderr)
                 continue
@@ -117,6 +122,20 @@ def clean_folder(cfg: Config) -> list[str]:
     if found.others:
         print(f"Files in {cfg.in_} that are not pictures by their names: {len(found.others)}.")
     return failed
+
+
+def reason(error: Exception, path: Path) -> str:
+    """Return why a photo could not be cleaned; an error that tells of a mistake in the code is
+    raised again."""
+    said = str(error)
+    if isinstance(error, (MemoryError, torch.OutOfMemoryError)) or "allocate memory" in said:
+        least = 2 * OVERLAP
+        return f"{path} needs more memory than there is: pass tile={least}, or device=cpu."
+    if not isinstance(error, ValueError):
+        raise error
+    if str(path) in said:
+        return said
+    return f"{path} could not be written: {said}"  # of the encoder, which knows no name
 
 
 @torch.inference_mode()
@@ -140,6 +159,8 @@ def encoded(picture: Image.Image, photo: Image.Image, suffix: str) -> bytes:
     if profile and profile[16:20] == b"RGB ":  # a CMYK or grey profile does not fit RGB pixels
         options["icc_profile"] = profile
     form = Image.registered_extensions()[suffix.lower()]
+    if suffix.lower() == ".pgm":  # of greys alone, as its name says
+        picture = picture.convert("L")
     file = io.BytesIO()
     picture.save(file, form, **options)
     return file.getvalue()

@@ -7,9 +7,9 @@
 
 The last one trains a demoiréing network: see training/demoireing/fit.py.
 
-Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes runs/<recipe>/seed<k>/ with
-report.html, metrics.json, best.ckpt, last.ckpt and config.yaml; with other data or another model
-than the default the folder is runs/<data>-<model>/<recipe>/seed<k>/.
+Recipes: training/recipes/*.yaml. Settings: training/schema.py. A run writes report.html,
+metrics.json, best.ckpt, last.ckpt and config.yaml into runs/<recipe>/seed<k>/; with other data or
+another model than the default the folder is runs/<data>-<model>/<recipe>/seed<k>/.
 
 Most recipes start from the weights of recipe `clean` and are compared with recipe `baseline`, plain
 training that starts from the same weights and takes at least as many epochs. Both are trained

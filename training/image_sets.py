@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,10 +11,12 @@ from torch.utils.data import Dataset
 from torchvision.datasets import CIFAR10, CIFAR100, GTSRB, ImageFolder
 from torchvision.transforms import v2
 
-from moireaug.images import read
+from moireaug.images import read_upright
+from moireaug.synthesis.pictures import SUFFIXES
 from training.files import read_table
+from training.locks import locked
 from training.schema import Data
-from training.splits import Splits, held, split, take
+from training.splits import Splits, has_parts, held, split, take
 
 GTSRB_CLASSES = 43  # which torchvision does not name
 IMAGENET = 1000  # classes of torchvision's published weights, which a class_index refers to
@@ -44,7 +48,8 @@ def published(cfg: Data) -> Splits:
     make, train, test = SETS[cfg.name]
     given = {"transform": _resize(cfg.size), "download": cfg.download}
     try:
-        known, seen = make(cfg.root, **train, **given), make(cfg.root, **test, **given)
+        with _alone(cfg):
+            known, seen = make(cfg.root, **train, **given), make(cfg.root, **test, **given)
     except (RuntimeError, OSError) as error:
         raise ValueError(
             f"The data set {cfg.name!r} was not found under data.root={cfg.root!r} ({error}). "
@@ -55,6 +60,14 @@ def published(cfg: Data) -> Splits:
     train_part, val_part = split(held(known, cfg), cfg)
     test_part = take(held(seen, cfg), cfg.test)
     return Splits(train_part, val_part, test_part, dict(enumerate(names)), len(names))
+
+
+def _alone(cfg: Data) -> contextlib.AbstractContextManager[None]:
+    """Let one process at a time download into a folder; the others find the data set there."""
+    if not cfg.download:
+        return contextlib.nullcontext()
+    os.makedirs(cfg.root or "", exist_ok=True)
+    return locked(Path(cfg.root or "", ".download.lock"), "", wait=-1)
 
 
 def folder(cfg: Data) -> Splits:
@@ -73,7 +86,7 @@ def folder(cfg: Data) -> Splits:
             f"data.root={cfg.root!r} is not a folder. Pass data.root=DIR with train/ and test/ "
             f"inside it."
         )
-    if not (root / "train").is_dir():  # class folders alone: all of it is test data
+    if not has_parts(root):  # class folders alone: all of it is test data
         every = _pictures(root, cfg)
         classes = _label(every, cfg)
         images = held(every, cfg)
@@ -92,9 +105,32 @@ def folder(cfg: Data) -> Splits:
     return Splits(train, val, test, classes, _count(classes, cfg))
 
 
+class Photos(ImageFolder):
+    """A folder of classes, read upright; hidden files and folders, which file managers and
+    notebooks leave behind, are no part of it."""
+
+    def __init__(self, root: Path, transform: Callable) -> None:
+        def is_picture(path: str) -> bool:
+            return path.lower().endswith(SUFFIXES) and not _hidden(Path(path).relative_to(root))
+
+        super().__init__(root, transform, loader=read_upright, is_valid_file=is_picture)
+
+    def find_classes(self, directory: str | Path) -> tuple[list[str], dict[str, int]]:
+        """Return the names of the class folders, and the number of each."""
+        folders = (path for path in Path(directory).iterdir() if path.is_dir())
+        names = sorted(path.name for path in folders if not _hidden(Path(path.name)))
+        if not names:
+            raise FileNotFoundError(f"there are no class folders in {directory}")
+        return names, {name: number for number, name in enumerate(names)}
+
+
+def _hidden(path: Path) -> bool:
+    return any(part.startswith(".") for part in path.parts)
+
+
 def _pictures(root: Path, cfg: Data) -> ImageFolder:
     try:
-        return ImageFolder(root, transform=_resize(cfg.size), loader=read)
+        return Photos(root, _resize(cfg.size))
     except (FileNotFoundError, RuntimeError) as error:
         raise ValueError(
             f"data.root={cfg.root!r} does not look like an image folder: {error}. "
@@ -121,11 +157,11 @@ def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
     if not cfg.class_index:
         return {name: i for i, name in enumerate(names)}
     known = _class_index(Path(cfg.class_index))
-    lost = [n for n in names if known.get(n, IMAGENET) >= IMAGENET]
+    lost = [n for n in names if not 0 <= known.get(n, IMAGENET) < IMAGENET]
     if lost:
         raise ValueError(
-            f"{cfg.class_index} names no class_index below {IMAGENET} for the folders {lost[:5]} "
-            f"of {cfg.root!r}: add them."
+            f"{cfg.class_index} names no class_index from 0 to {IMAGENET - 1} for the folders "
+            f"{lost[:5]} of {cfg.root!r}: add them."
         )
     return {name: known[name] for name in names}
 

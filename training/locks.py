@@ -23,7 +23,7 @@ def locked(path: Path, busy: str, wait: float = 0) -> Iterator[None]:
 
     Args:
         path: the lock's own file. busy: message of the error if another command holds it.
-        wait: seconds to wait for that command.
+        wait: seconds to wait for that command; -1 is as long as it takes.
 
     Raises:
         ValueError: another command still holds it.

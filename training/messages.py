@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from typing import Any, TextIO
 
@@ -39,5 +40,6 @@ def sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.errno:  # the system's own words
         advice = "Everything complete is kept: fix this, and resume with the same command."
         return f"{error}. {advice}"
-    said = str(error).rpartition(f"\n{type(error).__name__}: ")[2].strip()
-    return said or type(error).__name__
+    # a traceback names the class by its module, unless it is Python's own
+    raised = rf"\n(?:[\w.]+\.)?{type(error).__name__}: "
+    return re.split(raised, str(error))[-1].strip() or type(error).__name__

@@ -120,15 +120,15 @@ def command_line(cfg: Config) -> list[str]:
     for key, value in as_values(cfg).items():
         if not isinstance(value, dict) or key == "scene":
             if value != usual[key]:
-                found.append(f"{key}={_literal(value)}")
+                found.append(f"{key}={literal(value)}")
             continue
         for name, leaf in value.items():
             if leaf != usual[key][name]:
-                found.append(f"{key}.{name}={_literal(leaf)}")
+                found.append(f"{key}.{name}={literal(leaf)}")
     return found
 
 
-def _literal(value: Any) -> str:
+def literal(value: Any) -> str:
     """Return a value in Hydra's grammar."""
     if value is None:
         return "null"
@@ -138,7 +138,7 @@ def _literal(value: Any) -> str:
         escaped = value.replace("\\", "\\\\").replace("'", "\\'")
         return f"'{escaped}'"
     if isinstance(value, Mapping):
-        return "{" + ",".join(f"{k}:{_literal(v)}" for k, v in value.items()) + "}"
+        return "{" + ",".join(f"{k}:{literal(v)}" for k, v in value.items()) + "}"
     if isinstance(value, (list, tuple)):
-        return "[" + ",".join(map(_literal, value)) + "]"
+        return "[" + ",".join(map(literal, value)) + "]"
     return repr(value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -16,6 +17,7 @@ from training.locks import locked
 
 SHARE = re.compile(r"(\d+)/(\d+)")
 WAIT = 60.0  # seconds for another command to write dataset.json
+MOST_TOLD, LONGEST = 3, 24  # settings that differ, and characters of each, in a message
 LIBRARIES = ("torch", "numpy", "numba", "pillow")
 
 
@@ -96,12 +98,14 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
     there = (read_json(path) or {}).get("settings")
     if there is None:
         raise ValueError(f"{path} is damaged. Name a new folder, or restore the file.")
-    other = [key for key in settings if there.get(key) != settings[key]]
-    if other:
-        told = [f"{key}: {_short(there, key)} there, {_short(settings, key)} now" for key in other]
+    told: list[str] = []
+    for key, now in settings.items():
+        told += _apart(there.get(key), now, key)
+    if told:
+        some = "; ".join(told[:MOST_TOLD]) + ("; ..." if len(told) > MOST_TOLD else "")
         raise ValueError(
-            f"{out} holds a data set with other settings ({'; '.join(told)}). Pass those in its "
-            "dataset.json, or another out=DIR."
+            f"{out} holds a data set with other settings ({some}). Pass those in its dataset.json, "
+            "or another out=DIR."
         )
 
 
@@ -114,6 +118,15 @@ def release(out: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _short(settings: dict[str, Any], key: str) -> str:
-    value = settings.get(key)
-    return "another" if isinstance(value, dict) else str(value)
+def _apart(there: Any, now: Any, name: str) -> Iterator[str]:
+    """Yield what differs between two settings, field by field."""
+    if isinstance(there, dict) and isinstance(now, dict):
+        for key in sorted(there.keys() | now.keys()):
+            yield from _apart(there.get(key), now.get(key), f"{name}.{key}")
+    elif there != now:
+        yield f"{name}: {_short(there)} there, {_short(now)} now"
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."

@@ -1,4 +1,4 @@
-"""Every setting of a run, its type and its default; recipes in `recipes/` hold what differs.
+"""Every setting of a run, its type and its default; `training/recipes/` holds what differs.
 
 Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 """
@@ -16,7 +16,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 
 from moireaug.scene.scene import Scene, as_scene
 
-RECIPES = Path(__file__).resolve().parents[1] / "recipes"
+RECIPES = Path(__file__).resolve().parent / "recipes"
 Settings = TypeVar("Settings", bound="RunConfig")
 
 
@@ -170,14 +170,17 @@ def as_config(cfg: DictConfig | Settings) -> Settings:
 
 
 def absolute(cfg: Settings) -> Settings:
-    """Return the settings with absolute paths of data, so that runs of two projects that share a
-    folder of runs are not taken for each other."""
+    """Return the settings with absolute paths of data and weights, so that runs of two projects
+    that share a folder of runs are not taken for each other."""
     data = replace(cfg.data)
     if data.root:
         data.root = os.path.abspath(data.root)
     if data.class_index:
         data.class_index = os.path.abspath(data.class_index)
-    return replace(cfg, data=data)
+    weights = cfg.weights
+    if weights and not weights.isidentifier():  # torchvision's names are
+        weights = os.path.abspath(weights)
+    return replace(cfg, data=data, weights=weights)
 
 
 def as_values(cfg: DictConfig | RunConfig) -> dict[str, Any]:
@@ -211,7 +214,7 @@ def help_of(script: str) -> dict[str, dict[str, str]]:
 
 
 def register() -> None:
-    """Register the schema, the data sets and every recipe of `recipes/` with Hydra."""
+    """Register the schema, the data sets and every recipe of `training/recipes/` with Hydra."""
     store = ConfigStore.instance()
     store.store(name="schema", node=Config)
     for name, node in DATA.items():

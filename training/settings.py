@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -42,7 +43,7 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | 
         if not equals:
             raise ValueError(f"a setting is given as {key}=VALUE; got {argument!r}.")
         try:
-            cfg[fields[key]] = None if value == "null" else value
+            cfg[fields[key]] = None if value == "null" else os.path.expanduser(value)
         except OmegaConfBaseException as error:
             raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error
     missing = OmegaConf.missing_keys(cfg)

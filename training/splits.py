@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -22,6 +23,12 @@ class Splits(NamedTuple):
     test: Dataset
     classes: dict[int, str]
     num_classes: int
+
+
+def has_parts(root: str | Path) -> bool:
+    """Return whether a folder of images is split into train/ and test/: either alone may be the
+    name of a class."""
+    return all((Path(root) / part).is_dir() for part in ("train", "test"))
 
 
 class Held(Dataset):

@@ -236,7 +236,8 @@ def workers_of(cfg: Config) -> int:
 
 
 def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+    some = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+    return some.encode("utf-8", "replace").decode()  # a name may be in another encoding
 
 
 def main(argv: Sequence[str]) -> None:

@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image
 from torch import Tensor
 
 from moireaug import images
@@ -79,7 +79,7 @@ def read(path: str) -> Picture:
             f"{MOST / 1e6:g} megapixels. Make it smaller, or use moireaug.capture, which takes any "
             "size."
         )
-    return np.asarray(ImageOps.exif_transpose(images.read(path)))  # upright, as viewers show it
+    return np.asarray(images.read_upright(path))  # upright, as viewers show it
 
 
 def as_batch(picture: Picture) -> Tensor:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -188,9 +189,9 @@ def check_aligned(scene: Scene) -> None:
     scene.plan()  # refuses ranges that cannot be photographed
 
 
-def _integer(name: str, value: object, low: int, high: int | None) -> int:
-    inside = type(value) is int and value >= low and (high is None or value <= high)
-    if not inside:
+def _integer(name: str, value: Any, low: int, high: int | None) -> int:
+    whole = isinstance(value, Integral) and not isinstance(value, bool)  # numpy's, too
+    if not whole or value < low or (high is not None and value > high):
         allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"
         raise ValueError(f"{name} must be an integer {allowed}; got {value!r}.")
-    return value  # type: ignore[return-value]
+    return int(value)

@@ -52,7 +52,7 @@ class Pictures:
             raise ValueError(f"{self.folder} is not a folder: pass one with pictures inside.")
         self.names: list[str] = []
         self.others: list[str] = []
-        for name in _files(self.folder):
+        for name in files_below(self.folder):
             known = name.lower().endswith(SUFFIXES)
             (self.names if known else self.others).append(name)
         if not self.names:
@@ -125,11 +125,22 @@ class _UnusableError(Exception):
     """Why a picture is skipped."""
 
 
-def _files(folder: Path) -> list[str]:
+def _unreadable(error: OSError) -> None:
+    raise ValueError(
+        f"the folder {error.filename} could not be read ({error.strerror}): allow it, or move the "
+        "folder elsewhere."
+    ) from error
+
+
+def files_below(folder: Path) -> list[str]:
     """Return the names of all files below a folder, relative to it, in order, except hidden ones
-    and links to nothing. A folder that links lead back to is read once."""
+    and links to nothing. A folder that links lead back to is read once.
+
+    Raises:
+        ValueError: a folder that may not be read.
+    """
     found, seen = [], set()
-    for parent, folders, files in os.walk(folder, followlinks=True):
+    for parent, folders, files in os.walk(folder, onerror=_unreadable, followlinks=True):
         place = os.path.realpath(parent)
         if place in seen:
             folders.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import cv2
@@ -151,7 +152,8 @@ def _refined(matrix: Matrix, ours: Grey, theirs: Grey) -> tuple[Matrix, float]:
     """Return the homography that makes the two most alike, and their correlation."""
     small, shrink = _smaller(ours, REFINED)
     # the photo as large as the picture: what is finer is moiré and the panel's own pixels
-    there, shrink_there = _smaller(theirs, round(REFINED * _magnification(matrix, ours, theirs)))
+    longest = round(max(small.shape) * _magnification(matrix, ours, theirs))
+    there, shrink_there = _smaller(theirs, longest)
     index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's coordinates
     first = index @ shrink_there @ matrix @ np.linalg.inv(index @ shrink)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ITERATIONS, ENOUGH)
@@ -201,10 +203,8 @@ def _visible(matrix: Matrix, size: tuple[int, int], photo: tuple[int, ...]) -> t
     """Return rows and columns of the largest part of the picture, of its proportions and about its
     visible middle, that lies in the photo."""
     height, width = size
-    y, x = np.mgrid[0.5 : height : max(1, height // 64), 0.5 : width : max(1, width // 64)]
-    mapped = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], 1) @ matrix.T
-    at = mapped[:, :2] / mapped[:, 2:]
-    inside = ((at >= 1) & (at <= np.array([photo[1] - 1, photo[0] - 1]))).all(1).reshape(x.shape)
+    x, y = np.meshgrid(np.linspace(0.5, width - 0.5, 65), np.linspace(0.5, height - 0.5, 65))
+    inside = _is_in(photo, matrix, x, y)
     if inside.all():
         return slice(0, height), slice(0, width)
     middle_x, middle_y = x[inside].mean(), y[inside].mean()
@@ -214,8 +214,16 @@ def _visible(matrix: Matrix, size: tuple[int, int], photo: tuple[int, ...]) -> t
         low_y, high_y = middle_y - share * height / 2, middle_y + share * height / 2
         if low_x < 0 or low_y < 0 or high_x > width or high_y > height:
             break
-        part = (x >= low_x) & (x <= high_x) & (y >= low_y) & (y <= high_y)
-        if not inside[part].all():
+        corners = np.meshgrid([low_x, high_x], [low_y, high_y])  # what is visible is convex
+        if not _is_in(photo, matrix, *corners).all():
             break
-        best = (slice(int(low_y), int(high_y)), slice(int(low_x), int(high_x)))
+        rows = slice(math.ceil(low_y), math.floor(high_y))
+        best = (rows, slice(math.ceil(low_x), math.floor(high_x)))
     return best
+
+
+def _is_in(photo: tuple[int, ...], matrix: Matrix, x: Matrix, y: Matrix) -> NDArray[np.bool_]:
+    """Return which points of the picture lie in the photo, a pixel or more from its edges."""
+    mapped = np.stack([x, y, np.ones_like(x)], -1) @ matrix.T
+    at = mapped[..., :2] / mapped[..., 2:]
+    return ((at >= 1) & (at <= np.array([photo[1] - 1, photo[0] - 1]))).all(-1)

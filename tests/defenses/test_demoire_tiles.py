@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from moireaug.defenses import demoire
-from moireaug.defenses.demoire.tiles import tiled
+from moireaug.defenses.demoire.tiles import OVERLAP, SIDE, _spans, tiled
 
 
 def near_sighted(radius):
@@ -45,7 +45,14 @@ def test_no_tile_is_longer_than_asked_and_none_is_a_sliver():
 
     images = torch.rand(1, 3, 770, 1300)
     torch.testing.assert_close(tiled(watched, images, side=256, overlap=64), images)
-    assert max(map(max, sizes)) <= 256 and min(map(min, sizes)) > 256 - 16
+    assert max(map(max, sizes)) <= 256 and min(map(min, sizes)) > 256 - 32
+
+
+@pytest.mark.parametrize("name", demoire.NETWORKS)
+def test_every_tile_lies_on_its_networks_grid(name):
+    multiple = demoire.NETWORKS[name].multiple
+    for length in range(SIDE + 1, 3 * SIDE, 5):
+        assert not any(start % multiple for start, _ in _spans(length, SIDE, OVERLAP)), length
 
 
 @torch.no_grad()

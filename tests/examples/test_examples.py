@@ -13,9 +13,9 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 # script: its arguments, what it prints, the files that it writes
 RUNS = {
     "photograph_a_picture": (
-        ["--side=48", "--out=here.png"],
+        ["--side=48", "--out=new/here.png"],
         r"21 effects are computed.* yaw -?\d.*The moiré is \d+\.\d of 255 codes RMS",
-        ["here.png"],
+        ["new/here.png"],
     ),
     "torchvision_training": (
         ["--images=64", "--epochs=1"],

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import moireaug
+from training.schema import RECIPES
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -77,6 +78,10 @@ def test_every_file_of_a_package_is_in_the_wheel(wheel, package):
         if path.is_file() and "__pycache__" not in path.parts:
             expected.add(path.relative_to(ROOT).as_posix())
     assert expected <= set(wheel.namelist())
+
+
+def test_the_recipes_come_with_the_package():
+    assert RECIPES.parent == ROOT / "training" and any(RECIPES.glob("*.yaml"))
 
 
 def test_the_core_works_without_any_extra(wheel, tmp_path):

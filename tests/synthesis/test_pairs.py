@@ -14,6 +14,7 @@ from torchvision.datasets.folder import IMG_EXTENSIONS
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, capture
 from moireaug.synthesis import Pairs, pictures, without_moire
 from tests.synthesis.folders import put, spoil
+from training.calibration.pairs import find_images
 
 SIZE = 32
 
@@ -130,6 +131,20 @@ def test_where_no_picture_is_usable_it_is_said(tmp_path):
         pairs.make_pair(0)
 
 
+@pytest.mark.parametrize("find", [lambda folder: pictures.Pictures(folder, 1), find_images])
+def test_a_folder_that_may_not_be_read_is_not_passed_over(folder, monkeypatch, find):
+    scan, closed = os.scandir, str(folder / "class1")
+
+    def refuse(path):
+        if str(path) == closed:
+            raise PermissionError(13, "Permission denied", closed)
+        return scan(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    with pytest.raises(ValueError, match=r"class1 could not be read \(Permission denied\)"):
+        find(folder)
+
+
 def test_a_failing_disk_is_no_reason_to_take_another_picture(folder, monkeypatch):
     def fail(path):
         raise ValueError(f"The image {path} could not be read.") from OSError(
@@ -184,7 +199,7 @@ def test_ranks_share_the_pairs_out(folder, monkeypatch):
 
 
 def test_without_n_there_is_no_end(folder):
-    items = iter(Pairs(folder, "screen_photo", SIZE))
+    items = iter(Pairs(folder, "screen_photo", np.int64(SIZE)))
     item = next(items)
     assert item.keys() == {"index", "photo", "original"}
     assert [next(items)["index"] for _ in range(3)] == [1, 2, 3]
@@ -199,6 +214,7 @@ def test_without_n_there_is_no_end(folder):
         ({"size": 15}, r"size must be an integer in \[16, 8192\]; got 15"),
         ({"size": 32.0}, "size must be an integer"),
         ({"seed": -1}, "seed must be an integer"),
+        ({"n": True}, "n must be an integer"),
         ({"n": 0}, "n must be an integer at least 1; got 0"),
         ({"images": "nowhere"}, "nowhere is not a folder"),
         ({"images": "empty"}, "holds no pictures: none of its 1 files ends with .jpg"),

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
-from moireaug.synthesis.registration import find_pose, register
+from moireaug.synthesis.registration import _visible, _warp, find_pose, register
 
 SIZE = (288, 384)
 
@@ -80,6 +80,27 @@ def test_a_photo_larger_than_its_picture(picture):
     found = find_pose(large[0].round().to(torch.uint8), picture)
     scaled = np.diag([3.0, 3.0, 1.0]) @ true
     assert largest_error(found.matrix, scaled) < 1.5
+
+
+def test_a_small_picture_is_found_to_a_fifth_of_its_pixels(picture):
+    small = picture[:, ::2, ::2]
+    large = torch.nn.functional.interpolate(small[None].float(), scale_factor=8, mode="bilinear")
+    photo = torch.nn.functional.pad(large[0], (40, 40, 40, 40), value=30).to(torch.uint8)
+    found = np.linalg.inv(find_pose(photo, small).matrix)
+    true = np.array([[1 / 8, 0, -5], [0, 1 / 8, -5], [0, 0, 1]])
+    to_picture = found @ np.linalg.inv(true)  # the identity where the pose is right
+    assert largest_error(to_picture / to_picture[2, 2], np.eye(3)) < 0.2
+
+
+@pytest.mark.parametrize("shift", [(3.0, 1.0), (-9.0, 3.0), (0.0, 30.0)])
+def test_no_strip_that_the_photo_does_not_show_is_left(shift):
+    """The photo is all white; where it does not reach, the picture's frame stays black."""
+    size = (447, 600)
+    matrix = np.array([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1]])
+    warped = _warp(np.full((*size, 3), 255, np.uint8), matrix, size)
+    rows, columns = _visible(matrix, size, size)
+    assert warped.min() == 0 and warped[rows, columns].min() == 255
+    assert warped[rows, columns].size > 0.6 * warped.size
 
 
 def test_what_the_photo_does_not_show_is_cut_off_both(picture):

@@ -13,9 +13,9 @@ from training.schema import Config, as_values
 NUMBERS = ("int", "float")
 
 
-def numeric_fields():
+def numeric_fields(schema):
     found = []
-    for outer in dataclasses.fields(Config):
+    for outer in dataclasses.fields(schema):
         if dataclasses.is_dataclass(outer.default_factory):
             inner = dataclasses.fields(outer.default_factory)
             found += [f"{outer.name}.{f.name}" for f in inner if f.type.split(" | ")[0] in NUMBERS]
@@ -25,7 +25,7 @@ def numeric_fields():
 
 
 def test_every_number_of_the_schema_has_bounds():
-    assert sorted(numeric_fields()) == sorted(bounds.BOUNDS)
+    assert sorted(numeric_fields(Config)) == sorted(bounds.BOUNDS)
 
 
 def test_every_default_and_recipe_is_within_them():

@@ -136,6 +136,24 @@ def test_what_cannot_be_followed_ends_with_a_sentence(given, said, tmp_path, mon
     assert str(refused.value).startswith("error: ")
 
 
+def test_sources_and_scenes_of_one_name_have_folders_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    other = replace(PLAIN, sensor=Sensor(scale=3.0))
+    given = [
+        ({"pairs": "ca/shots.csv"}, PLAIN),
+        ({"pairs": "cb/shots.csv"}, PLAIN),
+        ({"photos": "photos.iphone12"}, PLAIN),
+        ({"photos": "photos.pixel8"}, PLAIN),
+        ({"photos": "photos.pixel8", "picture": "a.png"}, PLAIN),
+        ({"pairs": "ca/shots.csv"}, other),
+    ]
+    folders = [calibrate.folder_of(calibrate.Config(**one), scene) for one, scene in given]
+    assert len(set(folders)) == len(given)
+    same = calibrate.Config(pairs=str(tmp_path / "cb/../ca/shots.csv"))
+    assert calibrate.folder_of(same, PLAIN) == folders[0]
+    assert folders[2].name.startswith("photos.iphone12-screen_photo-")
+
+
 def test_a_table_of_pairs_is_read_from_its_own_folder(folder, tmp_path):
     table = folder / "pairs.csv"
     table.write_text("photo,original\nphoto/0.png,original/0.png\n")

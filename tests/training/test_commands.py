@@ -12,11 +12,14 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch._utils import ExceptionWrapper
 from tqdm import tqdm
 
+from moireaug.synthesis.pictures import NoPictureError
 from tests.training.small import TINY, configured, inside
 from tests.training.strangers import put
 from training import fit, machine, messages, processes, reattack, runs, suites
+from training.messages import sentence
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -194,6 +197,16 @@ def test_a_disk_that_takes_nothing_is_found_before_the_work(number, job, tmp_pat
 def test_a_disk_that_fills_while_an_attack_is_written_gets_a_sentence():
     full = messages.sentence(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/report.html"))
     assert "runs/report.html" in full and "resume with the same command" in full
+
+
+@pytest.mark.parametrize("kind", [ValueError, NoPictureError])
+def test_what_a_worker_says_is_told_without_its_traceback(kind):
+    with pytest.raises(kind) as error:
+        try:
+            raise kind("none: of them.")
+        except kind:
+            ExceptionWrapper(where="in DataLoader worker process 0").reraise()
+    assert "Traceback" in str(error.value) and sentence(error.value) == "none: of them."
 
 
 def test_a_probe_leaves_nothing_behind(tmp_path):

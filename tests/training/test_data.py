@@ -2,13 +2,16 @@
 fit."""
 
 import shutil
+from pathlib import Path
 
 import pytest
+import torch
 from PIL import Image
 
 from tests.training.small import configured
-from training import fit
+from training import fit, image_sets
 from training.data import load, require_training_images
+from training.locks import locked
 from training.schema import Data
 
 
@@ -48,9 +51,48 @@ def test_a_table_may_begin_as_excels_do(root):
 
 
 def test_a_folder_of_test_images_alone_is_not_trained_on(root):
-    with pytest.raises(ValueError, match=r"has no folder train/.* use training/reattack\.py"):
+    with pytest.raises(ValueError, match=r"lacks train/ or test/.* use training/reattack\.py"):
         require_training_images(Data(name="folder", root=str(root / "test")))
     require_training_images(Data(name="folder", root=str(root)))
+
+
+def test_train_may_be_a_class(root):
+    (root / "test/n02").rename(root / "test/train")
+    alone = load(Data(name="folder", root=str(root / "test"), size=16))
+    assert alone.classes == {0: "n03", 1: "train"}
+
+
+def test_hidden_files_and_folders_are_left_out(root):
+    for name in (".ipynb_checkpoints/a.png", "n02/.thumbs/a.png", "n02/._0.png"):
+        (root / "test" / name).parent.mkdir(exist_ok=True)
+        (root / "test" / name).write_text("no picture")
+    splits = load(Data(name="folder", root=str(root / "test"), size=16))
+    assert splits.classes == {0: "n02", 1: "n03"} and len(splits.test) == 6
+    assert [label for _, label in splits.test] == [0] * 3 + [1] * 3
+
+
+def test_photos_of_a_phone_stand_upright(root):
+    for path in root.glob("test/*/*.png"):
+        photo, exif = Image.new("RGB", (20, 20), "blue"), Image.Exif()
+        photo.paste("red", (0, 0, 10, 20))
+        exif[0x0112] = 6  # the left is shown on top
+        photo.save(path, exif=exif)
+    image, _ = load(Data(name="folder", root=str(root / "test"), size=20)).test[0]
+    assert image[:, 0, 19].tolist() == [255, 0, 0] and image[:, 19, 0].tolist() == [0, 0, 255]
+
+
+def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
+    def make(folder, transform, download, train):
+        with (
+            pytest.raises(ValueError, match="busy"),
+            locked(Path(folder, ".download.lock"), "busy"),
+        ):
+            pass
+        return [(torch.zeros(3, 4, 4, dtype=torch.uint8), 0)] * 4
+
+    monkeypatch.setitem(image_sets.SETS, "cifar10", (make, {"train": True}, {"train": False}))
+    cfg = Data(name="cifar10", root=str(tmp_path / "new"), size=16, val=1, download=True)
+    assert len(image_sets.published(cfg).train) == 3
 
 
 def test_a_single_class_is_refused(root, monkeypatch):
@@ -61,10 +103,10 @@ def test_a_single_class_is_refused(root, monkeypatch):
         fit.fit(configured("recipe=clean", "data=folder", f"data.root={root}", "data.size=16"))
 
 
-@pytest.mark.parametrize("row", ["n03,1000", "n04,5"])
+@pytest.mark.parametrize("row", ["n03,1000", "n04,5", "n03,-1"])
 def test_a_folder_without_a_class_gets_a_sentence(root, row):
     (root / "labels.csv").write_text(f"wnid,class_index\nn01,7\nn02,123\n{row}\n")
     with pytest.raises(
-        ValueError, match=r"names no class_index below 1000 for the folders \['n03'\]"
+        ValueError, match=r"names no class_index from 0 to 999 for the folders \['n03'\]"
     ):
         folder(root, class_index=str(root / "labels.csv"))

@@ -113,6 +113,7 @@ SENTENCES = [
     (["in=nowhere", "out=o"], "nowhere is not a folder"),
     (["in={photos}", "out=o", "tile=100"], "tile must be at least 256"),
     (["in={photos}", "out=o", "device=tpu9"], "Use device=cpu"),
+    (["in={photos}", "out=o", "device=meta"], "one of cpu, cuda, mps; got meta. Use device=cpu"),
     (["inn={photos}"], "Did you mean 'in'?"),
 ]
 
@@ -129,6 +130,33 @@ def test_wrong_settings_get_a_sentence(given, sentence, photos, weights, tmp_pat
         cleaning.main(argv)
     assert sentence in str(error.value)
     assert sorted(photos.rglob("*")) == before and not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB"),
+        RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 9 bytes"),
+    ],
+)
+def test_a_photo_that_needs_too_much_memory_is_named(error, weights, tmp_path, monkeypatch, capsys):
+    def exhausted(*args):
+        raise error
+
+    (tmp_path / "in").mkdir()
+    Image.new("RGB", (40, 30)).save(tmp_path / "in/1.png")
+    monkeypatch.setattr(cleaning, "tiled", exhausted)
+    with pytest.raises(SystemExit, match="1 failed"):
+        cleaning.main([f"in={tmp_path / 'in'}", f"out={tmp_path / 'out'}", f"weights={weights}"])
+    assert "1.png needs more memory than there is: pass tile=256" in capsys.readouterr().err
+
+
+def test_a_file_of_greys_stays_one(weights, tmp_path):
+    (tmp_path / "in").mkdir()
+    Image.new("L", (40, 30), 90).save(tmp_path / "in/1.pgm")
+    cleaning.main([f"in={tmp_path / 'in'}", f"out={tmp_path / 'out'}", f"weights={weights}"])
+    assert opened(tmp_path / "out/1.pgm").mode == "L"
 
 
 def test_a_photo_that_cannot_be_encoded_is_named_and_the_rest_is_cleaned(weights, tmp_path, capsys):

@@ -26,6 +26,22 @@ def test_pictures_that_test_are_not_trained_on(tmp_path):
     assert (len(train), len(val), len(test)) == (11, 1, 11)
 
 
+@pytest.mark.parametrize(("named", "fewest"), [(("train", "test"), 2), (("a", "b"), 3)])
+def test_one_picture_of_each_part_is_enough(tmp_path, named, fewest):
+    """What lies in test/ is not taken from train/."""
+    for name in named:
+        (tmp_path / name).mkdir()
+    cfg = configure("data=folder", f"data.root={tmp_path}")
+    Image.new("RGB", (64, 64)).save(tmp_path / named[1] / "0.png")
+    held = fewest if named[0] == "train" else fewest - 1
+    for number in range(held - 1):
+        Image.new("RGB", (64, 64)).save(tmp_path / named[0] / f"{number}.png")
+    with pytest.raises(ValueError, match=rf"holds {fewest - 1} pictures?: at least {fewest} are"):
+        pictures.load(cfg)
+    Image.new("RGB", (64, 64)).save(tmp_path / named[0] / "last.png")
+    assert [len(part) for part in pictures.load(cfg)] == [1, 1, 1]
+
+
 def test_pictures_that_are_too_small_are_refused_before_training(tmp_path):
     put(tmp_path / "pictures", sizes=[(60, 60)] * 12)
     given = ("data=folder", f"data.root={tmp_path / 'pictures'}", f"runs={tmp_path / 'runs'}")

@@ -1,9 +1,14 @@
 """Settings of a demoiréing run that cannot be used get a sentence, before any time is spent."""
 
 import pytest
+import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from PIL import Image
 
+from moireaug.defenses import demoire
 from tests.training.small import configured
+from tests.training.test_bounds import numeric_fields
+from training import runs
 from training.command_line import check_keys
 from training.demoireing import fit as demoireing
 
@@ -31,15 +36,23 @@ SENTENCES = [
     (["data.train=100"], "data.train= has no effect on a demoiréing network"),
     (["train.check_every=3"], "must be a multiple of train.check_every"),
     (["train.steps=0"], "train.steps must be at least 1"),
-    (["data.val=null"], "data.val must be at least 1"),
+    (["train.lr=-1"], "train.lr must be in [1e-08, 10]; got -1.0"),
+    (["seed=-1"], "seed must be in [0, 4294967295]; got -1"),
+    (["data.workers=-1"], "data.workers must be in [0, 1024]; got -1"),
+    (["data.val=null"], "data.val must be a number of pairs; got null"),
+    (["trainer.precision=bf16-true"], "trainer.precision must be one of '32-true'"),
+    (["trainer.precision=64-true"], "trainer.precision must be one of '32-true'"),
+    (["trainer.strategy=foo"], "foo"),
+    (["demoire.vgg=missing.pth"], "missing.pth"),
+    (["model=mddm", "demoire.vgg=vgg.pth"], "demoire.vgg= has no effect on mddm"),
     (["scene=[]"], "name at least one"),
     (["scene=paper"], "registered"),
     (["scene=screen_foto"], "Did you mean 'screen_photo'?"),
     (["test.unseen=[screen_photo]"], "which is trained on too"),
-    (["weights=nowhere.pt"], "no weights file 'nowhere.pt'"),
+    (["weights=nowhere.pt"], "nowhere.pt'"),
     (["pairs=nowhere"], "neither a CSV file nor a folder"),
     (["pairs=uneven"], "uneven.png is 30 x 20 and uneven/shown.png 30 x 21 pixels: a pair must"),
-    (["resume=true"], "leave it out to start"),
+    (["resume=true"], "leave resume=true out, and that run is moved aside"),
     (
         ["trainer.accelerator=cpu", "trainer.devices=2", "train.batch_size=3"],
         "a multiple of their number, 2; got 3",
@@ -51,10 +64,37 @@ SENTENCES = [
 def test_wrong_settings_get_a_sentence(given, sentence, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     put_uneven(tmp_path)
-    with pytest.raises((ValueError, TypeError)) as error:
-        demoireing.fit(configured(*FEW, *given, f"runs={tmp_path}", name="demoire"))
+    cfg = configured(*FEW, *given, f"runs={tmp_path}", name="demoire")
+    run = runs.folder(cfg)
+    run.mkdir(parents=True)
+    (run / "best.ckpt").write_bytes(b"of a run with other settings")
+    with pytest.raises((ValueError, TypeError, MisconfigurationException)) as error:
+        demoireing.fit(cfg)
     assert sentence in str(error.value)
-    assert not list(tmp_path.rglob("*.ckpt"))
+    assert list(tmp_path.rglob("*.ckpt")) == [run / "best.ckpt"], "it is not moved aside"
+
+
+def test_every_number_has_bounds():
+    elsewhere = {"data.train", "demoire.width"}  # of no effect; `demoire.build` checks it
+    assert set(numeric_fields(demoireing.DemoireConfig)) - elsewhere == set(demoireing.BOUNDS)
+
+
+def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
+    """Lightning leaves a trained network on the CPU."""
+    cfg = configured(*FEW, f"runs={tmp_path}", name="demoire")
+    network, devices = demoire.build("esdnet", width=0.25), []
+    monkeypatch.setattr(demoireing, "device", lambda trainer: torch.device("meta"))
+    monkeypatch.setattr(demoireing, "test", lambda net, *_: devices.append(net) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        demoireing.tested(cfg, network, {}, None)
+    assert next(devices[0].parameters()).device.type == "meta"
+
+
+def test_a_finished_run_is_shown_though_its_start_file_is_gone(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs.Run, "stage", lambda run: "finished")
+    monkeypatch.setattr(demoireing, "finished", lambda cfg: "shown")
+    given = ["weights=gone.pt", "demoire.vgg=gone.pth", f"runs={tmp_path}"]
+    assert demoireing.fit(configured(*FEW, *given, name="demoire")) == "shown"
 
 
 def test_recipes_of_two_kinds_go_to_two_commands():

@@ -8,9 +8,9 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 
-from moireaug.images import read
+from moireaug.images import read, size_of
 from tests.training.small import inside
 from training.data import load
 from training.schema import Data
@@ -120,6 +120,15 @@ def test_a_picture_keeps_its_orientation(mode, tmp_path):
     exif[274] = 6
     Image.new(mode, (4, 3)).save(tmp_path / "x.png", exif=exif)
     assert read(str(tmp_path / "x.png")).info["exif"] == exif.tobytes()
+
+
+@pytest.mark.parametrize("kind", ["jpg", "tiff"])
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8, 9])
+def test_the_head_of_a_file_gives_the_size_of_its_upright_picture(kind, orientation, tmp_path):
+    path, exif = str(tmp_path / f"x.{kind}"), Image.Exif()
+    exif[274] = orientation
+    Image.new("RGB", (4, 3)).save(path, exif=exif)
+    assert size_of(path) == ImageOps.exif_transpose(read(path)).size
 
 
 @pytest.mark.parametrize(

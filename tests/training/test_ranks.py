@@ -16,6 +16,7 @@ from tests.training.forked import Command
 from tests.training.small import BRIEF, TINY, configured, wait
 from training import fit, ranks, runs
 from training.data import load
+from training.demoireing.train import module_of
 from training.processes import WAIT
 from training.train import classifier_of, train_model, trainer_of
 from training.tuning import tuning
@@ -141,3 +142,20 @@ def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
     trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
     environment = trainer._accelerator_connector.cluster_environment
     assert isinstance(environment, SLURMEnvironment) and not environment.auto_requeue
+
+
+@pytest.mark.parametrize("recipe", ["clean", "demoire"])
+def test_an_epochs_loss_is_that_of_all_processes(recipe, monkeypatch):
+    if recipe == "demoire":
+        module = module_of(configured(f"recipe={recipe}", name="demoire"))
+        module._losses = [torch.tensor(1.0)]
+    else:
+        module = classifier_of(configured(f"recipe={recipe}", *TINY), 4)
+        module._loss, module._hits = [torch.tensor(1.0)], {"clean": [torch.ones(2)]}
+    module._rng = torch.random.get_rng_state()
+    strategy = SimpleNamespace(reduce=lambda value, reduce_op: value + 1)  # the other's is 3
+    module._trainer = SimpleNamespace(strategy=strategy, current_epoch=0, global_step=1)
+    module._trained = 0.0
+    monkeypatch.setattr(module, "log", lambda *args, **kwargs: None)
+    module.on_validation_epoch_end()
+    assert module.history[0]["loss"] == 2

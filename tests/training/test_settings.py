@@ -258,10 +258,12 @@ def test_a_recipe_does_not_repeat_the_draws_of_its_start():
 
 def test_the_same_text_in_two_projects_is_not_the_same_data(tmp_path, monkeypatch):
     """Two projects may share a folder of runs; `images` and `images/` are one folder."""
-    marks = []
-    for place, root in (("one", "images"), ("two", "images"), ("one", "images/")):
-        (tmp_path / place).mkdir(exist_ok=True)
-        monkeypatch.chdir(tmp_path / place)
-        cfg = absolute(configured("recipe=clean", "data=folder", f"data.root={root}"))
-        marks.append(runs.run_of(cfg).mark)
-    assert marks[0] != marks[1] and marks[0] == marks[2]
+    for key in ("data.root", "data.class_index", "weights"):
+        marks = []
+        for place, path in (("one", "a.b"), ("two", "a.b"), ("one", "a.b/")):
+            (tmp_path / place).mkdir(exist_ok=True)
+            monkeypatch.chdir(tmp_path / place)
+            cfg = absolute(configured("recipe=clean", "data=folder", f"{key}={path}"))
+            marks.append(runs.run_of(cfg).mark)
+        assert marks[0] != marks[1] and marks[0] == marks[2], key
+    assert absolute(configured("weights=IMAGENET1K_V1")).weights == "IMAGENET1K_V1"

@@ -219,10 +219,14 @@ def test_an_interruption_keeps_whole_files_and_says_so(tmp_path, monkeypatch, ca
 
 def test_skipped_pictures_are_named_and_counted(tmp_path, folder, capsys):
     spoil(folder)
+    (folder / os.fsdecode(b"caf\xe9.txt")).write_text("a name in Latin-1")
     made(tmp_path / "out", "n=40", "per_shard=40", "twin=false")
     said = capsys.readouterr()
     assert "3 pictures were skipped, see above; others were drawn instead." in said.out
-    assert "Files in pictures that are not pictures by their names: 1, notes.txt." in said.out
+    assert (
+        "Files in pictures that are not pictures by their names: 2, caf?.txt, notes.txt."
+        in said.out
+    )
     assert "40 pairs in " in said.out and " pairs a second." in said.out
     for name in ("torn.png", "words.jpg", "low.png"):
         assert said.err.count(name) == 1

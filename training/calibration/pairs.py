@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from PIL import ImageOps
 from torch import Tensor
 
 from moireaug import Scene, capture
-from moireaug.images import read, size_of
-from moireaug.synthesis.pictures import SUFFIXES
+from moireaug.images import read_upright, size_of
+from moireaug.synthesis.pictures import SUFFIXES, files_below
 from moireaug.synthesis.registration import register
 from training.files import read_table
 
@@ -145,16 +144,12 @@ def find_images(folder: Path) -> list[Path]:
     skipped.
 
     Raises:
-        ValueError: no such folder.
+        ValueError: no such folder, or one that may not be read.
     """
     if not folder.is_dir():
         raise ValueError(f"the folder {folder} does not exist.")
-    found = []
-    for path in sorted(folder.rglob("*")):
-        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if path.suffix.lower() in SUFFIXES and not hidden:
-            found.append(path)
-    return found
+    paths = sorted(folder / name for name in files_below(folder))
+    return [path for path in paths if path.suffix.lower() in SUFFIXES]
 
 
 def read_picture(path: Path) -> Tensor:
@@ -163,7 +158,7 @@ def read_picture(path: Path) -> Tensor:
     Raises:
         ValueError: a file that cannot be read as one.
     """
-    picture = ImageOps.exif_transpose(read(str(path)))
+    picture = read_upright(str(path))
     return torch.from_numpy(np.asarray(picture).copy()).permute(2, 0, 1)
 
 

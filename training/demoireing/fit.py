@@ -15,6 +15,7 @@ runs/<data>-<model>/demoire/seed<k>/. The same command resumes an interrupted ru
 from __future__ import annotations
 
 import json
+import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -24,12 +25,15 @@ import hydra
 from omegaconf import DictConfig
 
 from moireaug.defenses import demoire
+from moireaug.defenses.demoire.losses import WITHOUT_FEATURES
 from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
 from moireaug.synthesis.pairs import SIZES, check_aligned
 from training import commands, machine, runs, scenes
+from training.attacking import device
+from training.bounds import SEEDS, Bounds, check_run
 from training.calibration.pairs import find_pairs, fingerprint, require_one_size
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
@@ -42,6 +46,21 @@ from training.schema import absolute, as_config
 
 Metrics = dict[str, Any]
 TARGETS = ("twin", "original", "toned")
+BOUNDS: dict[str, Bounds] = {
+    "seed": (0, SEEDS),
+    "data.size": SIZES,
+    "data.val": (1, None),
+    "data.test": (1, None),
+    "data.workers": (0, 1024),
+    "train.steps": (1, None),
+    "train.check_every": (1, None),
+    "train.batch_size": (1, None),
+    "train.lr": (1e-8, 10),
+    "train.warmup": (0, None),
+    "train.ema": (0, 0.999999),
+    "test.size": SIZES,
+    "trainer.num_nodes": (1, 100_000),
+}
 UNUSED = {"train": None, "class_index": None, "augment": "none", "download": False}  # of `data`
 
 
@@ -54,6 +73,8 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
     """
     cfg = absolute(as_config(cfg))
     cfg = replace(cfg, scene=inlined(cfg.scene))
+    if cfg.demoire.vgg:
+        cfg = replace(cfg, demoire=replace(cfg.demoire, vgg=os.path.abspath(cfg.demoire.vgg)))
     check(cfg)
     run = runs.run_of(cfg)
     if is_first():
@@ -87,7 +108,11 @@ def check(cfg: DemoireConfig) -> None:
         if getattr(cfg.data, key) != usual:
             raise ValueError(f"data.{key}= has no effect on a demoiréing network: leave it out.")
     _check_numbers(cfg)
-    demoire.build(cfg.model, width=cfg.demoire.width, weights=cfg.weights)
+    if cfg.demoire.vgg and cfg.model in WITHOUT_FEATURES:
+        raise ValueError(
+            f"demoire.vgg= has no effect on {cfg.model}, whose published loss compares no "
+            "features: leave it out."
+        )
     seen = scenes_of(cfg)
     for name in cfg.test.unseen:
         check_aligned(as_scene(name))
@@ -101,25 +126,15 @@ def check(cfg: DemoireConfig) -> None:
 
 
 def _check_numbers(cfg: DemoireConfig) -> None:
-    for name, value, least in (
-        ("train.steps", cfg.train.steps, 1),
-        ("train.check_every", cfg.train.check_every, 1),
-        ("train.batch_size", cfg.train.batch_size, 1),
-        ("train.warmup", cfg.train.warmup, 0),
-        ("data.val", cfg.data.val or 0, 1),
-        ("data.test", cfg.data.test or 0, 1),
-        ("data.size", cfg.data.size, SIZES[0]),
-        ("test.size", cfg.test.size, SIZES[0]),
-    ):
-        if value < least:
-            raise ValueError(f"{name} must be at least {least}; got {value}.")
+    check_run(cfg, BOUNDS)
+    for name in ("val", "test"):
+        if getattr(cfg.data, name) is None:
+            raise ValueError(f"data.{name} must be a number of pairs; got null.")
     if cfg.train.steps % cfg.train.check_every:
         raise ValueError(
             f"train.steps must be a multiple of train.check_every, so that the last weights are "
             f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
         )
-    if not 0 <= cfg.train.ema < 1:
-        raise ValueError(f"train.ema must be in [0, 1); got {cfg.train.ema}.")
 
 
 def finished(cfg: DemoireConfig) -> Metrics:
@@ -142,13 +157,12 @@ def finished(cfg: DemoireConfig) -> Metrics:
 def one_run(cfg: DemoireConfig) -> Metrics:
     """Train, test and report; returns the metrics, {} in all but one process."""
     # Lightning takes seconds to import
-    from training.batches import require_even
-    from training.demoireing.train import train_network, trainer_of
+    from training.demoireing.train import train_network, try_out
 
+    try_out(cfg)
     run = runs.run_of(cfg)
     splits = pictures.load(cfg)
     pictures.require_usable(splits)
-    require_even(cfg.train.batch_size, trainer_of(cfg, run.folder).world_size)
     if is_first():
         if run.can_resume():
             pictures.require_same(run.folder, splits)
@@ -172,6 +186,7 @@ def tested(
     """Test a trained network, and write scores.csv, report.html and then metrics.json; returns the
     metrics."""
     folder = runs.folder(cfg)
+    network.to(device(cfg.trainer))  # training leaves it on the CPU
     began = time.perf_counter()
     found = test(network, cfg, splits)
     settings = runs.settings(cfg)

@@ -78,9 +78,10 @@ class Demoireing(L.LightningModule):
 
     def on_validation_epoch_end(self) -> None:
         validation = time.perf_counter() - self._began - self._trained
+        loss = torch.tensor(self._losses, device=self.device).mean()
         row = {
             "steps": float(self.global_step),
-            "loss": float(torch.stack(self._losses).mean()) if self._losses else math.nan,
+            "loss": float(self.trainer.strategy.reduce(loss, reduce_op="mean")),
             "seconds": self._trained,
             "validation_seconds": validation,
         }

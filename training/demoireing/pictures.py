@@ -16,10 +16,11 @@ from moireaug.synthesis.pictures import Pictures, Source
 from training import signs
 from training.demoireing.schema import PICTURES, DemoireConfig
 from training.files import read_json
+from training.messages import counted
+from training.splits import has_parts
 
 NAMES = "pictures.json"  # of a run: the names of each split's pictures
 HELD_OUT = 10  # one picture in ten validates, and one in ten tests
-FEWEST = 3  # pictures of a folder: one of each split
 
 
 class Splits(NamedTuple):
@@ -60,7 +61,7 @@ def load(cfg: DemoireConfig) -> Splits:
     if not cfg.data.root:
         raise ValueError("data=folder needs data.root=DIR, a folder with pictures inside it.")
     root = Path(cfg.data.root)
-    if (root / "train").is_dir() and (root / "test").is_dir():
+    if has_parts(root):
         train, val = _parts(Pictures(root / "train", side), 2)
         return Splits(train, val, Pictures(root / "test", test_side))
     train, val, test = _parts(Pictures(root, side), 3)
@@ -118,10 +119,11 @@ def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
     """Split pictures at random, always the same way: most of them, and as many tenths as there are
     other parts."""
     total = len(pictures)
-    if total < FEWEST:
+    if total < parts:
+        uses = "train and validate" if parts == 2 else "train, validate and test"
         raise ValueError(
-            f"{pictures.folder} holds {total} pictures: at least {FEWEST} are needed, to train, to "
-            "validate and to test on different ones."
+            f"{pictures.folder} holds {counted(total, 'picture')}: at least {parts} are needed, to "
+            f"{uses} on different ones."
         )
     held = max(1, total // HELD_OUT)
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()

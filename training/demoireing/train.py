@@ -15,6 +15,7 @@ from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.files import write_text
 from training import ranks, runs
+from training.batches import require_even
 from training.checkpoints import RunCheckpoint
 from training.demoireing.batches import PairBatches
 from training.demoireing.module import Demoireing
@@ -25,6 +26,28 @@ from training.files import read_checkpoint, read_json
 from training.processes import is_first, say
 from training.schema import as_values
 from training.trainers import make_trainer
+
+
+def module_of(cfg: DemoireConfig) -> Demoireing:
+    """Return the module that trains a run's network, with the weights that it starts from.
+
+    Raises:
+        ValueError: a width or a file of weights that cannot be used.
+    """
+    network = demoire.build(cfg.model, width=cfg.demoire.width, weights=cfg.weights)
+    if cfg.weights is None:
+        start_as_identity(network)
+    return Demoireing(network, cfg.demoire, cfg.train)
+
+
+def try_out(cfg: DemoireConfig) -> None:
+    """Make the network and the trainer once, before any run is moved or any time is spent.
+
+    Raises:
+        ValueError: as `module_of`; or a trainer's setting or a size of a batch that cannot be used.
+    """
+    module_of(cfg)
+    require_even(cfg.train.batch_size, trainer_of(cfg, runs.folder(cfg)).world_size)
 
 
 def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[str, Any]]:
@@ -44,10 +67,8 @@ def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[
     run = runs.run_of(cfg)
     out, resumed = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
-    network = demoire.build(cfg.model, width=cfg.demoire.width, weights=cfg.weights)
-    if cfg.weights is None:
-        start_as_identity(network)
-    module = Demoireing(network, cfg.demoire, cfg.train)
+    module = module_of(cfg)
+    network = module.network
     if resumed and (train := read_json(train_json)):
         module.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")

@@ -20,6 +20,7 @@ from moireaug.weights import read_weights
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the images that VGG-16 was trained on
 DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
 USUAL_DEPTH = 16  # up to the ReLU after conv3_3
+WITHOUT_FEATURES = ("mddm",)  # networks whose loss compares none
 CHARBONNIER = 1e-3  # added to the difference, in quadrature
 FEATURES = 0.1  # weight of MopNet's features
 WANTED = "Pass a state_dict of torchvision's vgg16."

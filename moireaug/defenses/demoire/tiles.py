@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-SIDE, OVERLAP = 768, 128  # pixels; multiples of every network's `multiple`
+SIDE, OVERLAP = 768, 128  # pixels; half the overlap is a multiple of every network's `multiple`
 
 
 def tiled(
@@ -27,8 +27,8 @@ def tiled(
         network: takes images (B, 3, h, w) in [0, 1] and returns the same shape.
         images: (B, 3, H, W). Where H and W are at most `side`, the network gets them whole.
         side: of a tile, in pixels. overlap: of neighbouring tiles, in pixels, at least; a multiple
-            of 4. Both should be multiples of the network's `multiple`, so that a tile lies on the
-            grid of the whole.
+            of 4. The side and half the overlap should be multiples of the network's `multiple`, so
+            that a tile lies on the grid of the whole.
 
     Returns:
         (B, 3, H, W), on the images' device; besides it, memory is that of one tile.
@@ -65,7 +65,7 @@ def _spans(length: int, side: int, overlap: int) -> list[tuple[int, int]]:
     while start + side < length:
         spans.append((start, start + side))
         start += side - overlap
-    grid = overlap // 4
+    grid = overlap // 2
     last = max(0, -(-(length - side) // grid) * grid)
     spans.append((min(start, last), length))
     return spans
