@@ -27,9 +27,10 @@ def identity(part: object) -> str:
     return " ".join(_told(part, ()))
 
 
-def digest(model: nn.Module) -> str:
+def digest(model: object) -> str:
     """Return sixteen hex digits that change with a weight, a buffer, or a setting of a layer or of
-    anything that it holds; the code of a class is not seen."""
+    anything that it holds; the code of a class is not seen. Those of a function change with its
+    import path."""
     sums = hashlib.sha256()
     for told in _told(model, ()):
         sums.update(told.encode() + b"\n")

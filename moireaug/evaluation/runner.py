@@ -67,8 +67,7 @@ class Runner:
         seed: of shots, targets, random starts and randomised judges. What is drawn depends only on
             the seed, the batch's index and the names of condition and judge, so that any process,
             now or later, draws the same.
-        name: of the model in records; None is a digest of its weights, or "callable" for one that
-            is not a Module.
+        name: of the model in records; None is its `identity.digest`.
         lpips: a `visibility.LPIPS`, measured for every attack where given. Records with and without
             it have different keys.
     """
@@ -84,14 +83,12 @@ class Runner:
         name: str | None = None,
         lpips: nn.Module | None = None,
     ) -> None:
-        if name is None:
-            name = digest(model) if isinstance(model, nn.Module) else "callable"
         self.model = model
         self.batches = batches
         self.scene = scene
         self.records = records
         self.seed = seed
-        self.name = name
+        self.name = digest(model) if name is None else name
         self.lpips = lpips
         self._lpips_identity = None if lpips is None else digest(lpips)
         self.device = device_of(model)

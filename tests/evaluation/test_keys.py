@@ -151,16 +151,19 @@ def test_what_holds_itself_has_an_end():
     assert digest(model) == digest(copy.deepcopy(model))
 
 
-def test_a_key_changes_with_weights_scene_and_pixels(known):
+def test_a_key_changes_with_model_scene_and_pixels(known):
     model, batches = known
     runner = ran(known)
     plain = CONDITIONS["ma"]
     key = runner.key(plain, UNDEFENDED, 0)
     assert Runner(model, batches, SCENE, Records(), seed=3).key(plain, UNDEFENDED, 0) == key
-    for other in (
+    others = [
         Runner(classifier(1), batches, SCENE, Records(), seed=3),
         Runner(model, batches, Scene.preset("phone_at_laptop"), Records(), seed=3),
         Runner(model, [(x * 0.5, y) for x, y in batches], SCENE, Records(), seed=3),
         Runner(model, [(x, (y + 1) % 4) for x, y in batches], SCENE, Records(), seed=3),
-    ):
-        assert other.key(plain, UNDEFENDED, 0) != key
+        Runner(torch.relu, batches, SCENE, Records(), seed=3),
+        Runner(torch.sigmoid, batches, SCENE, Records(), seed=3),
+    ]
+    keys = {key, *(other.key(plain, UNDEFENDED, 0) for other in others)}
+    assert len(keys) == 1 + len(others)
