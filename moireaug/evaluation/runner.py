@@ -43,13 +43,22 @@ class Job(NamedTuple):
 
 def jobs_of(tables: Iterable[Table]) -> list[Job]:
     """Return the jobs that tables need, each condition once, first the clean images before every
-    judge without a defence, which say which images count."""
+    judge without a defence, which say which images count.
+
+    Raises:
+        ValueError: two conditions of one name that differ.
+    """
     conditions: dict[str, Condition] = {CLEAN.name: CLEAN}
     judges: dict[str, dict[str, Judge]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
     for table in tables:
         for cell in table.cells:
             for condition in cell.conditions:
-                conditions.setdefault(condition.name, condition)
+                known = conditions.setdefault(condition.name, condition)
+                if known.settings() != condition.settings() or known.scene != condition.scene:
+                    raise ValueError(
+                        f"two conditions are called {condition.name!r}, and their records would "
+                        f"be mixed up: {known!r} and {condition!r}. Give one another name."
+                    )
                 judges.setdefault(condition.name, {})[cell.judge.name] = cell.judge
             if cell.judge.base == cell.judge.name:
                 judges[CLEAN.name][cell.judge.name] = cell.judge

@@ -256,6 +256,12 @@ def test_a_model_without_a_choice_is_refused(known):
         ran((lambda x: x.mean((1, 2, 3))[:, None], batches), indices=(0,))
 
 
+def test_two_conditions_of_one_name_are_refused():
+    tables = [table_of(MoireAttacker(eps=EPS, steps=steps)) for steps in (1, 2)]
+    with pytest.raises(ValueError, match=r"two conditions are called 'ma_8'.*steps=1.*steps=2"):
+        jobs_of(tables)
+
+
 def test_records_that_are_missing_are_counted(known):
     runner = ran(known, indices=(0,))
     jobs = jobs_of([TABLE])
