@@ -139,7 +139,14 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
     assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
 
 
-def test_another_model_is_left_as_it_was_found(known):
+@pytest.mark.parametrize(
+    ("part", "body"),
+    [
+        ("model", nn.Sequential(classifier(), nn.BatchNorm1d(4))),
+        ("defence", nn.BatchNorm2d(3)),
+    ],
+)
+def test_another_model_or_defence_is_left_as_it_was_found(part, body, known):
     """It judges in evaluation mode, without gradients, and keeps its statistics."""
     seen = []
 
@@ -148,9 +155,9 @@ def test_another_model_is_left_as_it_was_found(known):
             seen.append((self.training, torch.is_grad_enabled()))
             return x
 
-    stranger = nn.Sequential(classifier(), nn.BatchNorm1d(4), Spy()).train()
+    stranger = nn.Sequential(body, Spy()).train()
     state = {k: v.clone() for k, v in stranger.state_dict().items()}
-    ran(known, table_of(Photo(), judge=Judge("stranger", model=stranger)))
+    ran(known, table_of(Photo(), judge=Judge("stranger", **{part: stranger})))
     assert seen and not any(training or grad for training, grad in seen)
     assert stranger.training
     assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
