@@ -79,9 +79,10 @@ class MultiTargeted:
         images, shot = problem.images, problem.shot
         found, logits = _unattacked(attack, problem, labels)
         best = margin(logits.float(), labels)
-        classes = likeliest(logits, labels, self.targets)
-        for toward in classes.T:
-            rows = (~found.success).nonzero()[:, 0]  # those that are still right
+        values, classes = likeliest(logits, labels, self.targets)
+        for value, toward in zip(values.T, classes.T, strict=True):
+            # those that are still right, and toward no class that minus infinity rules out
+            rows = (~found.success & value.isfinite()).nonzero()[:, 0]
             if not len(rows):
                 break
             own = None if shot is None else shot[rows.to(shot.device)]
