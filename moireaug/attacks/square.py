@@ -68,12 +68,14 @@ class SquareMoire(MoireAttack):
                 if best:
                     active = active.narrowed(best.left())
                 shown = active.problem.rehearse(**active.point(tried))
-                logits = self.model(shown)
+                logits = self.model(shown.clone())  # a model may work in place
                 if k == 0:
                     self._check(active, shown, logits, best)
                 if best:
                     best.watch(tried, logits, active.rows)
-                loss = active.filled(LOSSES[self.loss](logits, *active.goals()))
+                loss = LOSSES[self.loss](logits, *active.goals())
+                # no loss, of an image without an answer, is below any other
+                loss = active.filled(loss.nan_to_num(-math.inf, math.inf, -math.inf))
                 better = (loss > highest) if k else torch.ones_like(loss, dtype=torch.bool)
                 highest = torch.where(better, loss.to(highest), highest)
                 found = {"noise": choose(better, tried["noise"], found["noise"])}
