@@ -52,6 +52,10 @@ BAD = [
     (lambda m, x, y: SquareMoire(m, step_size=0.1), "no use for step_size"),
     (lambda m, x, y: SquareMoire(m, eot=2), "no use for eot"),
     (lambda m, x, y: SquareMoire(m)(x, y + 5), "the model's classes; got"),
+    (
+        lambda m, x, y: SquareMoire(lambda i: m(i).long())(x, y),
+        "must return logits in floating point; got torch.int64",
+    ),
     (lambda m, x, y: CW(m, c=0), "c must be a finite number above 0"),
     (lambda m, x, y: CW(m, lr=math.nan), "lr must be a finite number above 0"),
     (lambda m, x, y: CW(m, c="1"), "c must be a finite number above 0; got '1'"),
@@ -61,6 +65,7 @@ BAD = [
     (lambda m, x, y: CW(m, steps=1.5), "steps must be an integer >= 0"),
     (lambda m, x, y: CW(m)(x, y, shot=SCENE.sample(6, (16, 16))), "no camera"),
     (lambda m, x, y: CW(m)(x, y + 5), "the model's classes; got"),
+    (lambda m, x, y: CW(m, steps=0)(x, y + 5), "the model's classes; got"),
     (lambda m, x, y: CW(m)(x, y[:2]), "shape (6,)"),
     (lambda m, x, y: PGD(model=m)(x, y + 5), "[0, 4], the model's classes; got"),
     (lambda m, x, y: PGD(model=m)(x, y - 9), "class indices >= 0"),
