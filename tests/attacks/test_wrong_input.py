@@ -11,6 +11,18 @@ from moireaug.attacks import CW, PGD, MoireAttack, MultiTargeted, Normalized, Pa
 from moireaug.transforms import AdversarialMoire
 from tests.attacks.common import SCENE
 
+
+class Elsewhere(nn.Linear):
+    """Says what torch says of images on another device."""
+
+    def __init__(self):
+        super().__init__(1, 1)
+
+    def forward(self, x):
+        kinds = "Input type (torch.FloatTensor) and weight type (torch.cuda.FloatTensor)"
+        raise RuntimeError(f"{kinds} should be the same")
+
+
 BAD = [
     (lambda m, x, y: MoireAttack(None), "logits (B, K); got None"),
     (lambda m, x, y: SquareMoire("resnet18"), "logits (B, K); got 'resnet18'"),
@@ -82,11 +94,11 @@ BAD = [
     (lambda m, x, y: AdversarialMoire(m, p=2), "p must be a probability"),
     (lambda m, x, y: Normalized(m, std=(0.1, 0.0, 0.1)), "every std must be above 0"),
     (lambda m, x, y: Normalized(m, mean=(math.nan,) * 3), "one finite number per channel"),
-    (lambda m, x, y: PGD(copy.deepcopy(m).half())(x, y), "weights are float16, does not take"),
-    (
-        lambda m, x, y: CW(copy.deepcopy(m).bfloat16())(x, y),
-        "pass model.float(), or a function that converts them",
-    ),
+    (lambda m, x, y: PGD(copy.deepcopy(m).half())(x, y), "has weights of torch.float16 and does"),
+    (lambda m, x, y: CW(copy.deepcopy(m).bfloat16())(x, y), "model(images.to(torch.bfloat16))"),
+    (lambda m, x, y: PGD(m)(x.double(), y), "model(images.to(torch.float32))"),
+    (lambda m, x, y: PGD(Elsewhere())(x, y), "is on cpu and does not take these images (Input"),
+    (lambda m, x, y: PGD(Elsewhere())(x, y), "should be the same): pass images.to('cpu')."),
 ]
 
 
