@@ -187,7 +187,7 @@ def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Ten
     if not len(logits) or decided(logits).any():
         return
     with torch.no_grad():
-        clean = model(images)
+        clean = model(images.clone())
     if not decided(clean).any():
         raise NoAnswerError(
             f"the model's logits are NaN or infinite for all {len(images)} clean images: it is "

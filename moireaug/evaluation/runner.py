@@ -4,6 +4,7 @@ record."""
 from __future__ import annotations
 
 import hashlib
+import itertools
 import time
 import typing
 import zlib
@@ -166,7 +167,7 @@ class Runner:
     def _targets(self, images: Tensor, labels: Tensor, index: int) -> Tensor:
         """Draw one of the model's other classes for each image."""
         with evaluating(self.model), torch.no_grad():
-            logits = self.model(images[:1])
+            logits = self.model(images[:1].clone())
         check_classes(labels[:1], logits, 1)
         classes = logits.shape[1]
         if classes < 2:
@@ -174,7 +175,7 @@ class Runner:
                 f"the model must tell at least two classes apart; it returns {classes} logit."
             )
         generator = torch.Generator().manual_seed(mix(self.seed, index, 1))
-        offset = torch.randint(1, classes, labels.shape, generator=generator)
+        offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
         return (labels + offset.to(labels)) % classes
 
     def _batch(
@@ -196,7 +197,8 @@ class Runner:
     ) -> list[Record]:
         # a randomised model or defence draws from the global generator: the same numbers
         # wherever this piece is computed
-        with torch.random.fork_rng(), torch.no_grad():
+        devices = [batch.images.device] if batch.images.is_cuda else []
+        with torch.random.fork_rng(devices), torch.no_grad():
             torch.manual_seed(mix(self.seed, index, 3, _digits(condition.name)))
             start = time.perf_counter()
             shown = _shown(condition, batch)
@@ -232,10 +234,10 @@ class Runner:
 
 
 def device_of(model: Model) -> torch.device | None:
-    """Return the device of a model's weights; None for a model without."""
+    """Return the device of a model's weights, or of its buffers; None for a model without."""
     if isinstance(model, nn.Module):
-        for parameter in model.parameters():
-            return parameter.device
+        for value in itertools.chain(model.parameters(), model.buffers()):
+            return value.device
     return None
 
 

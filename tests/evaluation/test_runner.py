@@ -19,11 +19,12 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     Rotated,
 )
+from moireaug.evaluation.corruptions import Corrupted
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
-from moireaug.evaluation.runner import _generators, jobs_of
+from moireaug.evaluation.runner import _generators, device_of, jobs_of
 from moireaug.evaluation.tables import crossed
-from tests.evaluation.haze import EPS, HAZE, TABLE, ran, results, table_of
+from tests.evaluation.haze import CONDITIONS, EPS, HAZE, TABLE, ran, results, table_of
 
 from .conftest import classifier
 
@@ -261,6 +262,32 @@ def test_a_model_without_a_choice_is_refused(known):
     batches = [(torch.rand(2, 3, 8, 8), torch.zeros(2, dtype=torch.long))]
     with pytest.raises(ValueError, match="at least two classes apart; it returns 1 logit"):
         ran((lambda x: x.mean((1, 2, 3))[:, None], batches), indices=(0,))
+
+
+def test_another_default_device_changes_nothing(known):
+    table = table_of(*CONDITIONS.values(), Corrupted(corruption="gaussian_noise", amount=0.1))
+    plain = results(ran(known, table, (0,)))
+    with torch.device("meta"):
+        assert results(ran(known, table, (0,))) == plain
+
+
+def test_a_model_may_work_in_place(known):
+    model, batches = known
+    answers = []
+    for one in (lambda x: model(x - 0.1), lambda x: model(x.sub_(0.1))):
+        runner = ran((one, batches), table_of(*CONDITIONS.values()), (0,))
+        answers.append([record["predicted"] for record in results(runner).values()])
+    assert answers[0] == answers[1]
+
+
+def test_devices_without_the_model_are_left_alone(known, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "device_count", None)  # which cannot be called
+    ran(known, table_of(Photo()), (0,))
+
+
+def test_a_device_is_known_by_weights_or_buffers():
+    assert device_of(nn.BatchNorm2d(3, affine=False, device="meta")) == torch.device("meta")
+    assert device_of(nn.Linear(1, 1)) == torch.device("cpu") and device_of(nn.ReLU()) is None
 
 
 def test_two_conditions_of_one_name_are_refused():
