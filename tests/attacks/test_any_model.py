@@ -8,13 +8,12 @@ from tests.attacks.common import EPS, SCENE
 
 ATTACKS = {
     "ma": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=2),
-    "turned": lambda m: MoireAttack(m, scene=SCENE, steps=1, optimise=("view",)),
     "unmoved": lambda m: PGD(m, eps=EPS, steps=0),
     "pgd": lambda m: PGD(m, eps=EPS, steps=2),
     "patch": lambda m: Patch(m, area=0.1, steps=2),
     "cw": lambda m: CW(m, steps=2),
     "square": lambda m: SquareMoire(m, scene=SCENE, eps=EPS, steps=2),
-    "targeted": lambda m: MultiTargeted(MoireAttack(m, scene=SCENE, steps=2, loss="dlr")),
+    "targeted": lambda m: MultiTargeted(PGD(m, steps=1), targets=1),
 }
 
 
