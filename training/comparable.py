@@ -25,7 +25,10 @@ def data_name(metrics: Iterable[Metrics]) -> str:
 def images(metrics: Metrics) -> Metrics:
     """Return the settings of the data that its test images depend on."""
     data = metrics["config"]["data"]
-    return {name: data.get(name) for name in ("name", "root", "size", "test", "class_index")}
+    found = {name: data.get(name) for name in ("name", "size", "test", "class_index")}
+    if data["name"] == "folder":  # other data sets are the same wherever they lie
+        found["root"] = data["root"]
+    return found
 
 
 def settings(metrics: Metrics) -> Metrics:

@@ -146,6 +146,11 @@ def check_classes(labels: Tensor, logits: Any, views: int) -> None:
             f"the model must return logits (B, K); got {tuple(logits.shape)} for {len(labels)} "
             "images."
         )
+    if not logits.is_floating_point():
+        raise ValueError(
+            f"the model must return logits in floating point; got {logits.dtype}. Convert them: "
+            "lambda images: model(images).float()."
+        )
     if len(labels) and labels.max() >= logits.shape[1]:
         raise ValueError(
             f"labels and targets must lie in [0, {logits.shape[1] - 1}], the model's classes; got "
@@ -182,7 +187,7 @@ def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Ten
     if not len(logits) or decided(logits).any():
         return
     with torch.no_grad():
-        clean = model(images)
+        clean = model(images.clone())
     if not decided(clean).any():
         raise NoAnswerError(
             f"the model's logits are NaN or infinite for all {len(images)} clean images: it is "

@@ -39,9 +39,9 @@ class Attack(ABC):
     """Projected gradient ascent on noise inside an L-infinity ball; subclasses say how noise
     becomes an image.
 
-    Where a gradient is exactly zero, or NaN, that element of the noise stays where it is. Logits
-    that become NaN or infinite count as no answer, which is never right and never the target: in an
-    untargeted attack, such an image counts as fooled.
+    A gradient of NaN counts as zero; with the rule "sign", that element of the noise stays where it
+    is. Logits that become NaN or infinite count as no answer, which is never right and never the
+    target: in an untargeted attack, such an image counts as fooled.
 
     Args:
         model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and
@@ -239,7 +239,7 @@ class Attack(ABC):
             for name, x in active.point(point).items():
                 own[name] = x.detach().requires_grad_(True)
             shown = active.problem.rehearse(**own)
-            logits = self.model(shown)
+            logits = self.model(shown.clone())  # a model may work in place
             if k == 0:
                 self._check(active, shown, logits, best)
                 check_gradient(logits)
@@ -291,8 +291,9 @@ class Attack(ABC):
                     best.watch(point, self.model(shown), last.rows)
         with torch.no_grad():
             photo = problem.render(**best.point)
-            hit = predicted(self.model(photo))
+            hit = predicted(self.model(photo.clone()))
         success = hit != labels if targets is None else hit == targets
-        losses = torch.stack(best.losses[: self.steps]) if self.steps else torch.zeros(0)
+        taken = best.losses[: self.steps]
+        losses = torch.stack(taken).cpu() if taken else torch.zeros(0, device="cpu")
         shot = problem.aim(best.point["pose"]) if problem.aim else problem.shot
-        return Result(photo.detach(), success, best.point["noise"], losses.cpu(), task.eps, shot)
+        return Result(photo.detach(), success, best.point["noise"], losses, task.eps, shot)

@@ -101,7 +101,8 @@ def reported(logits: Tensor, labels: Tensor) -> Tensor:
     return F.cross_entropy(logits.detach().float(), labels)
 
 
-def likeliest(logits: Tensor, labels: Tensor, k: int) -> Tensor:
-    """Return the k classes of the greatest logits other than the label's, the greatest first: (B,
-    k) int64, or (B, K - 1) where the model has fewer."""
-    return _without(logits, labels).topk(min(k, logits.shape[1] - 1), 1).indices
+def likeliest(logits: Tensor, labels: Tensor, k: int) -> tuple[Tensor, Tensor]:
+    """Return the k greatest logits other than the label's, the greatest first, and their classes,
+    int64: (B, k) each, or (B, K - 1) where the model has fewer."""
+    values, classes = _without(logits, labels).topk(min(k, logits.shape[1] - 1), 1)
+    return values, classes

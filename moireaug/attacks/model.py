@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 import torch
 from torch import Tensor, nn
 
-# what torch says where weights and images differ in precision
-OTHER_PRECISION = r"same dtype|type .* should be the same|expected scalar type"
+# what torch says where weights and images differ in precision, or in device
+OTHER_TYPE = r"same dtype|type .* should be the same|expected scalar type"
 
 
 class Normalized(nn.Module):
@@ -46,16 +46,26 @@ class Normalized(nn.Module):
         self.register_buffer("std", stds.view(-1, 1, 1), persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
-        return self.model((images - self.mean) / self.std)
+        return self.model((images - self.mean.to(images)) / self.std.to(images))
 
 
-def _said_of_precision(model: nn.Module, error: RuntimeError) -> str:
-    dtypes = {value.dtype for value in model.parameters() if value.is_floating_point()}
-    weights = " and ".join(sorted(str(dtype).removeprefix("torch.") for dtype in dtypes))
+def _said_of_types(weight: Tensor, said: str) -> str:
+    """Return a sentence on images that do not meet the model's first weight.
+
+    Args:
+        said: by torch, as in "Input type (torch.FloatTensor) and weight type
+            (torch.cuda.FloatTensor) should be the same".
+    """
+    types = re.findall(r"(\w+Tensor)\)", said)
+    if len(types) > 1 and len(set(types)) == 1:  # only their devices differ
+        device = str(weight.device)
+        return (
+            f"the model is on {device} and does not take these images ({said}): pass "
+            f"images.to({device!r})."
+        )
     return (
-        f"the model, whose weights are {weights or 'none'}, does not take these images "
-        f"({str(error).splitlines()[0]}): pass model.float(), or a function that converts them, as "
-        "in lambda images: model(images.half())."
+        f"the model has weights of {weight.dtype} and does not take these images ({said}): pass a "
+        f"function that converts them, as in lambda images: model(images.to({weight.dtype}))."
     )
 
 
@@ -70,17 +80,21 @@ def evaluating(model: nn.Module | Callable[[Tensor], Tensor]) -> Iterator[None]:
 
     Raises:
         TypeError: in place of torch's RuntimeError where the model's weights and the images differ
-            in precision.
+            in precision or in device.
     """
-    modes = [(m, m.training) for m in model.modules()] if isinstance(model, nn.Module) else []
+    modules = list(model.modules()) if isinstance(model, nn.Module) else []
+    # TorchScript's frozen modules have no mode
+    modes = [(m, m.training) for m in modules if hasattr(m, "training")]
     try:
         if isinstance(model, nn.Module):
             model.eval()
         with torch.inference_mode(False), torch.enable_grad():
             yield
     except RuntimeError as error:
-        if isinstance(model, nn.Module) and re.search(OTHER_PRECISION, str(error)):
-            raise TypeError(_said_of_precision(model, error)) from error
+        weights = model.parameters() if isinstance(model, nn.Module) else iter(())
+        weight = next(filter(Tensor.is_floating_point, weights), None)
+        if weight is not None and re.search(OTHER_TYPE, str(error)):
+            raise TypeError(_said_of_types(weight, str(error).splitlines()[0])) from error
         raise
     finally:
         for module, training in modes:

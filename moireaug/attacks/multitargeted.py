@@ -79,9 +79,10 @@ class MultiTargeted:
         images, shot = problem.images, problem.shot
         found, logits = _unattacked(attack, problem, labels)
         best = margin(logits.float(), labels)
-        classes = likeliest(logits, labels, self.targets)
-        for toward in classes.T:
-            rows = (~found.success).nonzero()[:, 0]  # those that are still right
+        values, classes = likeliest(logits, labels, self.targets)
+        for value, toward in zip(values.T, classes.T, strict=True):
+            # those that are still right, and toward no class that minus infinity rules out
+            rows = (~found.success & value.isfinite()).nonzero()[:, 0]
             if not len(rows):
                 break
             own = None if shot is None else shot[rows.to(shot.device)]
@@ -95,7 +96,7 @@ class MultiTargeted:
                 problem=part,
             )
             with torch.no_grad():
-                reached = margin(attack.model(result.images).float(), labels[rows])
+                reached = margin(attack.model(result.images.clone()).float(), labels[rows])
             better = result.success | (reached > best[rows])
             best[rows] = torch.where(better, reached, best[rows])
             found = _with_rows(found, rows[better], result, better)
@@ -106,15 +107,14 @@ def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Resul
     """Return the photos without noise at the drawn pose as a Result, and their logits (B, K)."""
     images = problem.images
     dtype = torch.float64 if images.dtype == torch.float64 else torch.float32
-    noise = torch.zeros(problem.shape, dtype=dtype)
-    point = {"noise": noise.to(images.device)}
+    point = {"noise": torch.zeros(problem.shape, dtype=dtype, device=images.device)}
     if problem.pose is not None:
         point["pose"] = problem.pose
     with torch.no_grad():
         photo = problem.render(**point)
-        logits = attack.model(photo)
+        logits = attack.model(photo.clone())
     check_classes(labels, logits, 1)
-    success, losses = predicted(logits) != labels, torch.zeros(0)
+    success, losses = predicted(logits) != labels, torch.zeros(0, device="cpu")
     found = Result(photo, success, point["noise"], losses, attack.one_eps(), problem.shot)
     return found, logits
 

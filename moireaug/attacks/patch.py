@@ -57,20 +57,23 @@ def discs(images: Tensor, area: float, generator: torch.Generator | None = None)
         images: (B, 3, H, W). area: of a disc, as a share of the image's.
 
     Raises:
-        ValueError: images too long or too narrow for a disc of that area.
+        ValueError: images too long or too narrow for a disc of that area, or too small for it to
+            hold a pixel.
     """
     n, _, height, width = images.shape
     radius = math.sqrt(area * height * width / math.pi)
-    if 2 * radius > min(height, width):
+    # a narrower one may lie between the centres of four pixels
+    if not math.sqrt(2) <= 2 * radius <= min(height, width):
         raise ValueError(
-            f"a disc of {area:g} of the area is {2 * radius:.0f} pixels wide, and the images are "
-            f"{width} x {height}. Make area smaller."
+            f"a disc must be at least 1.42 pixels wide and fit into the image; got "
+            f"{2 * radius:.3g} pixels, {area:g} of the area of {width} x {height}. Choose another "
+            "area."
         )
-    place = torch.rand(n, 2, 1, 1, generator=generator, dtype=torch.float64)
+    place = torch.rand(n, 2, 1, 1, generator=generator, dtype=torch.float64, device="cpu")
     x = radius + place[:, 0] * (width - 2 * radius)
     y = radius + place[:, 1] * (height - 2 * radius)
-    across = torch.arange(width, dtype=torch.float64) + 0.5 - x
-    down = torch.arange(height, dtype=torch.float64).view(-1, 1) + 0.5 - y
+    across = torch.arange(width, dtype=torch.float64, device="cpu") + 0.5 - x
+    down = torch.arange(height, dtype=torch.float64, device="cpu").view(-1, 1) + 0.5 - y
     inside = across.square() + down.square() <= radius**2
     return inside.unsqueeze(1).to(images)
 

@@ -138,7 +138,8 @@ def _refuse_twins(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> Non
     twins = (gaps <= SAME).triu(1).nonzero().tolist()
     if not twins:
         return
-    anything = torch.rand(clean[:1].shape, generator=torch.Generator().manual_seed(0)).to(clean)
+    g = torch.Generator().manual_seed(0)
+    anything = torch.rand(clean[:1].shape, generator=g, device="cpu").to(clean)
     photos = CAMERAS[noise_at](anything.expand_as(clean), shot)
     for i, j in twins:
         if not torch.allclose(photos[i], photos[j], rtol=0, atol=1e-4):

@@ -139,6 +139,7 @@ class CW:
         with evaluating(self.model):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
+            classes = labels if targets is None else torch.maximum(labels, targets)
             goal, sign = (labels, 1.0) if targets is None else (targets, -1.0)
             x = images if images.dtype == torch.float64 else images.float()
             w = torch.atanh((x * 2 - 1).clamp(-INSIDE, INSIDE)).requires_grad_(True)
@@ -146,11 +147,10 @@ class CW:
             best, near, losses = x, torch.full_like(x[:, 0, 0, 0], float("inf")), []
             for k in range(self.steps):
                 shown = (torch.tanh(w) + 1) / 2
-                logits = self.model(shown.to(images.dtype))
+                # a model may work in place
+                logits = self.model(shown.to(images.dtype, copy=True))
                 if k == 0:
-                    check_classes(
-                        labels if targets is None else torch.maximum(labels, targets), logits, 1
-                    )
+                    check_classes(classes, logits, 1)
                     check_answers(logits, self.model, images)
                     check_gradient(logits)
                     check_gradient(logits, _slope(logits, w))
@@ -170,13 +170,14 @@ class CW:
                 best = choose(nearer, shown.detach(), best)
             photo = best.to(images.dtype)
             with torch.no_grad():
-                hit = predicted(self.model(photo))
+                logits = self.model(photo.clone())
+            check_classes(classes, logits, 1)
+            hit = predicted(logits)
         success = hit != labels if targets is None else hit == targets
         noise = best - x
         eps = noise.abs().max().item() if noise.numel() else 0.0
-        return Result(
-            photo, success, noise, torch.stack(losses).cpu() if losses else torch.zeros(0), eps
-        )
+        loss = torch.stack(losses).cpu() if losses else torch.zeros(0, device="cpu")
+        return Result(photo, success, noise, loss, eps)
 
 
 def _slope(logits: Tensor, w: Tensor) -> tuple[Tensor | None, ...]:

@@ -14,10 +14,12 @@ from moireaug.scene.scene import Scene, Shot
 
 Field = tuple[str, str]  # a part and one of its ranged fields
 
+OF_FLICKER = ("pwm", "duty", "phase", "shutter", "readout")  # fields that nothing else reads
+
 
 def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
     """Return the ranges (low < high) of the parts named in `optimise`, in the order in which they
-    are drawn.
+    are drawn, without those of a flicker that the scene's plan leaves out.
 
     Raises:
         ValueError: a part without a range, a pose that only takes whole degrees, or an exposure
@@ -28,15 +30,16 @@ def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
         if one_of("each of optimise", part, ("noise", *PARTS)) == "noise":
             continue
         record = getattr(scene, part)
+        unread = () if "flicker" in scene.plan() else OF_FLICKER
         varied = []
         for k in record.ranged:
             low, high = bounds(getattr(record, k))
-            if low < high:
+            if low < high and k not in unread:
                 varied.append((part, k))
         if not varied:
             raise ValueError(
-                f"optimise names {part!r}, which has no range in this scene: nothing can be moved. "
-                f"Give a field of {type(record).__name__} a (low, high) pair."
+                f"optimise names {part!r}, which has no range in this scene, or none that shows: "
+                f"nothing can be moved. Give a field of {type(record).__name__} a (low, high) pair."
             )
         if part == "view" and scene.view.pose == "released":
             raise ValueError(
@@ -56,7 +59,9 @@ def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
 def _ends(shot: Shot, fields: list[Field]) -> tuple[Tensor, Tensor]:
     """Return the low and high ends of the fields' ranges, (F,) float64 each."""
     ends = torch.tensor(
-        [bounds(getattr(getattr(shot.scene, part), k)) for part, k in fields], dtype=torch.float64
+        [bounds(getattr(getattr(shot.scene, part), k)) for part, k in fields],
+        dtype=torch.float64,
+        device="cpu",
     )
     low, high = ends.to(shot.device).unbind(1)
     return low, high

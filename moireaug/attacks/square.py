@@ -68,12 +68,14 @@ class SquareMoire(MoireAttack):
                 if best:
                     active = active.narrowed(best.left())
                 shown = active.problem.rehearse(**active.point(tried))
-                logits = self.model(shown)
+                logits = self.model(shown.clone())  # a model may work in place
                 if k == 0:
                     self._check(active, shown, logits, best)
                 if best:
                     best.watch(tried, logits, active.rows)
-                loss = active.filled(LOSSES[self.loss](logits, *active.goals()))
+                loss = LOSSES[self.loss](logits, *active.goals())
+                # no loss, of an image without an answer, is below any other
+                loss = active.filled(loss.nan_to_num(-math.inf, math.inf, -math.inf))
                 better = (loss > highest) if k else torch.ones_like(loss, dtype=torch.bool)
                 highest = torch.where(better, loss.to(highest), highest)
                 found = {"noise": choose(better, tried["noise"], found["noise"])}
@@ -94,8 +96,8 @@ def _with_square(noise: Tensor, eps: float, size: int, generator: torch.Generato
     """Return the noise (B, C, h, w) with a window of each image, at its own place, set to +-eps,
     one sign per plane."""
     n, planes, h, w = noise.shape
-    places = torch.tensor([h - size + 1, w - size + 1])[:, None, None]
-    corner = torch.rand(2, n, 1, generator=generator) * places
+    places = torch.tensor([h - size + 1, w - size + 1], device="cpu")[:, None, None]
+    corner = torch.rand(2, n, 1, generator=generator, device="cpu") * places
     signs = _signs((n, planes, 1, 1), generator).to(noise)
     top, left = corner.floor().to(noise.device)
     rows, columns = (torch.arange(m, device=noise.device) for m in (h, w))
@@ -104,4 +106,4 @@ def _with_square(noise: Tensor, eps: float, size: int, generator: torch.Generato
 
 
 def _signs(shape: tuple[int, ...], generator: torch.Generator | None) -> Tensor:
-    return torch.randint(0, 2, shape, generator=generator) * 2.0 - 1
+    return torch.randint(0, 2, shape, generator=generator, device="cpu") * 2.0 - 1

@@ -103,7 +103,7 @@ def toward_classes(batch: EvalBatch, eps: float, steps: int, classes: int) -> Te
     targeted DLR loss; a model of fewer than four classes has no such loss, and is attacked by the
     margin."""
     with evaluating(batch.model), torch.no_grad():
-        logits = batch.model(batch.images[:1])
+        logits = batch.model(batch.images[:1].clone())
     attack = MoireAttack(
         model=batch.model,
         scene=batch.shot.scene,

@@ -168,7 +168,8 @@ class RandomNoise(Condition):
         return f"random_{codes(self.eps)}"
 
     def show(self, batch: EvalBatch) -> Tensor:
-        bits = torch.randint(0, 2, batch.shot.raw_shape(), generator=batch.generator)
+        shape = batch.shot.raw_shape()
+        bits = torch.randint(0, 2, shape, generator=batch.generator, device="cpu")
         signs = bits.to(batch.images) * 2 - 1
         reading = expose(batch.images, batch.shot) + self.eps * signs
         return develop(reading, batch.shot).to(batch.images.dtype)

@@ -18,7 +18,7 @@ from moireaug.numeric import clip
 
 def gaussian_noise(images: Tensor, sigma: float, generator: torch.Generator) -> Tensor:
     """Add normal noise of standard deviation `sigma`, in [0, 1] units."""
-    noise = torch.randn(images.shape, generator=generator).to(images)
+    noise = torch.randn(images.shape, generator=generator, device="cpu").to(images)
     return clip(images + sigma * noise)
 
 

@@ -56,8 +56,8 @@ def evaluate(
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
         scene: a Scene, a preset's name or a dict; one shot is drawn per image.
         eps: bounds of the ladder, in [0, 1] units; jpeg, defences, demoireing, transfer,
-            factors, noise_position, adaptive and trust attack at the middle one; other suites have
-            their own.
+            factors, noise_position, appearance, shifts, adaptive and trust attack at the middle
+            one; other suites have their own.
         steps: gradient steps of every attack.
         n: how many images; None is all.
         seed: of shots, targets and random starts.
@@ -88,6 +88,7 @@ def evaluate(
     check_bounds(eps if isinstance(eps, Real) else np.atleast_1d(eps).tolist())
     check_count("steps", steps, 0)
     check_count("seed", seed, 0)
+    steps, seed = int(steps), int(seed)  # NumPy's have no place in records
     batches = gathered(loader, n)
     config = SuiteConfig(
         scene=as_scene(scene),
@@ -140,6 +141,7 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
         raise TypeError(
             f"loader must yield batches of (images, labels); got a {type(loader).__name__}."
         )
+        n = int(n)  # NumPy's may wrap around
     batches = []
     left = n
     for pair in loader:
@@ -158,14 +160,18 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
 def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
     """Return what a loader has yielded as images and labels; uint8 images as float in [0, 1]."""
     if not isinstance(pair, Sequence) or len(pair) != 2:
+        got, picked = f"a {type(pair).__name__}", "b['image'], b['label']"
+        if isinstance(pair, Sequence):
+            got, picked = f"{got} of {len(pair)}", "b[0], b[1]"
         raise ValueError(
-            f"loader must yield (images, labels); got a {type(pair).__name__}. Wrap it: "
-            "((b['image'], b['label']) for b in loader)."
+            f"loader must yield (images, labels); got {got}. Wrap it: (({picked}) for b in loader)."
         )
     images, labels = (torch.as_tensor(part) for part in pair)
-    if images.ndim == 3 and not labels.ndim:
+    if labels.ndim != 1:
         raise ValueError(
-            "loader must yield batches; got single images. Wrap them: DataLoader(data, 32)."
+            "loader must yield batches of images (B, 3, H, W) and labels (B,); got "
+            f"{tuple(images.shape)} and {tuple(labels.shape)}. Wrap single images: "
+            "DataLoader(data, 32)."
         )
     if images.dtype == torch.uint8:
         images = images.float() / 255

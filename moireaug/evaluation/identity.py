@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-OF_MODULES = tuple(vars(nn.Module()))  # of every module: mode, hooks, and tables of its parts
+OF_MODULES = set(vars(nn.Module()))  # of every module: mode, hooks, and tables of its parts
+HOOKS = {"_forward_pre_hooks", "_forward_hooks"}  # of these, what changes a module's answers
 UNKNOWN = "callable "  # before the id in memory of what has no other name
 
 
@@ -27,9 +28,10 @@ def identity(part: object) -> str:
     return " ".join(_told(part, ()))
 
 
-def digest(model: nn.Module) -> str:
+def digest(model: object) -> str:
     """Return sixteen hex digits that change with a weight, a buffer, or a setting of a layer or of
-    anything that it holds; the code of a class is not seen."""
+    anything that it holds; the code of a class is not seen. Those of a function change with its
+    import path."""
     sums = hashlib.sha256()
     for told in _told(model, ()):
         sums.update(told.encode() + b"\n")
@@ -40,13 +42,15 @@ def require_identity(name: str, part: object) -> None:
     """Refuse what a later process could not identify.
 
     Raises:
-        ValueError: a lambda or a closure, or an object that holds one; names it.
+        ValueError: a lambda, a closure or a function of the script itself, or an object that holds
+            one; names it.
     """
     if any(told.startswith(UNKNOWN) for told in _told(part, ())):
         raise ValueError(
             f"records are kept by what was asked, and nothing tells {name}, a "
-            f"{type(part).__name__} that is or holds a lambda or a function inside another, from "
-            "others: use functions of a module, or leave folder out."
+            f"{type(part).__name__} that is or holds a lambda, a function inside another or one of "
+            "the script itself, from others: use functions of an imported module, or leave folder "
+            "out."
         )
 
 
@@ -78,10 +82,20 @@ def _tell(part: object, outer: tuple[int, ...]) -> Iterator[str]:
 @_tell.register
 def _tell_module(part: nn.Module, outer: tuple[int, ...]) -> Iterator[str]:
     for name, layer in part.named_modules():
+        if hasattr(layer, "_orig_mod"):  # compiled: a later call compiles more
+            continue
         yield f"{name} {type(layer).__qualname__}"
-        yield from _told(_settings(layer), outer)
+        script = isinstance(layer, torch.jit.ScriptModule)
+        yield from _tell_script(layer, outer) if script else _told(_settings(layer), outer)
     values = {**part.state_dict(), **dict(part.named_buffers())}  # some buffers are not saved
     yield from _told(values, outer)
+
+
+@_tell.register(torch.jit.ScriptModule)
+@_tell.register(torch.jit.ScriptFunction)
+def _tell_script(part: torch.jit.ScriptModule, outer: tuple[int, ...]) -> Iterator[str]:
+    """With its code and constants, among which are a frozen module's weights."""
+    yield hashlib.sha256(part.save_to_buffer()).hexdigest()
 
 
 @_tell.register
@@ -144,14 +158,16 @@ def _tell_code(part: object, outer: tuple[int, ...]) -> Iterator[str]:
 
 
 def _settings(part: object) -> dict[str, object]:
-    """Return the attributes that an object holds, without those of every module, such as its mode
-    and its weights."""
+    """Return the attributes that an object holds; of a module, its hooks are the only ones of those
+    that every module has."""
     if dataclasses.is_dataclass(part):
         return {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
     found = dict(vars(part))
     if isinstance(part, nn.Module):
-        for name in OF_MODULES:
-            found.pop(name, None)
+        for name in OF_MODULES & found.keys():
+            value = found.pop(name)
+            if name in HOOKS and value:
+                found[name] = list(value.values())  # their keys count all hooks of a process
     return found
 
 

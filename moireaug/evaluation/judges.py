@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from moireaug.attacks import evaluating
-from moireaug.defenses import restore_mean
+from moireaug.defenses import Compose, restore_mean
 from moireaug.evaluation.conditions import Defence, EvalBatch, Model
 from moireaug.evaluation.identity import identity
 
@@ -41,10 +41,12 @@ class Judge:
         if self.restores_mean:
             shown = restore_mean(shown, batch.images)
         model = batch.model if self.model is None else self.model
-        with evaluating(model), torch.no_grad():
+        defences = () if self.defence is None else (self.defence,)
+        networks = nn.ModuleList(Compose(defences).networks)
+        with evaluating(networks), evaluating(model), torch.no_grad():
             if self.defence is not None:
                 shown = self.defence(shown)
-            return model(shown)
+            return model(shown.clone())  # a model may work in place
 
     @cached_property
     def identity(self) -> str:

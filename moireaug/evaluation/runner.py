@@ -4,6 +4,7 @@ record."""
 from __future__ import annotations
 
 import hashlib
+import itertools
 import time
 import typing
 import zlib
@@ -43,13 +44,22 @@ class Job(NamedTuple):
 
 def jobs_of(tables: Iterable[Table]) -> list[Job]:
     """Return the jobs that tables need, each condition once, first the clean images before every
-    judge without a defence, which say which images count."""
+    judge without a defence, which say which images count.
+
+    Raises:
+        ValueError: two conditions of one name that differ.
+    """
     conditions: dict[str, Condition] = {CLEAN.name: CLEAN}
     judges: dict[str, dict[str, Judge]] = {CLEAN.name: {UNDEFENDED.name: UNDEFENDED}}
     for table in tables:
         for cell in table.cells:
             for condition in cell.conditions:
-                conditions.setdefault(condition.name, condition)
+                known = conditions.setdefault(condition.name, condition)
+                if known.settings() != condition.settings() or known.scene != condition.scene:
+                    raise ValueError(
+                        f"two conditions are called {condition.name!r}, and their records would "
+                        f"be mixed up: {known!r} and {condition!r}. Give one another name."
+                    )
                 judges.setdefault(condition.name, {})[cell.judge.name] = cell.judge
             if cell.judge.base == cell.judge.name:
                 judges[CLEAN.name][cell.judge.name] = cell.judge
@@ -67,8 +77,7 @@ class Runner:
         seed: of shots, targets, random starts and randomised judges. What is drawn depends only on
             the seed, the batch's index and the names of condition and judge, so that any process,
             now or later, draws the same.
-        name: of the model in records; None is a digest of its weights, or "callable" for one that
-            is not a Module.
+        name: of the model in records; None is its `identity.digest`.
         lpips: a `visibility.LPIPS`, measured for every attack where given. Records with and without
             it have different keys.
     """
@@ -84,14 +93,12 @@ class Runner:
         name: str | None = None,
         lpips: nn.Module | None = None,
     ) -> None:
-        if name is None:
-            name = digest(model) if isinstance(model, nn.Module) else "callable"
         self.model = model
         self.batches = batches
         self.scene = scene
         self.records = records
         self.seed = seed
-        self.name = name
+        self.name = digest(model) if name is None else name
         self.lpips = lpips
         self._lpips_identity = None if lpips is None else digest(lpips)
         self.device = device_of(model)
@@ -160,7 +167,7 @@ class Runner:
     def _targets(self, images: Tensor, labels: Tensor, index: int) -> Tensor:
         """Draw one of the model's other classes for each image."""
         with evaluating(self.model), torch.no_grad():
-            logits = self.model(images[:1])
+            logits = self.model(images[:1].clone())
         check_classes(labels[:1], logits, 1)
         classes = logits.shape[1]
         if classes < 2:
@@ -168,7 +175,7 @@ class Runner:
                 f"the model must tell at least two classes apart; it returns {classes} logit."
             )
         generator = torch.Generator().manual_seed(mix(self.seed, index, 1))
-        offset = torch.randint(1, classes, labels.shape, generator=generator)
+        offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
         return (labels + offset.to(labels)) % classes
 
     def _batch(
@@ -190,7 +197,8 @@ class Runner:
     ) -> list[Record]:
         # a randomised model or defence draws from the global generator: the same numbers
         # wherever this piece is computed
-        with torch.random.fork_rng(), torch.no_grad():
+        devices = [batch.images.device] if batch.images.is_cuda else []
+        with torch.random.fork_rng(devices), torch.no_grad():
             torch.manual_seed(mix(self.seed, index, 3, _digits(condition.name)))
             start = time.perf_counter()
             shown = _shown(condition, batch)
@@ -226,10 +234,10 @@ class Runner:
 
 
 def device_of(model: Model) -> torch.device | None:
-    """Return the device of a model's weights; None for a model without."""
+    """Return the device of a model's weights, or of its buffers; None for a model without."""
     if isinstance(model, nn.Module):
-        for parameter in model.parameters():
-            return parameter.device
+        for value in itertools.chain(model.parameters(), model.buffers()):
+            return value.device
     return None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from statistics import fmean, stdev
@@ -107,10 +108,8 @@ def bootstrap(outcomes: np.ndarray, draws: int = 4000) -> tuple[float, float]:
         _, width = wilson(0, images)
         low, high = mean - width, mean + width
         return max(-1.0, low), min(1.0, high)
-    rng = np.random.default_rng(0)
-    by_image = rng.multinomial(images, np.full(images, 1 / images), draws) / images
+    by_image, picked = _drawn_again(seeds, images, draws)
     rows = by_image @ outcomes.T  # (draws, seeds): each seed's mean on the drawn images
-    picked = rng.integers(0, seeds, (draws, seeds))
     centre = rows.mean(1, keepdims=True)
     wider = 1.0
     if seeds > 1:
@@ -119,3 +118,12 @@ def bootstrap(outcomes: np.ndarray, draws: int = 4000) -> tuple[float, float]:
     drawn = np.take_along_axis(rows - centre, picked, 1).mean(1) * wider + centre[:, 0]
     low, high = np.quantile(drawn, [0.025, 0.975])
     return max(-1.0, float(low)), min(1.0, float(high))
+
+
+@functools.lru_cache(maxsize=1)  # a table has many figures of one shape, and drawing takes longest
+def _drawn_again(seeds: int, images: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return how often each image is drawn, as a share (draws, images), and which seeds are (draws,
+    seeds)."""
+    rng = np.random.default_rng(0)
+    by_image = rng.multinomial(images, np.full(images, 1 / images), draws) / images
+    return by_image, rng.integers(0, seeds, (draws, seeds))

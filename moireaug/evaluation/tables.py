@@ -3,6 +3,7 @@ the templates."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -100,6 +101,7 @@ class SuiteConfig:
     without: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))
         if not self.eps or len(set(self.eps)) < len(self.eps):
             raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
         names = [*self.targets, *self.defences, *self.networks]
@@ -118,6 +120,13 @@ class SuiteConfig:
     def behind(self, name: str) -> Judge:
         """Return the attacked model behind the defence of that name."""
         return Judge(name, defence=self.defences[name])
+
+
+def _exact(eps: float) -> float:
+    """Return a bound that float32 has rounded as Python's own, so that suites which name theirs by
+    the same codes share it."""
+    whole = round(255 * eps)
+    return whole / 255 if math.isclose(255 * eps, whole, rel_tol=1e-6) else eps
 
 
 def paper_defences() -> dict[str, Defence]:

@@ -120,8 +120,10 @@ def psnr(changed: Tensor, original: Tensor) -> Tensor:
 
 def ssim(changed: Tensor, original: Tensor) -> Tensor:
     """Return the structural similarity of each of (B, 3, H, W) in [0, 1], (B,): the mean over
-    pixels and channels, in windows of `WINDOW` pixels."""
-    return ssim_map(changed, original, WINDOW).mean((1, 2, 3))
+    pixels and channels, in windows of `WINDOW` pixels, or of as many as smaller images have when
+    mirrored."""
+    window = min(WINDOW, 2 * min(changed.shape[-2:]) - 1)
+    return ssim_map(changed, original, window).mean((1, 2, 3))
 
 
 def _features_in(path: str | Path) -> dict[str, Tensor]:

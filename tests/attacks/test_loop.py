@@ -157,6 +157,16 @@ def test_the_model_is_left_as_it_was_found(name, after, model, batch):
     assert [p.requires_grad for p in model.parameters()] == flags
 
 
+@pytest.mark.filterwarnings("ignore:.*torch.jit:FutureWarning")
+def test_a_frozen_script_is_attacked(batch):
+    script = torch.jit.script(nn.Sequential(nn.Flatten(), nn.Linear(768, 5)).eval())
+    plain, frozen = (
+        PGD(m, steps=1)(*batch, generator=torch.Generator().manual_seed(0))
+        for m in (script, torch.jit.freeze(script))
+    )
+    assert torch.equal(plain.images, frozen.images)
+
+
 @pytest.mark.parametrize("context", [torch.no_grad, torch.inference_mode])
 def test_attacks_work_where_gradients_are_off(context, model, batch):
     with context():
@@ -220,7 +230,7 @@ def test_saturated_and_black_pixels_are_reached(model):
 def test_half_precision_models_are_attacked(model, batch):
     images, labels = batch[0].bfloat16(), batch[1]
     for attack in (
-        MoireAttack(model.bfloat16(), scene=SCENE, eps=EPS, steps=2),
+        MoireAttack(Normalized(model.bfloat16()), scene=SCENE, eps=EPS, steps=2),
         PGD(model, eps=EPS, steps=2),
     ):
         result = attack(images, labels)

@@ -241,6 +241,14 @@ def test_a_model_without_a_slope_is_left_alone(model, loss, targeted):
     assert not result.noise.any() and torch.equal(result.images, PLAIN.capture(images))
 
 
+def test_classes_that_are_ruled_out_are_no_targets():
+    """Where minus infinity leaves one class beside the label."""
+    ruled_out = torch.tensor([0.0, 0.0] + [-torch.inf] * 4)
+    attack = PGD(lambda x: deaf(x) + ruled_out, steps=1)
+    result = MultiTargeted(attack)(torch.rand(2, 3, 8, 8), torch.tensor([0, 1]))
+    assert result.success.tolist() == [False, True]
+
+
 @pytest.mark.parametrize("n", [0, 1])
 def test_batches_of_none_and_one(n, learnt):
     model, images, labels, shot = learnt

@@ -60,9 +60,13 @@ def test_an_area_that_is_no_share_is_refused(area):
         Patch(Mean(), area=area)
 
 
-def test_a_disc_that_does_not_fit_is_refused():
-    with pytest.raises(ValueError, match="113 pixels wide, and the images are 1000 x 20"):
-        discs(torch.rand(1, 3, 20, 1000), 0.5)
+@pytest.mark.parametrize(
+    ("area", "width", "got"),
+    [(0.5, 1000, "113 pixels, 0.5 of the area of 1000 x 20"), (0.003, 20, "1.24 pixels")],
+)
+def test_a_disc_that_does_not_fit_or_holds_no_pixel_is_refused(area, width, got):
+    with pytest.raises(ValueError, match=f"at least 1.42 pixels wide and fit .* got {got}"):
+        discs(torch.rand(1, 3, 20, width), area)
 
 
 def test_a_shot_is_refused():

@@ -187,6 +187,23 @@ def test_square_asks_as_often_as_it_says_and_never_gets_worse(learnt):
     assert (margins[1] >= margins[0] - 1e-5).all() and margins[2].mean() > margins[0].mean()
 
 
+def test_a_first_query_without_an_answer_does_not_end_a_search(learnt):
+    model, images, labels = learnt
+    shot, asked, kept = SCENE.sample(len(images), (16, 16)), [], []
+
+    def late(x):
+        asked.append(len(x))
+        return model(x) * (float("nan") if len(asked) == 1 else 1.0)
+
+    for steps in (1, 20):
+        attack = SquareMoire(late, scene=SCENE, steps=steps)
+        start = torch.Generator().manual_seed(2)
+        kept.append(attack.last(images, labels, shot=shot, generator=start))
+        asked.clear()
+    first, last = (attacks.margin(model(x), labels).mean() for x in kept)
+    assert last > first
+
+
 def test_squares_shrink_as_in_the_paper():
     shape = (1, 4, 100, 100)
     assert side(0, 10_000, shape) == round((0.8 * 100 * 100) ** 0.5) == 89

@@ -11,6 +11,18 @@ from moireaug.attacks import CW, PGD, MoireAttack, MultiTargeted, Normalized, Pa
 from moireaug.transforms import AdversarialMoire
 from tests.attacks.common import SCENE
 
+
+class Elsewhere(nn.Linear):
+    """Says what torch says of images on another device."""
+
+    def __init__(self):
+        super().__init__(1, 1)
+
+    def forward(self, x):
+        kinds = "Input type (torch.FloatTensor) and weight type (torch.cuda.FloatTensor)"
+        raise RuntimeError(f"{kinds} should be the same")
+
+
 BAD = [
     (lambda m, x, y: MoireAttack(None), "logits (B, K); got None"),
     (lambda m, x, y: SquareMoire("resnet18"), "logits (B, K); got 'resnet18'"),
@@ -52,6 +64,10 @@ BAD = [
     (lambda m, x, y: SquareMoire(m, step_size=0.1), "no use for step_size"),
     (lambda m, x, y: SquareMoire(m, eot=2), "no use for eot"),
     (lambda m, x, y: SquareMoire(m)(x, y + 5), "the model's classes; got"),
+    (
+        lambda m, x, y: SquareMoire(lambda i: m(i).long())(x, y),
+        "must return logits in floating point; got torch.int64",
+    ),
     (lambda m, x, y: CW(m, c=0), "c must be a finite number above 0"),
     (lambda m, x, y: CW(m, lr=math.nan), "lr must be a finite number above 0"),
     (lambda m, x, y: CW(m, c="1"), "c must be a finite number above 0; got '1'"),
@@ -61,6 +77,7 @@ BAD = [
     (lambda m, x, y: CW(m, steps=1.5), "steps must be an integer >= 0"),
     (lambda m, x, y: CW(m)(x, y, shot=SCENE.sample(6, (16, 16))), "no camera"),
     (lambda m, x, y: CW(m)(x, y + 5), "the model's classes; got"),
+    (lambda m, x, y: CW(m, steps=0)(x, y + 5), "the model's classes; got"),
     (lambda m, x, y: CW(m)(x, y[:2]), "shape (6,)"),
     (lambda m, x, y: PGD(model=m)(x, y + 5), "[0, 4], the model's classes; got"),
     (lambda m, x, y: PGD(model=m)(x, y - 9), "class indices >= 0"),
@@ -77,11 +94,11 @@ BAD = [
     (lambda m, x, y: AdversarialMoire(m, p=2), "p must be a probability"),
     (lambda m, x, y: Normalized(m, std=(0.1, 0.0, 0.1)), "every std must be above 0"),
     (lambda m, x, y: Normalized(m, mean=(math.nan,) * 3), "one finite number per channel"),
-    (lambda m, x, y: PGD(copy.deepcopy(m).half())(x, y), "weights are float16, does not take"),
-    (
-        lambda m, x, y: CW(copy.deepcopy(m).bfloat16())(x, y),
-        "pass model.float(), or a function that converts them",
-    ),
+    (lambda m, x, y: PGD(copy.deepcopy(m).half())(x, y), "has weights of torch.float16 and does"),
+    (lambda m, x, y: CW(copy.deepcopy(m).bfloat16())(x, y), "model(images.to(torch.bfloat16))"),
+    (lambda m, x, y: PGD(m)(x.double(), y), "model(images.to(torch.float32))"),
+    (lambda m, x, y: PGD(Elsewhere())(x, y), "is on cpu and does not take these images (Input"),
+    (lambda m, x, y: PGD(Elsewhere())(x, y), "should be the same): pass images.to('cpu')."),
 ]
 
 

@@ -127,6 +127,12 @@ def test_the_attack_is_the_attack(known, loader):
     assert cell["fooled"].tolist() == found
 
 
+def test_numpys_integers_count(known, tmp_path):
+    settings = {"steps": np.int64(0), "seed": np.int64(2**40), "n": np.uint8(3)}
+    frame = evaluate(*known, **settings, eps=4 / 255, folder=tmp_path, progress=False)
+    assert frame["image"].nunique() == 3
+
+
 def test_records_are_taken_up(known, loader, tmp_path, monkeypatch):
     first = evaluate(known[0], loader, steps=1, folder=tmp_path, progress=False)
     lines = (tmp_path / "records-0.jsonl").read_text()
@@ -179,11 +185,16 @@ def test_a_suite_of_several_tables(known, loader):
         ({"loader": None}, "loader must yield batches of .images, labels.; got a NoneType"),
         (
             {"loader": [(torch.rand(3, 8, 8), torch.tensor(0))]},
-            "loader must yield batches; got single images. Wrap them: DataLoader",
+            r"labels .B,.; got .3, 8, 8. and ... Wrap single images: DataLoader",
+        ),
+        ({"loader": [(torch.rand(1, 3, 8, 8), 3)]}, "labels .B,.; got .1, 3, 8, 8. and ..[.]"),
+        (
+            {"loader": [(torch.rand(1, 3, 8, 8), torch.zeros(1), torch.zeros(1))]},
+            r"got a tuple of 3. Wrap it: ..b.0., b.1.. for b in loader",
         ),
         ({"model": torch.nn.Linear}, "model must be a function or a torch module"),
         ({"targets": {"other": 3}}, "other must be a function or a torch module"),
-        ({"model": torch.nn.Linear(3, 3).half()}, "weights are float16, does not take these"),
+        ({"model": torch.nn.Linear(3, 3).half()}, "has weights of torch.float16 and does not take"),
         ({"loader": [(torch.rand(0, 3, 8, 8), torch.zeros(0).long())]}, "loader yields no images"),
         ({"loader": [(torch.rand(2, 8, 8, 3), torch.zeros(2).long())]}, "3, H, W"),
     ],

@@ -6,6 +6,7 @@ import functools
 import os
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -103,6 +104,27 @@ class Plain:
         return images * self._value
 
 
+def scaled(layer, images):
+    return 2 * images
+
+
+class Halved:
+    def __call__(self, layer, images):
+        return 0.5 * images
+
+
+def hooked(hook):
+    net = classifier()
+    net[0].register_forward_pre_hook(hook)
+    return net
+
+
+def frozen(seed):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        return torch.jit.freeze(torch.jit.script(classifier(seed).eval()))
+
+
 # what two models may differ in that is no weight, buffer or layer
 DIFFER = {
     "a defence": (Defended(nn.Identity(), JPEG(20)), Defended(nn.Identity(), JPEG(80))),
@@ -118,6 +140,7 @@ DIFFER = {
     "a set": ({"a", "b", "c"}, {"a", "b", "d"}),
     "networks in a list": ([classifier(0)], [classifier(1)]),
     "a function": (torch.relu, torch.sigmoid),
+    "a hook": (hooked(scaled), hooked(Halved())),
 }
 
 
@@ -133,6 +156,20 @@ def test_models_are_told_apart_by(what):
 def test_what_holds_a_lambda_is_refused_where_records_are_kept(hide):
     with pytest.raises(ValueError, match="nothing tells the model, a Holds that is or holds a lam"):
         require_identity("the model", Holds(hide(lambda images: images)))
+
+
+@pytest.mark.parametrize("held", [lambda script: script, nn.Sequential, lambda script: [script]])
+def test_a_frozen_script_is_known_by_its_constants(held):
+    one, other = held(frozen(0)), held(frozen(1))
+    assert digest(one) == digest(one) != digest(other)
+
+
+def test_a_compiled_model_is_told_by_what_it_was_made_of():
+    one, other = (torch.compile(classifier(seed), backend="eager") for seed in (0, 1))
+    before = digest(one)
+    one(torch.rand(1, 3, 16, 16))
+    assert digest(one) == before != digest(other)
+    require_identity("it", one)
 
 
 def test_another_process_tells_the_same_of_a_set():
@@ -151,16 +188,19 @@ def test_what_holds_itself_has_an_end():
     assert digest(model) == digest(copy.deepcopy(model))
 
 
-def test_a_key_changes_with_weights_scene_and_pixels(known):
+def test_a_key_changes_with_model_scene_and_pixels(known):
     model, batches = known
     runner = ran(known)
     plain = CONDITIONS["ma"]
     key = runner.key(plain, UNDEFENDED, 0)
     assert Runner(model, batches, SCENE, Records(), seed=3).key(plain, UNDEFENDED, 0) == key
-    for other in (
+    others = [
         Runner(classifier(1), batches, SCENE, Records(), seed=3),
         Runner(model, batches, Scene.preset("phone_at_laptop"), Records(), seed=3),
         Runner(model, [(x * 0.5, y) for x, y in batches], SCENE, Records(), seed=3),
         Runner(model, [(x, (y + 1) % 4) for x, y in batches], SCENE, Records(), seed=3),
-    ):
-        assert other.key(plain, UNDEFENDED, 0) != key
+        Runner(torch.relu, batches, SCENE, Records(), seed=3),
+        Runner(torch.sigmoid, batches, SCENE, Records(), seed=3),
+    ]
+    keys = {key, *(other.key(plain, UNDEFENDED, 0) for other in others)}
+    assert len(keys) == 1 + len(others)

@@ -19,11 +19,12 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     Rotated,
 )
+from moireaug.evaluation.corruptions import Corrupted
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
-from moireaug.evaluation.runner import _generators, jobs_of
+from moireaug.evaluation.runner import _generators, device_of, jobs_of
 from moireaug.evaluation.tables import crossed
-from tests.evaluation.haze import EPS, HAZE, TABLE, ran, results, table_of
+from tests.evaluation.haze import CONDITIONS, EPS, HAZE, TABLE, ran, results, table_of
 
 from .conftest import classifier
 
@@ -139,7 +140,14 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
     assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
 
 
-def test_another_model_is_left_as_it_was_found(known):
+@pytest.mark.parametrize(
+    ("part", "body"),
+    [
+        ("model", nn.Sequential(classifier(), nn.BatchNorm1d(4))),
+        ("defence", nn.BatchNorm2d(3)),
+    ],
+)
+def test_another_model_or_defence_is_left_as_it_was_found(part, body, known):
     """It judges in evaluation mode, without gradients, and keeps its statistics."""
     seen = []
 
@@ -148,9 +156,9 @@ def test_another_model_is_left_as_it_was_found(known):
             seen.append((self.training, torch.is_grad_enabled()))
             return x
 
-    stranger = nn.Sequential(classifier(), nn.BatchNorm1d(4), Spy()).train()
+    stranger = nn.Sequential(body, Spy()).train()
     state = {k: v.clone() for k, v in stranger.state_dict().items()}
-    ran(known, table_of(Photo(), judge=Judge("stranger", model=stranger)))
+    ran(known, table_of(Photo(), judge=Judge("stranger", **{part: stranger})))
     assert seen and not any(training or grad for training, grad in seen)
     assert stranger.training
     assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
@@ -254,6 +262,38 @@ def test_a_model_without_a_choice_is_refused(known):
     batches = [(torch.rand(2, 3, 8, 8), torch.zeros(2, dtype=torch.long))]
     with pytest.raises(ValueError, match="at least two classes apart; it returns 1 logit"):
         ran((lambda x: x.mean((1, 2, 3))[:, None], batches), indices=(0,))
+
+
+def test_another_default_device_changes_nothing(known):
+    table = table_of(*CONDITIONS.values(), Corrupted(corruption="gaussian_noise", amount=0.1))
+    plain = results(ran(known, table, (0,)))
+    with torch.device("meta"):
+        assert results(ran(known, table, (0,))) == plain
+
+
+def test_a_model_may_work_in_place(known):
+    model, batches = known
+    answers = []
+    for one in (lambda x: model(x - 0.1), lambda x: model(x.sub_(0.1))):
+        runner = ran((one, batches), table_of(*CONDITIONS.values()), (0,))
+        answers.append([record["predicted"] for record in results(runner).values()])
+    assert answers[0] == answers[1]
+
+
+def test_devices_without_the_model_are_left_alone(known, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "device_count", None)  # which cannot be called
+    ran(known, table_of(Photo()), (0,))
+
+
+def test_a_device_is_known_by_weights_or_buffers():
+    assert device_of(nn.BatchNorm2d(3, affine=False, device="meta")) == torch.device("meta")
+    assert device_of(nn.Linear(1, 1)) == torch.device("cpu") and device_of(nn.ReLU()) is None
+
+
+def test_two_conditions_of_one_name_are_refused():
+    tables = [table_of(MoireAttacker(eps=EPS, steps=steps)) for steps in (1, 2)]
+    with pytest.raises(ValueError, match=r"two conditions are called 'ma_8'.*steps=1.*steps=2"):
+        jobs_of(tables)
 
 
 def test_records_that_are_missing_are_counted(known):

@@ -69,6 +69,13 @@ def test_an_attack_on_other_images_does_not_count(tmp_path):
     assert point.outcomes["clean"].mean() == 0.9
 
 
+def test_a_data_set_may_have_moved(tmp_path):
+    folder = put(tmp_path, "good", 0, data="cifar10", at="here")
+    path = next(folder.glob("reattack/*/recipes/metrics.json"))
+    path.write_text(path.read_text().replace('"root": "here"', '"root": "there"'))
+    assert len(read(tmp_path).points) == 1
+
+
 def test_worst_cases_of_other_attackers_do_not_compare(tmp_path):
     for seed in range(3):
         folder = put(tmp_path, "good", seed)
