@@ -137,11 +137,11 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
     """
     if n is not None:
         check_count("n", n, 1, "how many images, or None for all")
+        n = int(n)  # NumPy's may wrap around
     if not isinstance(loader, Iterable):
         raise TypeError(
             f"loader must yield batches of (images, labels); got a {type(loader).__name__}."
         )
-        n = int(n)  # NumPy's may wrap around
     batches = []
     left = n
     for pair in loader:
