@@ -2,11 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import pytest
 import torch
-from torch import nn
 
 from moireaug import Scene
 from moireaug.evaluation import Table, images_frame, rates
@@ -19,14 +17,11 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     Rotated,
 )
-from moireaug.evaluation.corruptions import Corrupted
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
-from moireaug.evaluation.runner import _generators, device_of, jobs_of
+from moireaug.evaluation.runner import jobs_of
 from moireaug.evaluation.tables import crossed
-from tests.evaluation.haze import CONDITIONS, EPS, HAZE, TABLE, ran, results, table_of
-
-from .conftest import classifier
+from tests.evaluation.haze import EPS, HAZE, TABLE, ran, results, table_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,30 +135,6 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
     assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
 
 
-@pytest.mark.parametrize(
-    ("part", "body"),
-    [
-        ("model", nn.Sequential(classifier(), nn.BatchNorm1d(4))),
-        ("defence", nn.BatchNorm2d(3)),
-    ],
-)
-def test_another_model_or_defence_is_left_as_it_was_found(part, body, known):
-    """It judges in evaluation mode, without gradients, and keeps its statistics."""
-    seen = []
-
-    class Spy(nn.Module):
-        def forward(self, x):
-            seen.append((self.training, torch.is_grad_enabled()))
-            return x
-
-    stranger = nn.Sequential(body, Spy()).train()
-    state = {k: v.clone() for k, v in stranger.state_dict().items()}
-    ran(known, table_of(Photo(), judge=Judge("stranger", **{part: stranger})))
-    assert seen and not any(training or grad for training, grad in seen)
-    assert stranger.training
-    assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
-
-
 def test_a_target_is_another_class(known):
     for r in ran(known).records._known.values():
         assert all(t != y and 0 <= t < 4 for t, y in zip(r["targets"], r["labels"], strict=True))
@@ -212,20 +183,6 @@ def test_measures_are_means_over_the_images_that_got_noise(known):
     assert math.isnan(line["psnr"]) and math.isnan(line["largest"])  # nothing to measure
 
 
-def test_a_model_that_returns_no_logits_gets_a_sentence(known):
-    bad = Judge("bad", model=lambda shown: shown)
-    with pytest.raises(ValueError, match=r"must return logits \(B, K\)"):
-        ran(known, table_of(Clean(), judge=bad), (0,))
-
-
-def test_the_model_keeps_its_mode(known):
-    model = nn.Sequential(classifier(), nn.BatchNorm1d(4)).train()
-    state = {k: v.clone() for k, v in model.state_dict().items()}
-    ran((model, known[1]), indices=(0,))
-    assert model.training
-    assert all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
-
-
 def test_an_attempt_that_did_not_fit_leaves_no_trace(known):
     """Its random numbers are drawn again by the halves."""
     seen = []
@@ -247,47 +204,6 @@ def test_an_attempt_that_did_not_fit_leaves_no_trace(known):
     (whole,) = seen[1:]
     for k in (0, 1):
         assert torch.equal(torch.cat([h[k] for h in halves]), whole[k])
-
-
-def test_an_attempt_on_a_gpu_may_draw_from_its_generator(monkeypatch):
-    own, first, second = (torch.Generator() for _ in range(3))
-    monkeypatch.setattr(torch.cuda, "default_generators", (first, second))
-    for device, extra in (("cpu", []), ("cuda:0", [first]), ("cuda:1", [second])):
-        images = SimpleNamespace(is_cuda=device != "cpu", device=torch.device(device))
-        batch = SimpleNamespace(generator=own, images=images)
-        assert _generators(batch) == [own, torch.default_generator, *extra]
-
-
-def test_a_model_without_a_choice_is_refused(known):
-    batches = [(torch.rand(2, 3, 8, 8), torch.zeros(2, dtype=torch.long))]
-    with pytest.raises(ValueError, match="at least two classes apart; it returns 1 logit"):
-        ran((lambda x: x.mean((1, 2, 3))[:, None], batches), indices=(0,))
-
-
-def test_another_default_device_changes_nothing(known):
-    table = table_of(*CONDITIONS.values(), Corrupted(corruption="gaussian_noise", amount=0.1))
-    plain = results(ran(known, table, (0,)))
-    with torch.device("meta"):
-        assert results(ran(known, table, (0,))) == plain
-
-
-def test_a_model_may_work_in_place(known):
-    model, batches = known
-    answers = []
-    for one in (lambda x: model(x - 0.1), lambda x: model(x.sub_(0.1))):
-        runner = ran((one, batches), table_of(*CONDITIONS.values()), (0,))
-        answers.append([record["predicted"] for record in results(runner).values()])
-    assert answers[0] == answers[1]
-
-
-def test_devices_without_the_model_are_left_alone(known, monkeypatch):
-    monkeypatch.setattr(torch.cuda, "device_count", None)  # which cannot be called
-    ran(known, table_of(Photo()), (0,))
-
-
-def test_a_device_is_known_by_weights_or_buffers():
-    assert device_of(nn.BatchNorm2d(3, affine=False, device="meta")) == torch.device("meta")
-    assert device_of(nn.Linear(1, 1)) == torch.device("cpu") and device_of(nn.ReLU()) is None
 
 
 def test_two_conditions_of_one_name_are_refused():

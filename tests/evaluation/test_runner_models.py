@@ -1,0 +1,97 @@
+"""What the runner does to a model: it is left as it was found, wherever it is."""
+
+from types import SimpleNamespace
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug.evaluation.conditions import (
+    Clean,
+    Photo,
+)
+from moireaug.evaluation.corruptions import Corrupted
+from moireaug.evaluation.judges import Judge
+from moireaug.evaluation.runner import _generators, device_of
+from tests.evaluation.haze import CONDITIONS, ran, results, table_of
+
+from .conftest import classifier
+
+
+@pytest.mark.parametrize(
+    ("part", "body"),
+    [
+        ("model", nn.Sequential(classifier(), nn.BatchNorm1d(4))),
+        ("defence", nn.BatchNorm2d(3)),
+    ],
+)
+def test_another_model_or_defence_is_left_as_it_was_found(part, body, known):
+    """It judges in evaluation mode, without gradients, and keeps its statistics."""
+    seen = []
+
+    class Spy(nn.Module):
+        def forward(self, x):
+            seen.append((self.training, torch.is_grad_enabled()))
+            return x
+
+    stranger = nn.Sequential(body, Spy()).train()
+    state = {k: v.clone() for k, v in stranger.state_dict().items()}
+    ran(known, table_of(Photo(), judge=Judge("stranger", **{part: stranger})))
+    assert seen and not any(training or grad for training, grad in seen)
+    assert stranger.training
+    assert all(torch.equal(v, stranger.state_dict()[k]) for k, v in state.items())
+
+
+def test_a_model_that_returns_no_logits_gets_a_sentence(known):
+    bad = Judge("bad", model=lambda shown: shown)
+    with pytest.raises(ValueError, match=r"must return logits \(B, K\)"):
+        ran(known, table_of(Clean(), judge=bad), (0,))
+
+
+def test_the_model_keeps_its_mode(known):
+    model = nn.Sequential(classifier(), nn.BatchNorm1d(4)).train()
+    state = {k: v.clone() for k, v in model.state_dict().items()}
+    ran((model, known[1]), indices=(0,))
+    assert model.training
+    assert all(torch.equal(v, model.state_dict()[k]) for k, v in state.items())
+
+
+def test_an_attempt_on_a_gpu_may_draw_from_its_generator(monkeypatch):
+    own, first, second = (torch.Generator() for _ in range(3))
+    monkeypatch.setattr(torch.cuda, "default_generators", (first, second))
+    for device, extra in (("cpu", []), ("cuda:0", [first]), ("cuda:1", [second])):
+        images = SimpleNamespace(is_cuda=device != "cpu", device=torch.device(device))
+        batch = SimpleNamespace(generator=own, images=images)
+        assert _generators(batch) == [own, torch.default_generator, *extra]
+
+
+def test_a_model_without_a_choice_is_refused(known):
+    batches = [(torch.rand(2, 3, 8, 8), torch.zeros(2, dtype=torch.long))]
+    with pytest.raises(ValueError, match="at least two classes apart; it returns 1 logit"):
+        ran((lambda x: x.mean((1, 2, 3))[:, None], batches), indices=(0,))
+
+
+def test_another_default_device_changes_nothing(known):
+    table = table_of(*CONDITIONS.values(), Corrupted(corruption="gaussian_noise", amount=0.1))
+    plain = results(ran(known, table, (0,)))
+    with torch.device("meta"):
+        assert results(ran(known, table, (0,))) == plain
+
+
+def test_a_model_may_work_in_place(known):
+    model, batches = known
+    answers = []
+    for one in (lambda x: model(x - 0.1), lambda x: model(x.sub_(0.1))):
+        runner = ran((one, batches), table_of(*CONDITIONS.values()), (0,))
+        answers.append([record["predicted"] for record in results(runner).values()])
+    assert answers[0] == answers[1]
+
+
+def test_devices_without_the_model_are_left_alone(known, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "device_count", None)  # which cannot be called
+    ran(known, table_of(Photo()), (0,))
+
+
+def test_a_device_is_known_by_weights_or_buffers():
+    assert device_of(nn.BatchNorm2d(3, affine=False, device="meta")) == torch.device("meta")
+    assert device_of(nn.Linear(1, 1)) == torch.device("cpu") and device_of(nn.ReLU()) is None
