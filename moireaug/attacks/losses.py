@@ -64,7 +64,8 @@ def difference_of_logits_ratio(
     With the logits sorted as z_1 >= z_2 >= ..., they are -(z_y - best other) / (z_1 - z_3) and
     -(z_y - z_t) / (z_1 - (z_3 + z_4) / 2): the same for a model whose logits are all multiplied by
     a number. Where all these logits tie, the denominator is the dtype's machine epsilon, and both
-    ratios and their gradients are finite.
+    ratios and their gradients are finite. Where one of them is minus infinity, as for a class that
+    the model rules out, the loss is the difference alone.
 
     Where the label itself is third, the untargeted ratio is 1 whatever its logit is. Its gradient,
     0 in the paper, is then that of the margin alone, so that an attack goes on from there.
@@ -86,6 +87,7 @@ def difference_of_logits_ratio(
     else:
         ahead = _of(logits, targets) - _of(logits, labels)
         spread = top[:, 0] - (top[:, 2] + top[:, 3]) / 2
+    spread = torch.where(spread.isfinite(), spread, 1.0)
     return ahead / spread.clamp(min=torch.finfo(logits.dtype).eps)
 
 

@@ -135,3 +135,13 @@ def test_the_margin_is_positive_where_the_attack_is_there():
     assert margin(z, labels).tolist() == [1, -1]
     assert margin(z, labels, targets).tolist() == [1, -1]
     assert margin(z, labels, torch.tensor([2, 2])).tolist() == [-2, -3]
+
+
+@pytest.mark.parametrize("targets", [None, torch.tensor([1])], ids=["untargeted", "targeted"])
+def test_dlr_goes_on_where_classes_are_ruled_out(targets):
+    """With fewer finite logits than the ratio takes, it is the difference alone."""
+    logits = torch.tensor([[2.0, 1.0, -torch.inf, -torch.inf, -torch.inf]], requires_grad=True)
+    loss = LOSSES["dlr"](logits, torch.tensor([0]), targets)
+    (grad,) = torch.autograd.grad(loss.sum(), logits)
+    assert loss.tolist() == [-1]
+    assert grad.tolist() == [[-1, 1, 0, 0, 0]]
