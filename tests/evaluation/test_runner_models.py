@@ -89,7 +89,7 @@ def test_a_model_may_work_in_place(known):
 
 def test_devices_without_the_model_are_left_alone(known, monkeypatch):
     monkeypatch.setattr(torch.cuda, "device_count", None)  # which cannot be called
-    ran(known, table_of(Photo()), (0,))
+    assert results(ran(known, table_of(Photo()), (0,)))
 
 
 def test_a_device_is_known_by_weights_or_buffers():

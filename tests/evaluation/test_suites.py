@@ -61,7 +61,9 @@ def test_conditions_of_one_name_are_one(name):
     """A record is looked up by what it means; within a suite its name must mean one thing, also
     where float32 has rounded the bounds."""
     rounded = tuple((torch.tensor([2.0, 4.0, 8.0]) / 255).tolist())
-    jobs_of(tables_of(name, dataclasses.replace(CONFIG, eps=rounded)))
+    jobs = jobs_of(tables_of(name, dataclasses.replace(CONFIG, eps=rounded)))
+    names = [job.condition.name for job in jobs]
+    assert len(set(names)) == len(names) > 1
 
 
 def test_every_published_figure_has_a_cell():
