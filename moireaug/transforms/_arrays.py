@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from typing import Any
 
@@ -139,3 +140,23 @@ def noise_of(
         return None
     rows = noise[first[target] : first[target] + n]
     return torch.tensor(rows, dtype=torch.float32, device="cpu")
+
+
+def class_of(data: dict[str, Any], key: str) -> int:
+    """Return the class that a call passes under a key.
+
+    Raises:
+        ValueError, TypeError: none, or one that is no integer.
+    """
+    if key not in data:
+        raise ValueError(
+            "AdversarialMoire needs the image's class: call the Compose with "
+            f"{key}=<int>, or name another key by label_key; got the keys "
+            f"{', '.join(sorted(data))}."
+        )
+    try:
+        return operator.index(data[key])
+    except TypeError:
+        raise TypeError(
+            f"{key} must be the index of the image's class, an integer; got {data[key]!r}."
+        ) from None

@@ -117,13 +117,16 @@ class AdversarialMoire(v2.Transform):
         others = [None if x is labels else x for x in flat]
         shown = [i for i, needed in enumerate(self._needs_transform_list(others)) if needed]
         if len(shown) != 1:
-            raise ValueError(NO_BATCH.format(len(shown)))
+            raise ValueError(NO_BATCH.format(f"{len(shown)} batches"))
         images = flat[shown[0]]
         if isinstance(images, (PIL.Image.Image, Video)) or images.ndim != 4:
-            got = tuple(images.shape) if isinstance(images, Tensor) else "a PIL image"
+            got = (
+                f"the shape {tuple(images.shape)}" if isinstance(images, Tensor) else "a PIL image"
+            )
+            got = "a video" if isinstance(images, Video) else got
             raise ValueError(
-                f"images must be a batch (B, C, H, W), not a video; got {got}. Use "
-                "AdversarialMoire after batching, in the training step or a collate_fn."
+                f"images must be one batch (B, C, H, W); got {got}. Use AdversarialMoire after "
+                "batching, in the training step or a collate_fn."
             )
         return shown[0]
 

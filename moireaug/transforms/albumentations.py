@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import operator
 import os
 from collections.abc import Callable
 from typing import Any, cast
@@ -24,6 +23,7 @@ from moireaug.transforms._arrays import (
     PICTURES,
     apply_shot,
     apply_to_all,
+    class_of,
     move_bboxes,
     move_keypoints,
     move_mask,
@@ -37,6 +37,7 @@ from moireaug.transforms._convert import (
     at_size,
     check_adversary,
     check_probability,
+    describe,
     moves,
 )
 from moireaug.transforms._workers import seed_worker as seed_worker
@@ -90,6 +91,11 @@ class RandomMoire(DualTransform):
 
     def get_transform_init_args(self) -> dict[str, Any]:
         return {"scene": self.scene.to_dict()}
+
+    def __repr__(self) -> str:
+        given = self.get_base_init_args() | self.get_transform_init_args()
+        rest = "".join(f", {name}={given[name]!r}" for name in given if name != "scene")
+        return f"{type(self).__name__}(scene={describe(self.scene)}{rest})"
 
     def draw(
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
@@ -197,9 +203,8 @@ class AdversarialMoire(RandomMoire):
         1, 3
 
     As in RandomMoire; each image, and each slice of a volume, gets its own noise. Pictures in
-    additional targets are refused: pass several as `images`. The noise is one
-    of the parameters, as nested lists, so that `ReplayCompose.replay` needs no model, but images of
-    the same size.
+    additional targets are refused: pass several as `images`. The noise is one of the parameters, as
+    nested lists, so that `ReplayCompose.replay` needs no model, but images of the same size.
 
     Raises:
         ValueError, TypeError: as in RandomMoire and `attacks.MoireAttack`; a model that cannot be
@@ -266,7 +271,7 @@ class AdversarialMoire(RandomMoire):
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
     ) -> dict[str, Any]:
         drawn = super().draw(params, data, random)
-        label = self._label(data)
+        label = class_of(data, self.label_key)
         parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
         device = next((p.device for p in parameters), torch.device("cpu"))
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
@@ -287,18 +292,3 @@ class AdversarialMoire(RandomMoire):
             generator=generator,
         )
         return drawn | {"noise": cast(Result, result).noise.cpu().tolist(), "first": first}
-
-    def _label(self, data: dict[str, Any]) -> int:
-        if self.label_key not in data:
-            raise ValueError(
-                "AdversarialMoire needs the image's class: call the Compose with "
-                f"{self.label_key}=<int>, or name another key by label_key; got the keys "
-                f"{', '.join(sorted(data))}."
-            )
-        try:
-            return operator.index(data[self.label_key])
-        except TypeError:
-            raise TypeError(
-                f"{self.label_key} must be the index of the image's class, an integer; got "
-                f"{data[self.label_key]!r}."
-            ) from None

@@ -208,7 +208,11 @@ def _count(image: Any) -> int:
     video = isinstance(image, Video)
     shape = "(T, C, H, W) or (B, T, C, H, W)" if video else "(C, H, W) or (B, C, H, W)"
     if image.ndim - video not in (3, 4):
-        hint = "" if video else " Wrap frames of one scene as tv_tensors.Video."
+        hint = ""
+        if image.ndim == 2:
+            hint = " Give a grey image its channel: image[None]."
+        elif image.ndim > 4 and not video:
+            hint = " Wrap frames of one scene as tv_tensors.Video."
         raise ValueError(
             f"{'videos' if video else 'images'} must have the shape {shape}; got "
             f"{tuple(image.shape)}.{hint}"

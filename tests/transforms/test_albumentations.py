@@ -257,3 +257,8 @@ def test_numbers_that_torch_does_not_read(dtype, camera):
     else:
         out = step(image=known, mask=mask.astype(dtype))["mask"]
         assert out.dtype == np.dtype(dtype) and np.array_equal(out, shown["mask"])
+
+
+def test_repr_names_the_preset():
+    shown = repr(RandomMoire("phone_at_monitor", p=0.25))
+    assert shown == "RandomMoire(scene='phone_at_monitor', p=0.25)"

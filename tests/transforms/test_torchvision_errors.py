@@ -17,7 +17,11 @@ BOXES = tv_tensors.BoundingBoxes(torch.rand(2, 4), format="XYXY", canvas_size=(9
     ("sample", "error", "sentence"),
     [
         (torch.rand(4, 9, 12), ValueError, "3 channels"),
-        (torch.rand(9, 12), ValueError, r"must have the shape \(C, H, W\)"),
+        (
+            torch.rand(9, 12),
+            ValueError,
+            r"\(C, H, W\).*got \(9, 12\)\. Give a grey image its channel",
+        ),
         (torch.rand(3, 0, 8), ValueError, r"H, W >= 1; got \(1, 3, 0, 8\)"),
         (torch.rand(2, 2, 3, 9, 12), ValueError, "tv_tensors.Video"),
         (IMAGE * 2, ValueError, "Undo the normalisation"),
