@@ -34,4 +34,10 @@ LAZY = ("attacks", "defenses", "evaluation", "synthesis", "transforms")
 def __getattr__(name: str) -> Any:
     if name in LAZY:
         return importlib.import_module(f".{name}", __name__)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}.")
+    raise AttributeError(
+        f"module {__name__!r} has no attribute {name!r}; it has {', '.join([*__all__, *LAZY])}."
+    )
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *LAZY})

@@ -125,7 +125,7 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
         TypeError: not a shot.
         ValueError: another number or size of images, or other fields.
     """
-    _check_type(shot)
+    check_is_shot(shot)
     n = len(shot)
     if n != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(
@@ -144,7 +144,8 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
         _check_numbers(shot)
 
 
-def _check_type(shot: object) -> None:
+def check_is_shot(shot: object) -> None:
+    """Refuse what is not a shot, with a TypeError."""
     if not isinstance(shot, ShotRecord):
         raise TypeError(
             f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
@@ -219,7 +220,7 @@ def check_raw(raw: Tensor, shot: ShotRecord) -> None:
         TypeError: not a floating point tensor, or not a shot.
         ValueError: another shape, or such a number.
     """
-    _check_type(shot)
+    check_is_shot(shot)
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
         got = f"a tensor of {raw.dtype}" if isinstance(raw, Tensor) else f"a {type(raw).__name__}"
         raise TypeError(

@@ -19,6 +19,8 @@ from moireaug import (
     develop,
     expose,
 )
+from moireaug.synthesis import without_moire
+from moireaug.transforms import RandomMoire
 
 X = torch.rand(1, 3, 4, 4)
 SHOT = Scene().sample(1, (4, 4))
@@ -80,6 +82,7 @@ REFUSED = [
     (lambda: Sensor(cfa="rgb"), "Sensor.cfa must be one of 'rggb', 'none'"),
     (lambda: Develop(denoise="nl"), "Did you mean 'nlm'?"),
     (lambda: Panel(scale=10**400), "Panel.scale must lie in"),
+    (lambda: RandomMoire("scene.yaml"), "Pass what it holds, yaml.safe_load(open('scene.yaml'))"),
     (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
     (
         lambda: Scene().sample(1, 8),
@@ -105,6 +108,8 @@ REFUSED = [
 MISTAKEN = [
     (lambda: capture(X, Scene()), "a shot must be a Shot; got a Scene"),
     (lambda: capture(X, "screen_photo"), "a shot must be a Shot; got a str"),
+    (lambda: without_moire("screen_photo"), "a shot must be a Shot; got a str"),
+    (lambda: Scene().sample(1, (4, 4), 0), "torch.Generator or None; got 0. For a seed, pass"),
     (lambda: develop(expose(X, SHOT), Scene()), "a shot must be a Shot; got a Scene"),
     (lambda: develop(np.zeros((1, 4, 2, 2)), SHOT), "floating point tensor; got a ndarray"),
     (lambda: Shot.from_dict(None), "a shot's values must be a mapping; got None"),

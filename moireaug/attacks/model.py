@@ -38,8 +38,8 @@ class Normalized(nn.Module):
         sized = means.shape == stds.shape and means.shape in ((1,), (3,))
         if not (sized and means.isfinite().all() and stds.isfinite().all() and (stds > 0).all()):
             raise ValueError(
-                "mean and std must each hold one finite number per channel, 3 or 1 for all, and "
-                f"every std must be above 0; got mean = {mean}, std = {std}."
+                "mean and std must each be a list of finite numbers, 3 for the channels or 1 for "
+                f"all, and every std must be above 0; got mean = {mean}, std = {std}."
             )
         self.model = model
         self.register_buffer("mean", means.view(-1, 1, 1), persistent=False)

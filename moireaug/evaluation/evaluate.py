@@ -159,6 +159,11 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
 
 def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
     """Return what a loader has yielded as images and labels; uint8 images as float in [0, 1]."""
+    if isinstance(pair, Tensor):
+        raise ValueError(
+            "loader must yield (images, labels); got a tensor. Put a single batch into a list: "
+            "[(images, labels)]."
+        )
     if not isinstance(pair, Sequence) or len(pair) != 2:
         got, picked = f"a {type(pair).__name__}", "b['image'], b['label']"
         if isinstance(pair, Sequence):

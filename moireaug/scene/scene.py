@@ -78,6 +78,7 @@ class Scene(SceneRecord):
         Raises:
             ValueError: an n that is no integer >= 0, a size that is not two positive integers, or
                 as in `plan`.
+            TypeError: a generator that is none.
         """
         # refuse a scene that cannot be photographed here, not in the middle of a batch
         self.plan()
@@ -229,9 +230,15 @@ def draw(
 
     Raises:
         ValueError: an n that is no integer >= 0, or a size that is not two positive integers.
+        TypeError: a generator that is none.
     """
     if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
         raise ValueError(f"a shot needs a whole number n >= 0 of images; got n = {n!r}.")
+    if not (generator is None or isinstance(generator, torch.Generator)):
+        raise TypeError(
+            f"generator must be a torch.Generator or None; got {generator!r}. For a seed, pass "
+            "torch.Generator().manual_seed(seed)."
+        )
     n, (h, w) = int(n), _checked_size(size)
     ranges = {name: bounds(value) for name, value in values_of(scene).items()}
     varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]
@@ -255,11 +262,17 @@ def as_scene(scene: Scene | str | dict[str, Any]) -> Scene:
     argument accepts.
 
     Raises:
+        ValueError: an unknown name, or a file's.
         TypeError: anything else.
     """
     if isinstance(scene, Scene):
         return scene
     if isinstance(scene, str):
+        if scene.endswith((".yaml", ".yml")):
+            raise ValueError(
+                f"a scene's file is for the commands; got {scene!r}. Pass what it holds, "
+                f"yaml.safe_load(open({scene!r}))."
+            )
         return Scene.preset(scene)
     if isinstance(scene, dict):
         return Scene.from_dict(scene)

@@ -54,8 +54,15 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
         uint8.
 
     Raises:
+        TypeError: what is not (3, H, W) uint8.
         ValueError: the picture was not found in the photo, or could not be aligned.
     """
+    for what, given in ((name, photo), ("the picture", picture)):
+        if given.dtype != torch.uint8 or given.ndim != 3 or len(given) != 3:
+            raise TypeError(
+                f"{what} must be (3, H, W) uint8; got {tuple(given.shape)} {given.dtype}. Convert "
+                "values in [0, 1] with (255 * values).round().to(torch.uint8)."
+            )
     found = find_pose(photo, picture, name)
     height, width = picture.shape[1:]
     rows, columns = _visible(found.matrix, (height, width), tuple(photo.shape[1:]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 
+from moireaug.checks import check_is_shot
 from moireaug.scene.scene import Scene, Shot
 
 
@@ -14,7 +15,11 @@ def without_moire(shot: Shot) -> Shot:
 
     `capture(images, without_moire(shot))` is a photo that no camera can take, and the target that
     teaches a demoiréing network to remove the moiré alone.
+
+    Raises:
+        TypeError: what is not a shot.
     """
+    check_is_shot(shot)
     return dataclasses.replace(shot, scene=_mean(shot.scene))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import moireaug
 from moireaug import extras
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,3 +70,9 @@ def test_every_module_that_is_asked_for_is_installed_by_its_extra():
         names = {requirement.split(">=")[0] for requirement in wanted}
         for module in modules:
             assert DISTRIBUTIONS.get(module, module) in names, f"{module} is not in [{extra}]"
+
+
+def test_the_package_names_what_it_has():
+    assert {"Scene", "capture", *moireaug.LAZY} <= set(dir(moireaug))
+    with pytest.raises(AttributeError, match=r"'atacks'; it has Develop, .*capture.*attacks"):
+        _ = moireaug.atacks

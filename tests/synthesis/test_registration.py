@@ -134,3 +134,11 @@ def test_a_flat_photo_is_refused(picture):
 def test_the_largest_error_would_notice_a_pixel():
     assert largest_error(np.eye(3), np.array([[1.0, 0, 1], [0, 1, 0], [0, 0, 1]])) == 1
     assert math.isclose(largest_error(np.eye(3), 2 * np.eye(3)), 0)
+
+
+@pytest.mark.parametrize(
+    "photo", [torch.rand(3, 40, 40), torch.zeros(1, 3, 40, 40, dtype=torch.uint8)]
+)
+def test_what_is_not_uint8_planes_is_refused(photo, picture):
+    with pytest.raises(TypeError, match=r"the photo must be \(3, H, W\) uint8; got"):
+        register(photo, picture)
