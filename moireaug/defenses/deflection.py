@@ -32,6 +32,9 @@ class PixelDeflection(Defence):
 
     Backward: a deflected pixel's gradient goes to where its colour came from; the denoising is the
     identity.
+
+    Raises:
+        TypeError, ValueError: a number out of its bounds.
     """
 
     deflections: int = 200

@@ -25,6 +25,9 @@ class JPEG(Defence):
         quality: 1 to 100. The paper takes 20, 40, 60 and 80.
 
     Backward: kornia's differentiable JPEG, see `moireaug.effects.jpeg.jpeg`.
+
+    Raises:
+        TypeError, ValueError: another quality.
     """
 
     quality: int = 60
@@ -49,6 +52,9 @@ class BitDepth(Defence):
         bits: of each channel, 1 to 8. The paper takes 4 and 5.
 
     Backward: the identity.
+
+    Raises:
+        TypeError, ValueError: another number of bits.
     """
 
     bits: int = 4
@@ -78,6 +84,9 @@ class Median(Defence):
 
     Backward: exact; the gradient goes to the pixel that was taken, among equals to the first in
     reading order.
+
+    Raises:
+        TypeError, ValueError: another size.
     """
 
     size: int = 2
@@ -177,6 +186,9 @@ class Gain(Defence):
         mean: above 0, at most 1, in units of sRGB codes; by default near that of natural images.
 
     Backward: exact, except that pixels on the bounds keep their gradient.
+
+    Raises:
+        TypeError, ValueError: another mean.
     """
 
     mean: float = 0.45

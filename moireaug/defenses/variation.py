@@ -43,6 +43,9 @@ class TotalVariation(Defence):
         iterations: rounds, at least 1.
 
     Backward: the identity.
+
+    Raises:
+        TypeError, ValueError: a number out of its bounds.
     """
 
     keep: float = 0.5

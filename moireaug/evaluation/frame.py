@@ -108,10 +108,10 @@ def rates(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a row per cell: rates with their 95 % intervals, denominators, means of what was
     measured, seconds.
 
-    Columns: those of `CELL` and `ABOUT`; `accuracy`, `accuracy_low`, `accuracy_high` of all images;
-    `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are none; `n`,
-    `counted`, `undecided`, `seconds`; the measures, over images that got noise; `outcomes`, a 0 or
-    1 per image, for paired comparisons; and `paper`, what the paper prints.
+    Columns: those of `images_frame` up to `judge`; `accuracy`, `accuracy_low`, `accuracy_high` of
+    all images; `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are
+    none; `n`, `counted`, `undecided`, `seconds`; the measures, over images that got noise;
+    `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, what the paper prints.
     """
     lines = []
     for (table, row, column), cell in frame.groupby(CELL, sort=False):

@@ -1,7 +1,7 @@
 """Statistics of photos of screens, real or simulated alike: how strong the moiré is and at which
 scale, whether it is stripes or a lattice, and how tone, sharpness and noise changed.
 
-    rows = measure(photos, originals)    # a dict a crop
+    rows = measure(photos, originals)    # one dict per crop
     pandas.DataFrame(rows).median()
 
 Band-passed planes are differences of two Gaussian blurs, of the chroma R - G and B - G and of the
