@@ -1,6 +1,7 @@
 # make fit   train a classifier against the Moiré Attack, attack it again, write a report
 # make test  lint, check types and run the tests
 # make docs  build the site into site/; broken links and warnings are errors
+# make clean remove .venv and site
 PYTHON ?= python3
 VENV := .venv/bin
 
