@@ -56,7 +56,7 @@ class Screens(Dataset):
 
 def main() -> None:
     """Load two epochs."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--images", type=int, default=256)
     parser.add_argument("--size", type=int, default=64, help="side of the images, in pixels")
     parser.add_argument("--workers", type=int, default=2)

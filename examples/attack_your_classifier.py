@@ -12,6 +12,7 @@ photos and the attacked photos as attacked.png. Takes less than a minute on one 
 """
 
 import argparse
+from pathlib import Path
 
 import torch
 import torch.nn.functional as F
@@ -48,7 +49,7 @@ def accuracy(model: nn.Module, images: Tensor, labels: Tensor) -> float:
 
 def main() -> None:
     """Train, attack, and print what the attack adds to the camera's effect."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--images", type=int, default=2000, help="training images")
     parser.add_argument("--epochs", type=int, default=10)
     parser.add_argument("--attacked", type=int, default=200, help="test images that are attacked")
@@ -56,6 +57,7 @@ def main() -> None:
     parser.add_argument("--out", default="attacked.png")
     args = parser.parse_args()
 
+    Path(args.out).parent.mkdir(parents=True, exist_ok=True)  # before the work
     torch.manual_seed(0)
     codes, labels = signs.make("train", args.images, size=32)
     model = trained(codes.float() / 255, labels, args.epochs)
@@ -65,7 +67,6 @@ def main() -> None:
     eps = [2 / 255, 4 / 255, 8 / 255]
     attack = attacks.MoireAttack(model, scene="screen_photo", eps=eps, steps=args.steps)
     results = attack(images, labels)  # one for each eps, of the same shots
-
     photos = capture(images, results[0].shot)
     print(f"clean images          {accuracy(model, images, labels):.0%}")
     print(f"photos, no noise      {accuracy(model, photos, labels):.0%}")

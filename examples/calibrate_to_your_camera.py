@@ -9,7 +9,7 @@ statistics of yours: strength of the moiré by scale, tone, tint, sharpness, noi
     python examples/calibrate_to_your_camera.py --pairs PAIRS --size 384 --evaluations 400
 
 Prints the mean distance during the search, the statistics of both, and three of the ranges. Writes
-report.html and scene.yaml, which you can pass to any `scene=`.
+report.html and scene.yaml, which the commands take as `scene=`.
 """
 
 import argparse
@@ -51,7 +51,7 @@ def make_pairs(folder: Path) -> None:
 
 def main() -> None:
     """Fit a scene, and compare its ranges with the original ones."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--pairs", help="a folder with photo/ and original/")
     parser.add_argument("--size", type=int, default=128, help="side of the crops, in pixels")
     parser.add_argument("--evaluations", type=int, default=60)

@@ -46,7 +46,7 @@ def trained(images: Tensor, labels: Tensor, epochs: int) -> nn.Module:
 
 def main() -> None:
     """Train, then evaluate with and without the defence."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--images", type=int, default=2000, help="training images")
     parser.add_argument("--epochs", type=int, default=10)
     parser.add_argument("--attacked", type=int, default=100, help="test images that are attacked")

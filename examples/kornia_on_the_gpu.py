@@ -23,7 +23,7 @@ from training import signs
 
 def main() -> None:
     """Augment some batches and time them."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--size", type=int, default=64, help="side of the images, in pixels")
     parser.add_argument("--batches", type=int, default=5)

@@ -26,7 +26,7 @@ from moireaug.synthesis import without_moire
 
 def main() -> None:
     """Photograph one picture."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--picture", help="an image file; scikit-image's cat if left out")
     parser.add_argument("--scene", default="screen_photo", help="the name of a preset")
     parser.add_argument("--seed", type=int, default=0, help="another seed gives another shot")

@@ -40,15 +40,15 @@ def psnr(images: Tensor, targets: Tensor) -> float:
 
 def main() -> None:
     """Train on pairs with one seed, test on pairs with another."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--pictures", help="a folder of pictures; scikit-image's if left out")
     parser.add_argument("--crop", type=int, default=64, help="side of the crops, in pixels")
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--width", type=float, default=0.25)
     parser.add_argument("--out", default=".", help="a folder")
     args = parser.parse_args()
+    Path(args.out).mkdir(parents=True, exist_ok=True)  # before the work
     torch.manual_seed(0)
-
     with tempfile.TemporaryDirectory() as made:
         if args.pictures is None:
             for name in SHOWN:

@@ -60,7 +60,7 @@ def train(camera, images: Tensor, steps: int) -> tuple[nn.Module, nn.Module]:
 
 def main() -> None:
     """Train with and without the camera, and read both kinds of marks."""
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--steps", type=int, default=500)
     args = parser.parse_args()
     torch.manual_seed(0)

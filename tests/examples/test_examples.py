@@ -33,9 +33,9 @@ RUNS = {
         [],
     ),
     "attack_your_classifier": (
-        ["--images=64", "--epochs=1", "--attacked=8", "--steps=1"],
+        ["--images=64", "--epochs=1", "--attacked=8", "--steps=1", "--out=new/here.png"],
         r"clean images +\d+%\nphotos, no noise +\d+%\nMoiré Attack 2/255 .*Attack 8/255 +\d+%",
-        ["attacked.png"],
+        ["new/here.png"],
     ),
     "evaluate_your_defence": (
         ["--images=64", "--epochs=1", "--attacked=8", "--steps=1"],
@@ -48,9 +48,9 @@ RUNS = {
         ["calibrated/scene.yaml", "calibrated/report.html"],
     ),
     "train_a_demoireing_network": (
-        ["--crop=32", "--steps=1", "--width=0.1"],
+        ["--crop=32", "--steps=1", "--width=0.1", "--out=new/there"],
         r"without moiré: \d\d\.\d\d dB as taken\n +-?\d+\.\d\d dB cleaned",
-        ["demoire.pt", "demoired.png"],
+        ["new/there/demoire.pt", "new/there/demoired.png"],
     ),
     "watermark_through_the_camera": (
         ["--steps=1"],
@@ -70,6 +70,15 @@ def test_examples_print_and_write_what_they_say(name, tmp_path, monkeypatch, cap
     assert re.search(printed, said, re.DOTALL), said
     found = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert {str(path.relative_to(tmp_path)) for path in found} >= set(written)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_help_says_what_an_example_does(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    does = (EXAMPLES / f"{name}.py").read_text("utf-8").partition("\n")[0].strip('"')
+    assert does in " ".join(capsys.readouterr().out.split())
 
 
 def test_every_example_is_run_and_short_enough_to_read():
