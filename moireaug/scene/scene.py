@@ -78,7 +78,7 @@ class Scene(SceneRecord):
         Raises:
             ValueError: an n that is no integer >= 0, a size that is not two positive integers, or
                 as in `plan`.
-            TypeError: a generator that is none.
+            TypeError: a generator that is not a torch.Generator.
         """
         # refuse a scene that cannot be photographed here, not in the middle of a batch
         self.plan()
@@ -230,7 +230,7 @@ def draw(
 
     Raises:
         ValueError: an n that is no integer >= 0, or a size that is not two positive integers.
-        TypeError: a generator that is none.
+        TypeError: a generator that is not a torch.Generator.
     """
     if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
         raise ValueError(f"a shot needs a whole number n >= 0 of images; got n = {n!r}.")
