@@ -47,7 +47,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         rows = list(measured(args.images or portrait(scratch), scratch / "pairs.tar", settings))
-    print(f"A pair in {SCENE}: core time in ms, pairs a second of one core, and a million of them")
+    print(f"A pair in {SCENE}: core time in ms, pairs per second and core, and a million of them")
     print(report(rows))
     content = {"metadata": facts, "settings": settings, "scene": SCENE, "rows": rows}
     measure.write_json(measure.results(args) / "synthesis.json", content)

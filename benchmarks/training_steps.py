@@ -177,8 +177,8 @@ def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:
 
 
 def loading(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return a row for each size of files and each of `READ`: images a second, and those of a step
-    of clean training."""
+    """Return a row for each size of files and each of `READ`: images per second, and those of clean
+    training."""
     rows = []
     for side in settings["sides"]:
         model, batch, size = settings["models"][0 if side < 100 else -1]

@@ -73,7 +73,7 @@ def main() -> None:
         widths = widths[widths < args.size]  # of the photographed ones
         share, rate = len(widths) / len(boxes), len(boxes) / seconds
         print(f"epoch {epoch}: {share:.0%} photographed, their screens {widths.mean():.2f} px wide")
-        print(f"         {rate:.0f} images a second")
+        print(f"         {rate:.0f} images per second")
 
 
 if __name__ == "__main__":

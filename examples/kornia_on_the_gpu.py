@@ -50,7 +50,8 @@ def main() -> None:
     if device.type == "cuda":
         torch.cuda.synchronize()
     seconds = time.perf_counter() - began
-    print(f"{device}: {args.batches * args.batch / seconds:.0f} images a second of {args.size} px")
+    rate = args.batches * args.batch / seconds
+    print(f"{device}: {rate:.0f} images of {args.size} px per second")
 
     again, _ = augment(images, masks, params=augment._params)
     print(f"Replaying the parameters gives the same pixels: {torch.equal(photos, again)}")

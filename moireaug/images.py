@@ -77,7 +77,8 @@ def _opened(path: str) -> Iterator[Image.Image]:
     # depending on the damaged byte: OSError, SyntaxError, struct.error, EOFError, ...
     except Exception as error:
         raise ValueError(
-            f"The image {path} could not be read ({_why(error)}). Check, replace or remove the file."
+            f"The image {path} could not be read ({_why(error)}). Check the path, and "
+            "replace or remove a damaged file."
         ) from error
 
 

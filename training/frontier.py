@@ -48,9 +48,9 @@ def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
     intervals = "95 % intervals cover the choice of seeds and of images (two-way bootstrap)."
     if any(len(recipe.seeds) == 1 for recipe in recipes):
         intervals += " Those of a single seed cover the choice of images alone."
-    of = "{n} test images: {data}, {model}, scene {scene}, {steps} steps an attack".format(**shared)
+    attacked = "{n} test images: {data}, {model}, scene {scene}, {steps} steps per attack"
     said = [
-        f"Accuracy in % of {of}.",
+        f"Accuracy in % of {attacked.format(**shared)}.",
         intervals,
         "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
         "Time is of training alone, by the median epoch, on top of the clean weights that a recipe "

@@ -68,7 +68,7 @@ def figure(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> Figure:
             "training time with its start, relative to clean (log scale)", size=10, color=INK
         )
     panels[0].set_ylabel("accuracy at the worst attacker, %", size=10, color=INK)
-    facts = "{data}, {model}, {scene}; n = {n}, {steps} steps an attack".format(**shared)
+    facts = "{data}, {model}, {scene}; n = {n}, {steps} steps per attack".format(**shared)
     fig.suptitle(f"What robustness costs: {facts}", size=11.5, color=INK, parse_math=False)
     handles, _ = panels[0].get_legend_handles_labels()
     fig.legend(

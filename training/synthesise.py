@@ -179,7 +179,7 @@ def make(cfg: Config, pairs: Pairs, found: PairSet, share: Share) -> None:
     seconds = time.perf_counter() - began
     if skipped:
         print(f"{len(skipped)} pictures were skipped, see above; others were drawn instead.")
-    print(f"{total} pairs in {seconds:.1f} s: {total / seconds:.1f} pairs a second.")
+    print(f"{total} pairs in {seconds:.1f} s: {total / seconds:.1f} pairs per second.")
 
 
 def loader(encoded: EncodedPairs, wanted: Iterable[int], workers: int) -> DataLoader:

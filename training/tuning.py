@@ -25,7 +25,7 @@ class Tuning(NamedTuple):
         fine: whether the weights of `weights=` are fine-tuned: then by SGD, else by Muon.
         lr: the peak learning rate of the schedule. weight_decay: of the optimizer.
         clip: bound of the gradient's norm, or None.
-        ema: decay of the averaged weights a step.
+        ema: decay per step of the averaged weights.
         rising: whether the decay rises from zero over the first steps.
     """
 

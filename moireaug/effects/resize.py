@@ -19,8 +19,8 @@ class Resize(Effect):
     def verdict(self, scene: SceneRecord) -> Verdict:
         scale = scene.sensor.scale
         if scale == 1:
-            return left_out("one sensor pixel a photo pixel")
-        return called(f"{scene.develop.resize}, {scale:g} sensor pixels a photo pixel")
+            return left_out("one sensor pixel per photo pixel")
+        return called(f"{scene.develop.resize}, {scale:g} sensor pixels per photo pixel")
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
         rows, cols = shot.sampled_pixels()

@@ -28,7 +28,7 @@ SCENES = {
     "bent": Scene(view=TURNED, lens=BENT, sensor=TWICE),
     "coarse": Scene(panel=Panel(scale=0.6), view=TURNED, lens=BENT, sensor=TWICE),
     "fine": Scene(panel=Panel(scale=1.6), view=TURNED, lens=BENT, sensor=TWICE),
-    "one sensor pixel a photo pixel": Scene(view=TURNED, lens=SOFT),
+    "one sensor pixel per photo pixel": Scene(view=TURNED, lens=SOFT),
     "three": Scene(panel=Panel(scale=1.7), view=TURNED, lens=SOFT, sensor=Sensor(scale=3.0)),
     "two and a half": Scene(view=TURNED, lens=SOFT, sensor=Sensor(scale=2.5)),
     "no colour filters": Scene(view=TURNED, lens=SOFT, sensor=Sensor(scale=2.0, cfa="none")),

@@ -24,7 +24,7 @@ RUNS = {
     ),
     "kornia_on_the_gpu": (
         ["--batch=4", "--size=32", "--batches=1"],
-        r"RandomMoire_1.* images a second of 32 px.*same pixels: True.*only 0 and 1: True",
+        r"RandomMoire_1.* images of 32 px per second.*same pixels: True.*only 0 and 1: True",
         [],
     ),
     "albumentations_dataloader": (

@@ -227,7 +227,7 @@ def test_skipped_pictures_are_named_and_counted(tmp_path, folder, capsys):
         "Files in pictures that are not pictures by their names: 2, caf?.txt, notes.txt."
         in said.out
     )
-    assert "40 pairs in " in said.out and " pairs a second." in said.out
+    assert "40 pairs in " in said.out and " pairs per second." in said.out
     for name in ("torn.png", "words.jpg", "low.png"):
         assert said.err.count(name) == 1
 

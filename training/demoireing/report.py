@@ -136,7 +136,7 @@ def said(metrics: Mapping[str, Any]) -> list[Part]:
     train = metrics["train"]
     cost = (
         f"training: {train['steps']} steps in {train['seconds']:.0f} s, "
-        f"{train['pairs_per_second']:.1f} pairs a second; kept: step {train['best_steps']}"
+        f"{train['pairs_per_second']:.1f} pairs per second; kept: step {train['best_steps']}"
     )
     return [Grid(rows), cost]
 
