@@ -126,6 +126,7 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
         ValueError: another number or size of images, or other fields.
     """
     check_is_shot(shot)
+    _check_fields(shot)
     n = len(shot)
     if n != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(
@@ -133,13 +134,6 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
             f"{len(image)} of {image.shape[-2]} x {image.shape[-1]}. Draw one with "
             "scene.sample(len(images), images.shape[-2:])."
         )
-    numbers = shot.numbers()
-    for name, values in numbers.items():
-        if values.shape != (n,):
-            raise ValueError(
-                f"a shot's fields must hold one number per image, here of shape ({n},); "
-                f"got {tuple(values.shape)} as shot.{name}."
-            )
     if not is_transformed():
         _check_numbers(shot)
 
@@ -153,13 +147,25 @@ def check_is_shot(shot: object) -> None:
         )
 
 
+def _check_fields(shot: ShotRecord) -> None:
+    """Refuse a shot whose fields are not tensors of one number per image."""
+    seed = shot.seed
+    if not isinstance(seed, Tensor) or seed.dtype != torch.int64 or seed.ndim != 1:
+        got = f"{tuple(seed.shape)} {seed.dtype}" if isinstance(seed, Tensor) else repr(seed)
+        raise ValueError(f"a shot's seed must be (B,) int64; got {got}.")
+    n = len(shot)
+    for name, values in shot.numbers().items():
+        if not isinstance(values, Tensor) or values.shape != (n,):
+            got = str(tuple(values.shape)) if isinstance(values, Tensor) else repr(values)
+            raise ValueError(
+                "a shot's fields must be tensors of one number per image, here of shape "
+                f"({n},); got {got} as shot.{name}."
+            )
+
+
 def _check_numbers(shot: ShotRecord) -> None:
     """Refuse a shot with a number that no scene may have: the engine's kernels would look up what
     is not there."""
-    if shot.seed.dtype != torch.int64 or shot.seed.ndim != 1:
-        raise ValueError(
-            f"a shot's seed must be (B,) int64; got {tuple(shot.seed.shape)} {shot.seed.dtype}."
-        )
     _check_lens(*(shot.numbers()[name].detach() for name in ("lens.k1", "lens.k2")))
     numbers, (lowest, highest) = shot.numbers(), limits()
     table = torch.stack(list(numbers.values())).detach()
@@ -221,6 +227,7 @@ def check_raw(raw: Tensor, shot: ShotRecord) -> None:
         ValueError: another shape, or such a number.
     """
     check_is_shot(shot)
+    _check_fields(shot)
     if not isinstance(raw, Tensor) or not raw.is_floating_point():
         got = f"a tensor of {raw.dtype}" if isinstance(raw, Tensor) else f"a {type(raw).__name__}"
         raise TypeError(

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose
 from moireaug.effects.flicker import flicker
 
 BARE = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))  # the photo is the image
@@ -115,6 +115,20 @@ def test_harmonics_below_the_tolerance_change_nothing_above_it(images):
     assert len(exact.plan().harmonics) > len(base.plan().harmonics) > 0
     difference = capture(images, shot) - capture(images, dataclasses.replace(shot, scene=exact))
     assert 0 < difference.abs().max() < 4 * base.tolerance
+
+
+def test_harmonics_are_kept_that_only_the_photos_corners_show():
+    """There a lens shows the panel largest, while a zoomed picture's own corners are out of
+    sight."""
+    base = Scene(
+        panel=Panel(scale=4.0),
+        view=View(zoom=4.0, roll=3.0),
+        lens=Lens(k1=-0.3, blur=0.3),
+        sensor=Sensor(scale=2, cfa="none"),
+    )
+    shot, white = base.sample(1, (32, 32)), torch.ones(1, 3, 32, 32, dtype=torch.float64)
+    exact = dataclasses.replace(shot, scene=dataclasses.replace(base, tolerance=1e-6))
+    assert (expose(white, shot) - expose(white, exact)).abs().max() < 4 * base.tolerance
 
 
 def test_a_loose_tolerance_drops_the_moire():

@@ -44,7 +44,18 @@ def bent(k1):
     return dataclasses.replace(SHOT, lens=lens)
 
 
+def having(**fields):
+    """A shot with other values in its view or as its seed."""
+    seed = fields.pop("seed", SHOT.seed)
+    return dataclasses.replace(SHOT, view=SHOT.view.drawn(fields), seed=seed)
+
+
 REFUSED = [
+    (lambda: capture(X, having(yaw=10.0)), "here of shape (1,); got 10.0 as shot.view.yaw"),
+    (lambda: expose(X, having(yaw=(0.0, 9.0))), "got (0.0, 9.0) as shot.view.yaw"),
+    (lambda: capture(X, having(roll=np.zeros(1))), "got array([0.]) as shot.view.roll"),
+    (lambda: develop(expose(X, SHOT), having(yaw=10.0)), "got 10.0 as shot.view.yaw"),
+    (lambda: capture(X, having(seed=[5])), "a shot's seed must be (B,) int64; got [5]"),
     (lambda: capture(X, bent(-0.5)), "fold the photo onto itself"),
     (lambda: capture(X, bent(-1.0)), "fold the photo onto itself"),
     (lambda: capture(X, dataclasses.replace(SHOT, seed=SHOT.seed.float())), "(B,) int64; got (1,)"),

@@ -42,9 +42,10 @@ def undistortion(k1, k2):
     radius from 0 to that of the photo's corners; and how many steps there are to 1."""
     edge = (1 + k1 + k2) ** 2
     ideal, out = np.empty(STEPS + 2), np.empty(STEPS + 2)
+    turn = -0.3 * k1 / k2  # see `inverse_radial_factor`
     for i in range(STEPS + 2):
         ideal[i] = math.sqrt(i * edge / STEPS)
-        out[i] = min(ideal[i], 1.0)
+        out[i] = math.sqrt(turn) if 0 < turn < 1 else min(ideal[i], 1.0)
     for _ in range(NEWTON_STEPS):
         _newton_step(out, ideal, k1, k2)
     for i in range(STEPS + 2):

@@ -55,7 +55,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> Exposure:
         skew=skew,
         sites=_sites(shot.scene, shot.size),
         flicker=_flicker_of(shot),
-        seeds=shot.seed.numpy(),
+        seeds=np.ascontiguousarray(shot.seed.numpy()),  # kernels are compiled for each layout
         noise="noise" in plan,
         coded="decode" in plan and not decoded,
         share=share,
@@ -117,7 +117,7 @@ def _white_of(shot: ShotRecord, filters: np.ndarray) -> np.ndarray:
     if "glare" not in shot.plan:
         return np.zeros((len(shot), len(channel)))
     light = _mean_light(shot)
-    return (filters @ light[:, :, None])[:, channel, 0]
+    return np.ascontiguousarray((filters @ light[:, :, None])[:, channel, 0])
 
 
 def _mean_light(shot: ShotRecord) -> np.ndarray:

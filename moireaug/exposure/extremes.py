@@ -39,8 +39,9 @@ def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
 @functools.lru_cache(maxsize=64)
 def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
-    picture, for the angles and lenses that a scene allows at this zoom: (N, 2, 2) float64.
-    `usual` leaves out long strips."""
+    picture, and where it reaches past the photo's corners also as far out as these, for the angles
+    and lenses that a scene allows at this zoom: (N, 2, 2) float64. `usual` leaves out long
+    strips."""
     v, lens = scene.view, scene.lens
     turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
@@ -55,9 +56,18 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
         m = homography(fields, k1, k2, size, scene.sensor.scale, pose=v.pose, fit=v.fit)
         picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **PRECISE)
         points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
+        points = torch.cat([points, _in_the_photo(points, size)], 1)
         seen = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         found.append(seen.flatten(0, 2))
     return torch.cat(found).unique(dim=0)
+
+
+def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:
+    """Return photo points (B, N, 2), those farther from its centre than its corners moved towards
+    it until they are as far."""
+    centre = points.new_tensor([size[1] / 2, size[0] / 2])
+    radius = (points - centre).norm(dim=-1, keepdim=True) / centre.norm()
+    return torch.where(radius > 1, centre + (points - centre) / radius, points)
 
 
 @functools.lru_cache(maxsize=64)

@@ -34,7 +34,9 @@ def inverse_radial_factor(points: Tensor, k1: Tensor, k2: Tensor, size: tuple[in
         return (r - error / (1 + r2 * (3 * k1 + 5 * k2 * r2)).clamp(min=0.05)).clamp(min=0, max=1)
 
     with torch.no_grad():
-        r = ideal.clamp(min=0, max=1)
+        # steps that begin where the curve's bend changes sign never go back and forth for good
+        turn = -0.3 * k1 / k2
+        r = torch.where((turn > 0) & (turn < 1), turn.sqrt(), ideal.clamp(min=0, max=1))
         for _ in range(NEWTON_STEPS):
             r = newton(r)
     r = torch.where(beyond > 1, beyond, newton(r))

@@ -11,8 +11,9 @@ def cell_of(subpixel: Subpixel, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     """Return which copy of a subpixel is nearest to panel position (x, y): whole cells along both
     axes."""
     (cx, cy), (px, py) = subpixel.centre, subpixel.period
-    across = ((x - cx) / px).round()
-    down = ((y - cy) / py).round()
+    # not `round`, which leaves every second border between two copies to neither
+    across = ((x - cx) / px + 0.5).floor()
+    down = ((y - cy) / py + 0.5).floor()
     return across, down
 
 

@@ -40,6 +40,7 @@ SCENES = {
     "registered and bent": Scene(
         view=TURNED, lens=BENT, sensor=Sensor(scale=2.0, gain=2.0), develop=LIGHT
     ),
+    "nearly folded": Scene(lens=Lens(k1=0.9, k2=-0.71), develop=LIGHT),
     "pincushion": Scene(lens=Lens(k1=-0.1), sensor=Sensor(scale=2.0, gain=2.0), develop=LIGHT),
     "one": Scene(sensor=Sensor(gain=2.0), develop=LIGHT),
     "three": Scene(sensor=Sensor(scale=3.0, gain=2.0), develop=LIGHT),

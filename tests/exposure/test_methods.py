@@ -206,6 +206,14 @@ def test_a_panel_of_more_pixels_than_are_looked_at_is_not_built(images, monkeypa
         expose(picture, shot)
 
 
+@pytest.mark.parametrize(("n", "scale"), [(1, 2.0), (3, 2.0)])
+def test_a_point_between_two_subpixels_is_in_one_of_them(n, scale):
+    """From in front, the middle of a sensor pixel may lie on a border of panel pixels."""
+    sensor = Sensor(cfa="none", exposure=f"supersample:{n}")
+    scene = Scene(panel=Panel(layout="even", scale=scale), sensor=sensor)
+    assert torch.allclose(scene.capture(torch.ones(1, 3, 4, 4)), torch.ones(1, 3, 4, 4))
+
+
 @pytest.mark.parametrize("exposure", ["spectral", "box", "mean"])
 @pytest.mark.parametrize("blur", [0.0, 0.6, 3.0])
 def test_light_past_the_taps_is_not_lost(exposure, blur):

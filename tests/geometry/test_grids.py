@@ -5,6 +5,7 @@ import torch
 
 from moireaug import Lens, Scene, View
 from moireaug.geometry import grids
+from moireaug.geometry.distortion import inverse_radial_factor, radial_factor
 
 SIZE = (30, 40)
 SCENES = {
@@ -57,3 +58,17 @@ def test_a_look_up_is_bilinear_between_centres_and_ends_at_the_border():
     assert grids.look_up(picture, torch.full_like(x, 0.5), x).flatten().tolist() == pytest.approx(
         [0, 1, 2, 0, 2]
     )
+
+
+@pytest.mark.parametrize(
+    ("k1", "k2"), [(0.61, -0.555), (0.9, -0.71), (0.775, -0.65), (-0.98, 0.66), (-0.3, 0.0)]
+)
+def test_a_lens_that_nearly_folds_is_inverted(k1, k2):
+    """Newton's steps from the ideal radius went back and forth between 0 and the corners."""
+    Lens(k1=k1, k2=k2)  # which is allowed
+    k1, k2 = (torch.tensor([k], dtype=torch.float64) for k in (k1, k2))
+    corner = torch.tensor([SIZE[1] / 2, SIZE[0] / 2], dtype=torch.float64)
+    points = (torch.linspace(0, 1, 401, dtype=torch.float64)[:, None] * corner)[None]
+    ideal = points * radial_factor(points, k1, k2, SIZE)[..., None]
+    back = ideal * inverse_radial_factor(ideal, k1, k2, SIZE)[..., None]
+    assert (back - points).abs().max() < 1e-9
