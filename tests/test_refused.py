@@ -17,6 +17,7 @@ from moireaug import (
     View,
     capture,
     develop,
+    engine,
     expose,
 )
 from moireaug.synthesis import without_moire
@@ -119,6 +120,7 @@ REFUSED = [
 MISTAKEN = [
     (lambda: capture(X, Scene()), "a shot must be a Shot; got a Scene"),
     (lambda: capture(X, "screen_photo"), "a shot must be a Shot; got a str"),
+    (lambda: engine.explain("screen_photo"), "must be a Scene; got 'screen_photo'. For a preset"),
     (lambda: without_moire("screen_photo"), "a shot must be a Shot; got a str"),
     (lambda: Scene().sample(1, (4, 4), 0), "torch.Generator or None; got 0. For a seed, pass"),
     (lambda: develop(expose(X, SHOT), Scene()), "a shot must be a Shot; got a Scene"),

@@ -21,6 +21,7 @@ from moireaug.effects.display import BlackLevel
 from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
 from moireaug.numeric import is_transformed
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 if TYPE_CHECKING:
@@ -55,7 +56,14 @@ def explain(scene: Scene) -> str:
     Some views are exposed by the reference all the same, which is decided for each image of a shot:
     near the horizon, of far more panel than sensor pixels, of motion that vanishes somewhere in a
     sharp photo, and, in the camera's frame, from so far away that a pixel sees too many cells.
+
+    Raises:
+        TypeError: not a scene.
     """
+    if not isinstance(scene, SceneRecord):
+        raise TypeError(
+            f"scene must be a Scene; got {scene!r}. For a preset, pass Scene.preset(name)."
+        )
     lines = []
     for stage, reason in reasons(scene).items():
         line = f"reference: {reason}" if reason else "engine, on the CPU in float32"
