@@ -77,7 +77,7 @@ def test_training_and_re_attack_take_a_file_and_keep_what_is_in_it(file, monkeyp
 def test_the_settings_of_a_run_name_no_file_that_is_read(file, tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text(f"recipe: clean\nscene: {file}\ndata: {{name: signs}}\n")
-    with pytest.raises(ValueError, match="a preset must be one of"):
+    with pytest.raises(ValueError, match="file is for the commands"):
         saved.read_config(config)
     config.write_text("recipe: clean\nscene: screen_photo\ndata: {name: signs}\n")
     assert saved.read_config(config).scene == "screen_photo"
