@@ -142,7 +142,7 @@ def clutter(pen: Pen, rng: np.random.Generator, side: int) -> None:
         radius, turn, sides = (
             rng.uniform(0.05, 0.3) * side,
             rng.uniform(-30, 30),
-            rng.choice((3, 4, 4, 8, 24)),
+            int(rng.choice((3, 4, 4, 8, 24))),
         )
         for shrink, colour in zip((1, 0.8, 0.35), colours[: rng.integers(1, 4)], strict=False):
             pen.polygon(

@@ -61,9 +61,8 @@ def _cover(pen: Pen, rng: np.random.Generator, middle: np.ndarray, radius: float
     rim."""
     if rng.random() < 0.2:
         x, y = middle + rng.uniform(-0.6, 0.6, 2) * radius
-        sticker = polygon(
-            rng.choice((4, 20)), radius * rng.uniform(0.1, 0.25), rng.uniform(0, 90), x, y
-        )
+        corners = int(rng.choice((4, 20)))
+        sticker = polygon(corners, radius * rng.uniform(0.1, 0.25), rng.uniform(0, 90), x, y)
         pen.polygon(sticker, fill=tuple(SIGN_COLOURS[rng.integers(len(SIGN_COLOURS))]))
     if rng.random() < 0.1:
         scribble = middle + rng.uniform(-0.7, 0.7, (6, 2)) * radius

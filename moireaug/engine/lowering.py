@@ -65,7 +65,8 @@ def lower_cell(
     period = np.array(periods, np.int64)
     height = _numbered(period[kind, 1], centre[:, 1])
     row = _numbered(kind, height)
-    whole, highest = np.lcm.reduce(period), np.array([_highest(o) for o in orders], np.int64)
+    whole = np.array([math.lcm(*lengths) for lengths in zip(*periods, strict=True)], np.int64)
+    highest = np.array([_highest(o) for o in orders], np.int64)
     return Cell(whole, period, highest, channel, kind, height, row, centre, pixel, radius)
 
 

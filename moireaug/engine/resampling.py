@@ -50,12 +50,12 @@ def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
     i, scale = np.arange(m), n / m
     if how == "area":
         start, end = i * n // m, -((i + 1) * n // -m)
-        taps = np.where(np.arange((end - start).max()) < (end - start)[:, None], 1.0, 0.0)
+        taps = np.where(np.arange(np.max(end - start)) < (end - start)[:, None], 1.0, 0.0)
     elif how == "antialias":
         centre, support = scale * (i + 0.5), max(scale, 1.0)
         start = np.maximum((centre - support + 0.5).astype(np.int64), 0)
         end = np.minimum((centre + support + 0.5).astype(np.int64), n)
-        k = np.arange((end - start).max())
+        k = np.arange(np.max(end - start))
         away = np.abs(start[:, None] + k - centre[:, None] + 0.5) / support
         taps = np.where(k < (end - start)[:, None], np.maximum(1 - away, 0.0), 0.0)
     else:  # point
@@ -114,7 +114,7 @@ def _transposed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the photo pixels that each sensor pixel contributes to, and the weights, in the order
     of taps."""
-    most = max(1, np.bincount(pixel[used]).max())
+    most = max(1, int(np.max(np.bincount(pixel[used]))))
     index = np.zeros((parity, most, read // parity), np.int32)
     weight = np.zeros((parity, most, read // parity), np.float32)
     found = [0] * read
