@@ -4,10 +4,13 @@ import ast
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 import moireaug
+from moireaug import Panel, Scene, View
 from moireaug.engine import compiling
+from moireaug.engine.shot_exposure import lower_exposure
 
 PACKAGE = Path(moireaug.__file__).parent
 ENGINE = PACKAGE / "engine"
@@ -60,3 +63,14 @@ def test_a_change_of_a_constant_makes_another_folder(name, tmp_path, monkeypatch
 
     monkeypatch.setattr(Path, "read_bytes", changed)
     assert compiling.folder.__wrapped__() != before
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(None, None, 2)], ids=["all", "every second"])
+@pytest.mark.parametrize("glare", [0.0, 0.1])
+def test_arrays_have_the_layout_that_kernels_are_compiled_for(glare, rows):
+    """For another one, numba compiles them again."""
+    scene = Scene(panel=Panel(glare=glare), view=View(roll=(-5, 5)))
+    assert ("glare" in scene.plan()) == (glare > 0)
+    exposure = lower_exposure(scene.sample(4, (8, 8))[rows], decoded=False)
+    arrays = [values for values in exposure if isinstance(values, np.ndarray)]
+    assert len(arrays) == 10 and all(values.flags.c_contiguous for values in arrays)

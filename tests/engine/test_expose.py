@@ -3,7 +3,6 @@ are."""
 
 import dataclasses
 
-import numpy as np
 import pytest
 import torch
 
@@ -264,15 +263,6 @@ def test_bytes_are_read_as_they_are_through_a_prefilter_that_varies():
     assert shot.plan.prefilter > SMALL
     codes = torch.randint(0, 256, (2, 3, 20, 24), dtype=torch.uint8)
     assert torch.equal(dispatch.expose(codes, shot), dispatch.expose(codes.float() / 255, shot))
-
-
-@pytest.mark.parametrize("rows", [slice(None), slice(None, None, 2)], ids=["all", "every second"])
-@pytest.mark.parametrize("name", ["noise", "everything"])
-def test_arrays_have_the_layout_that_kernels_are_compiled_for(name, rows):
-    """For another one, numba compiles them again."""
-    exposure = lower_exposure(SCENES[name].sample(4, (8, 8))[rows], decoded=False)
-    arrays = [values for values in exposure if isinstance(values, np.ndarray)]
-    assert len(arrays) == 10 and all(values.flags.c_contiguous for values in arrays)
 
 
 def test_threads_and_parts_of_a_batch_change_nothing():
