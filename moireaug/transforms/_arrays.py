@@ -142,8 +142,8 @@ def noise_of(
     return torch.tensor(rows, dtype=torch.float32, device="cpu")
 
 
-def class_of(data: dict[str, Any], key: str) -> int:
-    """Return the class that a call passes under a key.
+def label_of(data: dict[str, Any], key: str) -> int:
+    """Return the index of the image's class, which a call passes under a key.
 
     Raises:
         ValueError, TypeError: none, or one that is no integer.

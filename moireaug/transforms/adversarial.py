@@ -120,10 +120,12 @@ class AdversarialMoire(v2.Transform):
             raise ValueError(NO_BATCH.format(f"{len(shown)} batches"))
         images = flat[shown[0]]
         if isinstance(images, (PIL.Image.Image, Video)) or images.ndim != 4:
-            got = (
-                f"the shape {tuple(images.shape)}" if isinstance(images, Tensor) else "a PIL image"
-            )
-            got = "a video" if isinstance(images, Video) else got
+            if isinstance(images, PIL.Image.Image):
+                got = "a PIL image"
+            elif isinstance(images, Video):
+                got = "a video"
+            else:
+                got = f"the shape {tuple(images.shape)}"
             raise ValueError(
                 f"images must be one batch (B, C, H, W); got {got}. Use AdversarialMoire after "
                 "batching, in the training step or a collate_fn."

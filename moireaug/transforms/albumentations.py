@@ -23,7 +23,7 @@ from moireaug.transforms._arrays import (
     PICTURES,
     apply_shot,
     apply_to_all,
-    class_of,
+    label_of,
     move_bboxes,
     move_keypoints,
     move_mask,
@@ -271,7 +271,7 @@ class AdversarialMoire(RandomMoire):
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
     ) -> dict[str, Any]:
         drawn = super().draw(params, data, random)
-        label = class_of(data, self.label_key)
+        label = label_of(data, self.label_key)
         parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
         device = next((p.device for p in parameters), torch.device("cpu"))
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
