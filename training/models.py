@@ -1,9 +1,10 @@
-"""Classifiers to train and to attack, by name: compact ResNets for small images, and every
+"""Classifiers to train and to attack, by name: compact networks for small images, and every
 torchvision classifier."""
 
 import argparse
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -12,8 +13,18 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks import Normalized
-from training.small_resnet import OWN, SmallResNet
+from training.small_convnet import AttentionConvNet
+from training.small_resnet import SmallResNet
 
+# the project's own models: the number of classes to a model
+OWN: dict[str, Callable[[int], nn.Module]] = {
+    "attention_convnet": AttentionConvNet,
+    "attention_resnet": partial(SmallResNet, width=32, activation=nn.SiLU, heads=4),
+    "attention_resnet_full": partial(SmallResNet, stride=1, activation=nn.SiLU, heads=4),
+    "small_resnet": SmallResNet,
+    "small_resnet_x2": partial(SmallResNet, width=32),
+    "small_resnet_full": partial(SmallResNet, stride=1),
+}
 # The auxiliary heads serve training from scratch in the original recipes, and turn the output into
 # a tuple. transform_input undoes the ImageNet normalisation that every other torchvision model
 # expects, in favour of their own.
@@ -88,7 +99,7 @@ def build(
     """Return a classifier by name, freshly initialised or with weights.
 
     Args:
-        name: one of `small_resnet.OWN`, which take [0, 1] images, or any torchvision classifier,
+        name: one of `OWN`, which take [0, 1] images, or any torchvision classifier,
             whose ImageNet normalisation is the caller's to apply.
         num_classes: number of logits.
         weights: a file with a state_dict, or a checkpoint that holds one as "state_dict",
@@ -133,7 +144,7 @@ def require_known(name: str) -> None:
 
 def _fresh(name: str, num_classes: int) -> nn.Module:
     if name in OWN:
-        return SmallResNet(num_classes, **OWN[name])
+        return OWN[name](num_classes)
     return _torchvision().get_model(name, num_classes=num_classes, **_EXTRA.get(name, {}))
 
 

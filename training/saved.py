@@ -21,11 +21,10 @@ from torch import Tensor, nn
 from moireaug.scene.fields import one_of
 from training import runs
 from training.files import read_checkpoint, read_metrics, read_settings
-from training.models import as_model, names
+from training.models import OWN, as_model, names
 from training.overrides import command_line
 from training.processes import is_first
 from training.schema import DATA, Config, Data, as_config, scene_of
-from training.small_resnet import OWN
 from training.splits import Splits
 
 

@@ -131,7 +131,7 @@ class RunConfig:
 class Config(RunConfig):
     """All settings of a run that trains a classifier."""
 
-    model: str = "attention_resnet"  # one of small_resnet.OWN, or any torchvision classifier
+    model: str = "attention_resnet"  # one of models.OWN, or any torchvision classifier
     adversary: Adversary = field(default_factory=Adversary)
     train: Train = field(default_factory=Train)
     reattack: Reattack = field(default_factory=Reattack)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from torch import Tensor, nn
+
+from training.pooling import AttentionPooling, MeanPooling
 
 
 class ResidualBlock(nn.Module):
@@ -31,31 +31,6 @@ class ResidualBlock(nn.Module):
         skip = x if self.shortcut is None else self.shortcut(y)
         y = self.conv1(y)
         return skip + self.conv2(self.activation(self.norm2(y)))
-
-
-class MeanPooling(nn.Module):
-    """The mean over all positions: (B, C, H, W) to (B, C)."""
-
-    def forward(self, x: Tensor) -> Tensor:
-        return x.mean((2, 3))
-
-
-class AttentionPooling(nn.Module):
-    """Means over the positions that each head attends to: (B, C, H, W) to (B, heads * C).
-
-    A plain mean counts what an attacker paints on the background as much as the object.
-
-    Source: Ilse et al., "Attention-based Deep Multiple Instance Learning" (2018), equation 7, with
-    several heads and linear scores.
-    """
-
-    def __init__(self, channels: int, heads: int) -> None:
-        super().__init__()
-        self.score = nn.Conv2d(channels, heads, 1, bias=False)
-
-    def forward(self, x: Tensor) -> Tensor:
-        share = self.score(x).flatten(2).softmax(2)
-        return (share @ x.flatten(2).transpose(1, 2)).flatten(1)
 
 
 class SmallResNet(nn.Module):
@@ -106,13 +81,3 @@ class SmallResNet(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         x = self.blocks(self.stem((images - 0.5) * 4.0))
         return self.head(self.pool(self.activation(self.norm(x))))
-
-
-# the project's own models: the settings of each
-OWN: dict[str, dict[str, Any]] = {
-    "small_resnet": {"width": 16},
-    "small_resnet_x2": {"width": 32},
-    "small_resnet_full": {"width": 16, "stride": 1},
-    "attention_resnet": {"width": 32, "activation": nn.SiLU, "heads": 4},
-    "attention_resnet_full": {"width": 16, "stride": 1, "activation": nn.SiLU, "heads": 4},
-}

@@ -4,26 +4,43 @@ import pytest
 import torch
 from torch import nn
 
+from moireaug.attacks import Normalized
 from training import models
-from training.small_resnet import OWN, AttentionPooling, SmallResNet
+from training.pooling import AttentionPooling
+from training.small_convnet import AttentionConvNet
+from training.small_resnet import SmallResNet
+
+SMALL = {
+    "resnet": lambda classes: SmallResNet(classes, 4),
+    "resnet, attention": lambda classes: SmallResNet(classes, 4, activation=nn.SiLU, heads=3),
+    "convnet": lambda classes: AttentionConvNet(classes, (4, 8, 8), heads=3),
+    "convnet, one stage": lambda classes: AttentionConvNet(classes, (4, 8), heads=1),
+}
 
 
-@pytest.mark.parametrize("size", [(32, 32), (48, 48), (64, 64), (33, 47)])
-@pytest.mark.parametrize("width", [4, 16])
-@pytest.mark.parametrize("heads", [0, 1, 3])
-def test_small_resnet_maps_images_to_logits(size, width, heads):
-    logits = SmallResNet(7, width, heads=heads)(torch.rand(2, 3, *size))
+@pytest.mark.parametrize("size", [(1, 1), (32, 32), (48, 48), (64, 64), (33, 47)])
+@pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
+def test_small_networks_map_images_to_logits(make, size):
+    logits = make(7)(torch.rand(2, 3, *size))
     assert logits.shape == (2, 7) and logits.isfinite().all()
 
 
-def test_small_resnet_is_small():
-    assert 80_000 < sum(parameter.numel() for parameter in SmallResNet(16).parameters()) < 200_000
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [
+        ("small_resnet", 80_000, 200_000),
+        ("attention_resnet", 600_000, 700_000),
+        ("attention_convnet", 450_000, 550_000),
+    ],
+)
+def test_own_models_are_small(name, least, most):
+    assert least < sum(p.numel() for p in models.build(name, 16).parameters()) < most
 
 
-@pytest.mark.parametrize("heads", [0, 2])
-def test_every_parameter_and_the_image_receive_a_gradient(heads):
+@pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
+def test_every_parameter_and_the_image_receive_a_gradient(make):
     torch.manual_seed(0)
-    model = SmallResNet(5, 4, activation=nn.SiLU, heads=heads)
+    model = make(5)
     images = torch.rand(4, 3, 32, 32, requires_grad=True)
     nn.functional.cross_entropy(model(images), torch.arange(4)).backward()
     for parameter in model.parameters():
@@ -43,8 +60,9 @@ def test_attention_pooling_takes_the_mean_where_it_attends():
     assert torch.allclose(pool(x), torch.cat([x.mean((2, 3)), x[:, :, 1, 2]], 1))
 
 
-def test_small_resnet_leaves_its_input_alone_and_centres_it():
-    model, images = SmallResNet(5, 4).eval(), torch.full((1, 3, 32, 32), 0.5)
+@pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
+def test_small_networks_leave_their_input_alone_and_centre_it(make):
+    model, images = make(5).eval(), torch.full((1, 3, 32, 32), 0.5)
     seen = []
     model.stem.register_forward_hook(lambda module, inputs, output: seen.append(inputs[0]))
     model(images)
@@ -60,13 +78,14 @@ def test_a_size_that_a_model_cannot_take_is_refused(name, side):
     assert small.training
 
 
-def test_small_resnet_learns():
+@pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
+def test_small_networks_learn(make):
     generator = torch.Generator().manual_seed(0)
     labels = torch.arange(32) % 2
     images = torch.rand(32, 3, 32, 32, generator=generator) * 0.5
     images[labels == 1, :, :16] += 0.3
     torch.manual_seed(0)
-    model = SmallResNet(2, 4)
+    model = make(2)
     optimiser = torch.optim.SGD(model.parameters(), 0.05, momentum=0.9)
     for _ in range(15):
         optimiser.zero_grad()
@@ -75,23 +94,33 @@ def test_small_resnet_learns():
     assert (model.eval()(images).argmax(1) == labels).all()
 
 
-@pytest.mark.parametrize("arguments", [(0, 16), (5, 0)])
-def test_small_resnet_refuses_empty_layers(arguments):
+@pytest.mark.parametrize(
+    ("network", "arguments"),
+    [
+        (SmallResNet, (0, 16)),
+        (SmallResNet, (5, 0)),
+        (AttentionConvNet, (0,)),
+        (AttentionConvNet, (5, (4, 0))),
+        (AttentionConvNet, (5, (4, 8), 0)),
+    ],
+)
+def test_small_networks_refuse_empty_layers(network, arguments):
     with pytest.raises(ValueError, match="at least 1"):
-        SmallResNet(*arguments)
+        network(*arguments)
 
 
 def test_own_models_take_images_as_they_are_and_differ_in_their_stems():
-    built = {name: models.as_model(name, 5, None) for name in OWN}
-    assert all(isinstance(model, SmallResNet) for model in built.values())
+    built = {name: models.as_model(name, 5, None) for name in models.OWN}
+    assert not any(isinstance(model, Normalized) for model in built.values())
     assert built["small_resnet_x2"].head.in_features == 2 * built["small_resnet"].head.in_features
     images = torch.rand(1, 3, 32, 32)
+    assert built["attention_convnet"].stem(images).shape[-1] == 16
     assert built["small_resnet"].stem(images).shape[-1] == 16
     assert built["small_resnet_full"].stem(images).shape[-1] == 32
 
 
 def test_names_hold_classifiers_only():
-    assert models.names()[0] == "small_resnet"
+    assert models.names()[: len(models.OWN)] == list(models.OWN)
     assert {"resnet18", "mobilenet_v2", "vit_b_16"} < set(models.names())
     assert not any(
         "rcnn" in name or "raft" in name or "quantized" in name for name in models.names()
@@ -105,6 +134,7 @@ def test_names_hold_classifiers_only():
         "small_resnet_x2",
         "small_resnet_full",
         "attention_resnet",
+        "attention_convnet",
         "squeezenet1_1",
         "shufflenet_v2_x0_5",
         "mnasnet0_5",
@@ -124,7 +154,7 @@ def test_googlenet_has_one_output_even_in_training():
     [
         ("resnet19", "Closest: resnet18"),
         ("small-resnet", "Closest: small_resnet"),
-        ("", "Please use 'small_resnet', 'small_resnet_x2'"),
+        ("", "Please use 'attention_convnet', 'attention_resnet'"),
     ],
 )
 def test_an_unknown_name_lists_the_closest(name, hint):
