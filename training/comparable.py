@@ -60,19 +60,18 @@ def training(metrics: Metrics) -> Metrics:
 
 def baseline(metrics: Metrics, trained: Iterable[Metrics]) -> str | None:
     """Return the recipe of plain training that a run is compared with; None for plain training
-    itself, and where it took fewer epochs than the run."""
-    name = plain_recipe(metrics)
-    for other in trained:
-        if other["recipe"] == name and _epochs(other) < _epochs(metrics):
-            return None
-    return name
-
-
-def plain_recipe(metrics: Metrics) -> str | None:
-    """Return the recipe of plain training from the same start; None for plain training itself."""
+    itself, and where it took fewer epochs than the run or had another start."""
     if metrics["recipe"] in PLAIN:
         return None
-    return "baseline" if metrics["train"]["init"] == "clean" else "clean"
+    for other in trained:
+        if other["recipe"] == "baseline" and not _fair(other, metrics):
+            return None
+    return "baseline"
+
+
+def _fair(plain: Metrics, metrics: Metrics) -> bool:
+    same_start = plain["train"]["init"] == metrics["train"]["init"]
+    return bool(same_start and _epochs(plain) >= _epochs(metrics))
 
 
 def _epochs(metrics: Metrics) -> float:
@@ -164,14 +163,17 @@ def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) 
             f"The runs were trained in different ways ({named}): do not compare their times."
         )
     found += _unshared_seeds(trained, attacked)
-    shorter = {}
+    unpaired = []
     for metrics in trained.values():
-        if baseline(metrics, trained.values()) != plain_recipe(metrics):
-            shorter[metrics["recipe"]] = plain_recipe(metrics)
-    for recipe, plain in shorter.items():
+        recipe = metrics["recipe"]
+        if recipe in PLAIN or recipe in unpaired:
+            continue
+        if baseline(metrics, trained.values()) is None:
+            unpaired.append(recipe)
+    for recipe in unpaired:
         found.append(
-            f"No gain is given for {recipe}: {plain} was trained for fewer epochs. Train it with "
-            f"the same train.epochs."
+            f"No gain is given for {recipe}: baseline was trained for fewer epochs, or from "
+            "another start. Train it with the same train.epochs and train.init."
         )
     for folder, again in attacked.items():
         failed = []

@@ -10,7 +10,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -110,12 +110,13 @@ def start_config(cfg: Config) -> Config | None:
 def baseline_config(cfg: Config) -> Config | None:
     """Return the settings of the plain run that this one is compared with.
 
-    That is recipe `baseline` where the run starts from the weights of `clean`, else `clean`, in at
-    least as many epochs; all other settings are the same. None for these two recipes themselves.
+    That is recipe `baseline` from the same start, in at least as many epochs; all other settings
+    are the same. None for `baseline` and `clean` themselves.
     """
     if cfg.recipe in PLAIN:
         return None
-    return _plain(cfg, "baseline" if cfg.train.init == "clean" else "clean")
+    baseline = _plain(cfg, "baseline")
+    return replace(baseline, train=replace(baseline.train, init=cfg.train.init))
 
 
 def _plain(cfg: Config, recipe: str) -> Config:

@@ -39,7 +39,7 @@ class Data:
 
 
 DATA = {
-    "signs": Data(name="signs", size=48, train=6000, val=320, test=1600),
+    "signs": Data(name="signs", size=48, train=12000, val=320, test=1600),
     "cifar10": Data(name="cifar10", root="data", augment="shift_flip"),
     "cifar100": Data(name="cifar100", root="data", augment="shift_flip"),
     "gtsrb": Data(name="gtsrb", root="data", augment="affine"),
@@ -63,8 +63,8 @@ class Adversary:
 class Train:
     """How the weights are trained."""
 
-    epochs: int = 12
-    length: float = 1.0  # share of `epochs` that this recipe takes; start and baseline take all
+    epochs: int = 5
+    length: float = 1.0  # share of `epochs` that this recipe takes; the baseline takes all
     batch_size: int = 64  # of all devices together
     # null: 0.02, of Muon; with `weights`, 0.002 for a batch of 128, in proportion, of SGD
     # (tuning.py)
@@ -131,7 +131,7 @@ class RunConfig:
 class Config(RunConfig):
     """All settings of a run that trains a classifier."""
 
-    model: str = "attention_resnet"  # one of models.OWN, or any torchvision classifier
+    model: str = "attention_convnet"  # one of models.OWN, or any torchvision classifier
     adversary: Adversary = field(default_factory=Adversary)
     train: Train = field(default_factory=Train)
     reattack: Reattack = field(default_factory=Reattack)

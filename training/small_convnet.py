@@ -33,7 +33,7 @@ class AttentionConvNet(nn.Module):
     """
 
     def __init__(
-        self, num_classes: int, channels: tuple[int, ...] = (32, 64, 192), heads: int = 4
+        self, num_classes: int, channels: tuple[int, ...] = (48, 96, 256), heads: int = 4
     ) -> None:
         super().__init__()
         if min(num_classes, heads, *channels) < 1:

@@ -30,7 +30,7 @@ PLANS = [
     (["recipe=clean"], None, None),
     (["recipe=baseline"], "clean", None),
     (["recipe=moire_at"], "clean", "baseline"),
-    (["recipe=moire_at", "train.init=random"], None, "clean"),
+    (["recipe=moire_at", "train.init=random"], None, "baseline"),
     (
         ["recipe=pgd_at", "weights=FILE", "train.lr=0.01", "scene={preset: paper}"],
         "clean",
@@ -50,7 +50,9 @@ def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
             continue
         ours, theirs, own = (runs.settings(c) for c in (cfg, other, configured(f"recipe={recipe}")))
         assert theirs["recipe"] == recipe and theirs["adversary"] == own["adversary"]
-        assert theirs["train"] == ours["train"] | {"init": own["train"]["init"]}
+        init = own["train"]["init"] if recipe == start else ours["train"]["init"]
+        length = own["train"]["length"]
+        assert theirs["train"] == ours["train"] | {"init": init, "length": length}
         assert {k: v for k, v in theirs.items() if k not in ("recipe", "adversary", "train")} == {
             k: v for k, v in ours.items() if k not in ("recipe", "adversary", "train")
         }
@@ -232,14 +234,14 @@ def test_precision_follows_the_hardware_unless_it_is_given(
 
 
 @pytest.mark.parametrize(
-    ("given", "length"), [([], 0.5), (["train.length=0.25"], 0.25), (["train.epochs=30"], 0.5)]
+    ("given", "length"), [([], 0.6), (["train.length=0.25"], 0.25), (["train.epochs=30"], 0.6)]
 )
-def test_a_recipe_may_be_shorter_than_its_start_and_its_baseline(given, length):
+def test_recipes_may_be_shorter_than_their_baseline(given, length):
     cfg = configured("recipe=moire_fast", *given)
     assert cfg.train.length == length
-    for plain in (runs.start_config(cfg), runs.baseline_config(cfg)):
-        assert plain.train.length == 1.0
-        assert plain.train.epochs == cfg.train.epochs
+    start, baseline = runs.start_config(cfg), runs.baseline_config(cfg)
+    assert (start.train.length, baseline.train.length) == (0.4, 1.0)
+    assert start.train.epochs == baseline.train.epochs == cfg.train.epochs
 
 
 @pytest.mark.parametrize(("length", "epochs"), [(0.5, 2), (0.01, 1), (1.0, 3)])

@@ -47,7 +47,7 @@ HOSTILE = [
     ),
     (lambda t: t.replace("recipe: clean", "recipe: ../../elsewhere"), "recipe must be a name"),
     (lambda t: t.replace("recipe: clean", "recipe: ???"), "recipe is missing"),
-    (lambda t: t.replace("model: attention_resnet", "model: os"), "model must be one of"),
+    (lambda t: t.replace("model: attention_convnet", "model: os"), "model must be one of"),
     (lambda t: t.replace("scene: screen_photo", "scene: ../elsewhere"), "a preset must be one of"),
     (lambda t: t.replace("name: signs", "name: nothing"), "data.name must be one of"),
     (lambda t: t.replace("seed: 0", "seed: /etc"), "could not be converted to Integer"),
