@@ -63,7 +63,7 @@ class Adversary:
 class Train:
     """How the weights are trained."""
 
-    epochs: int = 4
+    epochs: int = 5
     length: float = 1.0  # share of `epochs` that this recipe takes; the baseline takes all
     batch_size: int = 64  # of all devices together
     # null: 0.02, of Muon; with `weights`, 0.002 for a batch of 128, in proportion, of SGD

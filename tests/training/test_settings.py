@@ -234,13 +234,13 @@ def test_precision_follows_the_hardware_unless_it_is_given(
 
 
 @pytest.mark.parametrize(
-    ("given", "length"), [([], 0.5), (["train.length=0.25"], 0.25), (["train.epochs=30"], 0.5)]
+    ("given", "length"), [([], 0.6), (["train.length=0.25"], 0.25), (["train.epochs=30"], 0.6)]
 )
 def test_recipes_may_be_shorter_than_their_baseline(given, length):
     cfg = configured("recipe=moire_fast", *given)
     assert cfg.train.length == length
     start, baseline = runs.start_config(cfg), runs.baseline_config(cfg)
-    assert (start.train.length, baseline.train.length) == (0.5, 1.0)
+    assert (start.train.length, baseline.train.length) == (0.4, 1.0)
     assert start.train.epochs == baseline.train.epochs == cfg.train.epochs
 
 
