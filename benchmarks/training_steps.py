@@ -3,7 +3,7 @@
     python benchmarks/training_steps.py
 
 A step is forward, backward and update of `training.classifier.Classifier` on the CPU, on one batch
-of photographs: attention_resnet at 48 px, beside which the camera weighs something, and resnet18 at
+of photographs: attention_convnet at 48 px, beside which the camera weighs something, and resnet18 at
 224 px, beside which it does not. The small one takes steps of Muon, the large one of SGD, as
 fine-tuning does. Loading is the DataLoader of `training.batches` over a folder of JPEG files, made
 for the purpose: each pass decodes the files, which the system's cache holds, or, as from the second
@@ -39,7 +39,7 @@ from training.tuning import make_optimizer, tuning
 
 # models: name, batch, side of its images
 FULL = {
-    "models": (("attention_resnet", 64, 48), ("resnet18", 8, 224)),
+    "models": (("attention_convnet", 64, 48), ("resnet18", 8, 224)),
     "repeats": 9,
     "files": 192,
     "sides": (48, 256),
