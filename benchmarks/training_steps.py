@@ -3,8 +3,8 @@
     python benchmarks/training_steps.py
 
 A step is forward, backward and update of `training.classifier.Classifier` on the CPU, on one batch
-of photographs: attention_convnet at 48 px, beside which the camera weighs something, and resnet18 at
-224 px, beside which it does not. The small one takes steps of Muon, the large one of SGD, as
+of photographs: attention_convnet at 48 px, beside which the camera weighs something, and resnet18
+at 224 px, beside which it does not. The small one takes steps of Muon, the large one of SGD, as
 fine-tuning does. Loading is the DataLoader of `training.batches` over a folder of JPEG files, made
 for the purpose: each pass decodes the files, which the system's cache holds, or, as from the second
 epoch on without workers, reads the images that are kept in memory. Prints three tables and writes

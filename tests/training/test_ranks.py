@@ -29,7 +29,7 @@ def test_a_run_ends_where_one_of_its_processes_is_lost(tmp_path):
         "recipe=clean",
         *TINY,
         *BRIEF,
-        "train.epochs=12",
+        "train.epochs=30",  # of which recipe clean takes 12
         "trainer.devices=2",
         "trainer.strategy=ddp",
     ]

@@ -52,7 +52,7 @@ def straight(tmp_path_factory):
 
 
 def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp_path):
-    given = ["recipe=clean", *TINY, *BRIEF, "train.epochs=24", "data.workers=1"]
+    given = ["recipe=clean", *TINY, *BRIEF, "train.epochs=60", "data.workers=1"]  # clean takes 24
     folder = tmp_path / "runs/clean/seed0"
     process = Command("fit.py", *given, cwd=tmp_path)
     wait(process, folder / "last.ckpt", 1)
@@ -179,6 +179,7 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
         "data.val=4",
         "data.workers=1",
         "train.batch_size=8",
+        "train.length=1.0",
     ]
     failed = inside("fit.py", *given, cwd=tmp_path)
     assert failed.returncode == 1
