@@ -1,4 +1,4 @@
-"""A compact network for small images that withstands attackers better than its size suggests."""
+"""A compact convolutional network for small images, with what helps it against an attacker."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from training.pooling import AttentionPooling
 class AttentionConvNet(nn.Module):
     """A plain convolutional network for images of 32 to 64 px, small enough to train on a CPU.
 
-    It pools after a convolution instead of striding over positions, which costs no more at this
-    size and classifies photos with moiré better; its activation, SiLU, is smooth, which makes
-    adversarial training stronger (Xie et al., "Smooth Adversarial Training", 2020).
+    Each stage pools after a convolution instead of striding over positions: photos are read better
+    for the same time. The activation, SiLU, is smooth, which makes adversarial training stronger
+    (Xie et al., "Smooth Adversarial Training", 2020).
 
     Args:
         num_classes: number of logits.
