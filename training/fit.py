@@ -13,8 +13,8 @@ another model than the default the folder is runs/<data>-<model>/<recipe>/seed<k
 
 Most recipes start from the weights of recipe `clean` and are compared with recipe `baseline`, plain
 training that starts from the same weights and takes at least as many epochs. Both are trained
-first, with the same settings, or reused if they were trained before. The same command resumes an
-interrupted run.
+first, with the same settings, or reused if they were trained before; they are reported once their
+own recipe is asked for. The same command resumes an interrupted run.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import hydra
 from omegaconf import DictConfig
@@ -38,9 +38,12 @@ from training.data import load, require_training_images
 from training.demoireing import fit as demoireing
 from training.models import require_known
 from training.processes import is_first, say
-from training.results import compare, describe, publish
+from training.results import compare, describe, publish, write_metrics
 from training.schema import Config, absolute, as_config, register
 from training.splits import Splits
+
+if TYPE_CHECKING:
+    from training.classifier import Classifier
 
 Metrics = dict[str, Any]
 
@@ -77,8 +80,7 @@ def fit(cfg: DictConfig | Config) -> Metrics:
 def finished(cfg: Config) -> Metrics:
     """Print the summary of a finished run and return its metrics.
 
-    One that was trained as the start or baseline of another run was reported without the checks of
-    its attack, which are made now.
+    One that was trained as the start or baseline of another run is attacked and reported now.
     """
     out = runs.folder(cfg)
     known = runs.read_metrics(out) or {}
@@ -90,7 +92,7 @@ def finished(cfg: Config) -> Metrics:
         splits = load(cfg.data)
         attacked = again(cfg, protocol_of(cfg, splits), check=True)
         known |= describe(attacked)
-        spent = {**(known.get("time") or {}), "checks": attacked.seconds["checks"]}
+        spent = {**(known.get("time") or {}), **attacked.seconds}
         known = publish(out, known, {cfg.recipe: attacked}, splits.classes, spent)
     print(f"{out} is already finished; resume=false trains it again.")
     return known
@@ -124,7 +126,9 @@ def plain_runs(cfg: Config, splits: Splits) -> tuple[Metrics | None, Metrics | N
 
 
 def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) -> Metrics:
-    """Return the metrics of a start or baseline: reused, or trained. A damaged one is moved aside.
+    """Return the metrics of a start or baseline: reused, or trained and not attacked.
+
+    A damaged one is moved aside.
 
     Args:
         start: metrics of the run whose weights it starts from, if any.
@@ -137,33 +141,28 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         if damage := saved.damage(runs.run_of(cfg)):
             say(f"The {role} cannot be reused and is trained again: {damage}.")
             cfg = replace(cfg, resume=False)
-        elif known := reused(cfg, splits, role=role):
+        elif known := reused(cfg, role=role):
             return known
         else:
             say(f"The {role} comes first: recipe {cfg.recipe}, with the same settings.")
-        return one_run(cfg, splits, start, None, {}, check=False)
+        _, train = train_run(cfg, splits, start)
+        if not is_first():
+            return {}
+        metrics = compare(cfg, {}, train, start, None)
+        return write_metrics(out, metrics | {"time": {"train": train["wall_seconds"]}})
 
 
-def reused(cfg: Config, splits: Splits, *, role: str) -> Metrics | None:
-    """Return the metrics of a run that is finished with these settings; None for no such run.
-
-    Where only the re-attack's settings differ, its weights are attacked again; its own report
-    stays.
-    """
+def reused(cfg: Config, *, role: str) -> Metrics | None:
+    """Return the metrics of a run that was trained with these settings; None for no such run. How
+    it was attacked may differ."""
     out = runs.folder(cfg)
     known = runs.read_metrics(out)
     if not known or not (out / "best.ckpt").is_file():
         return None
-    before, now = known.get("config") or {}, runs.settings(cfg)
-    if before == now:
-        say(f"The {role} is reused from {out}.")
-        return known
-    if before | {"reattack": None} != now | {"reattack": None}:
+    if not saved.same_but_attack(known.get("config") or {}, runs.settings(cfg)):
         return None
-    say(f"The {role}'s weights are reused from {out} and attacked again: reattack.* has changed.")
-    if not is_first():
-        return known
-    return known | describe(again(cfg, protocol_of(cfg, splits)))
+    say(f"The {role} is reused from {out}.")
+    return known
 
 
 def again(cfg: Config, protocol: Protocol, *, check: bool = False) -> Attacked:
@@ -178,38 +177,40 @@ def one_run(
     start: Metrics | None,
     baseline: Metrics | None,
     spent: Mapping[str, float],
-    *,
-    check: bool = True,
 ) -> Metrics:
     """Train, attack, compare and report one run; returns its metrics, {} in all but one process.
 
     Args:
         start, baseline: metrics of the runs beside it. spent: seconds so far, by phase.
-        check: whether to check that the attack's figures can be trusted.
     """
-    from training.train import train_model
-
-    run = runs.run_of(cfg)
-    if is_first():
-        run.prepare()
-    classifier, train = train_model(cfg, splits, before=start["train"] if start else None)
+    classifier, train = train_run(cfg, splits, start)
     if not is_first():
         return {}
-
+    out = runs.folder(cfg)
     protocol = protocol_of(cfg, splits)
-    records = run.folder / "records"
-    attacked = {cfg.recipe: attack(classifier.model, protocol, records, cfg.recipe, check=check)}
-    # what an earlier run kept may be of other images: a folder's may have changed since
-    if start and (first := runs.start_config(cfg)):
-        start = start | describe(again(first, protocol))
+    attacked = {cfg.recipe: attack(classifier.model, protocol, out / "records", cfg.recipe)}
+    # whatever an earlier run kept: a folder's images may have changed since
     if baseline and (other := runs.baseline_config(cfg)):
         attacked[other.recipe] = again(other, protocol)
         baseline = baseline | describe(attacked[other.recipe])
     metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
     seconds = {**spent, "train": train["wall_seconds"], **attacked[cfg.recipe].seconds}
-    metrics = publish(run.folder, metrics, attacked, splits.classes, seconds)
-    (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it
-    return metrics
+    return publish(out, metrics, attacked, splits.classes, seconds)
+
+
+def train_run(
+    cfg: Config, splits: Splits, start: Metrics | None
+) -> tuple[Classifier, dict[str, Any]]:
+    """Train a run in its folder, or what is left of it; see `train_model`.
+
+    Args:
+        start: metrics of the run whose weights it starts from, if any.
+    """
+    from training.train import train_model
+
+    if is_first():
+        runs.run_of(cfg).prepare()
+    return train_model(cfg, splits, before=start["train"] if start else None)
 
 
 @hydra.main(version_base="1.3", config_path=None, config_name="root")

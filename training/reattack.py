@@ -9,9 +9,9 @@ folder of images.
 
 Writes report.html and metrics.json into <run>/reattack/<scene>-n<images>-steps<steps>/<suite>/, or,
 without `run=`, into runs/reattack/<model>/<data>-<scene>-n<images>-steps<steps>/<suite>/; a suite
-other than the ladder writes tables.md and results.csv too. The start and the baseline of a run are
-attacked too, if their folders hold them with the same settings. Every finished piece is kept in
-records/: the same command continues where it stopped, and another suite reuses what is there.
+other than the ladder writes tables.md and results.csv too. The baseline of a run is attacked too,
+if its folder holds it with the same settings. Every finished piece is kept in records/: the same
+command continues where it stopped, and another suite reuses what is there.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
 
 
 def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
-    """Attack a run's best checkpoint; with the ladder also those of its start and baseline."""
+    """Attack a run's best checkpoint; with the ladder also that of its baseline."""
     found = saved.read(Path(cfg.run))  # type: ignore[arg-type]
     cfg = overrides.onto(found.cfg, cfg, given)
     check(cfg)
@@ -147,21 +147,18 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
         if cfg.suite != "ladder":
             return attack_by_suite(cfg, model, splits, protocol, records, out, seconds)
         attacked = {cfg.recipe: attack(model, protocol, records, cfg.recipe)}
-        start = baseline = None
-        if other := saved.start_of(found):
-            other.check_classes(splits, cfg.data)
-            start, _ = beside(other, protocol)
+        baseline = None
         if other := saved.baseline_of(found):
             other.check_classes(splits, cfg.data)
             baseline, attacked[other.cfg.recipe] = beside(other, protocol)
         train = saved.trained(found.folder)
-        metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
+        metrics = compare(cfg, describe(attacked[cfg.recipe]), train, None, baseline)
         seconds |= attacked[cfg.recipe].seconds
         return publish(out, metrics, attacked, splits.classes, seconds)
 
 
 def beside(run: Saved, protocol: Protocol) -> tuple[Metrics, Attacked]:
-    """Attack the start or the baseline of a run in the same way; return its metrics and results."""
+    """Attack the baseline of a run in the same way; return its metrics and results."""
     cfg = run.cfg
     attacked = attack(run.model(), protocol, run.folder / "records", cfg.recipe, check=False)
     known = {"recipe": cfg.recipe, "seed": cfg.seed, "data": cfg.data.name, "model": cfg.model}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,9 @@ from training.attacking import Attacked, Protocol
 from training.costs import with_totals
 from training.schema import Config, ReattackConfig, scene_of
 
-# what metrics.json says of the start and of the baseline
-SHARED = ("recipe", "seed", "data", "model", "clean_accuracy", "train", "reattack")
+# what metrics.json says of the start, and of the baseline, which is attacked too
+START = ("recipe", "seed", "data", "model", "train")
+BASELINE = (*START, "clean_accuracy", "reattack")
 Metrics = dict[str, Any]
 
 
@@ -62,7 +63,8 @@ def compare(
     gained.
 
     Args:
-        described: the run's own figures. train: what its training cost, where it was trained here.
+        described: the run's own figures; empty where it was not attacked.
+        train: what its training cost, where it was trained here.
         start: metrics of the run whose weights it started from. baseline: metrics of the plainly
             trained run, of at least as many epochs in all, over which the gain is measured.
     """
@@ -74,8 +76,8 @@ def compare(
         "train": train,
         **described,
         **about(cfg),
-        "start": _shared(start),
-        "baseline": _shared(baseline),
+        "start": _shared(start, START),
+        "baseline": _shared(baseline, BASELINE),
         "gain": {},
         "gain_interval": {},
     }
@@ -112,11 +114,11 @@ def _outcomes(text: str) -> torch.Tensor:
     return torch.tensor([outcome == "1" for outcome in text])
 
 
-def _shared(known: Mapping[str, Any] | None) -> Metrics | None:
+def _shared(known: Mapping[str, Any] | None, keys: Sequence[str]) -> Metrics | None:
     """Return what a run's metrics say of a run beside it."""
     if not known:
         return None
-    shared = {key: known[key] for key in SHARED}
+    shared = {key: known[key] for key in keys}
     if "environment" in known:  # not so of a copy by an earlier version
         shared["environment"] = known["environment"]
     train = shared["train"]
@@ -145,9 +147,16 @@ def publish(
     metrics = metrics | {"time": dict(seconds)}
     shown = run_examples(runners, main_attack(own.tables[0]), classes)
     report.write_run(out / "report.html", metrics, shown)
-    write_text(out / "metrics.json", json.dumps(metrics, indent=1))
+    write_metrics(out, metrics)
     report.show(report.run_parts(metrics))
     print(f"Report: {out / 'report.html'}")
+    return metrics
+
+
+def write_metrics(out: Path, metrics: Metrics) -> Metrics:
+    """Write metrics.json, which replaces what training has left; return the metrics."""
+    write_text(out / "metrics.json", json.dumps(metrics, indent=1))
+    (out / "train.json").unlink(missing_ok=True)
     return metrics
 
 
@@ -188,7 +197,7 @@ def publish_suite(
     for table in attacked.tables:
         shown[table.name] = table_examples(table, attacked.runner, classes, name)
     short = report.write_suite(out, metrics, attacked.tables, attacked.lines, shown)
-    write_text(out / "metrics.json", json.dumps(metrics, indent=1))
+    write_metrics(out, metrics)
     report.show(short)
     print(f"Report: {out / 'report.html'}")
     return metrics

@@ -135,8 +135,13 @@ def finished(cfg: Config) -> Saved:
 
 def same_training(one: Config, other: Config) -> bool:
     """Return whether two runs are the same but for how they are attacked again."""
+    return same_but_attack(runs.settings(one), runs.settings(other))
+
+
+def same_but_attack(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Return whether the settings of two runs are the same but for `reattack`."""
     unattacked = {"reattack": None}
-    return runs.settings(one) | unattacked == runs.settings(other) | unattacked
+    return {**one, **unattacked} == {**other, **unattacked}
 
 
 def damage(run: runs.Run) -> str | None:
@@ -183,24 +188,12 @@ def read_config(path: Path) -> Config:
     return as_config(cfg)  # type: ignore[arg-type]
 
 
-def start_of(run: Saved) -> Saved | None:
-    """Read the run whose weights this one started from, if it is there with the same settings.
-
-    None where there is none; a note says why if its folder is there.
-    """
-    return _beside(run, runs.start_config(run.cfg), "start")
-
-
 def baseline_of(run: Saved) -> Saved | None:
     """Read the run that this one is compared with, where it is beside it with the same settings.
 
     None where there is none; a note says why if its folder is there.
     """
-    return _beside(run, runs.baseline_config(run.cfg), "baseline")
-
-
-def _beside(run: Saved, wanted: Config | None, role: str) -> Saved | None:
-    """Read the run of these settings from where fit.py puts it, beside this one."""
+    wanted = runs.baseline_config(run.cfg)
     if wanted is None:
         return None
     folder = Path(os.path.abspath(run.folder)).parent.parent / wanted.recipe / f"seed{run.cfg.seed}"
@@ -212,14 +205,14 @@ def _beside(run: Saved, wanted: Config | None, role: str) -> Saved | None:
         wanted.runs = str(folder.parent.parent)
         again = shlex.join(["python", "training/fit.py", *command_line(wanted), "resume=false"])
         print(
-            f"note: no {role} is attacked beside this run. {error}\n"
+            f"note: no baseline is attacked beside this run. {error}\n"
             f"This trains it again:\n  {again}"
         )
         return None
     if not same_training(found.cfg, wanted):
         print(
             f"note: {folder} was trained with other settings: "
-            f"no {role} is attacked beside this run."
+            "no baseline is attacked beside this run."
         )
         return None
     return found

@@ -85,6 +85,7 @@ def run(recipe, accuracies, fooled, seconds):
             "images_per_second": 100.0,
             "passes": 3.25,
             "history": history,
+            "init": "clean",
         },
         "baseline": None,
         "start": None,
@@ -107,9 +108,7 @@ def metrics():
         (0, 0.2, 0.46, 0.8, 0.92, 1, 0.6, 1),
         70.0,
     )
-    start = run(
-        "clean", (0.93, 0.7, 0.4, 0.1, 0.04, 0, 0.1, 0), (0, 0.3, 0.5, 0.9, 0.95, 1, 0.7, 1), 60.0
-    )
+    start = {"recipe": "clean", "train": {"seconds": 60.0, "epochs": 2, "init": "random"}}
     for side in (ours, theirs):
         side["train"] |= {"total_seconds": side["train"]["seconds"] + 60.0, "total_epochs": 4}
     gains = {}

@@ -28,16 +28,14 @@ def whole(tmp_path_factory):
 
 def test_a_run_leaves_what_it_promises(whole):
     cwd, done = whole
-    for recipe in ("clean", "baseline", "moire_at"):
+    trained = {"metrics.json", "best.ckpt", "last.ckpt", "config.yaml"}
+    for recipe, files in (
+        ("clean", trained),
+        ("baseline", trained | {"records"}),
+        ("moire_at", trained | {"records", "report.html"}),
+    ):
         folder = cwd / "runs" / recipe / "seed0"
-        assert {p.name for p in folder.iterdir()} == {
-            "report.html",
-            "metrics.json",
-            "best.ckpt",
-            "last.ckpt",
-            "config.yaml",
-            "records",
-        }
+        assert {p.name for p in folder.iterdir()} == files
     m = json.loads((cwd / "runs/moire_at/seed0/metrics.json").read_text())
     assert (m["recipe"], m["seed"], m["data"], m["model"]) == (
         "moire_at",
@@ -115,18 +113,11 @@ def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole
         json.loads((cwd / f"runs/{r}/seed0/metrics.json").read_text())
         for r in ("clean", "baseline")
     )
+    trained = {"recipe", "seed", "data", "model", "train", "environment"}
+    assert set(m["start"]) == trained
+    assert set(m["baseline"]) == trained | {"clean_accuracy", "reattack"}
     for ours, theirs in ((m["start"], clean), (m["baseline"], base)):
-        assert set(ours) == {
-            "recipe",
-            "seed",
-            "data",
-            "model",
-            "clean_accuracy",
-            "train",
-            "reattack",
-            "environment",
-        }
-        assert ours == {key: theirs[key] for key in ours}
+        assert {key: ours[key] for key in trained} == {key: theirs[key] for key in trained}
     epochs = {
         side["recipe"]: (side["train"]["epochs"], side["train"]["total_epochs"])
         for side in (clean, base, m)
@@ -138,7 +129,6 @@ def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole
     assert clean["train"]["total_seconds"] == start
     assert (clean["start"], clean["baseline"], base["baseline"]) == (None, None, None)
     assert base["start"] == m["start"] and base["gain"] == {}
-    # the gain is against the baseline, not against the start, whose rows are others
     outcomes = {
         name: (cwd / f"runs/{name}/seed0/best.ckpt").read_bytes() for name in ("clean", "baseline")
     }
@@ -146,29 +136,33 @@ def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole
     assert base["train"]["init"] == "clean" and clean["train"]["init"] == "random"
 
 
-def test_a_run_trained_for_another_is_checked_when_it_is_asked_for_itself(
-    whole, tmp_path, monkeypatch
+@pytest.mark.parametrize("recipe", ["clean", "baseline"])
+def test_a_run_trained_for_another_is_attacked_when_it_is_asked_for_itself(
+    recipe, whole, tmp_path, monkeypatch
 ):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
-    before = runs.read_metrics(tmp_path / "runs/clean/seed0")
-    assert "trust" not in before and "checks" not in before["time"]
+    folder = tmp_path / "runs" / recipe / "seed0"
+    before = runs.read_metrics(folder)
+    assert "reattack" not in before and set(before["time"]) == {"train"}
     assert "trust" in runs.read_metrics(tmp_path / "runs/moire_at/seed0")
     monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
-    found = fit.fit(configured("recipe=clean", *TINY, f"runs={tmp_path / 'runs'}"))
-    assert found["trust"] and found["time"]["checks"] > 0
-    kept = runs.read_metrics(tmp_path / "runs/clean/seed0")
+    found = fit.fit(configured(f"recipe={recipe}", *TINY, f"runs={tmp_path / 'runs'}"))
+    assert found["trust"] and found["time"]["checks"] > 0 and found["time"]["re-attack"] > 0
+    assert (folder / "report.html").is_file()
+    kept = runs.read_metrics(folder)
     for metrics in (found, kept):
-        assert {k: metrics[k] for k in ("train", "reattack", "config")} == {
-            k: before[k] for k in ("train", "reattack", "config")
-        }
-    assert kept["trust"] == found["trust"]
+        for name in ("train", "start", "config"):
+            assert metrics[name] == before[name]
+    assert kept["trust"] == found["trust"] and kept["reattack"] == found["reattack"]
+    if recipe == "baseline":
+        beside = runs.read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
+        assert kept["reattack"] == beside["reattack"], "what the other run has computed is read"
 
 
 def test_a_re_attack_of_the_same_kind_takes_what_the_run_has_computed(whole, tmp_path):
-    """The checks of the baseline and of the start are all that was not computed before."""
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     before = {path: path.read_bytes() for path in tmp_path.glob("runs/*/seed0/records/*.jsonl")}
-    assert len(before) == 3
+    assert len(before) == 2
     done = inside("reattack.py", "run=runs/moire_at/seed0", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert {path: path.read_bytes() for path in before} == before
@@ -196,6 +190,7 @@ def test_the_gain_is_against_the_baseline_and_not_against_the_start():
     for start, baseline, gain in ((right, wrong, 1.0), (wrong, right, 0.0)):
         m = compare(cfg, own, None, side | {"correct": start}, side | {"correct": baseline})
         assert m["gain"] == {"clean": gain}
+        assert set(m["start"]) == {"recipe", "seed", "data", "model", "train"}
     assert compare(cfg, own, None, side | {"correct": wrong}, None)["gain"] == {}
 
 
@@ -214,7 +209,7 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     )
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (runs.start_config(other), runs.baseline_config(other)):
-        assert fit.reused(wanted, None, role="baseline") is None, "its settings are others"
+        assert fit.reused(wanted, role="baseline") is None, "its settings are others"
         assert runs.run_of(wanted).stage() == "other"
 
 
@@ -224,26 +219,18 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, c
         "recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1"
     )
     path = cwd / "runs/baseline/seed0"
-    before = (path / "best.ckpt").stat().st_mtime_ns
-    known = fit.reused(runs.baseline_config(cfg), load(cfg.data), role="baseline")
-    assert "The baseline's weights are reused" in capsys.readouterr().out
-    assert [r["n"] for r in known["reattack"]] == [6] * len(known["reattack"]) and known["train"][
-        "epochs"
-    ] == 2
-    assert (path / "best.ckpt").stat().st_mtime_ns == before
-    assert runs.read_metrics(path)["reattack"][0]["n"] == 24  # its own report stays
+    known = fit.reused(runs.baseline_config(cfg), role="baseline")
+    assert f"The baseline is reused from {path}" in capsys.readouterr().out
+    assert known == runs.read_metrics(path) and known["train"]["epochs"] == 2
 
 
 def test_a_baseline_of_other_settings_is_not_attacked_beside_a_run(whole, tmp_path, capsys):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     run = saved.read(tmp_path / "runs/moire_at/seed0")
-    assert (
-        saved.baseline_of(run).cfg.recipe == "baseline"
-        and saved.start_of(run).cfg.recipe == "clean"
-    )
+    assert saved.baseline_of(run).cfg.recipe == "baseline"
     path = tmp_path / "runs/baseline/seed0/config.yaml"
     path.write_text(path.read_text().replace("epochs: 2", "epochs: 3"))
-    assert saved.baseline_of(run) is None and saved.start_of(run) is not None
+    assert saved.baseline_of(run) is None
     assert (
         "was trained with other settings: no baseline is attacked beside this run"
         in capsys.readouterr().out
@@ -261,7 +248,6 @@ def test_reattack_of_a_run(whole):
     m = json.loads(path.read_text())
     assert m["scene_name"] == "paper_code" and m["reattack"][0]["n"] == 12
     assert m["baseline"]["recipe"] == "baseline" and m["baseline"]["reattack"][0]["n"] == 12
-    assert m["start"]["recipe"] == "clean" and m["start"]["reattack"][0]["n"] == 12
     assert path.with_name("report.html").is_file()
 
 

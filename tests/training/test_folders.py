@@ -67,7 +67,8 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
         path = folder / torn
         path.write_bytes(path.read_bytes()[:40])
     trained = []
-    monkeypatch.setattr(fit, "one_run", lambda cfg, *rest, **options: trained.append(cfg) or {})
+    done = {"wall_seconds": 1.0}
+    monkeypatch.setattr(fit, "train_run", lambda cfg, *rest: trained.append(cfg) or (None, done))
     fit.plain_run(wanted, None, None, role=role)
     assert len(trained) == 1
     if torn == "nothing":

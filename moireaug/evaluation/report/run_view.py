@@ -26,7 +26,7 @@ class Rate:
 def run_view(metrics: Metrics) -> dict[str, Any]:
     """Return what the templates of a run need. Entries of the metrics may be missing; None and NaN
     stand for unknown."""
-    known = {"start": metrics.get("start"), "baseline": metrics.get("baseline"), "ours": metrics}
+    known = {"baseline": metrics.get("baseline"), "ours": metrics}
     sides = {}
     cleans = {}
     for kind, side in known.items():
@@ -40,7 +40,7 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
     view = {
         "name": name_of(metrics),
         "baseline": name_of(baseline) if baseline else None,
-        "start": name_of(sides["start"]) if "start" in sides else None,
+        "started": train.get("init") == "clean",
         "sides": [_side(kind, side) for kind, side in sides.items()],
         "rows": rows,
         "n": rows[0]["n"] if rows else None,
@@ -49,7 +49,6 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
         "has_lpips": any(row["lpips"] is not None for row in rows),
         "clean": cleans["ours"],
         "clean_theirs": cleans["baseline"],
-        "clean_start": cleans["start"],
         "change": None,
         "digits": 0,
         "seconds": total_seconds(metrics),
@@ -183,7 +182,6 @@ def _main(
         "high": own.high,
         "success": row["sides"]["ours"]["success"].value,
         "theirs": theirs.get("baseline"),
-        "start": theirs.get("start"),
     }
 
 

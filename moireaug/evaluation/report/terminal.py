@@ -108,8 +108,8 @@ def run_summary(metrics: Metrics) -> str:
 
 
 def run_parts(metrics: Metrics) -> list[Part]:
-    """Return the ladder as a table: accuracy of the start, the baseline and this model, and the
-    gain over the baseline; for attacks also how far the noise moves the photo."""
+    """Return the ladder as a table: accuracy of the baseline and of this model, and the gain; for
+    attacks also how far the noise moves the photo."""
     run = run_view(metrics)
     facts = []
     for name in ("data", "model", "scene_name"):
@@ -178,7 +178,7 @@ def _training(run: dict[str, Any]) -> list[str]:
     if run["seconds"] is None:
         return []
     text = f"training: {short(run['name'], 20)} {duration(run['seconds'])}"
-    if run["start"]:
+    if run["started"]:
         text += " with its start"
     if run["seconds_theirs"]:
         ratio = run["seconds"] / run["seconds_theirs"]
