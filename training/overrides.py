@@ -10,7 +10,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from moireaug.evaluation import GROUPS, SUITES
-from training.schema import DATA, HOME, RECIPES, Config, ReattackConfig, Trainer, as_values
+from training.schema import HOME, RECIPES, Config, ReattackConfig, Trainer, as_values, of_data
 
 TRAINING = ("recipe", "seed", "adversary", "train", "resume")  # say how a model is trained
 WEIGHTS = ("model", "weights", "runs")  # say which model is attacked where there is no run
@@ -111,7 +111,7 @@ def command_line(cfg: Config) -> list[str]:
     recipe = RECIPES / f"{cfg.recipe}.yaml"
     layers = [OmegaConf.load(recipe)] if recipe.is_file() else []
     defaults = OmegaConf.merge(
-        OmegaConf.structured(Config), {"recipe": cfg.recipe, "data": DATA[cfg.data.name]}, *layers
+        OmegaConf.structured(Config), {"recipe": cfg.recipe}, of_data(cfg.data.name), *layers
     )
     usual = as_values(defaults)  # type: ignore[arg-type]
     found = [f"recipe={cfg.recipe}"]

@@ -47,6 +47,9 @@ DATA = {
 }
 
 
+EPOCHS = {"signs": 5}  # of the data sets that need others than `Train` says
+
+
 @dataclass
 class Adversary:
     """What is done to the training images; `adversaries.passes` gives the cost."""
@@ -63,7 +66,7 @@ class Adversary:
 class Train:
     """How the weights are trained."""
 
-    epochs: int = 5
+    epochs: int = 30  # 5 for signs, see `EPOCHS`
     length: float = 1.0  # share of `epochs` that this recipe takes; the baseline takes all
     batch_size: int = 64  # of all devices together
     # null: 0.02, of Muon; with `weights`, 0.002 for a batch of 128, in proportion, of SGD
@@ -217,8 +220,8 @@ def register() -> None:
     """Register the schema, the data sets and every recipe of `training/recipes/` with Hydra."""
     store = ConfigStore.instance()
     store.store(name="schema", node=Config)
-    for name, node in DATA.items():
-        store.store(group="data", name=name, node=node)
+    for name in DATA:
+        store.store(group="data", name=name, package="_global_", node=of_data(name))
     store_recipes(RECIPES)
     defaults = ["schema", {"data": HOME[0]}, {"recipe": "clean"}, "_self_"]
     store.store(
@@ -229,6 +232,14 @@ def register() -> None:
     store.store(
         name="reattack", node={"defaults": defaults, "hydra": QUIET | help_of("reattack.py")}
     )
+
+
+def of_data(name: str) -> dict[str, Any]:
+    """Return the settings that naming a data set brings."""
+    settings: dict[str, Any] = {"data": DATA[name]}
+    if name in EPOCHS:
+        settings["train"] = {"epochs": EPOCHS[name]}
+    return settings
 
 
 def store_recipes(folder: Path) -> None:

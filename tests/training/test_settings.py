@@ -11,6 +11,7 @@ from training.augmentation import augment
 from training.classifier import Classifier
 from training.command_line import check_keys
 from training.data import load
+from training.overrides import command_line
 from training.schema import (
     Config,
     Data,
@@ -242,6 +243,22 @@ def test_recipes_may_be_shorter_than_their_baseline(given, length):
     start, baseline = runs.start_config(cfg), runs.baseline_config(cfg)
     assert (start.train.length, baseline.train.length) == (0.4, 1.0)
     assert start.train.epochs == baseline.train.epochs == cfg.train.epochs
+
+
+@pytest.mark.parametrize(
+    ("given", "epochs"),
+    [
+        ([], 5),
+        (["data=folder"], 30),
+        (["data=cifar10", "recipe=moire_at"], 30),
+        (["data=gtsrb", "train.epochs=7"], 7),
+    ],
+)
+def test_a_data_set_brings_its_epochs(given, epochs):
+    cfg = configured(*given)
+    assert cfg.train.epochs == epochs
+    again = command_line(cfg)
+    assert ("train.epochs=7" in again) == (epochs == 7) and configured(*again) == cfg
 
 
 @pytest.mark.parametrize(("length", "epochs"), [(0.5, 2), (0.01, 1), (1.0, 3)])
