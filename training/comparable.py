@@ -186,15 +186,16 @@ def warnings(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) 
 
 
 def _machines(trained: Mapping[Path, Metrics], attacked: Mapping[Path, Metrics]) -> list[str]:
-    """Return what was trained on, of every run whose time counts: those attacked, the clean ones
-    and the starts."""
+    """Return what was trained on, of every run whose time counts: those attacked, the plain ones
+    and those beside them."""
     found = set()
     for folder, metrics in trained.items():
-        if folder in attacked or metrics["recipe"] == "clean":
+        if folder in attacked or metrics["recipe"] in PLAIN:
             found.add(_machine(metrics))
-        start = metrics.get("start") or {}
-        if folder in attacked and "environment" in start:
-            found.add(_machine({**metrics, "environment": start["environment"]}))
+        for role in ("start", "baseline"):
+            beside = metrics.get(role) or {}
+            if folder in attacked and "environment" in beside:
+                found.add(_machine({**metrics, "environment": beside["environment"]}))
     return sorted(found)
 
 

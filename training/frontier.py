@@ -40,7 +40,7 @@ TITLES = {
     "worst_8": "worst case 8/255",
     "pgd_4": "PGD 4/255, no camera",
 }
-HEADS = ("clean", "moiré", "unseen", "worst 4/255 [95 %]", "gain", "8/255", "PGD", "× clean")
+HEADS = ("clean", "moiré", "unseen", "worst 4/255 [95 %]", "gain", "8/255", "PGD", "× plain")
 
 
 def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
@@ -54,7 +54,7 @@ def caption(recipes: Sequence[Recipe], shared: dict[str, Any]) -> str:
         intervals,
         "Worst case: each image at the worst of the photo, the Moiré Attack, APGD and APGD-T.",
         "Time is of training alone, by the median epoch, on top of the clean weights that a recipe "
-        "starts from; × clean counts both.",
+        "starts from; × plain counts both, in those of plain training.",
         "● no other recipe is as robust at 4/255 for less time.",
     ]
     lost = [f"{r.name} in {r.collapsed} of {len(r.seeds)} seeds" for r in recipes if r.collapsed]

@@ -52,7 +52,7 @@ def draw(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> bytes:
 
 
 def figure(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> Figure:
-    """Draw worst-case accuracy against training time relative to recipe `clean`, one panel a bound.
+    """Draw worst-case accuracy against training time relative to plain training, one panel a bound.
 
     Args:
         recipes: as `summarise` gives them. shared: data, model, scene, n and steps, for the title.
@@ -64,9 +64,7 @@ def figure(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> Figure:
         _points(ax, recipes, key)
         ax.set_title(title, size=11, color=INK, loc="left")
         _axes(ax, recipes, key)
-        ax.set_xlabel(
-            "training time with its start, relative to clean (log scale)", size=10, color=INK
-        )
+        ax.set_xlabel("training time, relative to plain training (log scale)", size=10, color=INK)
     panels[0].set_ylabel("accuracy at the worst attacker, %", size=10, color=INK)
     facts = "{data}, {model}, {scene}; n = {n}, {steps} steps per attack".format(**shared)
     fig.suptitle(f"What robustness costs: {facts}", size=11.5, color=INK, parse_math=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import statistics
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from moireaug.evaluation.suites.scenes import OWN
-from training import comparable
+from training import comparable, costs
 from training.files import read_metrics
 
 STEPS, N = 50, 480  # of the re-attack that is suggested for a run without one
@@ -42,8 +41,9 @@ class Point:
         outcomes: name of a rate to (n,) numbers, one per image: 1 where the run is right, 0 where
             it is wrong, the mean over scenes in between. All runs see the same images.
         seconds: of this run's own training, by its median epoch. start_seconds: of the training
-            that made the weights it began with; 0 where it began with random ones. clean_seconds:
-            of recipe `clean` with the same seed and settings.
+            that made the weights it began with; 0 where it began with random ones. plain_seconds:
+            of plain training with the same seed and settings, its start included: the unit of
+            costs; None where it is not known.
         passes: forward and backward, per image of its own training. images_per_second: of the same.
         collapsed: whether catastrophic overfitting was seen while it was trained.
         baseline: the recipe of plain training of at least as many epochs; None for plain training
@@ -55,7 +55,7 @@ class Point:
     outcomes: dict[str, np.ndarray]
     seconds: float
     start_seconds: float
-    clean_seconds: float
+    plain_seconds: float | None
     passes: float
     images_per_second: float
     collapsed: bool
@@ -71,7 +71,7 @@ class Point:
         line["n"] = len(self.outcomes["clean"])
         for name, outcomes in self.outcomes.items():
             line[name] = float(outcomes.mean())
-        for name in ("seconds", "start_seconds", "total_seconds", "clean_seconds", "passes"):
+        for name in ("seconds", "start_seconds", "total_seconds", "plain_seconds", "passes"):
             line[name] = getattr(self, name)
         for name in ("images_per_second", "collapsed", "baseline"):
             line[name] = getattr(self, name)
@@ -232,16 +232,16 @@ def _command(folder: Path, metrics: Metrics, protocol: Metrics) -> str:
 def _point(folder: Path, trained: Mapping[Path, Metrics], again: Metrics) -> Point:
     metrics = trained[folder]
     train = metrics["train"]
-    plain = _clean_seconds(folder, trained)
+    seconds = costs.steady_seconds(train)
     return Point(
         metrics["recipe"],
         metrics["seed"],
         outcomes={name: _outcomes(again, *cell) for name, cell in RATES.items()},
-        seconds=_steady_seconds(train),
-        start_seconds=plain if train["init"] == "clean" else 0.0,
-        clean_seconds=plain,
+        seconds=seconds,
+        start_seconds=costs.start_seconds(train, folder, trained),
+        plain_seconds=costs.plain_seconds(folder, trained),
         passes=train["passes"],
-        images_per_second=train["images_per_second"] * train["seconds"] / _steady_seconds(train),
+        images_per_second=train["images_per_second"] * train["seconds"] / seconds,
         collapsed=train.get("collapsed_at") is not None,
         baseline=comparable.baseline(metrics, trained.values()),
     )
@@ -261,34 +261,3 @@ def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
     if row == WORST:
         return min(found, key=lambda outcomes: float(outcomes.mean()))
     return np.mean(found, axis=0)
-
-
-def _steady_seconds(train: Metrics) -> float:
-    """Return the time of a training whose every epoch takes as long as the median one: a machine
-    that slept, or was busy for a while, does not make a recipe dear. After a collapse, epochs of
-    more steps have a median of their own."""
-    epochs = [epoch["seconds"] for epoch in train.get("history", ())]
-    if not epochs:
-        return train["seconds"]
-    collapsed_at = train.get("collapsed_at")
-    same = len(epochs) if collapsed_at is None else collapsed_at + 1
-    total = 0.0
-    for part in (epochs[:same], epochs[same:]):
-        if part:
-            total += statistics.median(part) * len(part)
-    return total
-
-
-def _clean_seconds(folder: Path, trained: Mapping[Path, Metrics]) -> float:
-    """Return the training time of recipe `clean` with the same seed: as the run kept it, else as
-    the clean run says."""
-    metrics = trained[folder]
-    twin = folder.parent.parent / "clean" / folder.name
-    for source in (metrics, metrics.get("start"), metrics.get("baseline"), trained.get(twin)):
-        if source and source["recipe"] == "clean":
-            return _steady_seconds(source["train"])
-    raise ValueError(
-        f"{folder} does not say how long its clean start was trained, and there is no finished "
-        f"run in {twin}: "
-        f"train recipe clean with seed={metrics['seed']} and the same settings."
-    )

@@ -32,7 +32,7 @@ class Recipe:
         gains: the same minus those of plain training with the same seeds; empty where it was not
             attacked.
         seconds, start_seconds, passes, images_per_second: means over seeds, as `Point` has them.
-        relative: training with its start, over the mean of recipe `clean`.
+        relative: training with its start, over the mean of plain training with its own.
         collapsed: number of seeds whose training collapsed.
         front: no other recipe is as robust at 4/255 in less time, or more robust in the same.
     """
@@ -93,11 +93,15 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
 
 
 def summarise(points: Sequence[Point]) -> list[Recipe]:
-    """Return the recipes, cheapest first."""
+    """Return the recipes, cheapest first.
+
+    Raises:
+        ValueError: as `plain_seconds`.
+    """
     by_name: dict[str, list[Point]] = {}
     for point in points:
         by_name.setdefault(point.recipe, []).append(point)
-    unit = clean_seconds(points)
+    unit = plain_seconds(points)
     rates: dict[str, dict[str, Estimate]] = {}
     costs: dict[str, Estimate] = {}
     for name, own in by_name.items():
@@ -131,13 +135,24 @@ def gains(own: Sequence[Point], by_name: dict[str, list[Point]]) -> dict[str, Es
     return {key: gain(own, plain, key) for key in RATES}
 
 
-def clean_seconds(points: Sequence[Point]) -> float:
-    """Return the mean training time of recipe `clean`; a clean run's own figure takes precedence
-    over a copy."""
+def plain_seconds(points: Sequence[Point]) -> float:
+    """Return the mean time of plain training, its start included; a baseline's own figure takes
+    precedence over a copy.
+
+    Raises:
+        ValueError: no run says it.
+    """
     by_seed: dict[int, float] = {}
     for point in points:
-        if point.recipe == "clean":
-            by_seed[point.seed] = point.clean_seconds
+        if point.plain_seconds is None:
+            continue
+        if point.recipe == "baseline":
+            by_seed[point.seed] = point.plain_seconds
         else:
-            by_seed.setdefault(point.seed, point.clean_seconds)
+            by_seed.setdefault(point.seed, point.plain_seconds)
+    if not by_seed:
+        raise ValueError(
+            "no run says how long plain training takes, which costs are relative to: train recipe "
+            "baseline with the same settings."
+        )
     return fmean(by_seed.values())

@@ -23,6 +23,7 @@ def put(
     worst=(0.2, 0.1),
     seconds=10.0,
     start=10.0,
+    plain=20.0,
     init="clean",
     unseen=0.6,
     attacked=True,
@@ -39,7 +40,10 @@ def put(
     decay=None,
     length=1.0,
 ):
-    """A finished run as fit.py leaves it, and its re-attack."""
+    """A finished run as fit.py leaves it, and its re-attack.
+
+    `start` and `plain` are the seconds of the start and of the baseline's own training.
+    """
     folder = root / recipe / f"seed{seed}"
     init = "random" if recipe == "clean" else init
     where = Scene.preset(scene).to_dict()
@@ -50,15 +54,10 @@ def put(
         "passes": 2.5,
         "collapsed_at": collapsed,
     }
-    plain = {"recipe": "clean", "train": {"seconds": start}}
     started = init == "clean"
-    baseline = (
-        None
-        if recipe in ("clean", "baseline")
-        else {"recipe": "baseline", "train": {"seconds": 1.0}}
-    )
-    if baseline and not started:
-        baseline = plain
+    baseline = None
+    if recipe not in ("clean", "baseline"):
+        baseline = {"recipe": "baseline", "train": {"seconds": plain, "init": init}}
     config = {
         "adversary": {"eps": eps},
         "train": {"epochs": 12, "length": length, "weight_decay": decay},
@@ -73,7 +72,7 @@ def put(
         "train": train,
         "config": config,
         "baseline": baseline,
-        "start": plain if started else None,
+        "start": {"recipe": "clean", "train": {"seconds": start}} if started else None,
         "scene_name": scene,
         "scene": where,
         "environment": device,

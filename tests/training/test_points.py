@@ -10,6 +10,7 @@ from moireaug import Scene
 from tests.training.frontier_runs import cell, put, write
 from training import frontier as command
 from training.points import read
+from training.summaries import summarise
 
 
 def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path):
@@ -36,9 +37,13 @@ def test_an_epoch_in_which_the_machine_slept_does_not_count(tmp_path):
     metrics = json.loads(path.read_text())
     metrics["train"]["history"] = [{"seconds": 5.0}, {"seconds": 3600.0}, {"seconds": 7.0}]
     metrics["start"]["train"]["history"] = [{"seconds": 4.0}, {"seconds": 4.0}]
+    metrics["baseline"]["train"]["history"] = [{"seconds": 3.0}, {"seconds": 900.0}] * 2 + [
+        {"seconds": 3.0}
+    ]
     path.write_text(json.dumps(metrics))
     (point,) = read(tmp_path).points
     assert (point.seconds, point.start_seconds, point.total_seconds) == (21.0, 8.0, 29.0)
+    assert point.plain_seconds == 5 * 3.0 + 8.0
     assert point.images_per_second == pytest.approx(600.0 * 3612 / 21)
 
 
@@ -202,18 +207,30 @@ def test_times_of_two_machines_and_failed_checks_are_said(tmp_path):
     assert checks.endswith(f"failed on {Path(tmp_path, 'clean', 'seed0')}: many steps beat one.")
 
 
-def test_the_machine_of_a_clean_run_counts_though_it_was_not_attacked(tmp_path):
-    """Its time is the unit of all others."""
+@pytest.mark.parametrize(("role", "recipe"), [("start", "clean"), ("baseline", "baseline")])
+def test_the_machine_of_a_plain_run_counts_though_it_was_not_attacked(role, recipe, tmp_path):
+    """Its time is part of all others, or their unit."""
     other = {"device": "NVIDIA H100"}
-    put(tmp_path, "clean", 0, device=other, attacked=False)
+    put(tmp_path, recipe, 0, device=other, attacked=False)
     folder = put(tmp_path, "good", 0)
     (said,) = read(tmp_path).warnings
     assert said.startswith("The runs were trained in different ways (NVIDIA H100; a slow one")
-    (tmp_path / "clean/seed0/metrics.json").unlink()
+    (tmp_path / recipe / "seed0/metrics.json").unlink()
     assert not read(tmp_path).warnings
     metrics = json.loads((folder / "metrics.json").read_text())
-    write(folder, metrics | {"start": metrics["start"] | {"environment": other}})
+    write(folder, metrics | {role: metrics[role] | {"environment": other}})
     assert read(tmp_path).warnings == [said]
+
+
+def test_costs_need_the_time_of_plain_training(tmp_path):
+    put(tmp_path, "clean", 0)
+    (point,) = read(tmp_path).points
+    assert point.plain_seconds is None
+    with pytest.raises(ValueError, match="train recipe baseline with the same settings"):
+        summarise([point])
+    put(tmp_path, "baseline", 0, seconds=30.0, attacked=False)
+    (point,) = read(tmp_path).points
+    assert point.plain_seconds == 30.0 + 10.0 and summarise([point])[0].relative.value == 0.25
 
 
 def test_seeds_of_other_settings_are_not_one_recipe(tmp_path):
