@@ -128,9 +128,12 @@ def _compared(root: Path, trained: Mapping[Path, Metrics]) -> Found:
     settings = comparable.same_training(trained)
     attacked = _chosen({folder: _attacks(folder, metrics) for folder, metrics in trained.items()})
     protocol = comparable.same_attack(attacked)
+    starts_alone = all(metrics["recipe"] == "clean" for metrics in trained.values())
     commands = []
     for folder, metrics in trained.items():
-        if folder not in attacked:
+        # the start of other runs needs no row of its own
+        wanted = metrics["recipe"] != "clean" or starts_alone
+        if wanted and folder not in attacked:
             commands.append(_command(folder, metrics, protocol))
     if not attacked:
         said = f"no run in {root} was attacked by suite=recipes in its own scene. Run:"

@@ -32,6 +32,14 @@ def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path
     )
 
 
+def test_a_start_that_was_not_attacked_is_not_asked_for(tmp_path):
+    put(tmp_path, "clean", 0, attacked=False)
+    with pytest.raises(ValueError, match=r"run=\S+/clean/seed0 suite=recipes"):
+        read(tmp_path)  # it is all there is
+    put(tmp_path, "good", 0)
+    assert read(tmp_path).commands == []
+
+
 def test_an_epoch_in_which_the_machine_slept_does_not_count(tmp_path):
     path = put(tmp_path, "good", 0, seconds=3612.0, start=10.0) / "metrics.json"
     metrics = json.loads(path.read_text())
