@@ -97,7 +97,8 @@ def said(recipes: Sequence[Recipe], found: Found) -> list[Part]:
     parts: list[Part] = [Grid(rows), ""]
     for words in (caption(recipes, found.shared), *found.warnings):
         parts.append(textwrap.fill(words, 100))
-    parts.append("Gain: at 4/255, over plain training of at least as many epochs, in points.")
+    if any(recipe.gains for recipe in recipes):
+        parts.append("Gain: at 4/255, over plain training of at least as many epochs, in points.")
     if found.commands:
         parts += ["", "Left out, because they were not attacked yet:"]
         parts += [f"  {command}" for command in found.commands]

@@ -148,6 +148,13 @@ def test_every_file_is_whole(root, capsys):
     assert (
         "× plain" in printed and max(map(len, printed.split("\nAccuracy")[0].splitlines())) <= 100
     )
+    assert "Gain: at 4/255" in printed
+
+
+def test_gains_are_explained_only_where_there_are_any(tmp_path, capsys):
+    put(tmp_path, "good", 0)
+    command.main([str(tmp_path)])
+    assert "Gain:" not in capsys.readouterr().out
 
 
 def named(fig):
