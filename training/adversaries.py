@@ -71,6 +71,11 @@ def check(cfg: Adversary) -> None:
             "none attacks none: use moire_attack or pgd, or adversary.natural for photos without "
             "an attack."
         )
+    if cfg.kind != "none" and not (cfg.share and cfg.steps and cfg.eps):
+        raise ValueError(
+            f"adversary.kind={cfg.kind} needs a share, steps and eps above 0; got "
+            f"{cfg.share}, {cfg.steps} and {cfg.eps}. Without an attack, the kind is none."
+        )
     if cfg.share + cfg.natural > 1:
         raise ValueError(
             "adversary.share and adversary.natural are parts of one batch and must not add up to "

@@ -58,8 +58,9 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
     try:
         for override in overrides:
             _check_form(override)
+            override = override.lstrip("+")
             key, _, value = override.partition("=")
-            if not value or key.startswith(("+", "~", "-", "hydra")):
+            if key.startswith(("~", "-", "hydra")):
                 continue
             _check_key(key, schema)
             names = {"recipe": [p.stem for p in RECIPES.rglob("*.yaml")], "data": list(DATA)}
@@ -77,6 +78,8 @@ def _check_form(override: str) -> None:
     key, equals, value = override.partition("=")
     if not equals and not key.startswith(("~", "-")):
         raise ValueError(f"settings are given as key=value; got {override!r}.")
+    if equals and not value and not key.startswith("hydra"):
+        raise ValueError(f"{override} has no value: leave it out, or pass one, or null for none.")
     if key in LISTS and not value.startswith("["):
         raise ValueError(f"{key} must be a list, as in {key}=[{LISTS[key]}]; got {value}.")
 

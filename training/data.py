@@ -12,6 +12,9 @@ from training.augmentation import AUGMENT
 from training.schema import DATA, Data
 from training.splits import Splits, has_parts
 
+_USED: dict[str, tuple[str, ...]] = {"signs": (), "folder": ("root", "class_index")}
+_USED_BY_OTHERS = ("root", "download")  # torchvision's own
+
 
 def load(cfg: Data) -> Splits:
     """Load the data set that `cfg.name` names.
@@ -26,6 +29,22 @@ def load(cfg: Data) -> Splits:
     from training import image_sets  # torchvision, which takes seconds to import
 
     return image_sets.folder(cfg) if cfg.name == "folder" else image_sets.published(cfg)
+
+
+def check(cfg: Data) -> None:
+    """Refuse settings that the data set would not use.
+
+    Raises:
+        ValueError: with what to do.
+    """
+    used, usual = _USED.get(cfg.name, _USED_BY_OTHERS), DATA[cfg.name]
+    for key in ("root", "class_index", "download"):
+        value = getattr(cfg, key)
+        if key not in used and value != getattr(usual, key):
+            raise ValueError(
+                f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "
+                "the data set that it is for, such as data=folder."
+            )
 
 
 def require_training_images(cfg: Data) -> None:

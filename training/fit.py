@@ -38,8 +38,8 @@ from training.data import load, require_training_images
 from training.demoireing import fit as demoireing
 from training.models import require_known
 from training.processes import is_first, say
-from training.results import compare, describe, publish, write_metrics
-from training.schema import Config, absolute, as_config, register
+from training.results import about, compare, describe, publish, write_metrics
+from training.schema import Adversary, Config, absolute, as_config, register
 from training.splits import Splits
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def fit(cfg: DictConfig | Config) -> Metrics:
     if is_first():
         runs.make(run.folder)
     with runs.held(run.folder):
-        if cfg.resume is not False and run.stage() == "finished":
+        if cfg.resume is not False and (run.stage() == "finished" or unreported(cfg)):
             return finished(cfg)
         if cfg.resume and is_first():
             plain = (runs.start_config(cfg), runs.baseline_config(cfg))
@@ -75,6 +75,15 @@ def fit(cfg: DictConfig | Config) -> Metrics:
         spent = {"data": time.perf_counter() - began}
         start, baseline = plain_runs(cfg, splits)
         return one_run(cfg, splits, start, baseline, spent)
+
+
+def unreported(cfg: Config) -> bool:
+    """Return whether the folder holds this run as the start or baseline of another, which may be
+    attacked in another way."""
+    known = runs.read_metrics(runs.folder(cfg)) or {}
+    if "train" not in known or "reattack" in known:
+        return False
+    return saved.same_but_attack(known.get("config") or {}, runs.settings(cfg))
 
 
 def finished(cfg: Config) -> Metrics:
@@ -91,7 +100,9 @@ def finished(cfg: Config) -> Metrics:
     else:
         splits = load(cfg.data)
         attacked = again(cfg, protocol_of(cfg, splits), check=True)
-        known |= describe(attacked)
+        trained_on = known["environment"]
+        known |= {**about(cfg), **describe(attacked), "environment": trained_on}
+        runs.write_settings(cfg)
         spent = {**(known.get("time") or {}), **attacked.seconds}
         known = publish(out, known, {cfg.recipe: attacked}, splits.classes, spent)
     print(f"{out} is already finished; resume=false trains it again.")
@@ -109,6 +120,11 @@ def check(cfg: Config) -> None:
     adversaries.check(cfg.adversary)
     require_training_images(cfg.data)
     one_of("train.init", cfg.train.init, ("random", "clean"))
+    if cfg.recipe in runs.PLAIN and cfg.adversary != Adversary():
+        raise ValueError(
+            f"recipe={cfg.recipe} is plain training, which the others are compared with: leave "
+            "adversary.* out."
+        )
     if cfg.recipe == "clean" and cfg.train.init == "clean":
         raise ValueError(
             "train.init=clean starts from recipe clean, which has no such start itself: use random."

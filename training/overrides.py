@@ -10,7 +10,16 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from moireaug.evaluation import GROUPS, SUITES
-from training.schema import HOME, RECIPES, Config, ReattackConfig, Trainer, as_values, of_data
+from training.schema import (
+    DATA,
+    EPOCHS,
+    HOME,
+    RECIPES,
+    Config,
+    ReattackConfig,
+    Trainer,
+    as_values,
+)
 
 TRAINING = ("recipe", "seed", "adversary", "train", "resume")  # say how a model is trained
 WEIGHTS = ("model", "weights", "runs")  # say which model is attacked where there is no run
@@ -109,10 +118,12 @@ def onto(own: Config, cfg: ReattackConfig, given: Sequence[str]) -> ReattackConf
 def command_line(cfg: Config) -> list[str]:
     """Return the overrides of fit.py that give these settings."""
     recipe = RECIPES / f"{cfg.recipe}.yaml"
-    layers = [OmegaConf.load(recipe)] if recipe.is_file() else []
-    defaults = OmegaConf.merge(
-        OmegaConf.structured(Config), {"recipe": cfg.recipe}, of_data(cfg.data.name), *layers
-    )
+    layers: list[Any] = [{"recipe": cfg.recipe, "data": DATA[cfg.data.name]}]
+    if cfg.data.name in EPOCHS:
+        layers.append({"train": {"epochs": EPOCHS[cfg.data.name]}})
+    if recipe.is_file():
+        layers.append(OmegaConf.load(recipe))
+    defaults = OmegaConf.merge(OmegaConf.structured(Config), *layers)
     usual = as_values(defaults)  # type: ignore[arg-type]
     found = [f"recipe={cfg.recipe}"]
     if cfg.data.name != HOME[0]:

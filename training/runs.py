@@ -16,6 +16,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from moireaug.files import write_text
 from training.files import read_json, read_metrics, read_settings
 from training.locks import locked
 from training.processes import is_first
@@ -127,6 +128,12 @@ def _plain(cfg: Config, recipe: str) -> Config:
         OmegaConf.structured(cfg), no_adversary, own, {"recipe": recipe, "resume": None}
     )
     return as_config(merged)  # type: ignore[arg-type]
+
+
+def write_settings(cfg: RunConfig) -> None:
+    """Write config.yaml into a run's folder."""
+    values = OmegaConf.create(as_values(cfg))
+    write_text(folder(cfg) / "config.yaml", OmegaConf.to_yaml(values))
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ DATA = {
 }
 
 
-EPOCHS = {"signs": 5}  # of the data sets that need others than `Train` says
+EPOCHS = {"signs": 5}  # of a classifier's training, where `Train` says otherwise
 
 
 @dataclass
@@ -220,10 +220,13 @@ def register() -> None:
     """Register the schema, the data sets and every recipe of `training/recipes/` with Hydra."""
     store = ConfigStore.instance()
     store.store(name="schema", node=Config)
-    for name in DATA:
-        store.store(group="data", name=name, package="_global_", node=of_data(name))
+    for name, node in DATA.items():
+        store.store(group="data", name=name, node=node)
+    for name, epochs in EPOCHS.items():
+        store.store(group="epochs", name=name, package="train", node={"epochs": epochs})
     store_recipes(RECIPES)
-    defaults = ["schema", {"data": HOME[0]}, {"recipe": "clean"}, "_self_"]
+    of_data = {"optional epochs": "${data}"}
+    defaults = ["schema", {"data": HOME[0]}, of_data, {"recipe": "clean"}, "_self_"]
     store.store(
         name="root", node={"defaults": [*defaults, *SILENT], "hydra": QUIET | help_of("fit.py")}
     )
@@ -232,14 +235,6 @@ def register() -> None:
     store.store(
         name="reattack", node={"defaults": defaults, "hydra": QUIET | help_of("reattack.py")}
     )
-
-
-def of_data(name: str) -> dict[str, Any]:
-    """Return the settings that naming a data set brings."""
-    settings: dict[str, Any] = {"data": DATA[name]}
-    if name in EPOCHS:
-        settings["train"] = {"epochs": EPOCHS[name]}
-    return settings
 
 
 def store_recipes(folder: Path) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-from omegaconf import OmegaConf
 
 from moireaug.evaluation.statistics import mix
 from moireaug.files import write_text
@@ -25,7 +24,7 @@ from training.guard import Guard
 from training.messages import counted
 from training.models import as_model, check_side
 from training.processes import is_first, say
-from training.schema import Config, Trainer, as_values, scene_of
+from training.schema import Config, Trainer, scene_of
 from training.splits import Splits
 from training.trainers import make_trainer
 from training.tuning import Tuning, averaging
@@ -78,7 +77,7 @@ def train_model(
     if start and not resumed:
         classifier.model.load_state_dict(saved.finished(start).state)
     if is_first():
-        write_text(out / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
+        runs.write_settings(cfg)
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
     say(_planned(cfg, epochs, classifier.tuning.lr, before))
     done = read_checkpoint(last)["history"] if resumed else []

@@ -172,6 +172,11 @@ def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
             f"loader must yield (images, labels); got {got}. Wrap it: (({picked}) for b in loader)."
         )
     images, labels = (torch.as_tensor(part) for part in pair)
+    if labels.ndim == 2 and len(labels) == len(images) and images.ndim == 4:
+        raise ValueError(
+            f"loader must yield labels (B,), one class each; got {tuple(labels.shape)}. Pass "
+            "labels.argmax(1) if they are one-hot."
+        )
     if labels.ndim != 1:
         raise ValueError(
             "loader must yield batches of images (B, 3, H, W) and labels (B,); got "

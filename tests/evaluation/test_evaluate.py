@@ -187,6 +187,10 @@ def test_a_suite_of_several_tables(known, loader):
             {"loader": [(torch.rand(3, 8, 8), torch.tensor(0))]},
             r"labels .B,.; got .3, 8, 8. and ... Wrap single images: DataLoader",
         ),
+        (
+            {"loader": [(torch.rand(2, 3, 8, 8), torch.eye(2))]},
+            r"labels .B,., one class each; got .2, 2.. Pass labels.argmax.1. if they are one-hot",
+        ),
         ({"loader": [(torch.rand(1, 3, 8, 8), 3)]}, "labels .B,.; got .1, 3, 8, 8. and ..[.]"),
         (
             {"loader": [(torch.rand(1, 3, 8, 8), torch.zeros(1), torch.zeros(1))]},

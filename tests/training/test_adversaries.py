@@ -134,11 +134,15 @@ def test_a_batch_has_its_parts(recipe, share, natural):
 REFUSED = [
     ({"kind": "pdg"}, "Did you mean 'pgd'?"),
     ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
-    ({"kind": "pgd", "share": 0.75, "natural": 0.5}, "must not add up to more than 1"),
+    (
+        {"kind": "pgd", "share": 0.75, "natural": 0.5, "steps": 2, "eps": 0.02},
+        "must not add up to more than 1",
+    ),
+    ({"kind": "pgd", "steps": 2, "eps": 0.02}, "needs a share, steps and eps above 0; got 0.0, 2"),
 ]
 
 
-@pytest.mark.parametrize(("settings", "sentence"), REFUSED, ids=[next(iter(s)) for s, _ in REFUSED])
+@pytest.mark.parametrize(("settings", "sentence"), REFUSED)
 def test_adversaries_that_cannot_be_get_a_sentence(settings, sentence):
     with pytest.raises(ValueError, match=sentence.replace("?", r"\?")):
         check(Adversary(**settings))

@@ -11,6 +11,7 @@ from tests.training.test_bounds import numeric_fields
 from training import runs
 from training.command_line import check_keys
 from training.demoireing import fit as demoireing
+from training.demoireing.schema import PICTURES
 
 FEW = ["recipe=demoire", "train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
 
@@ -72,6 +73,12 @@ def test_wrong_settings_get_a_sentence(given, sentence, tmp_path, monkeypatch):
         demoireing.fit(cfg)
     assert sentence in str(error.value)
     assert list(tmp_path.rglob("*.ckpt")) == [run / "best.ckpt"], "it is not moved aside"
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_every_data_set_of_pictures_has_settings(name):
+    cfg = configured("recipe=demoire", f"data={name}", name="demoire")
+    assert cfg.data.name == name and cfg.train.steps == demoireing.DemoireConfig().train.steps
 
 
 def test_every_number_has_bounds():

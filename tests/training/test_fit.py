@@ -9,7 +9,7 @@ import pytest
 
 from moireaug.evaluation.identity import digest
 from tests.training.small import BRIEF, TINY, command, configured, inside, train
-from training import fit, runs, saved
+from training import fit, machine, runs, saved
 from training.data import load
 from training.results import compare
 from training.train import train_model
@@ -157,6 +157,21 @@ def test_a_run_trained_for_another_is_attacked_when_it_is_asked_for_itself(
     if recipe == "baseline":
         beside = runs.read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
         assert kept["reattack"] == beside["reattack"], "what the other run has computed is read"
+
+
+def test_a_run_trained_for_another_may_be_attacked_in_another_way(whole, tmp_path, monkeypatch):
+    shutil.copytree(whole[0] / "runs", tmp_path / "runs")
+    folder = tmp_path / "runs/baseline/seed0"
+    weights = (folder / "best.ckpt").read_bytes()
+    monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
+    given = configured("recipe=baseline", *TINY, "reattack.n=6", f"runs={tmp_path / 'runs'}")
+    monkeypatch.setattr(machine, "command", lambda: "this command")
+    first = fit.fit(given)
+    assert (folder / "best.ckpt").read_bytes() == weights
+    assert first["reattack"][0]["n"] == first["config"]["reattack"]["n"] == 6
+    assert first["command"] == "this command"
+    assert runs.run_of(given).stage() == "finished"
+    assert runs.read_metrics(folder)["reattack"] == first["reattack"]
 
 
 def test_a_re_attack_of_the_same_kind_takes_what_the_run_has_computed(whole, tmp_path):

@@ -81,6 +81,10 @@ SENTENCES = [
     (["recipe=clean", "reattack.n=0"], "reattack.n must be at least 1"),
     (["recipe=clean", "reattack.eps=[2,4]"], "Divide by 255?"),
     (["recipe=clean", "reattack.eps=[]"], "eps must be a number"),
+    (["recipe=clean", "data.root=somewhere"], "has no effect on data=signs"),
+    (["recipe=clean", "data=folder", "data.download=true"], "has no effect on data=folder"),
+    (["recipe=clean", "adversary.natural=0.3"], "leave adversary.* out"),
+    (["recipe=moire_at", "adversary.steps=0"], "needs a share, steps and eps above 0"),
 ]
 
 
@@ -109,6 +113,11 @@ KEYS = [
     ("train.lr=fast", "train.lr: Value 'fast' of type 'str' could not be converted to Float."),
     ("data.train=1.5", "data.train: Value '1.5' of type 'float' could not be converted to Integer"),
     ("reattack.eps=[a]", "reattack.eps: Value 'a' of type 'str' could not be converted to Float."),
+    ("+train.epoch=3", "Did you mean 'epochs'?"),
+    ("+colour=red", "got 'colour'"),
+    ("seed=", "seed= has no value: leave it out, or pass one"),
+    ("recipe=", "recipe= has no value"),
+    ("runs=", "runs= has no value"),
 ]
 
 
@@ -121,7 +130,13 @@ def test_an_unknown_key_gets_the_nearest_one(override, sentence):
 
 def test_what_hydra_takes_is_taken():
     good = ["seed=0,1", "seed=range(3)", "train.lr=1e-3", "data.root='a b'", "data.root=null"]
-    good += ["trainer.devices=2", "reattack.eps=[0.1,1]", "scene=screen_photo", "data=folder"]
+    good += [
+        "++train.epochs=3",
+        "trainer.devices=2",
+        "reattack.eps=[0.1,1]",
+        "scene=screen_photo",
+        "data=folder",
+    ]
     check_keys([*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr"], Config)
 
 
