@@ -31,7 +31,7 @@ def load(cfg: Data) -> Splits:
     return image_sets.folder(cfg) if cfg.name == "folder" else image_sets.published(cfg)
 
 
-def check(cfg: Data) -> None:
+def require_used(cfg: Data) -> None:
     """Refuse settings that the data set would not use.
 
     Raises:

@@ -34,9 +34,10 @@ from moireaug.evaluation import GROUPS, SUITES
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
-from training import bounds, commands, data, overrides, runs, saved, scenes
+from training import bounds, commands, overrides, runs, saved, scenes
 from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
 from training.augmentation import AUGMENT
+from training.data import load, require_used
 from training.models import as_model, check_side, class_names
 from training.results import compare, describe, publish, publish_suite
 from training.saved import Saved
@@ -64,7 +65,7 @@ def check(cfg: Config) -> None:
     bounds.check(cfg)
     one_of("suite", getattr(cfg, "suite", "ladder"), (*SUITES, *GROUPS))
     one_of("data.augment", cfg.data.augment, AUGMENT)
-    data.check(cfg.data)
+    require_used(cfg.data)
     MoireAttack(
         model=torch.nn.Identity(),
         scene=scene_of(cfg),
@@ -104,7 +105,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
     home = Path(cfg.runs) / "reattack" / cfg.model
     runs.make(home)
     began = time.perf_counter()
-    splits = data.load(cfg.data)
+    splits = load(cfg.data)
     model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True)
     check_side(model, cfg.model, cfg.data.size)
     if cfg.data.class_index:
@@ -134,7 +135,7 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
             f"attacked."
         )
     began = time.perf_counter()
-    splits = data.load(cfg.data)
+    splits = load(cfg.data)
     found.check_classes(splits, cfg.data)
     model = found.model()
     protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
