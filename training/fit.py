@@ -78,12 +78,21 @@ def fit(cfg: DictConfig | Config) -> Metrics:
 
 
 def unreported(cfg: Config) -> bool:
-    """Return whether the folder holds this run as the start or baseline of another, which may be
-    attacked in another way."""
-    known = runs.read_metrics(runs.folder(cfg)) or {}
-    if "train" not in known or "reattack" in known:
-        return False
-    return saved.same_but_attack(known.get("config") or {}, runs.settings(cfg))
+    """Return whether this run was trained as the start or baseline of another, and not attacked."""
+    known = trained_before(cfg)
+    return known is not None and "reattack" not in known
+
+
+def trained_before(cfg: Config) -> Metrics | None:
+    """Return the metrics of a run that was trained with these settings; None for no such run. How
+    it was attacked may differ."""
+    out = runs.folder(cfg)
+    known = runs.read_metrics(out)
+    if not known or not (out / "best.ckpt").is_file():
+        return None
+    if not saved.same_but_attack(known.get("config") or {}, runs.settings(cfg)):
+        return None
+    return known
 
 
 def finished(cfg: Config) -> Metrics:
@@ -157,7 +166,8 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         if damage := saved.damage(runs.run_of(cfg)):
             say(f"The {role} cannot be reused and is trained again: {damage}.")
             cfg = replace(cfg, resume=False)
-        elif known := reused(cfg, role=role):
+        elif known := trained_before(cfg):
+            say(f"The {role} is reused from {out}.")
             return known
         else:
             say(f"The {role} comes first: recipe {cfg.recipe}, with the same settings.")
@@ -166,19 +176,6 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
             return {}
         metrics = compare(cfg, {}, train, start, None)
         return write_metrics(out, metrics | {"time": {"train": train["wall_seconds"]}})
-
-
-def reused(cfg: Config, *, role: str) -> Metrics | None:
-    """Return the metrics of a run that was trained with these settings; None for no such run. How
-    it was attacked may differ."""
-    out = runs.folder(cfg)
-    known = runs.read_metrics(out)
-    if not known or not (out / "best.ckpt").is_file():
-        return None
-    if not saved.same_but_attack(known.get("config") or {}, runs.settings(cfg)):
-        return None
-    say(f"The {role} is reused from {out}.")
-    return known
 
 
 def again(cfg: Config, protocol: Protocol, *, check: bool = False) -> Attacked:
@@ -205,7 +202,7 @@ def one_run(
     out = runs.folder(cfg)
     protocol = protocol_of(cfg, splits)
     attacked = {cfg.recipe: attack(classifier.model, protocol, out / "records", cfg.recipe)}
-    # whatever an earlier run kept: a folder's images may have changed since
+    # also where its records are there: a folder's images may have changed since
     if baseline and (other := runs.baseline_config(cfg)):
         attacked[other.recipe] = again(other, protocol)
         baseline = baseline | describe(attacked[other.recipe])

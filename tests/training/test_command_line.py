@@ -1,4 +1,5 @@
-"""Paths on a command line are taken as they are, whatever Hydra's grammar makes of them."""
+"""Paths on a command line are taken as they are, whatever Hydra's grammar makes of them; unknown
+keys get a sentence."""
 
 from pathlib import Path
 
@@ -6,7 +7,8 @@ import pytest
 
 from tests.training.small import configured
 from training import demoire, settings
-from training.command_line import quoted
+from training.command_line import check_keys, quoted
+from training.schema import Config, ReattackConfig
 
 PLAIN = ("2024_11", "1e5", "true", "josé", "Photos (1)", "it's", "a=b", "a&b", "#1", "a;b", "!")
 PLAIN += ("a,b", "{a}", "[a", "a:b", "runs/moire_at", "a b", " a ")
@@ -30,3 +32,46 @@ def test_a_sweep_of_paths_stays_one():
 def test_the_scripts_expand_a_home_too():
     cfg = settings.parse(["in=~/a", "out=b", "weights=c"], demoire.Config, "", "")
     assert (cfg.in_, cfg.out) == (str(Path.home() / "a"), "b")
+
+
+KEYS = [
+    ("train.epoch=3", "Did you mean 'epochs'?"),
+    ("recipe=moire_att", "Did you mean 'moire_at'?"),
+    ("data=sign", "Did you mean 'signs'?"),
+    ("sceen=paper", "Did you mean 'scene'?"),
+    ("moire_at", "settings are given as key=value; got 'moire_at'"),
+    ("reattack.eps=4/255", "reattack.eps must be a list, as in reattack.eps=[0.0078,0.0157]"),
+    ("scene.preset=paper", "pass scene whole"),
+    ("train.lr=fast", "train.lr: Value 'fast' of type 'str' could not be converted to Float."),
+    ("data.train=1.5", "data.train: Value '1.5' of type 'float' could not be converted to Integer"),
+    ("reattack.eps=[a]", "reattack.eps: Value 'a' of type 'str' could not be converted to Float."),
+    ("+train.epoch=3", "Did you mean 'epochs'?"),
+    ("+colour=red", "got 'colour'"),
+    ("seed=", "seed= has no value: leave it out, or pass one"),
+    ("recipe=", "recipe= has no value"),
+    ("runs=", "runs= has no value"),
+]
+
+
+@pytest.mark.parametrize(("override", "sentence"), KEYS)
+def test_an_unknown_key_gets_the_nearest_one(override, sentence):
+    with pytest.raises(SystemExit) as error:
+        check_keys(["seed=1", "scene={preset: paper}", "recipe=clean,moire_at", override], Config)
+    assert sentence in str(error.value)
+
+
+def test_what_hydra_takes_is_taken():
+    good = ["seed=0,1", "seed=range(3)", "train.lr=1e-3", "data.root='a b'", "data.root=null"]
+    good += [
+        "++train.epochs=3",
+        "trainer.devices=2",
+        "reattack.eps=[0.1,1]",
+        "scene=screen_photo",
+        "data=folder",
+    ]
+    check_keys([*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr"], Config)
+
+
+def test_a_recipe_is_not_given_to_an_attack():
+    with pytest.raises(SystemExit, match="error: recipe= says how a model is trained"):
+        check_keys(["recipe=moire_at"], ReattackConfig)

@@ -224,18 +224,17 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     )
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (runs.start_config(other), runs.baseline_config(other)):
-        assert fit.reused(wanted, role="baseline") is None, "its settings are others"
+        assert fit.trained_before(wanted) is None, "its settings are others"
         assert runs.run_of(wanted).stage() == "other"
 
 
-def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole, capsys):
+def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
     cwd, _ = whole
     cfg = configured(
         "recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1"
     )
     path = cwd / "runs/baseline/seed0"
-    known = fit.reused(runs.baseline_config(cfg), role="baseline")
-    assert f"The baseline is reused from {path}" in capsys.readouterr().out
+    known = fit.trained_before(runs.baseline_config(cfg))
     assert known == runs.read_metrics(path) and known["train"]["epochs"] == 2
 
 
@@ -264,15 +263,6 @@ def test_reattack_of_a_run(whole):
     assert m["scene_name"] == "paper_code" and m["reattack"][0]["n"] == 12
     assert m["baseline"]["recipe"] == "baseline" and m["baseline"]["reattack"][0]["n"] == 12
     assert path.with_name("report.html").is_file()
-
-
-def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):
-    out, _ = train(tmp_path, "a", "train.epochs=1")
-    kept = (out / "best.ckpt").read_bytes()
-    train(tmp_path, "a", "train.epochs=1", "train.lr=0.05")
-    (aside,) = (p for p in out.parent.iterdir() if p.name != "seed0")
-    assert (aside / "best.ckpt").read_bytes() == kept
-    assert str(aside) in capsys.readouterr().out
 
 
 def test_an_interrupted_start_is_resumed_and_then_its_recipe_begins(tmp_path, capsys):

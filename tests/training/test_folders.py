@@ -3,7 +3,7 @@
 import pytest
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 
-from tests.training.small import TINY, configured
+from tests.training.small import TINY, configured, train
 from tests.training.strangers import put
 from tests.training.test_frontier import put as put_point
 from training import fit, overrides, runs, saved
@@ -141,3 +141,12 @@ def test_a_start_that_another_command_has_replaced_is_not_taken(there, whole, ta
         return
     with pytest.raises(ValueError, match="no longer holds the run that was trained there"):
         train_model(cfg, load(cfg.data))
+
+
+def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):
+    out, _ = train(tmp_path, "a", "train.epochs=1")
+    kept = (out / "best.ckpt").read_bytes()
+    train(tmp_path, "a", "train.epochs=1", "train.lr=0.05")
+    (aside,) = (p for p in out.parent.iterdir() if p.name != "seed0")
+    assert (aside / "best.ckpt").read_bytes() == kept
+    assert str(aside) in capsys.readouterr().out

@@ -9,13 +9,10 @@ from tests.training.small import TINY, configured, train
 from training import fit, machine, reattack, runs, saved
 from training.augmentation import augment
 from training.classifier import Classifier
-from training.command_line import check_keys
 from training.data import load
 from training.overrides import command_line
 from training.schema import (
-    Config,
     Data,
-    ReattackConfig,
     Train,
     Trainer,
     absolute,
@@ -100,49 +97,6 @@ def test_wrong_settings_get_a_sentence(overrides, sentence, tmp_path):
     else:
         pytest.fail("no error")
     assert not (tmp_path / "clean/seed0/metrics.json").exists()
-
-
-KEYS = [
-    ("train.epoch=3", "Did you mean 'epochs'?"),
-    ("recipe=moire_att", "Did you mean 'moire_at'?"),
-    ("data=sign", "Did you mean 'signs'?"),
-    ("sceen=paper", "Did you mean 'scene'?"),
-    ("moire_at", "settings are given as key=value; got 'moire_at'"),
-    ("reattack.eps=4/255", "reattack.eps must be a list, as in reattack.eps=[0.0078,0.0157]"),
-    ("scene.preset=paper", "pass scene whole"),
-    ("train.lr=fast", "train.lr: Value 'fast' of type 'str' could not be converted to Float."),
-    ("data.train=1.5", "data.train: Value '1.5' of type 'float' could not be converted to Integer"),
-    ("reattack.eps=[a]", "reattack.eps: Value 'a' of type 'str' could not be converted to Float."),
-    ("+train.epoch=3", "Did you mean 'epochs'?"),
-    ("+colour=red", "got 'colour'"),
-    ("seed=", "seed= has no value: leave it out, or pass one"),
-    ("recipe=", "recipe= has no value"),
-    ("runs=", "runs= has no value"),
-]
-
-
-@pytest.mark.parametrize(("override", "sentence"), KEYS)
-def test_an_unknown_key_gets_the_nearest_one(override, sentence):
-    with pytest.raises(SystemExit) as error:
-        check_keys(["seed=1", "scene={preset: paper}", "recipe=clean,moire_at", override], Config)
-    assert sentence in str(error.value)
-
-
-def test_what_hydra_takes_is_taken():
-    good = ["seed=0,1", "seed=range(3)", "train.lr=1e-3", "data.root='a b'", "data.root=null"]
-    good += [
-        "++train.epochs=3",
-        "trainer.devices=2",
-        "reattack.eps=[0.1,1]",
-        "scene=screen_photo",
-        "data=folder",
-    ]
-    check_keys([*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr"], Config)
-
-
-def test_a_recipe_is_not_given_to_an_attack():
-    with pytest.raises(SystemExit, match="error: recipe= says how a model is trained"):
-        check_keys(["recipe=moire_at"], ReattackConfig)
 
 
 def test_untrained_weights_are_not_attacked():
