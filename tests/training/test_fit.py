@@ -172,6 +172,10 @@ def test_a_run_trained_for_another_may_be_attacked_in_another_way(whole, tmp_pat
     assert first["command"] == "this command"
     assert runs.run_of(given).stage() == "finished"
     assert runs.read_metrics(folder)["reattack"] == first["reattack"]
+    start = runs.start_config(given)
+    assert fit.unreported(start) and not fit.unreported(given)
+    (runs.folder(start) / "best.ckpt").unlink()
+    assert not fit.unreported(start), "it must be trained again"
 
 
 def test_a_re_attack_of_the_same_kind_takes_what_the_run_has_computed(whole, tmp_path):
