@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -42,7 +43,11 @@ def run(main: Callable[[], None], schema: type[RunConfig]) -> None:
             runs.make(Path(named[-1] if named else schema.runs))
         except ValueError as error:
             raise SystemExit(f"error: {error}") from None
-    main()
+    try:
+        main()
+    except BrokenPipeError:  # the reader of --help has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is flushed at exit
+        raise SystemExit(1) from None
     if _failed:
         complain(
             "\n".join(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
-from torch.utils.data import TensorDataset
+from torch import Tensor
+from torch.utils.data import Dataset
 
 from moireaug.scene.fields import one_of
 from training import signs
@@ -63,12 +65,34 @@ def require_training_images(cfg: Data) -> None:
         )
 
 
+class Signs(Dataset):
+    """One split of the signs, all of it drawn once the first image is read: an attack on trained
+    weights needs no training images.
+
+    Args: as in `signs.make`.
+    """
+
+    def __init__(self, split: str, n: int, size: int) -> None:
+        self.split, self.n, self.size = split, n, size
+
+    def __len__(self) -> int:
+        return self.n
+
+    def __getitem__(self, index: int) -> tuple[Tensor, Tensor]:
+        images, labels = self._drawn
+        return images[index], labels[index]
+
+    @functools.cached_property
+    def _drawn(self) -> tuple[Tensor, Tensor]:
+        return signs.make(self.split, self.n, self.size)
+
+
 def _signs(cfg: Data) -> Splits:
     made = {}
     for split in signs.SPLITS:
         n = getattr(cfg, split)
         if n is None:
             n = getattr(DATA["signs"], split)
-        made[split] = TensorDataset(*signs.make(split, n, size=cfg.size))
+        made[split] = Signs(split, n, cfg.size)
     classes = dict(enumerate(signs.CLASSES))
     return Splits(made["train"], made["val"], made["test"], classes, len(classes))

@@ -31,8 +31,8 @@ from training.tuning import Tuning, averaging
 
 
 def try_out(cfg: Config, splits: Splits) -> None:
-    """Make the model and the trainer once, and show the model a picture, before any run is moved
-    or any time is spent.
+    """Make the model and the trainer once, show the model a picture, and read an image of each
+    part, before any run is moved or any time is spent.
 
     Raises:
         ValueError: weights, a trainer's setting, a size of images, of a batch, or data that cannot
@@ -46,6 +46,8 @@ def try_out(cfg: Config, splits: Splits) -> None:
     check_side(classifier.model, cfg.model, cfg.data.size)
     trainer = trainer_of(cfg.trainer, classifier.tuning, 1, runs.folder(cfg), splits.classes)
     require_even(cfg.train.batch_size, trainer.world_size)
+    for part in (splits.train, splits.val, splits.test):
+        _ = part[0]  # raises what cannot be read
 
 
 def train_model(

@@ -49,6 +49,15 @@ def test_how_threads_wait_is_set_before_torch_is_loaded(command, given, expected
     assert done.stderr == f"{expected}\n"
 
 
+def test_help_may_be_cut_short():
+    reader, writer = os.pipe()
+    os.close(reader)
+    script = [sys.executable, str(ROOT / "training/fit.py"), "--help"]
+    done = subprocess.run(script, stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
 # in one process, so those that import least come first
 LIGHT = [
     ("training.demoire", ("torchvision", "lightning", "pandas", "matplotlib")),

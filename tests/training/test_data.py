@@ -9,7 +9,7 @@ import torch
 from PIL import Image
 
 from tests.training.small import configured
-from training import fit, image_sets
+from training import fit, image_sets, signs
 from training.data import load, require_training_images
 from training.locks import locked
 from training.schema import Data
@@ -110,3 +110,21 @@ def test_a_folder_without_a_class_gets_a_sentence(root, row):
         ValueError, match=r"names no class_index from 0 to 999 for the folders \['n03'\]"
     ):
         folder(root, class_index=str(root / "labels.csv"))
+
+
+def test_signs_are_drawn_when_they_are_read(monkeypatch):
+    drawn = []
+    make = signs.make
+
+    def recorded(split, n, size):
+        drawn.append(split)
+        return make(split, n, size)
+
+    monkeypatch.setattr(signs, "make", recorded)
+    splits = load(Data(name="signs", size=16, train=3, val=3, test=3))
+    assert [len(splits.train), len(splits.val), len(splits.test)] == [3, 3, 3] and not drawn
+    images, labels = make("test", 3, 16)
+    for i in range(3):
+        image, label = splits.test[i]
+        assert torch.equal(image, images[i]) and label == labels[i]
+    assert drawn == ["test"]
