@@ -47,6 +47,11 @@ def per_image(field: Tensor, like: Tensor) -> Tensor:
     return field.to(like.dtype)[:, None, None, None]
 
 
+def as_dtype(values: Tensor, dtype: torch.dtype) -> Tensor:
+    """Return values in another dtype, rounded if it has whole numbers alone."""
+    return values.to(dtype) if dtype.is_floating_point else values.round().to(dtype)
+
+
 def sinc(x: Tensor) -> Tensor:
     """Return sin(pi x) / (pi x). torch.sinc is not vectorised: it takes eight times as long."""
     least = torch.finfo(x.dtype).eps ** 0.5  # below which it is 1

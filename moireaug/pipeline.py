@@ -69,17 +69,20 @@ DEVELOP: tuple[Effect, ...] = (
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the raw reading of images (B, 3, H, W): apply the effects before the attacker's noise
     in turn."""
-    for effect in shot.plan.exposing:
-        light = effect(light, shot)
-    return light
+    return apply(shot.plan.exposing, light, shot)
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photos (B, 3, H, W) of a raw reading: apply the effects after the attacker's noise
     in turn."""
-    for effect in shot.plan.developing:
-        raw = effect(raw, shot)
-    return raw
+    return apply(shot.plan.developing, raw, shot)
+
+
+def apply(effects: tuple[Effect, ...], values: Tensor, shot: ShotRecord) -> Tensor:
+    """Apply effects in turn."""
+    for effect in effects:
+        values = effect(values, shot)
+    return values
 
 
 class Step(NamedTuple):
@@ -136,15 +139,13 @@ class Plan:
         called = [step for step in self.steps if step.called]
         absent = [step for step in self.steps if not step.called]
         width = max(len(step.name) for step in self.steps) + 2
-        lines = [
-            f"{len(called)} effects are computed, in this order"
-            if called
-            else "The photo is the image"
-        ]
+        lines = ["The photo is the image"]
+        if called:
+            lines = [f"{_counted(called)} computed, in this order"]
         for i, step in enumerate(called, 1):
             lines.append(f"  {i:2d}  {step.name:{width}}{step.reason}")
         if absent:
-            lines.append(f"{len(absent)} effects are left out")
+            lines.append(f"{_counted(absent)} left out")
         for step in absent:
             lines.append(f"   -  {step.name:{width}}{step.reason}")
         return "\n".join(lines)
@@ -158,6 +159,10 @@ class Plan:
             "exposure": self.exposure,
             "harmonics": [list(pair) for pair in self.harmonics],
         }
+
+
+def _counted(steps: list[Step]) -> str:
+    return "1 effect is" if len(steps) == 1 else f"{len(steps)} effects are"
 
 
 @torch.no_grad()

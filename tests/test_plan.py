@@ -186,6 +186,11 @@ def test_a_plan_prints_every_effect_once_with_its_reason(name):
         assert sum(line[4:].strip().startswith(step.name + " ") for line in lines) == 1
 
 
+def test_a_single_effect_is_counted_as_one():
+    plan = dataclasses.replace(BARE, develop=Develop(jpeg=50)).plan()
+    assert str(plan).startswith("1 effect is computed, in this order\n")
+
+
 def test_auto_never_stays_auto():
     for scene in (Scene(), Scene(panel=Panel(layout="led", lit=0.2), sensor=Sensor(scale=8))):
         assert scene.plan().exposure in ("spectral", "box")

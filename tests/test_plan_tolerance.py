@@ -23,6 +23,7 @@ BANDS = {
     "panel": Panel(layout="even", pwm=1000.0, duty=0.5),
     "sensor": colour(shutter=0.0012, readout=0.03),
 }
+LIGHT = {"develop": Develop(linear_light=True)}  # in the dark, a little of it is many codes
 DROPPED = [  # effect, too small to matter, and not so
     (
         "black_level",
@@ -48,6 +49,12 @@ DROPPED = [  # effect, too small to matter, and not so
     ("noise", {"sensor": colour(read_noise=0.0003)}, {"sensor": colour(read_noise=0.1)}),
     ("noise", {"sensor": colour(shot_noise=0.0003)}, {"sensor": colour(shot_noise=0.1)}),
     ("bits", {"sensor": colour(bits=9)}, {"sensor": colour(bits=2)}),
+    (
+        "noise",
+        LIGHT | {"sensor": colour(read_noise=2e-5)},
+        LIGHT | {"sensor": colour(read_noise=0.005)},
+    ),
+    ("bits", LIGHT | {"sensor": colour(bits=12)}, LIGHT | {"sensor": colour(bits=4)}),
     ("balance", {"develop": Develop(red=1.0019)}, {"develop": Develop(red=1.5)}),
     ("balance", {"develop": Develop(blue=0.9981)}, {"develop": Develop(blue=0.5)}),
     ("tone_curve", {"develop": Develop(contrast=-0.02)}, {"develop": Develop(contrast=1.0)}),

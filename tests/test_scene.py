@@ -10,6 +10,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import torch
+import yaml
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, Shot, View, capture
 from moireaug.scene.fields import bounds
@@ -63,10 +64,13 @@ def test_wrong_values_get_a_sentence(make, sentence):
     assert sentence in str(error.value)
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_scenes_survive_json_and_pickle(name):
-    scene = Scene.preset(name)
+OWN = Scene(panel=Panel(layout=Layout(((0, 0, 0, 0.5, 1), (1, 0.5, 0, 1, 1)))))
+
+
+@pytest.mark.parametrize("scene", [*map(Scene.preset, PRESETS), OWN], ids=[*PRESETS, "own layout"])
+def test_scenes_survive_json_yaml_and_pickle(scene):
     assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
+    assert Scene.from_dict(yaml.safe_load(yaml.dump(scene.to_dict()))) == scene
     assert pickle.loads(pickle.dumps(scene)) == scene
     assert hash(scene) == hash(Scene.from_dict(scene.to_dict()))
 

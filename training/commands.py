@@ -46,7 +46,8 @@ def run(main: Callable[[], None], schema: type[RunConfig]) -> None:
     try:
         main()
     except BrokenPipeError:  # the reader of --help has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is flushed at exit
+        # for what is flushed at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(1) from None
     if _failed:
         complain(

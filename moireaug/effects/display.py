@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, judged, off, show
+from moireaug.effects.srgb import in_codes
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA
 from moireaug.numeric import per_image
@@ -13,8 +14,6 @@ from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
-
-STEEPEST = 12.92  # codes per light: the slope of sRGB at black
 
 
 class BlackLevel(Effect):
@@ -26,9 +25,7 @@ class BlackLevel(Effect):
         black = scene.panel.black
         why = f"black pixels emit {show(black)} of a white one's light"
         change = bounds(black)[1] * bounds(scene.sensor.gain)[1]
-        if scene.develop.linear_light:
-            change *= STEEPEST  # in the dark, a little light is many codes
-        return judged(change, scene, why, "black is black")
+        return judged(in_codes(change, scene), scene, why, "black is black")
 
     def __call__(self, light: Tensor, shot) -> Tensor:
         return light + per_image(shot.panel.black, light) * (1 - light)
@@ -43,9 +40,7 @@ class Glare(Effect):
         glare = scene.panel.glare
         why = f"the glass reflects {show(glare)} of a white screen's light"
         change = most_reflected(scene) * bounds(scene.sensor.gain)[1]
-        if scene.develop.linear_light:
-            change *= STEEPEST
-        return judged(change, scene, why, "the glass reflects nothing")
+        return judged(in_codes(change, scene), scene, why, "the glass reflects nothing")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
         rows, cols = (pixels.positions(raw.device) for pixels in shot.sampled_pixels())

@@ -48,8 +48,8 @@ def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
         quality: (B,), rounded to whole numbers and clamped to 1..100.
 
     Returns:
-        (B, 3, H, W), whole codes / 255, of the photo's dtype. Differentiable in photo, once, by
-        backward alone: neither by `torch.func.grad` nor forward; not in quality.
+        (B, 3, H, W), whole codes / 255, of the photo's dtype. Differentiable in photo, by backward
+        alone: neither by `torch.func.grad` nor forward; not in quality.
 
     Raises:
         NotImplementedError: a forward derivative is asked for.
@@ -86,10 +86,12 @@ def _backward(ctx, gradient):
     photo, quality = ctx.saved_tensors
     if not photo.numel():  # kornia refuses an empty batch
         return gradient, None
+    again = torch.is_grad_enabled()  # the gradient itself is to be differentiated
     with torch.enable_grad():
-        photo = photo.detach().requires_grad_()
+        photo = photo if again else photo.detach().requires_grad_()
         out = jpeg_codec_differentiable(photo, quality)
-    return torch.autograd.grad(out, photo, gradient)[0] + THROUGH * gradient, None
+        (back,) = torch.autograd.grad(out, photo, gradient, create_graph=again)
+    return back + THROUGH * gradient, None
 
 
 _jpeg.register_autograd(_backward, setup_context=_keep)

@@ -9,6 +9,7 @@ from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off
 from moireaug.effects.display import most_reflected
 from moireaug.effects.flicker import depth
 from moireaug.effects.random_numbers import normal
+from moireaug.effects.srgb import in_codes
 from moireaug.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
@@ -41,9 +42,8 @@ class Noise(Effect):
         why = f"standard deviation {show(sensor.read_noise)}"
         if shot:
             why += f", and {show(sensor.shot_noise)} times the root of the reading"
-        return judged(
-            SIGMAS * (read**2 + shot**2) ** 0.5, scene, why, "read_noise and shot_noise are 0"
-        )
+        change = SIGMAS * (read**2 + shot**2) ** 0.5
+        return judged(in_codes(change, scene), scene, why, "read_noise and shot_noise are 0")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
         return add_noise(raw, shot.sensor.read_noise, shot.sensor.shot_noise, shot.seed)
@@ -89,7 +89,8 @@ class Quantisation(Effect):
         bits = scene.sensor.bits
         if bits is None:
             return left_out("the reading is not rounded")
-        return judged(0.5 / (2**bits - 1), scene, f"{bits} bits", "")
+        step = 1 / (2**bits - 1)
+        return judged(in_codes(step / 2, scene), scene, f"{bits} bits", "")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
         return quantise(raw, shot.scene.sensor.bits)

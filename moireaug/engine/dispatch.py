@@ -20,7 +20,7 @@ from moireaug.effects.base import Effect
 from moireaug.effects.display import BlackLevel
 from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
-from moireaug.numeric import is_transformed
+from moireaug.numeric import is_transformed, may_be_dual
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
@@ -84,13 +84,13 @@ def reasons(scene: Scene) -> dict[str, str]:
 def exposes(light: Tensor, shot: ShotRecord) -> bool:
     """Return whether the engine can expose these images (B, 3, H, W)."""
     asks = torch.is_grad_enabled() and (light.requires_grad or shot.requires_grad)
-    return not asks and _runs(light) and not _no_exposing(shot.scene)
+    return not asks and _runs(light) and not _no_exposing(shot.scene) and not _is_dual(shot)
 
 
 def develops(raw: Tensor, shot: ShotRecord) -> bool:
     """Return whether the engine can develop these readings."""
     asks = torch.is_grad_enabled() and shot.requires_grad
-    return not asks and _runs(raw) and not _no_developing(shot.scene)
+    return not asks and _runs(raw) and not _no_developing(shot.scene) and not _is_dual(shot)
 
 
 @torch.no_grad()
@@ -120,17 +120,20 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
-    """Return the photos of readings, as `moireaug.pipeline.develop` does; once differentiable in
-    the readings."""
+    """Return the photos of readings, as `moireaug.pipeline.develop` does; differentiable in the
+    readings."""
     from moireaug.engine import run
     from moireaug.engine.shot_development import lower_development
 
     if not math.isfinite(raw.detach().sum()):  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
-    photo = run.develop(raw, lower_development(shot))
-    for effect in finishing(shot.plan):
-        photo = effect(photo, shot)
-    return photo
+    rest = finishing(shot.plan)
+    first = shot.plan.developing[: len(shot.plan.developing) - len(rest)]
+
+    def reference(raw: Tensor) -> Tensor:
+        return pipeline.apply(first, raw, shot)
+
+    return pipeline.apply(rest, run.develop(raw, lower_development(shot), reference), shot)
 
 
 def finishing(plan: pipeline.Plan) -> tuple[Effect, ...]:
@@ -154,7 +157,13 @@ def _runs(tensor: Tensor) -> bool:
         return False
     if forward_ad.unpack_dual(tensor).tangent is not None:
         return False
-    return type(tensor) is Tensor and not is_transformed() and not _unavailable()
+    plain = type(tensor) in (Tensor, torch.nn.Parameter)  # no subclass, which may do as it likes
+    return plain and not is_transformed() and not _unavailable()
+
+
+def _is_dual(shot: ShotRecord) -> bool:
+    """Return whether a forward derivative in a drawn number is asked for."""
+    return any(may_be_dual(values) for values in shot.numbers().values())
 
 
 def _unavailable() -> str:

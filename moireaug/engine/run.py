@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import functools
 import logging
+from collections.abc import Callable
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from moireaug.engine import ahead, batch, compiling
 from moireaug.engine.development_records import Development
@@ -104,15 +104,15 @@ def _empty(*shape: int) -> Tensor:
 
 
 class _Develop(torch.autograd.Function):
-    """Readings to photos, once differentiable in the readings."""
+    """Readings to photos, differentiable in the readings."""
 
     @staticmethod
-    def forward(ctx, raw: Tensor, d: Development) -> Tensor:
+    def forward(ctx, raw: Tensor, d: Development, reference: Callable[[Tensor], Tensor]) -> Tensor:
         n, h = len(raw), d.size[0]
         noted = n if d.finishes and ctx.needs_input_grad[0] else 0
         inside = torch.empty(noted, 3, *d.detail.size, dtype=torch.uint8, device="cpu")
         ctx.save_for_backward(raw, inside)
-        ctx.development = d
+        ctx.development, ctx.reference = d, reference
         photo = _empty(n, 3, *d.size)
         work = functools.partial(_develop, photo.numpy(), inside.numpy(), _array(raw), d)
         whole = n - surplus(n, h)
@@ -122,13 +122,15 @@ class _Develop(torch.autograd.Function):
         return photo
 
     @staticmethod
-    @once_differentiable
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None, None]:
         (raw, inside), d = ctx.saved_tensors, ctx.development
+        if torch.is_grad_enabled():  # the gradient itself is to be differentiated
+            photo = ctx.reference(raw)
+            return torch.autograd.grad(photo, raw, grad, create_graph=True)[0], None, None
         out = _empty(*raw.shape)
         given = out.numpy(), _array(grad), inside.numpy(), _array(raw), d
         each(functools.partial(_develop_back, *given), len(raw))
-        return out, None
+        return out, None, None
 
 
 def _develop(
@@ -160,8 +162,11 @@ def _develop_back(
     batch.develop_back(raw_grads, photo_grads, taken, inside, readings, d, first, last)
 
 
-def develop(raw: Tensor, development: Development) -> Tensor:
+def develop(raw: Tensor, development: Development, reference: Callable[[Tensor], Tensor]) -> Tensor:
     """Return the photos (B, 3, H, W) float32, sRGB codes, of readings (B, planes, h, w) float32;
-    once differentiable in the readings."""
+    differentiable in the readings.
+
+    reference: does the same in PyTorch, for derivatives of the gradient.
+    """
     prepare()
-    return _Develop.apply(raw, development)
+    return _Develop.apply(raw, development, reference)

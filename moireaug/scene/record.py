@@ -45,9 +45,13 @@ class SceneRecord:
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers, strings and pairs, fit for JSON and YAML; `Scene.from_dict` is the
         inverse."""
-        values = asdict(self)
-        for name in PARTS:
-            for key, value in values[name].items():
-                if isinstance(value, tuple):
-                    values[name][key] = list(value)
-        return values
+        return _plain(asdict(self))
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with lists for tuples, all the way down: YAML knows no tuples."""
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(inner) for inner in value]
+    return value

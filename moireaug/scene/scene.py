@@ -141,8 +141,10 @@ class Shot(ShotRecord):
         panel, view, lens, sensor, develop: the drawn parts.
         seed: (B,) int64, the seeds of the sensor noise.
 
-    Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`.
-    The scene's plan decides which effects are computed; fields of effects left out are not read.
+    Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`,
+    within the scene's range. The scene's ranges decide which effects are computed, with which
+    harmonics and how large filters: a value outside of them may be photographed inaccurately, and
+    fields of effects left out are not read. Widen the range for other values.
     """
 
     @staticmethod

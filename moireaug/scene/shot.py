@@ -13,6 +13,7 @@ from torch import Tensor
 from moireaug.geometry import grids
 from moireaug.geometry.homography import homography
 from moireaug.geometry.sensor import SampledPixels, sampled_pixels
+from moireaug.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
@@ -128,17 +129,34 @@ class ShotRecord:
         frame.
 
         For a registered scene that frame is the image's, and points are returned unchanged.
+        Integer points are rounded.
+
+        Raises:
+            ValueError: points of another shape, or of another number of images.
         """
+        if points.ndim != 3 or points.shape[-1] != 2 or len(points) != len(self):
+            raise ValueError(
+                f"points must have the shape ({len(self)}, N, 2), x and y of N points in each "
+                f"image of the shot; got {tuple(points.shape)}."
+            )
         if not self.moves:
             return points
         shot = self.to(points.device)
-        return grids.image_to_photo(points.double(), shot.matrix(), self.size, shot.distortion).to(
-            points.dtype
-        )
+        moved = grids.image_to_photo(points.double(), shot.matrix(), self.size, shot.distortion)
+        return as_dtype(moved, points.dtype)
 
     def to_photo_mask(self, mask: Tensor) -> Tensor:
         """Return a mask (B, C, H, W) of the image, of any dtype, in the photo's own frame: nearest
-        pixel, 0 off the image."""
+        pixel, 0 off the image.
+
+        Raises:
+            ValueError: a mask of another shape, or of another number or size of images.
+        """
+        if mask.ndim != 4 or len(mask) != len(self) or tuple(mask.shape[-2:]) != self.size:
+            raise ValueError(
+                f"a mask must have the shape ({len(self)}, C, {self.size[0]}, {self.size[1]}) of "
+                f"the shot's images; got {tuple(mask.shape)}."
+            )
         if not self.moves:
             return mask
         h, w = self.size

@@ -63,6 +63,8 @@ def planes(image: np.ndarray) -> torch.Tensor:
 
 def move_mask(mask: np.ndarray, shot: Shot) -> np.ndarray:
     """Move a mask (H, W) or (H, W, C), of any dtype: nearest pixel, 0 off the image."""
+    if mask.dtype == np.longdouble:
+        return move_mask(mask.astype(np.float64), shot).astype(mask.dtype)
     # torch knows few of numpy's types, and moving pixels only needs their bits
     bits = mask.view(f"i{mask.itemsize}") if mask.dtype.kind in "iuf" else mask
     pixels = torch.from_numpy(np.array(bits, order="C"))

@@ -9,8 +9,8 @@ from numbers import Real
 import torch
 from torch import Tensor, nn
 
-from moireaug.capture import capture, photo_of
-from moireaug.checks import channels_last
+from moireaug.capture import photo_of
+from moireaug.checks import channels_last, check_images
 from moireaug.engine import dispatch
 from moireaug.scene.naming import changed_fields, preset_name
 from moireaug.scene.scene import Scene, Shot
@@ -131,11 +131,10 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
     """
     check_format(images)
     shot = at_size(shot, (images.shape[-2], images.shape[-1]))
-    if images.dtype == torch.uint8 and images.shape[-3] == 3:
-        photo = photo_of(images, shot, noise)
-    else:
-        photo = capture(as_shown(images), shot, noise)
-    return as_given(photo, images)
+    shown = images.expand(-1, 3, -1, -1)
+    if images.dtype != torch.uint8:
+        shown = check_images(shown)
+    return as_given(photo_of(shown, shot, noise), images)
 
 
 def move_boxes(boxes: Tensor, shot: Shot) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -22,8 +23,8 @@ def seed_worker(worker_id: int) -> None:
     `torch.manual_seed`.
 
     Raises:
-        ValueError: no transform is found among the data set's attributes, nor in the lists, dicts
-            and objects that these hold.
+        ValueError: no transform is found among the data set's attributes, nor in the lists, dicts,
+            partial functions and objects that these hold.
         RuntimeError: it is called outside a worker.
     """
     worker = torch.utils.data.get_worker_info()
@@ -46,8 +47,8 @@ def seed_worker(worker_id: int) -> None:
 
 
 def transforms_of(dataset: torch.utils.data.Dataset) -> list[BaseCompose | BasicTransform]:
-    """Return the transforms among a data set's attributes, and in the lists, dicts and objects that
-    these hold; each of them once, always in the same order."""
+    """Return the transforms among a data set's attributes, and in the lists, dicts, partial
+    functions and objects that these hold; each of them once, always in the same order."""
     found: list[BaseCompose | BasicTransform] = []
     owners: list[Any] = [dataset]
     seen = {id(dataset)}
@@ -70,4 +71,11 @@ def _parts_of(owner: Any) -> list[Any]:
         return parts if len(parts) <= MOST else []
     if isinstance(owner, (type, ModuleType, torch.nn.Module)):
         return []
-    return list(getattr(owner, "__dict__", {}).values())
+    parts = list(getattr(owner, "__dict__", {}).values())
+    if isinstance(owner, partial):
+        parts += [owner.func, owner.args, owner.keywords]
+    for kind in type(owner).__mro__:
+        slots = kind.__dict__.get("__slots__", ())
+        for name in (slots,) if isinstance(slots, str) else slots:
+            parts.append(getattr(owner, name, None))
+    return parts

@@ -16,6 +16,7 @@ from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
+from moireaug.numeric import as_dtype
 from moireaug.scene.scene import Scene, Shot, as_scene
 from moireaug.transforms._convert import (
     at_size,
@@ -133,7 +134,7 @@ def apply_shot(inpt: Any, shot: Shot) -> Any:
     if isinstance(inpt, KeyPoints):
         points = plain.double().reshape(len(shot), -1, 2)
         moved = at_size(shot, inpt.canvas_size).to_photo(points).reshape(plain.shape)
-        return wrap(_as(moved, plain.dtype), inpt)
+        return wrap(as_dtype(moved, plain.dtype), inpt)
     if isinstance(inpt, Mask):
         flat = plain.reshape(len(shot), -1, *plain.shape[-2:])
         return wrap(at_size(shot, plain.shape[-2:]).to_photo_mask(flat).reshape(plain.shape), inpt)
@@ -169,10 +170,6 @@ def _apply_to_boxes(plain: Tensor, boxes: BoundingBoxes, shot: Shot) -> Tensor:
     return F.convert_bounding_box_format(moved, BoundingBoxFormat.XYXY, boxes.format).to(
         plain.dtype
     )
-
-
-def _as(values: Tensor, dtype: torch.dtype) -> Tensor:
-    return values.to(dtype) if dtype.is_floating_point else values.round().to(dtype)
 
 
 def wrap(plain: Tensor, like: Tensor) -> Tensor:

@@ -184,3 +184,19 @@ def test_flat_black_and_white_do_not_hide_from_an_attack(level, quality):
     weight = torch.rand(1, 3, 16, 16) + 0.5
     (gradient,) = torch.autograd.grad((jpeg(photo, torch.tensor([quality])) * weight).sum(), photo)
     assert (gradient != 0).all()
+
+
+def test_the_gradient_has_a_gradient():
+    photo = scenes(b=1, n=16, dtype=torch.float64).requires_grad_()
+    weight, way = torch.randn(2, 1, 3, 16, 16, dtype=torch.float64)
+
+    def squared(weight):
+        out = jpeg(photo, torch.tensor([60.0]))
+        (grad,) = torch.autograd.grad((out * weight).sum(), photo, create_graph=True)
+        return grad.square().sum()
+
+    weight.requires_grad_()
+    (slope,) = torch.autograd.grad(squared(weight), weight)
+    step = 1e-4 * way
+    expected = (squared(weight + step) - squared(weight - step)) / 2e-4
+    assert (slope * way).sum().item() == pytest.approx(expected.item(), rel=1e-6)

@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 import torch
+from torch.autograd import forward_ad
 
 from moireaug import Scene, View, capture, develop, expose
 from moireaug.engine import dispatch, explain, reference
@@ -53,6 +54,29 @@ def test_a_reading_of_nan_has_no_jpeg():
     raw[1, 2, 3, 4] = float("nan")
     with pytest.raises(ValueError, match="NaN, which has no 8-bit code"):
         develop(raw, shot)
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
+@pytest.mark.parametrize("field", ["view.yaw", "panel.scale", "sensor.gain", "develop.red"])
+def test_forward_derivatives_in_a_shot_are_not_lost(field):
+    part, name = field.split(".")
+    held = getattr(SHOT, part)
+    found = []
+    for dtype in (torch.float32, torch.float64):
+        with forward_ad.dual_level():
+            value = getattr(held, name)
+            dual = forward_ad.make_dual(value, torch.ones_like(value))
+            moved = dataclasses.replace(held, **{name: dual})
+            photo = capture(IMAGES.to(dtype), dataclasses.replace(SHOT, **{part: moved}))
+            found.append(forward_ad.unpack_dual(photo).tangent)
+    single, double = found
+    assert (single - double).norm() < 0.01 * double.norm()
+
+
+def test_a_parameter_is_captured_as_its_values_are():
+    patch = torch.nn.Parameter(IMAGES.clone())
+    with torch.no_grad():
+        assert torch.equal(capture(patch, SHOT), capture(IMAGES, SHOT))
 
 
 def test_the_defaults_of_torch_change_nothing():

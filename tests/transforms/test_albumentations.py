@@ -259,6 +259,16 @@ def test_numbers_that_torch_does_not_read(dtype, camera):
         assert out.dtype == np.dtype(dtype) and np.array_equal(out, shown["mask"])
 
 
+def test_masks_of_long_doubles_move(camera):
+    step = RandomMoire(camera, p=1)
+    image, mask = np.zeros((9, 12, 3), np.uint8), values((9, 12), np.float64)
+    moved = []
+    for dtype in (np.longdouble, np.float64):
+        step.set_random_seed(0)
+        moved.append(step(image=image, mask=mask.astype(dtype))["mask"])
+    assert moved[0].dtype == np.longdouble and np.array_equal(*moved)
+
+
 def test_repr_names_the_preset():
     shown = repr(RandomMoire("phone_at_monitor", p=0.25))
     assert shown == "RandomMoire(scene='phone_at_monitor', p=0.25)"

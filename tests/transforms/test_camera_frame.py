@@ -5,7 +5,7 @@ import torch
 from torchvision import tv_tensors
 from torchvision.transforms.v2 import functional as F
 
-from moireaug import Scene
+from moireaug import Develop, Scene, View
 from moireaug.transforms import RandomMoire
 from moireaug.transforms.torchvision import apply_shot
 from tests.transforms.common import sample_of_leaves, values
@@ -95,6 +95,23 @@ def test_boxes_enclose_bent_edges_and_are_clamped(camera):
 def test_empty_leaves_stay_empty(leaf, camera):
     _, out = RandomMoire(camera, p=1)(tv_tensors.Image(torch.rand(3, 9, 12)), leaf)
     assert type(out) is type(leaf) and out.shape == leaf.shape
+
+
+def test_whole_points_are_rounded(camera):
+    shot = camera.sample(1, (48, 64), torch.Generator().manual_seed(0))
+    points = torch.tensor([[[12, 4], [40, 30], [5, 44]]])
+    assert torch.equal(shot.to_photo(points), shot.to_photo(points.double()).round().long())
+
+
+@pytest.mark.parametrize("registered", [False, True])
+def test_points_and_masks_of_other_shapes_are_refused(registered):
+    shot = Scene(develop=Develop(registered=registered), view=View(roll=20.0)).sample(2, (8, 9))
+    for points in (torch.zeros(3, 2), torch.zeros(2, 3, 3), torch.zeros(1, 3, 2)):
+        with pytest.raises(ValueError, match=r"must have the shape \(2, N, 2\)"):
+            shot.to_photo(points)
+    for mask in (torch.zeros(2, 8, 9), torch.zeros(1, 1, 8, 9), torch.zeros(2, 1, 9, 9)):
+        with pytest.raises(ValueError, match=r"must have the shape \(2, C, 8, 9\)"):
+            shot.to_photo_mask(mask)
 
 
 def test_batch_masks_and_points_follow_their_own_image(camera):

@@ -12,7 +12,7 @@ from torchvision import tv_tensors
 from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 
-from moireaug import capture
+from moireaug import Panel, Scene, Sensor, capture
 from moireaug.effects.prefilter import most_lost
 from moireaug.exposure import extremes
 from moireaug.exposure.choose import exposure_of
@@ -238,3 +238,10 @@ def test_neither_default_device_nor_default_dtype_changes_a_photo(camera):
     with torch.device("meta"):
         moved = photo()
     assert torch.equal(moved, expected)
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16], ids=str)
+def test_a_scene_without_effects_keeps_grey_in_half_precision(dtype):
+    scene = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
+    grey = torch.linspace(0, 1, 257).to(dtype).reshape(1, 1, 257)
+    assert torch.equal(RandomMoire(scene, p=1)(grey), grey)

@@ -1,6 +1,8 @@
 """The seeds of albumentations transforms in the workers of a DataLoader."""
 
 # isort: skip  # after the door, which keeps it from asking for its newest version
+import functools
+
 import albumentations as A
 import numpy as np
 import pytest
@@ -85,6 +87,20 @@ def test_every_transform_of_a_data_set_has_a_seed_of_its_own(registered):
     )
     views = torch.cat([torch.cat(list(loader)) for _ in range(2)]).flatten(0, 1)
     assert len({view.numpy().tobytes() for view in views}) == 2 * 16
+
+
+class Slotted(Dataset):
+    __slots__ = ("transform",)
+
+    def __init__(self, transform):
+        self.transform = transform
+
+
+def test_transforms_in_slots_and_partial_functions_are_found(registered):
+    one, other = (A.Compose([RandomMoire(registered, p=1)]) for _ in range(2))
+    assert transforms_of(Slotted(one)) == [one]
+    assert transforms_of(Same(functools.partial(one, image=None))) == [one]
+    assert transforms_of(Slotted([one, functools.partial(len, other)])) == [one, other]
 
 
 def test_a_transform_that_two_attributes_share_is_found_once(registered):
