@@ -2,7 +2,7 @@
 
     python training/fit.py recipe=moire_at
     python training/fit.py -m recipe=baseline,moire_at seed=0,1
-    python training/fit.py recipe=moire_at data=folder data.root=DIR data.size=48
+    python training/fit.py recipe=moire_at data=folder data.root=DIR
     python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR
 
 The last one trains a demoiréing network: see training/demoireing/fit.py.

@@ -27,7 +27,8 @@ class Data:
     name: str = MISSING
     # folder: holds train/ and test/, or class folders alone (then all of it is test data)
     root: str | None = None
-    size: int = 32  # images are resized to size x size
+    # images are resized to size x size: the larger, the less of a photo is lost in the lens's blur
+    size: int = 64
     train: int | None = None  # images; null is all there are
     val: int | None = None  # null is a tenth of the training images; for signs, its default
     test: int | None = None
