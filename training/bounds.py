@@ -19,6 +19,8 @@ SEEDS = 2**32 - 1
 # weights are float32 in all of them: the average, the attack and every re-attack need that
 PRECISIONS = ("32-true", "32", "bf16-mixed", "16-mixed")
 
+ACCELERATORS = ("auto", "cpu", "gpu", "cuda", "mps")
+
 # of a classifier's run
 BOUNDS: dict[str, Bounds] = {
     "seed": (0, SEEDS),
@@ -102,6 +104,7 @@ def _devices(trainer: Trainer) -> None:
         ValueError: with how many there are.
     """
     kind, asked = trainer.accelerator, trainer.devices
+    one_of("trainer.accelerator", kind, ACCELERATORS)
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if kind in ("gpu", "cuda") and not gpus:
         raise ValueError(

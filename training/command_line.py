@@ -20,7 +20,7 @@ PATHS = (
     *("runs", "run", "weights", "data.root", "data.class_index"),
     *("pairs", "lpips", "demoire.vgg"),
 )
-LISTS = {"reattack.eps": "0.0078,0.0157"}  # settings that are one, with an example
+LISTS = {"reattack.eps": "0.00784313725,0.0156862745"}  # settings that are one, with an example
 
 
 def quoted(overrides: Sequence[str]) -> list[str]:

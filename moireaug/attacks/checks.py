@@ -86,7 +86,7 @@ def check_sizes(step_size: float | None, random_start: float, steps: int) -> Non
         raise ValueError(
             f"random_start must be a finite radius >= 0, in units of eps; got {random_start!r}."
         )
-    if random_start > 1 and steps > 1:
+    if random_start > 1 and steps != 1:
         raise ValueError(
             f"a random_start beyond the ball ({random_start!r} times eps) is for a single step, "
             f"which does not pull it back; got steps = {steps}. Use random_start <= 1."
@@ -136,7 +136,8 @@ def check_goals(
 
 
 def check_classes(labels: Tensor, logits: Any, views: int) -> None:
-    """Refuse anything but logits (views * n, K), and labels that are not below K."""
+    """Refuse anything but logits (views * n, K) of two classes or more, and labels that are not
+    below K."""
     if not isinstance(logits, Tensor):
         raise ValueError(
             f"the model must return a tensor of logits (B, K); got {_described(logits)}"
@@ -145,6 +146,11 @@ def check_classes(labels: Tensor, logits: Any, views: int) -> None:
         raise ValueError(
             f"the model must return logits (B, K); got {tuple(logits.shape)} for {len(labels)} "
             "images."
+        )
+    if logits.shape[1] < 2:
+        raise ValueError(
+            "the model must return the logits of at least two classes; got one. For a single logit "
+            "z of a binary classifier, return (0, z)."
         )
     if not logits.is_floating_point():
         raise ValueError(

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.answers import predicted
-from moireaug.attacks.checks import check_classes, check_count, check_goals
+from moireaug.attacks.checks import check_answers, check_classes, check_count, check_goals
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest, margin
 from moireaug.attacks.model import evaluating
@@ -114,6 +114,7 @@ def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Resul
         photo = problem.render(**point)
         logits = attack.model(photo.clone())
     check_classes(labels, logits, 1)
+    check_answers(logits, attack.model, images)
     success, losses = predicted(logits) != labels, torch.zeros(0, device="cpu")
     found = Result(photo, success, point["noise"], losses, attack.one_eps(), problem.shot)
     return found, logits

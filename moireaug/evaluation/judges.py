@@ -41,12 +41,11 @@ class Judge:
         if self.restores_mean:
             shown = restore_mean(shown, batch.images)
         model = batch.model if self.model is None else self.model
-        defences = () if self.defence is None else (self.defence,)
-        networks = nn.ModuleList(Compose(defences).networks)
+        defence = Compose(() if self.defence is None else (self.defence,))
+        networks = nn.ModuleList(defence.networks)
         with evaluating(networks), evaluating(model), torch.no_grad():
-            if self.defence is not None:
-                shown = self.defence(shown)
-            return model(shown.clone())  # a model may work in place
+            # either may work in place
+            return model(defence(shown.clone()).clone())
 
     @cached_property
     def identity(self) -> str:

@@ -27,7 +27,7 @@ from torch import Tensor
 from moireaug.files import write_bytes
 
 Record = dict[str, Any]
-VERSION = 3  # raise it when the same settings would give other figures
+VERSION = 4  # raise it when the same settings would give other figures
 # what a line must have to be a record
 FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
 PICTURES = 4  # images of the first batch that are kept to be looked at

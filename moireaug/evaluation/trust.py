@@ -41,8 +41,8 @@ class CleanTwice(Clean):
 
     def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
         with evaluating(batch.model), torch.no_grad():
-            first = batch.model(shown)
-            second = batch.model(shown)
+            first = batch.model(shown.clone())  # it may work in place
+            second = batch.model(shown.clone())
         differ = (first != second) & ~(first.isnan() & second.isnan())
         return {"differ": differ.any(1).float().tolist()}
 
@@ -57,7 +57,7 @@ class PhotoGradient(Photo):
         gradient = None
         with evaluating(batch.model), torch.enable_grad():
             photo = shown.detach().clone().requires_grad_()
-            logits = batch.model(photo)
+            logits = batch.model(photo.clone())
             if logits.requires_grad:
                 loss = LOSSES["ce"](logits, batch.labels).sum()
                 (gradient,) = torch.autograd.grad(loss, photo, allow_unused=True)

@@ -10,7 +10,16 @@ import torch
 from torch import nn
 
 from moireaug import Scene, Sensor, attacks
-from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, NoAnswerError, SquareMoire
+from moireaug.attacks import (
+    BIM,
+    CW,
+    MIFGSM,
+    PGD,
+    MoireAttack,
+    MultiTargeted,
+    NoAnswerError,
+    SquareMoire,
+)
 from moireaug.transforms import AdversarialMoire
 from tests.attacks.common import EPS, SCENE
 
@@ -159,6 +168,24 @@ def test_a_model_that_hides_behind_nan_is_fooled(make, batch):
     images = batch[0] * 0.5 + 0.2
     result = make(nan_when_shown_noise(images))(images, torch.zeros(6, dtype=torch.long))
     assert result.success.all()
+
+
+def test_a_single_logit_is_refused(batch):
+    attack = PGD(lambda x: x.mean((1, 2, 3))[:, None], eps=EPS, steps=1)
+    with pytest.raises(ValueError, match=r"at least two classes; got one.*return \(0, z\)"):
+        attack(batch[0], torch.zeros(6, dtype=torch.long))
+
+
+def test_a_broken_model_is_not_fooled_by_every_target(batch):
+    attack = PGD(lambda x: x.flatten(1)[:, :3] * math.nan, eps=EPS, steps=1)
+    with pytest.raises(NoAnswerError, match="it is broken, not robust"):
+        MultiTargeted(attack)(batch[0], torch.zeros(6, dtype=torch.long))
+
+
+@pytest.mark.parametrize("steps", [0, 2])
+def test_a_start_beyond_the_ball_is_for_a_single_step(steps):
+    with pytest.raises(ValueError, match=f"got steps = {steps}"):
+        PGD(lambda x: x, eps=EPS, steps=steps, random_start=3.0)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from moireaug.evaluation.conditions import (
 from moireaug.evaluation.corruptions import Corrupted
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.runner import _generators, device_of
+from moireaug.evaluation.trust import CleanTwice, PhotoGradient
 from tests.evaluation.haze import CONDITIONS, ran, results, table_of
 
 from .conftest import classifier
@@ -67,7 +68,7 @@ def test_an_attempt_on_a_gpu_may_draw_from_its_generator(monkeypatch):
 
 def test_a_model_without_a_choice_is_refused(known):
     batches = [(torch.rand(2, 3, 8, 8), torch.zeros(2, dtype=torch.long))]
-    with pytest.raises(ValueError, match="at least two classes apart; it returns 1 logit"):
+    with pytest.raises(ValueError, match="logits of at least two classes; got one"):
         ran((lambda x: x.mean((1, 2, 3))[:, None], batches), indices=(0,))
 
 
@@ -85,6 +86,28 @@ def test_a_model_may_work_in_place(known):
         runner = ran((one, batches), table_of(*CONDITIONS.values()), (0,))
         answers.append([record["predicted"] for record in results(runner).values()])
     assert answers[0] == answers[1]
+
+
+def test_a_defence_may_work_in_place_and_is_clipped(known):
+    model, batches = known
+    kept = [images.clone() for images, _ in batches]
+    answers = []
+    for defence in (lambda x: (x * 3).clamp(0, 1), lambda x: x.mul_(3)):
+        judge = Judge("defence", defence=defence)
+        runner = ran((model, batches), table_of(Clean(), Photo(), judge=judge), (0,))
+        answers.append([record["predicted"] for record in results(runner).values()])
+    assert answers[0] == answers[1]
+    assert all(torch.equal(a, b) for a, (b, _) in zip(kept, batches, strict=True))
+
+
+@pytest.mark.parametrize("condition", [CleanTwice(), PhotoGradient()])
+def test_a_checked_model_may_work_in_place(condition, known):
+    model, batches = known
+    found = []
+    for one in (lambda x: model(x - 0.1), lambda x: model(x.sub_(0.1))):
+        runner = ran((one, batches), table_of(condition), (0,))
+        found.append([record["measured"] for record in results(runner).values()])
+    assert found[0] == found[1]
 
 
 def test_devices_without_the_model_are_left_alone(known, monkeypatch):

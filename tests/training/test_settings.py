@@ -81,6 +81,7 @@ SENTENCES = [
     (["recipe=clean", "data.root=somewhere"], "has no effect on data=signs"),
     (["recipe=clean", "data=folder", "data.download=true"], "has no effect on data=folder"),
     (["recipe=clean", "adversary.natural=0.3"], "leave adversary.* out"),
+    (["recipe=clean", "trainer.accelerator=tpu"], "must be one of 'auto', 'cpu', 'gpu'"),
     (["recipe=moire_at", "adversary.steps=0"], "needs a share, steps and eps above 0"),
 ]
 
