@@ -149,8 +149,8 @@ def check_classes(labels: Tensor, logits: Any, views: int) -> None:
         )
     if logits.shape[1] < 2:
         raise ValueError(
-            "the model must return the logits of at least two classes; got one. For a single logit "
-            "z of a binary classifier, return (0, z)."
+            f"the model must return the logits of at least two classes; got {logits.shape[1]}. For "
+            "a single logit z of a binary classifier, return (0, z)."
         )
     if not logits.is_floating_point():
         raise ValueError(

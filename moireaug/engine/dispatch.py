@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from moireaug import pipeline
 from moireaug.effects.base import Effect
@@ -155,10 +154,10 @@ def _runs(tensor: Tensor) -> bool:
     known = tensor.dtype in (torch.float32, torch.uint8)
     if not known or tensor.device.type != "cpu" or not tensor.numel():
         return False
-    if forward_ad.unpack_dual(tensor).tangent is not None:
+    if is_transformed() or may_be_dual(tensor):
         return False
     plain = type(tensor) in (Tensor, torch.nn.Parameter)  # no subclass, which may do as it likes
-    return plain and not is_transformed() and not _unavailable()
+    return plain and not _unavailable()
 
 
 def _is_dual(shot: ShotRecord) -> bool:

@@ -125,8 +125,9 @@ class _Develop(torch.autograd.Function):
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None, None]:
         (raw, inside), d = ctx.saved_tensors, ctx.development
         if torch.is_grad_enabled():  # the gradient itself is to be differentiated
-            photo = ctx.reference(raw)
-            return torch.autograd.grad(photo, raw, grad, create_graph=True)[0], None, None
+            with torch.autocast("cpu", enabled=False):  # which may be on where backward is called
+                photo = ctx.reference(raw)
+                return torch.autograd.grad(photo, raw, grad, create_graph=True)[0], None, None
         out = _empty(*raw.shape)
         given = out.numpy(), _array(grad), inside.numpy(), _array(raw), d
         each(functools.partial(_develop_back, *given), len(raw))

@@ -68,7 +68,7 @@ def test_an_attempt_on_a_gpu_may_draw_from_its_generator(monkeypatch):
 
 def test_a_model_without_a_choice_is_refused(known):
     batches = [(torch.rand(2, 3, 8, 8), torch.zeros(2, dtype=torch.long))]
-    with pytest.raises(ValueError, match="logits of at least two classes; got one"):
+    with pytest.raises(ValueError, match="logits of at least two classes; got 1"):
         ran((lambda x: x.mean((1, 2, 3))[:, None], batches), indices=(0,))
 
 
