@@ -3,12 +3,14 @@ it is held as data."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import enum
 import functools
 import hashlib
 import types
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,13 +18,14 @@ from torch import Tensor, nn
 
 OF_MODULES = set(vars(nn.Module()))  # of every module: mode, hooks, and tables of its parts
 HOOKS = {"_forward_pre_hooks", "_forward_hooks"}  # of these, what changes a module's answers
+PLAIN = ("builtins", "functools", "numpy", "torch")  # packages of values that tell a function
 UNKNOWN = "callable "  # before the id in memory of what has no other name
 
 
 def identity(part: object) -> str:
     """Return what identifies a model or a defence: the weights and settings of a network, the
-    settings of any other object, the import path of a function; for a lambda or a closure, its id
-    in memory."""
+    settings of any other object, the import path of a function and the values that it names; for a
+    lambda or a closure, its id in memory."""
     if isinstance(part, nn.Module):
         return digest(part)
     return " ".join(_told(part, ()))
@@ -30,8 +33,8 @@ def identity(part: object) -> str:
 
 def digest(model: object) -> str:
     """Return sixteen hex digits that change with a weight, a buffer, or a setting of a layer or of
-    anything that it holds; the code of a class is not seen. Those of a function change with its
-    import path."""
+    anything that it holds. Those of a function change with its import path, its defaults, and the
+    values of its module that it names, such as a network. Code is not seen, nor what it loads."""
     sums = hashlib.sha256()
     for told in _told(model, ()):
         sums.update(told.encode() + b"\n")
@@ -70,13 +73,13 @@ def _told(part: object, outer: tuple[int, ...]) -> Iterator[str]:
 def _tell(part: object, outer: tuple[int, ...]) -> Iterator[str]:
     """Yield the settings of an object; what has none is told by its text."""
     if dataclasses.is_dataclass(part) or hasattr(part, "__dict__"):
-        yield type(part).__qualname__
+        yield _path(type(part))
         yield from _told(_settings(part), outer)
     elif callable(part):
         yield from _tell_code(part, outer)
     else:
         text = repr(part)
-        yield type(part).__qualname__ if " at 0x" in text else text
+        yield _path(type(part)) if " at 0x" in text else text
 
 
 @_tell.register
@@ -84,7 +87,7 @@ def _tell_module(part: nn.Module, outer: tuple[int, ...]) -> Iterator[str]:
     for name, layer in part.named_modules():
         if hasattr(layer, "_orig_mod"):  # compiled: a later call compiles more
             continue
-        yield f"{name} {type(layer).__qualname__}"
+        yield f"{name} {_path(type(layer))}"
         script = isinstance(layer, torch.jit.ScriptModule)
         yield from _tell_script(layer, outer) if script else _told(_settings(layer), outer)
     values = {**part.state_dict(), **dict(part.named_buffers())}  # some buffers are not saved
@@ -146,23 +149,60 @@ def _tell_partial(part: functools.partial, outer: tuple[int, ...]) -> Iterator[s
 
 @_tell.register
 def _tell_method(part: types.MethodType, outer: tuple[int, ...]) -> Iterator[str]:
-    yield part.__func__.__qualname__
+    yield _path(part.__func__)
     yield from _told(part.__self__, outer)
 
 
-@_tell.register(types.FunctionType)
+@_tell.register
+def _tell_function(part: types.FunctionType, outer: tuple[int, ...]) -> Iterator[str]:
+    """With its defaults, what it encloses, and the values of its module that it names."""
+    yield from _tell_code(part, outer)
+    yield from _told((part.__defaults__, part.__kwdefaults__), outer)
+    for cell in part.__closure__ or ():
+        with contextlib.suppress(ValueError):  # an empty one
+            yield from _told(cell.cell_contents, outer)
+    for name in sorted(_names(part.__code__)):
+        value = part.__globals__.get(name)
+        if _is_data(value, part.__module__):
+            yield name
+            yield from _told(value, outer)
+
+
 @_tell.register(types.BuiltinFunctionType)
 @_tell.register(type)
 def _tell_code(part: object, outer: tuple[int, ...]) -> Iterator[str]:
-    yield _place(part) or f"{UNKNOWN}{id(part)}"
+    yield _path(part) if _can_be_imported(part) else f"{UNKNOWN}{id(part)}"
+
+
+def _names(code: types.CodeType) -> set[str]:
+    """Return the names that a function uses, those of the functions inside it included."""
+    found = set(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            found |= _names(constant)
+    return found
+
+
+def _is_data(value: object, module: str) -> bool:
+    """Return whether a value that a function of `module` names may tell it from another: a network,
+    an array, a plain value, an object of its own package, or a function of its own module."""
+    if isinstance(value, types.FunctionType):
+        return value.__module__ == module
+    if isinstance(value, (types.ModuleType, types.BuiltinFunctionType, type)):
+        return False
+    package = type(value).__module__.split(".")[0]
+    return isinstance(value, nn.Module) or package in (*PLAIN, module.split(".")[0])
 
 
 def _settings(part: object) -> dict[str, object]:
-    """Return the attributes that an object holds; of a module, its hooks are the only ones of those
-    that every module has."""
-    if dataclasses.is_dataclass(part):
-        return {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
-    found = dict(vars(part))
+    """Return the attributes that an object holds, without what it computes once and keeps; of a
+    module, its hooks are the only ones of those that every module has."""
+    found = dict(getattr(part, "__dict__", {}))
+    if dataclasses.is_dataclass(part):  # may have slots
+        found |= {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+    for name in list(found):
+        if isinstance(getattr(type(part), name, None), functools.cached_property):
+            del found[name]
     if isinstance(part, nn.Module):
         for name in OF_MODULES & found.keys():
             value = found.pop(name)
@@ -171,9 +211,11 @@ def _settings(part: object) -> dict[str, object]:
     return found
 
 
-def _place(part: object) -> str:
-    """Return where a function or a class can be imported from; empty where it cannot."""
+def _path(part: Any) -> str:
+    """Return the module and name of a function or a class."""
+    return f"{part.__module__}.{part.__qualname__}"
+
+
+def _can_be_imported(part: object) -> bool:
     module, name = getattr(part, "__module__", ""), getattr(part, "__qualname__", "")
-    if not module or not name or "<" in name or module == "__main__":
-        return ""
-    return f"{module}.{name}"
+    return bool(module and name) and "<" not in name and module != "__main__"

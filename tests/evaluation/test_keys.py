@@ -113,6 +113,54 @@ class Halved:
         return 0.5 * images
 
 
+@dataclasses.dataclass(frozen=True)
+class Loaded:
+    """Keeps what it loads beside its fields."""
+
+    file: str
+
+    def __post_init__(self):
+        object.__setattr__(self, "network", classifier(int(self.file)))
+
+
+def named_alike(module):
+    return type("Halved", (Plain,), {"__module__": module})(1.0)
+
+
+def importable(source):
+    """Return the function `restored` of a module with this text."""
+    values = {"__name__": "restoring", "np": np, "network": classifier(0), "mean": torch.zeros(3)}
+    exec(source, values)
+    return values["restored"]
+
+
+NETWORK = "def restored(images): return network(images)"
+INNER = "def cleaned(images): return network(images)\ndef restored(images): return cleaned(images)"
+COMPREHENSION = "def restored(images): return [network(one) for one in images]"
+
+
+DECORATED = """
+import functools
+def by(gain):
+    def around(function):
+        @functools.wraps(function)
+        def scaled(images):
+            return gain * function(images)
+        return scaled
+    return around
+@by({gain})
+def restored(images):
+    return images
+"""
+
+
+def swapped(source):
+    """Return the same function twice, with other weights in the second module."""
+    one, other = importable(source), importable(source)
+    other.__globals__["network"] = classifier(1)
+    return one, other
+
+
 def hooked(hook):
     net = classifier()
     net[0].register_forward_pre_hook(hook)
@@ -141,6 +189,23 @@ DIFFER = {
     "networks in a list": ([classifier(0)], [classifier(1)]),
     "a function": (torch.relu, torch.sigmoid),
     "a hook": (hooked(scaled), hooked(Halved())),
+    "what a dataclass loads": (Loaded("0"), Loaded("1")),
+    "the module of a class": (named_alike("one"), named_alike("other")),
+    "the network that a function names": swapped(NETWORK),
+    "one named by a function that it calls": swapped(INNER),
+    "one named in a comprehension": swapped(COMPREHENSION),
+    "a number that a function names": (
+        importable("gain = 1.5\ndef restored(images): return gain * images"),
+        importable("gain = 2.5\ndef restored(images): return gain * images"),
+    ),
+    "a default": (
+        importable("def restored(images, gain=1.5): return gain * images"),
+        importable("def restored(images, gain=2.5): return gain * images"),
+    ),
+    "what a decorator encloses": (
+        importable(DECORATED.format(gain=1.5)),
+        importable(DECORATED.format(gain=2.5)),
+    ),
 }
 
 
@@ -180,6 +245,12 @@ def test_another_process_tells_the_same_of_a_set():
         done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True)
         told.append(done.stdout)
     assert told[0] == told[1] != b""
+
+
+def test_what_an_object_keeps_once_computed_does_not_tell_it_from_itself():
+    judge = Judge("j", defence=JPEG(60))
+    before = identity(judge)
+    assert judge.identity and identity(judge) == before
 
 
 def test_what_holds_itself_has_an_end():
