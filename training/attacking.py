@@ -40,8 +40,9 @@ class Protocol(NamedTuple):
 
     def config(self) -> SuiteConfig:
         """Return the configuration of suites, without targets and further defences."""
-        settings = self.settings
-        return SuiteConfig(scene=self.scene, eps=tuple(settings.eps), steps=settings.steps)
+        own = self.settings
+        eps = None if own.eps is None else tuple(own.eps)
+        return SuiteConfig(scene=self.scene, eps=eps, steps=own.steps)
 
     @property
     def trusted(self) -> range:

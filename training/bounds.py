@@ -57,7 +57,7 @@ def check(cfg: Config) -> None:
         ValueError: with what was got and what is allowed.
     """
     check_run(cfg, BOUNDS)
-    eps = cfg.reattack.eps
+    eps = cfg.reattack.eps or []
     if len(set(eps)) < len(eps):
         raise ValueError(f"reattack.eps must be different bounds; got {list(eps)}.")
 

@@ -49,7 +49,9 @@ class Config:
     out: str = MISSING
     weights: str = MISSING
     device: str = "auto"  # or cpu, cuda, cuda:1, mps
-    tile: int = SIDE  # longest side that is cleaned at once, pixels; less needs less memory
+    # longest side that is cleaned at once, pixels, rounded down to the network's grid; less needs
+    # less memory
+    tile: int = SIDE
 
 
 def configure(argv: Sequence[str]) -> Config:
@@ -101,6 +103,7 @@ def clean_folder(cfg: Config) -> list[str]:
     """
     device = device_of(cfg.device)
     network = demoire.load(cfg.weights).to(device)
+    tile = cfg.tile - cfg.tile % network.multiple  # tiles lie on the grid of the whole photo
     found = Pictures(cfg.in_, 1)
     failed: list[str] = []
     began = time.perf_counter()
@@ -109,7 +112,7 @@ def clean_folder(cfg: Config) -> list[str]:
             path = found.folder / name
             try:
                 photo = read(str(path))
-                content = encoded(clean(network, photo, cfg.tile), photo, path.suffix)
+                content = encoded(clean(network, photo, tile), photo, path.suffix)
             except (ValueError, MemoryError, RuntimeError) as error:
                 said = reason(error, path)
                 failed.append(said)

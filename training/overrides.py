@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from moireaug.evaluation import GROUPS, SUITES
+from moireaug.evaluation.suites import USES, check_used
 from training.schema import (
     DATA,
     EPOCHS,
@@ -33,13 +33,7 @@ OWN = (
     "train",
     "reattack",
 )  # a run's, unless overridden
-ATTACKED = tuple(name for name in (*SUITES, *GROUPS) if name not in ("threat", "unseen"))
-USES = {
-    "targets": ("transfer", "paper", "trust"),
-    "demoire": ("defences", "demoireing", "paper"),
-    "networks": ("demoireing", "paper"),
-    "lpips": ATTACKED,
-}  # option to suites
+DEMOIRE = ("defences", "demoireing", "paper")  # suites that have a use for demoire=
 
 
 def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
@@ -64,11 +58,12 @@ def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
             raise ValueError(
                 f"{key}= does not go with run={cfg.run}, which has {own}: leave out one of the two."
             )
-        if top in USES and getattr(cfg, top) is not None and cfg.suite not in USES[top]:
-            raise ValueError(
-                f"{top}= is for suite={' or '.join(USES[top])}; "
-                f"suite={cfg.suite} has no use for it."
-            )
+        if key == "reattack.eps" and cfg.reattack.eps is not None:
+            check_used(cfg.suite, key, USES["eps"])
+        if top in ("targets", "networks", "lpips") and getattr(cfg, top) is not None:
+            check_used(cfg.suite, top, USES[top])
+        if top == "demoire" and cfg.demoire is not None:
+            check_used(cfg.suite, top, DEMOIRE)
         if top == "trainer" and _has_no_effect(
             key.removeprefix("trainer."), cfg.trainer, cfg.suite
         ):
@@ -112,6 +107,8 @@ def onto(own: Config, cfg: ReattackConfig, given: Sequence[str]) -> ReattackConf
         setattr(node, last, copy.deepcopy(attrgetter(key)(cfg)))
     if "data.size" not in named:
         merged.data.size = own.data.size  # what the model was trained on, whatever the data
+    if cfg.suite not in USES["eps"]:
+        merged.reattack.eps = None  # a run's own is of its ladder
     return merged
 
 

@@ -31,6 +31,7 @@ from torch import nn
 
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation import GROUPS, SUITES
+from moireaug.evaluation.tables import EPS
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.scene.fields import one_of
 from moireaug.scene.scene import as_scene
@@ -69,7 +70,7 @@ def check(cfg: Config) -> None:
     MoireAttack(
         model=torch.nn.Identity(),
         scene=scene_of(cfg),
-        eps=list(cfg.reattack.eps),
+        eps=list(EPS if cfg.reattack.eps is None else cfg.reattack.eps),
         steps=cfg.reattack.steps,
     )
 

@@ -18,10 +18,10 @@ from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import Defence
 from moireaug.evaluation.identity import require_identity
+from moireaug.evaluation.suites import USES
 from training import runs, saved
 from training.attacking import Protocol
 from training.models import as_model, names
-from training.overrides import USES
 from training.processes import WAIT
 from training.schema import Data, ReattackConfig, Trainer
 from training.splits import Splits

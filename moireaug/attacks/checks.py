@@ -211,7 +211,7 @@ def check_gradient(logits: Tensor, gradients: Sequence[Tensor | None] | None = N
     cut = gradients is not None and all(gradient is None for gradient in gradients)
     if cut or not logits.requires_grad:
         raise ValueError(
-            "the model's logits have no gradient: it runs under torch.no_grad, detaches, rounds or "
-            "computes outside torch. Pass a differentiable model, or search without gradients: "
-            "attacks.SquareMoire."
+            "the model's logits have no gradient: it runs under torch.no_grad, detaches, or "
+            "computes in integers or outside torch. Pass a differentiable model, or search without "
+            "gradients: attacks.SquareMoire."
         )

@@ -291,7 +291,9 @@ class Attack(ABC):
                     best.watch(point, self.model(shown), last.rows)
         with torch.no_grad():
             photo = problem.render(**best.point)
-            hit = predicted(self.model(photo.clone()))
+            logits = self.model(photo.clone())
+        check_answers(logits, self.model, problem.images)  # without steps, nothing was checked yet
+        hit = predicted(logits)
         success = hit != labels if targets is None else hit == targets
         taken = best.losses[: self.steps]
         losses = torch.stack(taken).cpu() if taken else torch.zeros(0, device="cpu")

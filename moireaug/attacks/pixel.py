@@ -172,6 +172,7 @@ class CW:
             with torch.no_grad():
                 logits = self.model(photo.clone())
             check_classes(classes, logits, 1)
+            check_answers(logits, self.model, images)  # without steps, nothing was checked yet
             hit = predicted(logits)
         success = hit != labels if targets is None else hit == targets
         noise = best - x

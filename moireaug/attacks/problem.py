@@ -43,10 +43,9 @@ class Result:
         """Return one line that sums up what was found, without the tensors."""
         n, fooled = len(self.success), int(self.success.sum())
         parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of {n} images fooled"]
-        if len(self.loss):
-            parts.append(
-                f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {len(self.loss)} steps"
-            )
+        if n and len(self.loss):
+            steps = f"{len(self.loss)} step{'s' if len(self.loss) > 1 else ''}"
+            parts.append(f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {steps}")
         return f"Result({', '.join(parts)})"
 
 

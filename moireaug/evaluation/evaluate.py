@@ -20,7 +20,7 @@ from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Job, Runner, jobs_of
-from moireaug.evaluation.suites import tables_of
+from moireaug.evaluation.suites import USES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, paper_defences
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.scene.scene import Scene, as_scene
@@ -32,7 +32,7 @@ def evaluate(
     suite: str = "ladder",
     scene: Scene | str | dict = "screen_photo",
     *,
-    eps: float | Sequence[float] = (2 / 255, 4 / 255, 8 / 255),
+    eps: float | Sequence[float] | None = None,
     steps: int = 20,
     n: int | None = None,
     seed: int = 0,
@@ -55,13 +55,14 @@ def evaluate(
             by 255. Its order must not change where `folder` is given.
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
         scene: a Scene, a preset's name or a dict; one shot is drawn per image.
-        eps: bounds of the ladder, in [0, 1] units; jpeg, defences, demoireing, transfer,
-            factors, noise_position, appearance, shifts, adaptive and trust attack at the middle
-            one; other suites have their own.
+        eps: bounds of the noise, in [0, 1] units: ladder, success, mean_normalised, budget and
+            standard attack at each, the others at the middle one. None is 2, 4 and 8/255, or the
+            suite's own: those that the paper prints, or 4 and 8/255 for standard. worst_case always
+            has these two; threat and unseen attack nothing.
         steps: gradient steps of every attack.
         n: how many images; None is all.
         seed: of shots, targets and random starts.
-        targets: name to model, for the suite "transfer".
+        targets: name to model, for the suites "transfer" and "trust".
         defences: name to defence, in addition to the paper's, or replacing the one of that name.
         networks: name to demoiréing network, for the suite "demoireing": from `demoire.load`, or
             any callable from images to images. "mopnet", "mddm", "fhde2net" and "amnet" are shown
@@ -79,26 +80,38 @@ def evaluate(
         `evaluation.rates` turns it into a row per cell, with intervals.
 
     Raises:
-        ValueError, TypeError: an unknown suite, no images, images, labels or logits that cannot be
-            read, a folder with a callable that cannot be identified, or an lpips file of another
-            network.
+        ValueError, TypeError: an unknown suite, or an option that it has no use for; no images;
+            images, labels or logits that cannot be read; a folder with a callable that cannot be
+            identified; an lpips file of another network.
     """
     for name, one in {"model": model, **(targets or {})}.items():
         check_model(one, name)
-    check_bounds(eps if isinstance(eps, Real) else np.atleast_1d(eps).tolist())
+    if eps is not None:
+        check_bounds(eps if isinstance(eps, Real) else np.atleast_1d(eps).tolist())
+        eps = tuple(np.atleast_1d(eps).tolist())
     check_count("steps", steps, 0)
     check_count("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
     batches = gathered(loader, n)
     config = SuiteConfig(
         scene=as_scene(scene),
-        eps=tuple(np.atleast_1d(eps).tolist()),
+        eps=eps,
         steps=steps,
         targets=targets or {},
         defences=paper_defences() | dict(defences or {}),
         networks={name: Demoire(network) for name, network in (networks or {}).items()},
     )
     tables = tables_of(suite, config)
+    given = {
+        "eps": eps,
+        "targets": targets,
+        "defences": defences,
+        "networks": networks,
+        "lpips": lpips,
+    }
+    for option, value in given.items():
+        if value:
+            check_used(suite, option, USES[option])
     measure = None
     if lpips is not None:
         measure = LPIPS(lpips)

@@ -70,6 +70,7 @@ class Table:
         return None
 
 
+EPS = (2 / 255, 4 / 255, 8 / 255)  # unless a suite has its own
 # names of the rows and columns that the attacked model has
 RESERVED = ("model", "undefended", "attacked", "as_it_is", "restored", "rounded")
 
@@ -80,8 +81,8 @@ class SuiteConfig:
 
     Args:
         scene: the evaluation's scene.
-        eps: bounds of the ladder, in [0, 1] units; the middle one is that of the tables that
-            compare at one bound.
+        eps: bounds of the noise, in [0, 1] units, of tables with a row or column each; the middle
+            one is that of tables that compare at one bound. None leaves each suite its own.
         steps: gradient steps of every attack.
         targets: name to model for transfer; None where its weights are missing.
         defences: name to defence: by default the paper's.
@@ -93,7 +94,7 @@ class SuiteConfig:
     """
 
     scene: Scene
-    eps: tuple[float, ...] = (2 / 255, 4 / 255, 8 / 255)
+    eps: tuple[float, ...] | None = None
     steps: int = 20
     targets: Mapping[str, Model | None] = field(default_factory=dict)
     defences: Mapping[str, Defence] = field(default_factory=lambda: paper_defences())
@@ -101,9 +102,10 @@ class SuiteConfig:
     without: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))
-        if not self.eps or len(set(self.eps)) < len(self.eps):
-            raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
+        if self.eps is not None:
+            object.__setattr__(self, "eps", tuple(map(_exact, self.eps)))
+            if not self.eps or len(set(self.eps)) < len(self.eps):
+                raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
         names = [*self.targets, *self.defences, *self.networks]
         for name in names:
             if name in RESERVED or names.count(name) > 1:
@@ -115,7 +117,12 @@ class SuiteConfig:
     @property
     def middle(self) -> float:
         """The bound that stands for the others."""
-        return sorted(self.eps)[len(self.eps) // 2]
+        eps = self.bounds(EPS)
+        return eps[len(eps) // 2]
+
+    def bounds(self, usual: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the bounds asked for, in order; `usual` where none were."""
+        return usual if self.eps is None else tuple(sorted(self.eps))
 
     def behind(self, name: str) -> Judge:
         """Return the attacked model behind the defence of that name."""

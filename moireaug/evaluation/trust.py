@@ -181,7 +181,8 @@ def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> li
 
 def _converged(seen: Seen) -> Check:
     now, longer, steps = seen.attack, seen.success["longer"], seen.config.steps
-    says = f"{steps} steps fool {_pc(now)}, {LONGER * steps} steps and 2 restarts {_pc(longer)}"
+    fool = "1 step fools" if steps == 1 else f"{steps} steps fool"
+    says = f"{fool} {_pc(now)}, {LONGER * steps} steps and 2 restarts {_pc(longer)}"
     verdict = _verdict(longer <= now + seen.slack)
     return Check("more steps and restarts change nothing", verdict, says)
 

@@ -37,6 +37,11 @@ ATTACKS = {
     "square": lambda m: SquareMoire(m, scene=SCENE, eps=EPS, steps=2),
 }
 DOORS = ATTACKS | {"transform": lambda m: AdversarialMoire(m, scene=SCENE, eps=EPS, steps=2)}
+WITHOUT_STEPS = {
+    "ma, no steps": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=0),
+    "pgd, no steps": lambda m: PGD(m, eps=EPS, steps=0),
+    "cw, no steps": lambda m: CW(m, steps=0),
+}
 Outputs = namedtuple("Outputs", "logits aux")
 
 NO_LOGITS = {
@@ -66,12 +71,12 @@ def test_what_is_no_tensor_is_named_with_its_wrapper(door, form, model, batch):
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("door", DOORS | WITHOUT_STEPS)
 def test_a_model_without_any_answer_is_refused(door, bad, model, batch):
     with pytest.raises(
         NoAnswerError, match="NaN or infinite for all 6 clean images: it is broken, not robust"
     ):
-        DOORS[door](lambda x: model(x) + bad)(*batch)
+        (DOORS | WITHOUT_STEPS)[door](lambda x: model(x) + bad)(*batch)
 
 
 @pytest.mark.parametrize("door", ATTACKS)
@@ -213,6 +218,9 @@ def test_a_result_prints_as_one_line(model, batch):
         )
     assert "\n" not in str(result)
     assert str(PGD(model, steps=0)(*batch)).endswith("images fooled)")
+    assert str(PGD(model, steps=1)(*batch)).endswith(" in 1 step)")
+    none = (batch[0][:0], batch[1][:0])
+    assert str(PGD(model, steps=1)(*none)) == "Result(eps 4/255, 0 of 0 images fooled)"
 
 
 @pytest.mark.parametrize("restarts", [1, 2])

@@ -1,5 +1,7 @@
 """The public function: a stranger's model, in a few lines."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -64,6 +66,28 @@ def test_empty_batches_are_left_out_and_one_bound_is_a_number(known):
     given = [empty, *batches, empty]
     frame = evaluate(model, given, steps=1, eps=4 / 255, progress=False)
     assert frame["image"].nunique() == 16 and "ma_4" in set(frame["row"])
+
+
+@pytest.mark.parametrize(
+    ("suite", "own"),
+    [
+        ("success", ["eps_2", "eps_4", "eps_6", "eps_8"]),
+        ("budget", ["eps_4", "eps_8", "eps_16", "eps_32"]),
+        ("standard", ["eps_4", "eps_8"]),
+    ],
+)
+def test_a_suite_attacks_at_the_bounds_asked_for(suite, own):
+    config = SuiteConfig(scene=SCENE, steps=1)
+    (usual,), (asked,) = (
+        evaluation.tables_of(suite, dataclasses.replace(config, eps=eps))
+        for eps in (None, (8 / 255, 1 / 255))
+    )
+    assert usual.rows == own and asked.rows == ["eps_1", "eps_8"]
+    for table in (usual, asked):
+        for cell in table.cells:
+            attacked = [one for one in cell.conditions if not one.control]
+            assert all(f"eps_{one.eps * 255:g}" == cell.row for one in attacked)
+        assert {row for row, _ in table.pictures} <= set(table.rows)
 
 
 @pytest.mark.parametrize("suite", ["jpeg", "adaptive", "mean_normalised"])
@@ -168,8 +192,20 @@ def test_a_suite_of_several_tables(known, loader):
             {"model": lambda x: x.mean((1, 2, 3)), "folder": "out"},
             "nothing tells the model, a function",
         ),
-        ({"defences": {"mine": lambda x: x}, "folder": "out"}, "nothing tells mine, a function"),
-        ({"targets": {"other": lambda x: x}, "folder": "out"}, "nothing tells other, a function"),
+        (
+            {"defences": {"mine": lambda x: x}, "folder": "out", "suite": "jpeg"},
+            "nothing tells mine, a function",
+        ),
+        (
+            {"targets": {"other": lambda x: x}, "folder": "out", "suite": "transfer"},
+            "nothing tells other, a function",
+        ),
+        ({"targets": {"other": torch.nn.Identity()}}, "targets= is for suite=transfer or trust"),
+        ({"defences": {"mine": torch.relu}}, "defences= is for suite=.*suite=ladder has no use"),
+        ({"networks": {"mine": torch.relu}}, "networks= is for suite=demoireing or paper"),
+        ({"eps": 0.1, "suite": "unseen"}, "eps= is for suite=ladder.*suite=unseen has no use"),
+        ({"eps": 0.1, "suite": "recipes"}, "suite=recipes has no use for it"),
+        ({"lpips": "alexnet.pth", "suite": "unseen"}, "lpips= is for .*suite=unseen has no use"),
         (
             {"targets": {"model": torch.nn.Identity()}},
             "'model' cannot name a target, defence or network",

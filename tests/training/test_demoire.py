@@ -91,6 +91,8 @@ def test_a_large_photo_is_cleaned_by_its_network(weights, tmp_path):
     assert np.abs(pixels(tmp_path / "whole/a.png") - wanted).max() <= 1
     apart = np.abs(pixels(tmp_path / "tiled/a.png") - wanted)
     assert apart.max() > 0 and apart.mean() < 4, "tiles of a network that looks at means"
+    cleaning.main([*given, f"out={tmp_path / 'off'}", "tile=280"])  # rounded down to 256
+    assert np.array_equal(pixels(tmp_path / "off/a.png"), pixels(tmp_path / "tiled/a.png"))
 
 
 def test_a_full_disk_leaves_no_half_written_photo(photos, weights, tmp_path, monkeypatch):

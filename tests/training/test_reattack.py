@@ -63,12 +63,14 @@ REFUSED = [
     (["data.augment=shift"], "data.augment= says how"),
     (
         ["targets={resnet18: FILE}"],
-        "targets= is for suite=transfer or paper or trust; suite=ladder has no use",
+        "targets= is for suite=transfer or trust or paper; suite=ladder has no use",
     ),
     (
         ["demoire=torch:relu", "suite=jpeg"],
         "demoire= is for suite=defences or demoireing or paper; suite=jpeg",
     ),
+    (["reattack.eps=[0.01]", "suite=recipes"], "reattack.eps= is for suite=ladder or success or"),
+    (["reattack.eps=[0.01]", "suite=unseen"], "suite=unseen has no use for it"),
     (["networks=DIR", "suite=jpeg"], "networks= is for suite=demoireing or paper; suite=jpeg"),
     (["trainer.devices=2"], "trainer.devices= has no effect here"),
     (["trainer.precision=bf16-mixed", "suite=jpeg"], "trainer.precision= has no effect here"),

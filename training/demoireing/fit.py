@@ -9,7 +9,7 @@ and test. `pairs` names real photos and what was on the screen, for the report a
 pairs, a finished run is only tested again. Settings: training/demoireing/schema.py. Writes
 weights.pt (for training/demoire.py and moireaug.defenses.demoire.load), report.html, scores.csv
 (the figures of each pair), metrics.json, best.ckpt, last.ckpt and config.yaml into
-runs/<data>-<model>/demoire/seed<k>/. The same command resumes an interrupted run.
+runs/[<data>-]<model>/demoire/seed<k>/. The same command resumes an interrupted run.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ same shots without noise, and with noise of random sign.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from moireaug.evaluation.suites.adaptive import adaptive, standard, worst_case
 from moireaug.evaluation.suites.appearance import appearance
@@ -65,6 +65,30 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
     "recipes": ("worst_case", "unseen"),
 }
+UNATTACKED = ("threat", "unseen")
+# what some suites have no use for, and the suites that have
+USES: dict[str, tuple[str, ...]] = {
+    "eps": (*(name for name in SUITES if name not in (*UNATTACKED, "worst_case")), "paper"),
+    "targets": ("transfer", "trust", "paper"),
+    "defences": ("mean_normalised", "jpeg", "defences", "noise_position", "adaptive", "paper"),
+    "networks": ("demoireing", "paper"),
+    "lpips": tuple(name for name in (*SUITES, *GROUPS) if name not in UNATTACKED),
+}
+
+
+def check_used(suite: str, option: str, suites: Sequence[str]) -> None:
+    """Refuse an option that a suite would ignore.
+
+    Args:
+        suites: those that have a use for it, such as `USES["targets"]`.
+
+    Raises:
+        ValueError: says which they are.
+    """
+    if suite not in suites:
+        raise ValueError(
+            f"{option}= is for suite={' or '.join(suites)}; suite={suite} has no use for it."
+        )
 
 
 def tables_of(suite: str, config: SuiteConfig) -> list[Table]:

@@ -19,7 +19,7 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     codes,
 )
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table
+from moireaug.evaluation.tables import EPS, Cell, SuiteConfig, Table
 
 ANSWER = "answer"  # the one column
 # that APGD-T goes toward; on a robust network the rest of the usual nine found nothing more
@@ -29,7 +29,7 @@ CLASSES = 3
 def rungs(config: SuiteConfig) -> list[Condition]:
     """Return the rungs of one condition: the controls first, then the Moiré Attack at each eps,
     targeted at the middle one, then PGD."""
-    eps = sorted(config.eps)
+    eps = config.bounds(EPS)
     steps = config.steps
     found: list[Condition] = [Clean(), Dimmed(), PhotoWithoutMoire(), Photo()]
     found.append(RandomNoise(eps=eps[-1]))

@@ -49,7 +49,7 @@ def is_published(config: SuiteConfig) -> bool:
 def success(config: SuiteConfig) -> Table:
     """Paper, table 1: rotated, rotated and dimmed, targeted and untargeted Moiré Attacks by eps."""
     cells: list[Cell] = []
-    for eps in PRINTED_EPS:
+    for eps in config.bounds(PRINTED_EPS):
         columns: dict[str, Condition] = {
             "rotated": Rotated(),
             "rotated_dim": PhotoWithoutMoire(),
@@ -61,7 +61,7 @@ def success(config: SuiteConfig) -> Table:
             ),
         }
         cells += row_of(eps_row(eps), columns)
-    shown = [(cell.row, cell.column) for cell in cells if cell.row == "eps_4"]
+    shown = [(cell.row, cell.column) for cell in cells if cell.row == eps_row(config.middle)]
     return Table("success", tuple(cells), pictures=tuple(shown))
 
 
@@ -73,8 +73,8 @@ def mean_normalised(config: SuiteConfig) -> Table:
         "restored": Judge("restored", restores_mean=True),
         "gain": config.behind("gain"),
     }
-    columns = controls(4 / 255)
-    for eps in PRINTED_EPS:
+    columns = controls(config.middle)
+    for eps in config.bounds(PRINTED_EPS):
         columns[f"ma_{codes(eps)}"] = MoireAttacker(eps=eps, steps=config.steps, until_fooled=False)
     return Table("mean_normalised", tuple(crossed(judges, columns)))
 
@@ -129,7 +129,7 @@ def transfer(config: SuiteConfig) -> Table:
 def budget(config: SuiteConfig) -> Table:
     """Paper, section 4.5 and figure 4: success and visibility by eps."""
     cells: list[Cell] = []
-    for eps in BUDGETS:
+    for eps in config.bounds(BUDGETS):
         columns: dict[str, Condition] = {
             "moire": Photo(),
             "random": RandomNoise(eps=eps),
