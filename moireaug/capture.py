@@ -67,6 +67,11 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
         ValueError: a raw reading of another batch or size than the shot's.
     """
     check_raw(raw, shot)
+    return _photo_of_reading(raw, shot)
+
+
+def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
+    """Return the photo of a reading that fits its shot; see `develop`."""
     light = _single(raw)
     with torch.autocast(raw.device.type, enabled=False):
         shot = shot.to(raw.device)
@@ -82,7 +87,7 @@ def photo_of(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Te
     if noise is not None:
         check_noise(noise, raw)
         raw = raw + noise.to(raw)
-    return develop(raw, shot)
+    return _photo_of_reading(raw, shot)
 
 
 def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
