@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, default=10)
     parser.add_argument("--attacked", type=int, default=200, help="test images that are attacked")
     parser.add_argument("--steps", type=int, default=20)
-    parser.add_argument("--out", default="attacked.png")
+    parser.add_argument("--out", default="attacked.png", help="a picture's file")
     args = parser.parse_args()
 
     Path(args.out).parent.mkdir(parents=True, exist_ok=True)  # before the work

@@ -55,7 +55,7 @@ def main() -> None:
     parser.add_argument("--pairs", help="a folder with photo/ and original/")
     parser.add_argument("--size", type=int, default=128, help="side of the crops, in pixels")
     parser.add_argument("--evaluations", type=int, default=60)
-    parser.add_argument("--out", default="calibrated")
+    parser.add_argument("--out", default="calibrated", help="a folder")
     args = parser.parse_args()
 
     with tempfile.TemporaryDirectory() as made:

@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("--scene", default="screen_photo", help="the name of a preset")
     parser.add_argument("--seed", type=int, default=0, help="another seed gives another shot")
     parser.add_argument("--side", type=int, default=320, help="longer side, in pixels")
-    parser.add_argument("--out", default="photo.png")
+    parser.add_argument("--out", default="photo.png", help="a picture's file")
     args = parser.parse_args()
 
     Path(args.out).parent.mkdir(parents=True, exist_ok=True)  # before the work

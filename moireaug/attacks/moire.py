@@ -62,7 +62,7 @@ class MoireAttack(Attack):
     Raises:
         ValueError: settings out of range or that exclude one another; an `optimise` that this
             scene, or the shot of a call, does not allow: an exposure without a gradient in the shot
-            ("spectral" and "box" have one), a pose in whole degrees, no range.
+            ("spectral", "box" and "mean" have one), a pose in whole degrees, no range.
     """
 
     scene: Scene | str | dict = "paper"

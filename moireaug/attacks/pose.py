@@ -49,9 +49,9 @@ def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
         found += varied
     if found and not scene.plan().method.differentiable_in_shot:
         raise ValueError(
-            "optimise needs an exposure that is differentiable in the shot, 'spectral' or 'box'; "
-            f"got {scene.plan().exposure!r} in the scene's plan. Set Sensor(exposure='spectral'), "
-            "or 'box' for a lens that hardly blurs."
+            "optimise needs an exposure that is differentiable in the shot, 'spectral', 'box' or "
+            f"'mean'; got {scene.plan().exposure!r} in the scene's plan. Set "
+            "Sensor(exposure='spectral'), or 'box' for a lens that hardly blurs."
         )
     return found
 
