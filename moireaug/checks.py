@@ -25,6 +25,7 @@ from torch import Tensor
 from moireaug.numeric import clip, is_transformed
 from moireaug.scene.by_name import limits
 from moireaug.scene.parts import LEAST_SLOPE
+from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 MOST_CLIPPED = 0.18
@@ -145,6 +146,8 @@ def check_is_shot(shot: object) -> None:
             f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
             "scene.sample(len(images), images.shape[-2:])."
         )
+    if not isinstance(shot.scene, SceneRecord):
+        raise TypeError(f"a shot's scene must be a Scene; got {shot.scene!r}.")
 
 
 def _check_fields(shot: ShotRecord) -> None:

@@ -42,6 +42,23 @@ def may_be_dual(x: Tensor) -> bool:
     return not torch.compiler.is_compiling() and forward_ad.unpack_dual(x).tangent is not None
 
 
+def has_func_gradient(x: Tensor) -> bool:
+    """Return whether `torch.func.grad`, or what is built on it, follows a tensor."""
+    functorch = torch._C._functorch
+    while functorch.is_functorch_wrapped_tensor(x):
+        if functorch.is_gradtrackingtensor(x):
+            return True
+        x = functorch.get_unwrapped(x)
+    return False
+
+
+def is_batched(x: Tensor) -> bool:
+    """Return whether a tensor stands for several: under `torch.func.vmap`, or the older one behind
+    `is_grads_batched`."""
+    functorch = torch._C._functorch
+    return functorch.is_batchedtensor(x) or functorch.is_legacy_batchedtensor(x)
+
+
 def per_image(field: Tensor, like: Tensor) -> Tensor:
     """Return a drawn field (B,) as (B, 1, 1, 1), of the dtype of a batch of images."""
     return field.to(like.dtype)[:, None, None, None]

@@ -278,3 +278,32 @@ def test_a_reading_is_not_the_callers_image():
     raw = expose(images, nothing.sample(1, (8, 8)))
     raw += 0.25
     assert (images == 0.5).all()
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float16, torch.int64])
+@pytest.mark.parametrize("part", ["panel", "view", "lens", "sensor", "develop"])
+def test_drawn_numbers_of_any_dtype_are_taken_in_float64(images, part, dtype):
+    shot = Scene.preset("screen_photo").sample(len(images), images.shape[-2:])
+    drawn = getattr(shot, part)
+    given = {name: getattr(drawn, name).to(dtype) for name in drawn.ranged}
+    if dtype == torch.int64:  # where 0 is no value that a scene may have
+        given = {name: values for name, values in given.items() if values.all()}
+    exact = {name: values.double() for name, values in given.items()}
+    changed = dataclasses.replace(shot, **{part: drawn.drawn(given)})
+    same = dataclasses.replace(shot, **{part: drawn.drawn(exact)})
+    assert all(values.dtype == torch.float64 for values in changed.numbers().values())
+    assert torch.equal(capture(images, changed), capture(images, same))
+    if dtype.is_floating_point:
+        leaves = [values.requires_grad_() for values in given.values()]
+        changed = dataclasses.replace(shot, **{part: drawn.drawn(given)})
+        loss = capture(images, changed).square().sum()
+        found = torch.autograd.grad(loss, leaves, allow_unused=True)
+        assert any(slope is not None and slope.any() for slope in found)
+        assert {slope.dtype for slope in found if slope is not None} == {dtype}
+
+
+def test_the_size_of_a_shot_may_be_a_list(images):
+    shot = Scene().sample(len(images), images.shape[-2:])
+    listed = dataclasses.replace(shot, size=list(shot.size))
+    assert torch.equal(capture(images, listed), capture(images, shot))

@@ -96,6 +96,7 @@ FIELDS = [
 CASES = [(part, field, name) for part, field in FIELDS for name in ("spectral", "box")]
 # which knows of no exposure
 CASES = [case for case in CASES if case[0] != "develop" or case[2] == "spectral"]
+POINTS = 4 * torch.rand(2, 5, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
 IMAGES = (
     torch.rand(2, 3, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(2)) * 0.5
     + 0.2
@@ -206,3 +207,44 @@ def test_a_codecs_forward_derivative_is_refused_not_zero(develop):
     shot = Scene(develop=develop).sample(2, (4, 5))
     with pytest.raises(NotImplementedError, match="has no forward derivative"):
         torch.func.jvp(lambda x: capture(x, shot), (IMAGES,), (torch.ones_like(IMAGES),))
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")
+@pytest.mark.parametrize("develop", [Develop(jpeg=80.0), Develop(denoise="nlm")])
+@pytest.mark.parametrize("inside", [False, True])
+def test_a_codecs_derivative_by_torch_func_is_refused_with_a_sentence(develop, inside):
+    shot = Scene(develop=develop).sample(2, (4, 5))
+
+    def total(images):
+        if not inside:
+            return capture(images, shot).sum()
+        one = torch.func.vmap(lambda image: capture(image[None], shot[:1]))
+        return one(images).sum()
+
+    with pytest.raises(NotImplementedError, match=r"has no derivative by torch\.func"):
+        torch.func.grad(total)(IMAGES)
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")
+@pytest.mark.parametrize("k1", [-0.1, 0.2])
+@pytest.mark.parametrize("registered", [False, True])
+def test_the_gradient_of_a_gradient_through_a_lens_is_the_hessian(registered, k1):
+    """torch.func.hessian goes forward over backward, and so another way."""
+    scene = Scene(
+        view=View(fit=False),
+        lens=Lens(k1=(-0.2, 0.3)),
+        sensor=Sensor(cfa="none", exposure="mean"),
+        develop=Develop(registered=registered),
+    )
+    shot = scene.sample(2, (4, 5))
+
+    def found(k1):
+        bent = dataclasses.replace(shot, lens=dataclasses.replace(shot.lens, k1=k1))
+        return capture(IMAGES, bent).square().sum() + bent.to_photo(POINTS).square().sum()
+
+    bend = torch.tensor([k1, k1 / 2], dtype=torch.float64, requires_grad=True)
+    (once,) = torch.autograd.grad(found(bend), bend, create_graph=True)
+    (twice,) = torch.autograd.grad(once.sum(), bend)
+    hessian = torch.func.hessian(found)(bend.detach())
+    assert hessian.abs().min(1).values.max() < 1e-9 < hessian.diagonal().abs().min()
+    torch.testing.assert_close(twice, hessian.sum(1))

@@ -121,6 +121,12 @@ MISTAKEN = [
     (lambda: capture(X, Scene()), "a shot must be a Shot; got a Scene"),
     (lambda: capture(X, "screen_photo"), "a shot must be a Shot; got a str"),
     (lambda: engine.explain("screen_photo"), "must be a Scene; got 'screen_photo'. For a preset"),
+    (
+        lambda: capture(X, dataclasses.replace(SHOT, scene="paper")),
+        "a shot's scene must be a Scene; got 'pa",
+    ),
+    (lambda: Scene(lens=Lens(blur="5e-1")), "numbers; got '5e-1'. It is text: write 0.5."),
+    (lambda: Scene(lens=Lens(blur="much")), "numbers; got 'much'."),
     (lambda: without_moire("screen_photo"), "a shot must be a Shot; got a str"),
     (lambda: Scene().sample(1, (4, 4), 0), "torch.Generator or None; got 0. For a seed, pass"),
     (lambda: develop(expose(X, SHOT), Scene()), "a shot must be a Shot; got a Scene"),

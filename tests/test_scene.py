@@ -5,7 +5,9 @@ import dataclasses
 import json
 import math
 import pickle
+from collections import UserList
 from fractions import Fraction
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -77,6 +79,11 @@ def test_scenes_survive_json_yaml_and_pickle(scene):
 
 def test_a_dict_starts_from_a_preset():
     scene = Scene.from_dict({"preset": "screen_photo", "view": {"roll": [-3, 3]}})
+    other = MappingProxyType({"preset": "screen_photo", "view": {"roll": UserList([-3, 3])}})
+    assert Scene.from_dict(other) == as_scene(other) == scene  # as of OmegaConf's
+    cell = {"subpixels": UserList([UserList([0, 0, 0, 1, 1])]), "period": UserList([1, 1])}
+    panel = Scene.from_dict({"panel": {"layout": MappingProxyType(cell)}}).panel
+    assert panel.layout == Layout(((0, 0, 0, 1, 1),))
     assert scene.view.roll == (-3.0, 3.0)
     assert scene.panel == Scene.preset("screen_photo").panel
 

@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from moireaug.numeric import has_func_gradient
+
 
 def to_codes(photo: Tensor) -> np.ndarray:
     """Return (B, 3, H, W) float in [0, 1] as the nearest 8-bit codes, (B, H, W, 3) uint8 on the
@@ -26,10 +28,18 @@ def to_codes(photo: Tensor) -> np.ndarray:
 
 
 def check_not_dual(photo: Tensor, name: str) -> None:
-    """Refuse a forward derivative, which would be 0: codes are whole numbers."""
-    if not torch.compiler.is_compiling() and forward_ad.unpack_dual(photo).tangent is not None:
+    """Refuse a forward derivative, which would be 0, as codes are whole numbers, and those of
+    `torch.func`, which have no way through the codec."""
+    if torch.compiler.is_compiling():
+        return
+    if forward_ad.unpack_dual(photo).tangent is not None:
         raise NotImplementedError(
             f"{name} has no forward derivative. Use backward, or a scene without it."
+        )
+    if has_func_gradient(photo):
+        raise NotImplementedError(
+            f"{name} has no derivative by torch.func. Use torch.autograd.grad or backward, or a "
+            "scene without it."
         )
 
 

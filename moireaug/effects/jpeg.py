@@ -87,7 +87,8 @@ def _backward(ctx, gradient):
     if not photo.numel():  # kornia refuses an empty batch
         return gradient, None
     again = torch.is_grad_enabled()  # the gradient itself is to be differentiated
-    with torch.enable_grad():
+    # autocast may be on where backward is called
+    with torch.enable_grad(), torch.autocast(photo.device.type, enabled=False):
         photo = photo if again else photo.detach().requires_grad_()
         out = jpeg_codec_differentiable(photo, quality)
         (back,) = torch.autograd.grad(out, photo, gradient, create_graph=again)

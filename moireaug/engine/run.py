@@ -14,6 +14,7 @@ from moireaug.engine import ahead, batch, compiling
 from moireaug.engine.development_records import Development
 from moireaug.engine.exposure_records import Exposure
 from moireaug.engine.threads import each, each_share, surplus
+from moireaug.numeric import is_batched
 
 HELD = 2**16  # values of small panels that are filled before any is read
 
@@ -124,10 +125,12 @@ class _Develop(torch.autograd.Function):
     @staticmethod
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None, None]:
         (raw, inside), d = ctx.saved_tensors, ctx.development
-        if torch.is_grad_enabled():  # the gradient itself is to be differentiated
-            with torch.autocast("cpu", enabled=False):  # which may be on where backward is called
+        again = torch.is_grad_enabled()  # the gradient itself is to be differentiated
+        if again or is_batched(grad):
+            # autocast may be on where backward is called
+            with torch.enable_grad(), torch.autocast("cpu", enabled=False):
                 photo = ctx.reference(raw)
-                return torch.autograd.grad(photo, raw, grad, create_graph=True)[0], None, None
+                return torch.autograd.grad(photo, raw, grad, create_graph=again)[0], None, None
         out = _empty(*raw.shape)
         given = out.numpy(), _array(grad), inside.numpy(), _array(raw), d
         each(functools.partial(_develop_back, *given), len(raw))

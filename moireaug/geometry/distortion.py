@@ -39,6 +39,7 @@ def inverse_radial_factor(points: Tensor, k1: Tensor, k2: Tensor, size: tuple[in
         r = torch.where((turn > 0) & (turn < 1), turn.sqrt(), ideal.clamp(min=0, max=1))
         for _ in range(NEWTON_STEPS):
             r = newton(r)
-    r = torch.where(beyond > 1, beyond, newton(r))
+    # one step with a gradient is exact for the first derivative, two are for the second
+    r = torch.where(beyond > 1, beyond, newton(newton(r)))
     tiny = ideal < 1e-12
     return torch.where(tiny, 1.0, r / torch.where(tiny, 1.0, ideal))

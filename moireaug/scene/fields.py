@@ -40,7 +40,7 @@ def check_number(
         ValueError: outside [low, high], NaN or infinite.
     """
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be {what}; got {value!r}.")
+        raise TypeError(f"{name} must be {what}; got {value!r}.{_as_number(value)}")
     try:
         number = float(value)
     except OverflowError:
@@ -50,6 +50,14 @@ def check_number(
             f"{name} must lie in [{low:g}, {high:g}]{' ' + unit if unit else ''}; got {value!r}."
         )
     return number
+
+
+def _as_number(value: object) -> str:
+    """Return how to write a number that was given as text, as YAML takes 5e-1 for; "" otherwise."""
+    try:
+        return f" It is text: write {float(value)}." if isinstance(value, str) else ""
+    except ValueError:
+        return ""
 
 
 class Part:

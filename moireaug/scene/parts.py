@@ -4,6 +4,7 @@ no tensors."""
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Integral
 from typing import Any
@@ -311,4 +312,13 @@ def part_from_dict(name: str, values: dict[str, Any]) -> Any:
     known = {f.name for f in fields(PARTS[name])}
     for key in values:
         one_of(f"a field of Scene.{name}", key, sorted(known))
-    return PARTS[name](**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+    return PARTS[name](**_plain(values))
+
+
+def _plain(value: Any) -> Any:
+    """Return mappings and sequences of any kind, such as OmegaConf's, as dicts and tuples."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return tuple(_plain(one) for one in value)
+    return value

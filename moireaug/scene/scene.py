@@ -97,7 +97,7 @@ class Scene(SceneRecord):
         return capture(images, self.sample(n, (h, w), generator))
 
     @staticmethod
-    def from_dict(values: dict[str, Any]) -> Scene:
+    def from_dict(values: Mapping[str, Any]) -> Scene:
         """Rebuild a scene. Missing parts and fields are those of the scene that `preset` names, or
         else the defaults.
 
@@ -142,9 +142,10 @@ class Shot(ShotRecord):
         seed: (B,) int64, the seeds of the sensor noise.
 
     Index it like a batch (`shot[2:4]`, `shot[mask]`); change a field with `dataclasses.replace`,
-    within the scene's range. The scene's ranges decide which effects are computed, with which
-    harmonics and how large filters: a value outside of them may be photographed inaccurately, and
-    fields of effects left out are not read. Widen the range for other values.
+    within the scene's range; other dtypes become float64. The scene's ranges decide which effects
+    are computed, with which harmonics and how large filters: a value outside of them may be
+    photographed inaccurately, and fields of effects left out are not read. Widen the range for
+    other values.
     """
 
     @staticmethod
@@ -259,9 +260,9 @@ def draw(
     return Shot(scene=scene, size=(h, w), seed=seed, **parts_with(scene, numbers))
 
 
-def as_scene(scene: Scene | str | dict[str, Any]) -> Scene:
-    """Return a Scene from a Scene, a preset's name or a plain dict: what every public `scene=`
-    argument accepts.
+def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
+    """Return a Scene from a Scene, a preset's name or a mapping, such as a dict: what every public
+    `scene=` argument accepts.
 
     Raises:
         ValueError: an unknown name, or a file's.
@@ -276,7 +277,7 @@ def as_scene(scene: Scene | str | dict[str, Any]) -> Scene:
                 f"yaml.safe_load(open({scene!r}))."
             )
         return Scene.preset(scene)
-    if isinstance(scene, dict):
+    if isinstance(scene, Mapping):
         return Scene.from_dict(scene)
     raise TypeError(
         f"scene must be a Scene, a preset's name or a dict; got {type(scene).__name__}."

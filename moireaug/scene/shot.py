@@ -16,7 +16,7 @@ from moireaug.geometry.sensor import SampledPixels, sampled_pixels
 from moireaug.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
 from moireaug.scene.fields import bounds
-from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
+from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 if TYPE_CHECKING:
     from moireaug.pipeline import Plan
@@ -51,6 +51,20 @@ class ShotRecord:
     sensor: Sensor
     develop: Develop
     seed: Tensor
+
+    def __post_init__(self) -> None:
+        """Bring drawn numbers of another dtype to float64, differentiably, and the size to a
+        tuple."""
+        object.__setattr__(self, "size", tuple(self.size))
+        for name in PARTS:
+            part = getattr(self, name)
+            exact = {}
+            for field in part.ranged:
+                values = getattr(part, field)
+                if isinstance(values, Tensor) and values.dtype != torch.float64:
+                    exact[field] = values.double()
+            if exact:
+                object.__setattr__(self, name, part.drawn(exact))
 
     def __len__(self) -> int:
         return len(self.seed)

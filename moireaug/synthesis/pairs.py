@@ -115,8 +115,10 @@ class Pairs(IterableDataset):
         """Return pair k >= 0. A pure function of k, the settings and the files.
 
         Raises:
-            ValueError: no picture is usable, or one could not be read by the system.
+            ValueError: a k that is no whole number in [0, 2^63), no picture is usable, or one could
+                not be read by the system.
         """
+        k = _integer("k", k, 0, 2**63 - 1)
         return make_pair(k, self.pictures, self.scene, self.size, twin=self.twin, seed=self.seed)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:

@@ -58,6 +58,11 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
         ValueError: the picture was not found in the photo, or could not be aligned.
     """
     for what, given in ((name, photo), ("the picture", picture)):
+        if not isinstance(given, Tensor):
+            raise TypeError(
+                f"{what} must be a tensor (3, H, W) uint8; got a {type(given).__name__}. Convert "
+                "an array (H, W, 3) with torch.from_numpy(array).permute(2, 0, 1)."
+            )
         if given.dtype != torch.uint8 or given.ndim != 3 or len(given) != 3:
             raise TypeError(
                 f"{what} must be (3, H, W) uint8; got {tuple(given.shape)} {given.dtype}. Convert "

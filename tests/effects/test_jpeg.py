@@ -200,3 +200,14 @@ def test_the_gradient_has_a_gradient():
     step = 1e-4 * way
     expected = (squared(weight + step) - squared(weight - step)) / 2e-4
     assert (slope * way).sum().item() == pytest.approx(expected.item(), rel=1e-6)
+
+
+def test_the_gradient_is_computed_in_full_precision_within_autocast():
+    photo, quality = scenes().requires_grad_(), torch.tensor([60.0, 90.0])
+    weight = torch.randn(photo.shape)
+    gradients = []
+    for half in (False, True):
+        loss = (jpeg(photo, quality) * weight).sum()
+        with torch.autocast("cpu", torch.bfloat16, enabled=half):
+            gradients += torch.autograd.grad(loss, photo)
+    assert torch.equal(*gradients)

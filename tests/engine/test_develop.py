@@ -204,6 +204,19 @@ def test_the_gradient_of_a_gradient_is_the_references(name, half):
     assert (found - expected).norm() < 1e-3 * expected.norm()
 
 
+@pytest.mark.parametrize("name", ["light", "everything"])
+def test_gradients_of_several_values_at_once_are_those_of_each(name):
+    shot = SCENES[name].sample(1, (6, 6), torch.Generator().manual_seed(0))
+    raw = torch.rand(shot.raw_shape())
+
+    def some(given):
+        return develop(given, shot)[0, 1, 3, :4]
+
+    each = torch.autograd.functional.jacobian(some, raw)
+    together = torch.autograd.functional.jacobian(some, raw, vectorize=True)
+    assert each.norm() > 0 and (together - each).norm() < 1e-4 * each.norm()
+
+
 @pytest.mark.parametrize("how", ["area", "antialias", "point"])
 @pytest.mark.parametrize(
     ("n", "m"), [(10, 10), (20, 10), (25, 10), (7, 10), (3, 1), (1, 3), (101, 37)]

@@ -51,6 +51,13 @@ def test_a_pair_replays_from_its_numbers(folder, scene):
             assert torch.equal(taken, (capture(shown, by)[0] * 255).round().to(torch.uint8))
 
 
+@pytest.mark.parametrize("k", [-1, 1.5, "1", True, 2**63])
+def test_what_is_no_number_of_a_pair_is_refused(folder, k):
+    pairs = Pairs(folder, "screen_photo", 32)
+    with pytest.raises(ValueError, match=r"k must be an integer in \[0, \d+\]; got"):
+        pairs.make_pair(k)
+
+
 def test_a_pair_depends_on_its_number_alone(folder):
     spoil(folder)
     forwards, backwards = (Pairs(folder, "screen_photo", SIZE, twin=True) for _ in range(2))

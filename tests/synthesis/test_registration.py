@@ -142,3 +142,8 @@ def test_the_largest_error_would_notice_a_pixel():
 def test_what_is_not_uint8_planes_is_refused(photo, picture):
     with pytest.raises(TypeError, match=r"the photo must be \(3, H, W\) uint8; got"):
         register(photo, picture)
+
+
+def test_an_array_is_told_how_to_become_a_tensor(picture):
+    with pytest.raises(TypeError, match=r"must be a tensor .3, H, W. uint8; got a ndarray"):
+        register(picture.numpy(), picture)
