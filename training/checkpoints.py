@@ -62,17 +62,19 @@ class RunCheckpoint(ModelCheckpoint):
         )
 
 
-class ClassNames(L.Callback):
-    """Writes the names of the classes into each checkpoint, so that it is not evaluated on others.
+class DataNames(L.Callback):
+    """Writes into each checkpoint which data it was trained on, so that it is not evaluated on
+    other classes, or taken up on other images.
 
     Args:
-        classes: the name of each logit.
+        classes: the name of each logit. files: see `Splits`.
     """
 
-    def __init__(self, classes: dict[int, str]) -> None:
-        self.classes = classes
+    def __init__(self, classes: dict[int, str], files: str) -> None:
+        self.classes, self.files = classes, files
 
     def on_save_checkpoint(
         self, trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
         checkpoint["classes"] = dict(self.classes)
+        checkpoint["files"] = self.files

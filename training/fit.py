@@ -71,10 +71,27 @@ def fit(cfg: DictConfig | Config) -> Metrics:
 
         began = time.perf_counter()
         splits = load(cfg.data)
+        if cfg.resume is not False:
+            require_same_data(run, splits)
         try_out(cfg, splits)
         spent = {"data": time.perf_counter() - began}
         start, baseline = plain_runs(cfg, splits)
         return one_run(cfg, splits, start, baseline, spent)
+
+
+def require_same_data(run: runs.Run, splits: Splits) -> None:
+    """Refuse to go on with a run on other data than it was trained on: images that it was trained
+    on would validate it, or classes change their meaning.
+
+    Raises:
+        ValueError: with what differs.
+    """
+    if reason := saved.other_data(run, splits):
+        raise ValueError(
+            f"the run in {run.folder} cannot go on: {reason}. Restore them (another image may "
+            "stand in for a damaged file), or pass resume=false, which moves that run aside and "
+            "trains again."
+        )
 
 
 def unreported(cfg: Config) -> bool:
@@ -108,6 +125,7 @@ def finished(cfg: Config) -> Metrics:
         report.show(report.run_parts(known))
     else:
         splits = load(cfg.data)
+        require_same_data(runs.run_of(cfg), splits)
         attacked = again(cfg, protocol_of(cfg, splits), check=True)
         trained_on = known["environment"]
         known |= {**about(cfg), **describe(attacked), "environment": trained_on}
@@ -163,8 +181,9 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
     if is_first():
         runs.make(out)
     with runs.held(out):
-        if damage := saved.damage(runs.run_of(cfg)):
-            say(f"The {role} cannot be reused and is trained again: {damage}.")
+        run = runs.run_of(cfg)
+        if reason := saved.damage(run) or saved.other_data(run, splits):
+            say(f"The {role} cannot be reused and is trained again: {reason}.")
             cfg = replace(cfg, resume=False)
         elif known := trained_before(cfg):
             say(f"The {role} is reused from {out}.")

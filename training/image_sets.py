@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import csv
+import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -102,7 +104,15 @@ def folder(cfg: Data) -> Splits:
     classes = _label(known, cfg) | _label(seen, cfg)
     train, val = split(held(known, cfg), cfg)
     test = take(held(seen, cfg), cfg.test)
-    return Splits(train, val, test, classes, _count(classes, cfg))
+    return Splits(train, val, test, classes, _count(classes, cfg), _fingerprint(known))
+
+
+def _fingerprint(pictures: ImageFolder) -> str:
+    """Return sixteen hex digits that change with any name of a file."""
+    sums = hashlib.sha256()
+    for path, _ in pictures.samples:
+        sums.update(Path(path).relative_to(pictures.root).as_posix().encode() + b"\0")
+    return sums.hexdigest()[:16]
 
 
 class Photos(ImageFolder):
@@ -163,16 +173,28 @@ def _numbers(names: list[str], cfg: Data) -> dict[str, int]:
             f"{cfg.class_index} names no class_index from 0 to {IMAGENET - 1} for the folders "
             f"{lost[:5]} of {cfg.root!r}: add them."
         )
+    found: dict[int, str] = {}
+    for name in names:
+        first = found.setdefault(known[name], name)
+        if first != name:
+            raise ValueError(
+                f"{cfg.class_index} gives the folders {first!r} and {name!r} of {cfg.root!r} one "
+                f"class_index, {known[name]}: give each its own, or make them one folder."
+            )
     return {name: known[name] for name in names}
 
 
 def _class_index(path: Path) -> dict[str, int]:
     """Return folder name to class index, from a CSV with the columns folder (or wnid) and
     class_index."""
+    found: dict[str, int] = {}
     try:
-        rows = read_table(path)
-        return {row.get("folder") or row["wnid"]: int(row["class_index"]) for row in rows}
-    except (OSError, KeyError, ValueError, TypeError) as error:
+        for row in read_table(path):
+            name, number = row.get("folder") or row["wnid"], int(row["class_index"])
+            if found.setdefault(name, number) != number:
+                raise ValueError(f"{name} has two, {found[name]} and {number}")
+        return found
+    except (OSError, KeyError, ValueError, TypeError, csv.Error) as error:
         raise ValueError(
             f"data.class_index={str(path)!r} could not be read ({error!r}). It must be a CSV file "
             "with a header and the columns folder (or wnid) and class_index, one row per folder."

@@ -12,15 +12,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import lightning as L
+from lightning.fabric.strategies.launchers import subprocess_script as fabric_script
 from lightning.pytorch.plugins.environments import LightningEnvironment
 from lightning.pytorch.strategies.launchers import subprocess_script
 from torch.distributed import DistError
 
 from training.messages import complain
+from training.processes import WAIT
 
 LOST = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "
-    "error above. Every complete epoch is kept, and the same command resumes from there."
+    "error above. What is complete is kept, and the same command resumes from there."
 )
 PERIOD = 0.5  # seconds between looks
 GRACE = 5.0  # seconds for a process to notice by itself, and clean up
@@ -65,9 +67,7 @@ def together(trainer: L.Trainer) -> Iterator[None]:
     # it, in the middle of what the processes are sending: they would wait for each other for ever.
     signals = trainer._signal_connector
     signals._sigterm_notifier_fn = lambda *_: setattr(signals, "received_sigterm", True)  # type: ignore[method-assign]
-    environment = getattr(trainer.strategy, "cluster_environment", None)
-    if trainer.local_rank > 0 and isinstance(environment, LightningEnvironment):
-        threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    _follow_parent(trainer.strategy, trainer.local_rank)
     try:
         yield
     except BaseException as error:
@@ -80,6 +80,24 @@ def together(trainer: L.Trainer) -> Iterator[None]:
         ):
             raise ConnectionError(f"{LOST} ({str(error).splitlines()[0]})") from error
         raise
+
+
+def launch(fabric: L.Fabric) -> None:
+    """Launch the processes of a re-attack: none outlives the others, or waits for a lost one."""
+    if hasattr(fabric.strategy, "_timeout"):  # whichever of them runs several processes
+        fabric.strategy._timeout = WAIT
+    _ending.clear()
+    # Lightning's observer kills this process without a message
+    fabric_script._launch_process_observer = _observe  # type: ignore[assignment]
+    fabric.launch()
+    _follow_parent(fabric.strategy, fabric.local_rank)
+
+
+def _follow_parent(strategy: object, local_rank: int) -> None:
+    """End this process with the one that started it, if Lightning did."""
+    environment = getattr(strategy, "cluster_environment", None)
+    if local_rank > 0 and isinstance(environment, LightningEnvironment):
+        threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
 
 
 def _observe(children: list[subprocess.Popen]) -> None:

@@ -161,6 +161,24 @@ def damage(run: runs.Run) -> str | None:
     return None
 
 
+def other_data(run: runs.Run, splits: Splits) -> str | None:
+    """Return in what the data that a run in its folder was trained on differ from these.
+
+    None where they do not, or where there is no such run.
+    """
+    if run.stage() not in ("begun", "trained", "finished"):
+        return None
+    for name in ("best.ckpt", "last.ckpt"):
+        if not (run.folder / name).is_file():
+            continue
+        checkpoint = read_checkpoint(run.folder / name)
+        if _names(checkpoint.get("classes")) not in (None, splits.classes):
+            return "it was trained on other classes"
+        if checkpoint.get("files") not in (None, splits.files):
+            return "the files that it was trained on are not those that are there now"
+    return None
+
+
 def read_config(path: Path) -> Config:
     """Read a run's settings: known keys with values of their types, none looked up elsewhere.
 

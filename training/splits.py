@@ -16,13 +16,19 @@ HELD_BYTES = 1 << 30  # of decoded images that are kept
 
 class Splits(NamedTuple):
     """Three data sets of (uint8 image, label), the classes' names, and the number of classes of a
-    model for them."""
+    model for them.
+
+    Args:
+        files: fingerprint of the files that are trained and validated on; empty where the settings
+            say which images these are.
+    """
 
     train: Dataset
     val: Dataset
     test: Dataset
     classes: dict[int, str]
     num_classes: int
+    files: str = ""
 
 
 def has_parts(root: str | Path) -> bool:

@@ -22,7 +22,6 @@ from moireaug.evaluation.suites import USES
 from training import runs, saved
 from training.attacking import Protocol
 from training.models import as_model, names
-from training.processes import WAIT
 from training.schema import Data, ReattackConfig, Trainer
 from training.splits import Splits
 
@@ -38,19 +37,19 @@ def fabric_of(trainer: Trainer) -> Fabric:
     """Launch the processes that share the work: Lightning's own, with the same settings as in
     training."""
     from lightning import Fabric  # takes seconds to import
-    from lightning.fabric.strategies import DDPStrategy
+
+    from training import ranks
 
     kind = trainer.accelerator
     if kind == "auto" and not torch.cuda.is_available():
         kind = "cpu"
-    strategy = DDPStrategy(timeout=WAIT) if trainer.strategy == "ddp" else trainer.strategy
     fabric = Fabric(
         accelerator=kind,
         devices=trainer.devices,
         num_nodes=trainer.num_nodes,
-        strategy=strategy,
+        strategy=trainer.strategy,
     )
-    fabric.launch()
+    ranks.launch(fabric)
     return fabric
 
 

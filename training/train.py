@@ -16,7 +16,7 @@ from moireaug.files import write_text
 from training import machine, ranks, runs, saved
 from training.adversaries import passes
 from training.batches import Batches, require_even
-from training.checkpoints import ClassNames, RunCheckpoint
+from training.checkpoints import DataNames, RunCheckpoint
 from training.classifier import Classifier
 from training.costs import cost, with_totals
 from training.files import read_checkpoint, read_json
@@ -44,7 +44,7 @@ def try_out(cfg: Config, splits: Splits) -> None:
         )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
-    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, runs.folder(cfg), splits.classes)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, runs.folder(cfg), splits)
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
         _ = part[0]  # raises what cannot be read
@@ -92,7 +92,7 @@ def train_model(
         seed=draws(cfg),
         first=len(done),
     )
-    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, splits.classes)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, splits)
     began = time.perf_counter()
     ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
@@ -145,21 +145,21 @@ def draws(cfg: Config) -> int:
 
 
 def trainer_of(
-    settings: Trainer, tuning: Tuning, epochs: int, out: Path, classes: dict[int, str]
+    settings: Trainer, tuning: Tuning, epochs: int, out: Path, splits: Splits
 ) -> L.Trainer:
     """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
 
     Args:
         settings: passed on unchanged, except for a precision of null. tuning: how the weights are
             averaged.
-        out: the run's folder. classes: the name of each logit.
+        out: the run's folder. splits: the images, whose names go into the checkpoints.
     """
     callbacks = [
         averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),
         Guard(out / "best.ckpt"),
         RunCheckpoint(out, "last"),
-        ClassNames(classes),
+        DataNames(splits.classes, splits.files),
     ]
     chosen = replace(settings, precision=machine.precision(settings))
     return make_trainer(chosen, epochs, callbacks)

@@ -196,6 +196,11 @@ def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
             f"{tuple(images.shape)} and {tuple(labels.shape)}. Wrap single images: "
             "DataLoader(data, 32)."
         )
+    if len(labels) != len(images) and images.ndim == 4:
+        raise ValueError(
+            f"loader must yield one label per image; got {len(labels)} labels for {len(images)} "
+            "images."
+        )
     if images.dtype == torch.uint8:
         images = images.float() / 255
     if images.is_floating_point():

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn.parameter import is_lazy
+from torch.utils.hooks import RemovableHandle
 
 OF_MODULES = set(vars(nn.Module()))  # of every module: mode, hooks, and tables of its parts
 HOOKS = {"_forward_pre_hooks", "_forward_hooks"}  # of these, what changes a module's answers
@@ -75,11 +77,13 @@ def _tell(part: object, outer: tuple[int, ...]) -> Iterator[str]:
     if dataclasses.is_dataclass(part) or hasattr(part, "__dict__"):
         yield _path(type(part))
         yield from _told(_settings(part), outer)
-    elif callable(part):
+    elif callable(part) and not _slots(part):
         yield from _tell_code(part, outer)
+    elif " at 0x" in (text := repr(part)):
+        yield _path(type(part))
+        yield from _told(_slots(part), outer)
     else:
-        text = repr(part)
-        yield _path(type(part)) if " at 0x" in text else text
+        yield text
 
 
 @_tell.register
@@ -103,8 +107,13 @@ def _tell_script(part: torch.jit.ScriptModule, outer: tuple[int, ...]) -> Iterat
 
 @_tell.register
 def _tell_tensor(part: Tensor, outer: tuple[int, ...]) -> Iterator[str]:
-    raw = part.detach().cpu().contiguous().view(-1).view(torch.uint8)  # NumPy has no bfloat16
-    yield f"{part.dtype} {tuple(part.shape)}"
+    if is_lazy(part):
+        yield "uninitialised"
+        return
+    yield f"{part.dtype} {part.layout} {tuple(part.shape)}"
+    plain = part.detach() if part.layout == torch.strided else part.detach().to_dense()
+    plain = plain.resolve_conj().resolve_neg().cpu().contiguous()
+    raw = plain.view(-1).view(torch.uint8)  # NumPy has no bfloat16
     yield hashlib.sha256(raw.numpy().data).hexdigest()
 
 
@@ -117,6 +126,12 @@ def _tell_array(part: np.ndarray, outer: tuple[int, ...]) -> Iterator[str]:
 @_tell.register
 def _tell_member(part: enum.Enum, outer: tuple[int, ...]) -> Iterator[str]:
     yield str(part)
+
+
+@_tell.register
+def _tell_handle(part: RemovableHandle, outer: tuple[int, ...]) -> Iterator[str]:
+    """Without a word on its hook, which is told with the module."""
+    yield _path(type(part))
 
 
 @_tell.register(Mapping)
@@ -197,8 +212,8 @@ def _is_data(value: object, module: str) -> bool:
 def _settings(part: object) -> dict[str, object]:
     """Return the attributes that an object holds, without what it computes once and keeps; of a
     module, its hooks are the only ones of those that every module has."""
-    found = dict(getattr(part, "__dict__", {}))
-    if dataclasses.is_dataclass(part):  # may have slots
+    found = _slots(part) | getattr(part, "__dict__", {})
+    if dataclasses.is_dataclass(part):
         found |= {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
     for name in list(found):
         if isinstance(getattr(type(part), name, None), functools.cached_property):
@@ -208,6 +223,19 @@ def _settings(part: object) -> dict[str, object]:
             value = found.pop(name)
             if name in HOOKS and value:
                 found[name] = list(value.values())  # their keys count all hooks of a process
+    return found
+
+
+def _slots(part: object) -> dict[str, object]:
+    """Return what an object holds in the slots of its classes."""
+    found = {}
+    for kind in type(part).__mro__:
+        slots = vars(kind).get("__slots__", ())
+        for slot in (slots,) if isinstance(slots, str) else slots:
+            private = slot.startswith("__") and not slot.endswith("__")
+            name = f"_{kind.__name__.lstrip('_')}{slot}" if private else slot
+            if name not in ("__dict__", "__weakref__") and hasattr(part, name):
+                found[name] = getattr(part, name)
     return found
 
 

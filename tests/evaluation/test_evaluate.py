@@ -218,6 +218,10 @@ def test_a_suite_of_several_tables(known, loader):
         ({"eps": "a"}, "eps must be a number >= 0"),
         ({"steps": 1.5}, "steps must be an integer >= 0"),
         ({"seed": 1.5}, "seed must be an integer >= 0"),
+        (
+            {"loader": [(torch.rand(2, 3, 8, 8), torch.zeros(4).long())], "n": 1},
+            "one label per image; got 4 labels for 2 images",
+        ),
         ({"loader": None}, "loader must yield batches of .images, labels.; got a NoneType"),
         (
             {"loader": [(torch.rand(3, 8, 8), torch.tensor(0))]},

@@ -123,6 +123,20 @@ class Loaded:
         object.__setattr__(self, "network", classifier(int(self.file)))
 
 
+class Slotted:
+    __slots__ = ("__gain", "mean")
+
+    def __init__(self, gain):
+        self.__gain = gain
+
+    def __call__(self, images):
+        return images * self.__gain
+
+
+class Inherits(Slotted):
+    """With a dict of its own, beside the slots."""
+
+
 def named_alike(module):
     return type("Halved", (Plain,), {"__module__": module})(1.0)
 
@@ -198,6 +212,10 @@ DIFFER = {
         importable("gain = 1.5\ndef restored(images): return gain * images"),
         importable("gain = 2.5\ndef restored(images): return gain * images"),
     ),
+    "a slot": (Slotted(1.0), Slotted(2.0)),
+    "an inherited slot": (Inherits(1.0), Inherits(2.0)),
+    "a sparse tensor": (torch.eye(2).to_sparse(), (2 * torch.eye(2)).to_sparse()),
+    "a conjugate": (torch.ones(2, dtype=torch.cfloat).conj(), 2j * torch.ones(2).cfloat().conj()),
     "a default": (
         importable("def restored(images, gain=1.5): return gain * images"),
         importable("def restored(images, gain=2.5): return gain * images"),
@@ -245,6 +263,10 @@ def test_another_process_tells_the_same_of_a_set():
         done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True)
         told.append(done.stdout)
     assert told[0] == told[1] != b""
+
+
+def test_a_model_whose_weights_are_not_there_yet_has_a_digest():
+    assert digest(nn.LazyLinear(2)) == digest(nn.LazyLinear(2)) != digest(nn.LazyLinear(3))
 
 
 def test_what_an_object_keeps_once_computed_does_not_tell_it_from_itself():

@@ -18,8 +18,10 @@ from training import commands, fit, reattack, runs
 from training.data import load
 from training.files import read_checkpoint
 from training.schema import Config, ReattackConfig, as_config
+from training.splits import Splits
 from training.train import train_model
 
+NO_DATA = Splits(None, None, None, {}, 0)
 TINY = [
     "data.train=64",
     "data.val=32",

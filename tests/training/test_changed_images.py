@@ -6,13 +6,17 @@ import shutil
 import pytest
 from PIL import Image
 
-from tests.training.small import TINY, inside
+from tests.training.small import TINY, configured, inside
+from training import fit, runs
+from training.data import load
+from training.train import train_model
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 
-def test_a_gain_is_over_the_images_that_the_folder_holds_now(tmp_path):
-    """An image that is added later is seen by the baseline, too."""
+@pytest.fixture
+def settings(tmp_path):
+    """Settings of runs on a folder of images that are red or blue."""
     for half, n in (("train", 24), ("test", 5)):
         for k, colour in enumerate(("red", "blue")):
             (tmp_path / "images" / half / colour).mkdir(parents=True)
@@ -22,7 +26,11 @@ def test_a_gain_is_over_the_images_that_the_folder_holds_now(tmp_path):
                 path = tmp_path / "images" / half / colour / f"{i}.png"
                 Image.new("RGB", (24, 24), tuple(shade)).save(path)
     given = ["data=folder", f"data.root={tmp_path / 'images'}", "data.val=8", "reattack.n=24"]
-    settings = [*TINY, *given, "model=small_resnet", "reattack.eps=[0.02]", "reattack.steps=1"]
+    return [*TINY, *given, "model=small_resnet", "reattack.eps=[0.02]", "reattack.steps=1"]
+
+
+def test_a_gain_is_over_the_images_that_the_folder_holds_now(tmp_path, settings):
+    """An image that is added later is seen by the baseline, too."""
     inside("fit.py", "recipe=baseline", *settings, cwd=tmp_path)
     shutil.copy(tmp_path / "images/test/red/0.png", tmp_path / "images/test/red/9.png")
     done = inside("fit.py", "recipe=moire_aug", *settings, cwd=tmp_path)
@@ -30,3 +38,25 @@ def test_a_gain_is_over_the_images_that_the_folder_holds_now(tmp_path):
     found = json.loads(next(tmp_path.glob("runs/*/moire_aug/seed0/metrics.json")).read_text())
     assert {row["n"] for row in found["baseline"]["reattack"]} == {11}
     assert set(found["gain"]) == {row["name"] for row in found["reattack"]}
+
+
+def test_no_run_goes_on_with_other_classes_or_files(tmp_path, settings):
+    """Its logits would mean others, or it would be validated on what it was trained on."""
+    images = tmp_path / "images"
+    cfg = configured("recipe=clean", *settings, f"runs={tmp_path / 'runs'}")
+    train_model(cfg, load(cfg.data))
+    run = runs.run_of(cfg)
+    fit.require_same_data(run, load(cfg.data))
+    (images / "train/red/0.png").rename(images / "train/red/24.png")
+    with pytest.raises(ValueError, match="cannot go on: the files that it was trained on are not"):
+        fit.fit(cfg)
+    (images / "train/red/24.png").rename(images / "train/red/0.png")
+    fit.require_same_data(run, load(cfg.data))
+    for half in ("train", "test"):
+        (images / half / "blue").rename(images / half / "green")
+    with pytest.raises(ValueError, match="cannot go on: it was trained on other classes"):
+        fit.fit(cfg)
+    done = inside("fit.py", "recipe=baseline", *settings, cwd=tmp_path)
+    said = "The start cannot be reused and is trained again: it was trained on other classes."
+    assert done.returncode == 0 and said in done.stdout, (done.stdout, done.stderr)
+    assert len(list(run.folder.parent.glob("seed0-*"))) == 1, "nothing is lost"

@@ -112,6 +112,24 @@ def test_a_folder_without_a_class_gets_a_sentence(root, row):
         folder(root, class_index=str(root / "labels.csv"))
 
 
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("n01,7\nn02,7\nn03,9\n", r"gives the folders 'n01' and 'n02' of '.*' one class_index, 7"),
+        ("n01,7\nn02,8\nn03,9\nn01,5\n", "n01 has two, 7 and 5"),
+        ("n01,7\nn02,8\nn03,9\nn01,7\n", ""),
+        ("n" * 140_000 + ",7\n", "could not be read .*field larger than field limit"),
+    ],
+)
+def test_a_folder_has_one_class_of_its_own(root, rows, said):
+    (root / "labels.csv").write_text("wnid,class_index\n" + rows)
+    if not said:
+        assert folder(root, class_index=str(root / "labels.csv")).num_classes == 1000
+        return
+    with pytest.raises(ValueError, match=said):
+        folder(root, class_index=str(root / "labels.csv"))
+
+
 def test_signs_are_drawn_when_they_are_read(monkeypatch):
     drawn = []
     make = signs.make

@@ -69,7 +69,7 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
     trained = []
     done = {"wall_seconds": 1.0}
     monkeypatch.setattr(fit, "train_run", lambda cfg, *rest: trained.append(cfg) or (None, done))
-    fit.plain_run(wanted, None, None, role=role)
+    fit.plain_run(wanted, load(wanted.data), None, role=role)
     assert len(trained) == 1
     if torn == "nothing":
         assert trained[0].resume is None

@@ -13,7 +13,7 @@ from lightning.pytorch.plugins.environments import SLURMEnvironment
 from lightning.pytorch.strategies import DDPStrategy
 
 from tests.training.forked import Command
-from tests.training.small import BRIEF, TINY, configured, wait
+from tests.training.small import BRIEF, NO_DATA, TINY, configured, wait
 from training import fit, ranks, runs
 from training.data import load
 from training.demoireing.train import module_of
@@ -91,7 +91,7 @@ def test_a_process_that_is_told_to_end_sends_nothing_in_the_middle_of_a_batch(
 ):
     """The others may be sending gradients, and would wait for it for ever."""
     cfg = configured(*TINY, "trainer.devices=2")
-    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
+    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(torch.distributed, "broadcast", lambda *a, **k: pytest.fail("it was sent"))
     before = signal.getsignal(signal.SIGTERM)
@@ -105,7 +105,7 @@ def test_a_process_that_is_told_to_end_sends_nothing_in_the_middle_of_a_batch(
 @pytest.mark.parametrize("strategy", ["auto", "ddp", "ddp_find_unused_parameters_true"])
 def test_processes_wait_for_one_that_attacks(strategy, tmp_path):
     cfg = configured(*TINY, "trainer.devices=2", f"trainer.strategy={strategy}")
-    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
+    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     assert isinstance(trainer.strategy, DDPStrategy) and trainer.strategy._timeout == WAIT
 
 
@@ -139,7 +139,7 @@ def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
     }.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
     cfg = configured(*TINY)
-    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
+    trainer = trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     environment = trainer._accelerator_connector.cluster_environment
     assert isinstance(environment, SLURMEnvironment) and not environment.auto_requeue
 

@@ -20,6 +20,7 @@ from tests.conftest import THREADS
 from tests.training.forked import Command
 from tests.training.small import (
     BRIEF,
+    NO_DATA,
     TINY,
     configured,
     epoch,
@@ -89,7 +90,7 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
 def test_an_epoch_whose_line_is_printed_has_been_kept(tmp_path):
     """Lightning calls callbacks in this order."""
     cfg = configured(*TINY)
-    made = training.trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, {})
+    made = training.trainer_of(cfg.trainer, tuning(cfg.train, fine=False), 1, tmp_path, NO_DATA)
     *_, best, last, lines = made.callbacks
     assert isinstance(lines, EpochLines) and (best.filename, last.filename) == ("best", "last")
 

@@ -5,7 +5,7 @@ import torch
 from omegaconf import OmegaConf
 from PIL import Image
 
-from tests.training.small import TINY, configured, train
+from tests.training.small import NO_DATA, TINY, configured, train
 from training import fit, machine, reattack, runs, saved
 from training.augmentation import augment
 from training.classifier import Classifier
@@ -200,7 +200,7 @@ def test_precision_follows_the_hardware_unless_it_is_given(
         file.write_text(f"model name : some\nflags : {flags}\n")
     monkeypatch.setattr(machine, "CPUINFO", file)
     settings = Trainer(accelerator="cpu", precision=asked)
-    made = trainer_of(settings, tuning(Train(), fine=False), 1, tmp_path, {})
+    made = trainer_of(settings, tuning(Train(), fine=False), 1, tmp_path, NO_DATA)
     assert made.precision == got
 
 

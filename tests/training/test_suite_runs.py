@@ -2,10 +2,12 @@
 and given what they cannot use."""
 
 import json
+import os
 import shutil
 import signal
 import time
 import warnings
+from pathlib import Path
 
 import pytest
 import torch
@@ -15,9 +17,10 @@ from tests.training.forked import Command
 from tests.training.tiny_suites import TINY, cells, folder_of, records_of, suite
 from training.command_line import check_keys
 from training.eval_batches import EvalBatches
-from training.schema import Reattack, ReattackConfig
+from training.processes import WAIT
+from training.schema import Reattack, ReattackConfig, Trainer
 from training.splits import Splits
-from training.suites import networks_of
+from training.suites import fabric_of, networks_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -75,6 +78,27 @@ def test_processes_share_the_work(weights, straight, tmp_path):
         batches.append({json.loads(line)["batch"] for line in path.read_text().splitlines()})
     assert sorted(batches, key=min) == [{0}, {1}]
     assert cells(metrics_of(tmp_path, "noise_position")) == cells(straight)
+
+
+def test_a_suite_ends_where_one_of_its_processes_is_lost(weights, tmp_path):
+    more = ("reattack.steps=2000", "trainer.devices=2", "trainer.strategy=ddp")
+    process = run(tmp_path, weights, "suite=noise_position", *more)
+    until, kept = time.time() + 240, 0
+    while time.time() < until and not kept and process.poll() is None:
+        kept = len(list(tmp_path.glob("runs/reattack/small_resnet/records/*.jsonl")))
+        time.sleep(0.01)
+    (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    os.kill(int(child), signal.SIGKILL)
+    _, err = process.communicate()
+    assert process.returncode == 1 and err.count("another process of this run was lost") == 1
+    assert "What is complete is kept" in err and not list(tmp_path.rglob("metrics.json"))
+
+
+@pytest.mark.parametrize("strategy", ["auto", "ddp", "ddp_find_unused_parameters_true"])
+def test_the_first_process_to_finish_waits_for_the_last(strategy, monkeypatch):
+    monkeypatch.setattr("lightning.Fabric.launch", lambda fabric: None)
+    fabric = fabric_of(Trainer(accelerator="cpu", devices=2, strategy=strategy))
+    assert fabric.strategy._timeout == WAIT
 
 
 def test_a_network_against_moire_is_a_defence(weights, tmp_path):

@@ -13,7 +13,7 @@ from moireaug.evaluation.report.page import render, title_of
 from moireaug.evaluation.report.run_view import Metrics, Rate, name_of
 from moireaug.evaluation.tables import Table
 
-ATTACKS = ("worst", "ma", "ma_4")  # columns of a table, the strongest first
+ATTACKS = ("worst", "ma")  # columns of a table, the strongest first
 # of the tables without an attacker: the column with moiré, and the one without
 UNATTACKED = {"threat": ("all", "all_no_moire"), "unseen": ("moire", "no_moire")}
 CONTROLS = ("clean", "rotated", "rotated_dim", "no_moire", "moire", "random")
@@ -124,9 +124,11 @@ def _success(cells: Cells, row: str, column: str) -> float | None:
 
 def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
     """Return what a table says of the moiré and of the noise, on its row at eps 4, or its first, by
-    the strongest attack that it has; None where it lacks one, the photo or the random noise."""
+    the attack that it names, or the strongest that it has; None where it lacks one, the photo or
+    the random noise."""
     row = "eps_4" if "eps_4" in table.rows else table.rows[0]
-    there = [column for column in ATTACKS if column in table.columns]
+    named = table.facts.get("attack")
+    there = [column for column in (named, *ATTACKS) if column in table.columns]
     if not there:
         return None
     attack = there[0]

@@ -76,7 +76,8 @@ def mean_normalised(config: SuiteConfig) -> Table:
     columns = controls(config.middle)
     for eps in config.bounds(PRINTED_EPS):
         columns[f"ma_{codes(eps)}"] = MoireAttacker(eps=eps, steps=config.steps, until_fooled=False)
-    return Table("mean_normalised", tuple(crossed(judges, columns)))
+    facts = {"codes": codes(config.middle), "attack": f"ma_{codes(config.middle)}"}
+    return Table("mean_normalised", tuple(crossed(judges, columns)), facts=facts)
 
 
 def jpeg(config: SuiteConfig) -> Table:
