@@ -20,10 +20,7 @@ from training.small_resnet import SmallResNet
 OWN: dict[str, Callable[[int], nn.Module]] = {
     "attention_convnet": AttentionConvNet,
     "attention_resnet": partial(SmallResNet, width=32, activation=nn.SiLU, heads=4),
-    "attention_resnet_full": partial(SmallResNet, stride=1, activation=nn.SiLU, heads=4),
     "small_resnet": SmallResNet,
-    "small_resnet_x2": partial(SmallResNet, width=32),
-    "small_resnet_full": partial(SmallResNet, stride=1),
 }
 # The auxiliary heads serve training from scratch in the original recipes, and turn the output into
 # a tuple. transform_input undoes the ImageNet normalisation that every other torchvision model

@@ -34,13 +34,12 @@ class ResidualBlock(nn.Module):
 
 
 class SmallResNet(nn.Module):
-    """A ResNet for images of 32 to 64 px, small enough to train on a CPU.
+    """A ResNet for images of 32 to 64 px, small enough to train on a CPU. Its stem halves the
+    resolution: full resolution costs most of the time and changes little.
 
     Args:
         num_classes: number of logits.
         width: channels of the stem; the two stages have twice and four times as many.
-        stride: of the stem. 2 is for 48 px and more, where full resolution costs most of the time
-            and changes little; 1 for images of 32 px.
         activation: smooth ones, such as SiLU, make adversarial training stronger (Xie et al.,
             "Smooth Adversarial Training", 2020).
         heads: of the `AttentionPooling` before the last layer; 0 takes the plain mean.
@@ -56,7 +55,6 @@ class SmallResNet(nn.Module):
         self,
         num_classes: int,
         width: int = 16,
-        stride: int = 2,
         activation: type[nn.Module] = nn.ReLU,
         heads: int = 0,
     ) -> None:
@@ -67,7 +65,7 @@ class SmallResNet(nn.Module):
                 "least 1. Please pass positive integers."
             )
         self.activation = activation()
-        self.stem = nn.Conv2d(3, width, 3, stride, 1, bias=False)
+        self.stem = nn.Conv2d(3, width, 3, 2, 1, bias=False)
         self.blocks = nn.Sequential(
             ResidualBlock(width, 2 * width, 2, activation),
             ResidualBlock(2 * width, 2 * width, 1, activation),

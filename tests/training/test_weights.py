@@ -21,7 +21,7 @@ def same(one, other, keys):
 
 
 @pytest.mark.parametrize(
-    "name", ["small_resnet", "small_resnet_x2", "squeezenet1_1", "shufflenet_v2_x0_5"]
+    "name", ["small_resnet", "attention_resnet", "squeezenet1_1", "shufflenet_v2_x0_5"]
 )
 def test_weights_come_back_unchanged(name, tmp_path):
     model = models.build(name, 7)
