@@ -176,8 +176,8 @@ def _tell_function(part: types.FunctionType, outer: tuple[int, ...]) -> Iterator
     for cell in part.__closure__ or ():
         with contextlib.suppress(ValueError):  # an empty one
             yield from _told(cell.cell_contents, outer)
-    for name in sorted(_names(part.__code__)):
-        value = part.__globals__.get(name)
+    for name in sorted(_names(part.__code__) & part.__globals__.keys()):
+        value = part.__globals__[name]
         if _is_data(value, part.__module__):
             yield name
             yield from _told(value, outer)
