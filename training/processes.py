@@ -9,6 +9,14 @@ from lightning_utilities.core.rank_zero import rank_zero_only
 
 # While one process attacks, the others wait for it: longer than the half hour that torch allows
 WAIT = timedelta(days=30)
+
+
+def wait_long(strategy: object) -> None:
+    """Have the processes of a strategy of Lightning's, if it runs several, wait for the slowest."""
+    if hasattr(strategy, "_timeout"):
+        strategy._timeout = WAIT
+
+
 # of the variables that launchers set, the first that is there says the process's number
 RANKS = ("RANK", "LOCAL_RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK")
 

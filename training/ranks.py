@@ -18,7 +18,7 @@ from lightning.pytorch.strategies.launchers import subprocess_script
 from torch.distributed import DistError
 
 from training.messages import complain
-from training.processes import WAIT
+from training.processes import wait_long
 
 LOST = (
     "another process of this run was lost: it was killed, ran out of memory, or failed with the "
@@ -84,8 +84,7 @@ def together(trainer: L.Trainer) -> Iterator[None]:
 
 def launch(fabric: L.Fabric) -> None:
     """Launch the processes of a re-attack: none outlives the others, or waits for a lost one."""
-    if hasattr(fabric.strategy, "_timeout"):  # whichever of them runs several processes
-        fabric.strategy._timeout = WAIT
+    wait_long(fabric.strategy)
     _ending.clear()
     # Lightning's observer kills this process without a message
     fabric_script._launch_process_observer = _observe  # type: ignore[assignment]

@@ -16,7 +16,7 @@ from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasti
 from lightning.pytorch.utilities import rank_zero_only
 
 from training.checkpoints import AtomicCheckpointIO
-from training.processes import WAIT
+from training.processes import wait_long
 from training.schema import Trainer
 
 
@@ -68,8 +68,7 @@ def make_trainer(settings: Trainer, epochs: int, callbacks: Sequence[L.Callback]
         use_distributed_sampler=False,
         benchmark=False,
     )
-    if hasattr(trainer.strategy, "_timeout"):  # whichever of them runs several processes
-        trainer.strategy._timeout = WAIT
+    wait_long(trainer.strategy)
     return trainer
 
 
