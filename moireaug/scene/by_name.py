@@ -1,11 +1,13 @@
-"""The ranged fields of all five parts at once, by names such as "view.yaw"."""
+"""Parts by their names, and the ranged fields of all five at once, by names such as "view.yaw"."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
+from moireaug.scene.fields import one_of
 from moireaug.scene.parts import PARTS
 
 
@@ -50,3 +52,20 @@ def by_part(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         part, field = name.split(".")
         parts[part][field] = value
     return parts
+
+
+def part_from_dict(name: str, values: dict[str, Any]) -> Any:
+    """Build one part from plain values; an unknown key is refused with the closest known one."""
+    known = {f.name for f in fields(PARTS[name])}
+    for key in values:
+        one_of(f"a field of Scene.{name}", key, sorted(known))
+    return PARTS[name](**_plain(values))
+
+
+def _plain(value: Any) -> Any:
+    """Return mappings and sequences of any kind, such as OmegaConf's, as dicts and tuples."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return tuple(_plain(one) for one in value)
+    return value

@@ -4,10 +4,8 @@ no tensors."""
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from numbers import Integral
-from typing import Any
 
 from moireaug.scene.fields import Part, Range, bounds, check_number, one_of, ranged
 from moireaug.scene.layout import LAYOUTS, Layout, as_layout
@@ -305,20 +303,3 @@ PARTS: dict[str, type[Part]] = {
     "sensor": Sensor,
     "develop": Develop,
 }
-
-
-def part_from_dict(name: str, values: dict[str, Any]) -> Any:
-    """Build one part from plain values; an unknown key is refused with the closest known one."""
-    known = {f.name for f in fields(PARTS[name])}
-    for key in values:
-        one_of(f"a field of Scene.{name}", key, sorted(known))
-    return PARTS[name](**_plain(values))
-
-
-def _plain(value: Any) -> Any:
-    """Return mappings and sequences of any kind, such as OmegaConf's, as dicts and tuples."""
-    if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return tuple(_plain(one) for one in value)
-    return value

@@ -13,9 +13,9 @@ import torch
 from moireaug.capture import capture
 from moireaug.checks import check_shape
 from moireaug.pipeline import Plan, make_plan
-from moireaug.scene.by_name import parts_with, values_of
+from moireaug.scene.by_name import part_from_dict, parts_with, values_of
 from moireaug.scene.fields import bounds, check_number, one_of
-from moireaug.scene.parts import PARTS, part_from_dict
+from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
