@@ -1,5 +1,5 @@
-"""The filters of a photo's codes, a row at a time: smooth colour and sharpen brightness; and their
-transpose."""
+"""The filters of a photo's codes: smooth colour and sharpen brightness; and their transpose. Rows
+are blurred one at a time horizontally, and then a block of them vertically."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy as np
 from moireaug.effects.detail import SMALLEST
 from moireaug.engine.compiling import copy, fill, inner, loop
 from moireaug.engine.development_records import LANES
-from moireaug.engine.vectors import add_taps
+from moireaug.engine.vectors import FOUR, add_taps, add_taps_of_four
 
+BLOCK = FOUR  # rows that are blurred vertically at once
 FARTHEST = 4.5  # standard deviations: what lies beyond weighs less than 1e-5
 ZERO, THIRD = np.float32(0), np.float32(1 / 3)
 
@@ -23,18 +24,21 @@ class _Filter(NamedTuple):
     Args:
         chroma, sharp: the Gaussians of colour and of the unsharp mask, from `_gaussian`.
         amount: float32, strength of the mask. back: whether this is the filter's transpose.
+        reach: rows above and below that a row is made from.
         padded: (3, lanes + ends) float32, a row's red, blue and brightness, padded at both ends.
             full: a blurred row with its padding.
-        ring: (3, rows, lanes) float32, horizontally blurred rows. place: (h,), where each row
-            begins in a plane of the ring.
-        soft: (3, lanes) float32, one row blurred both ways.
-        steps: 0, 1, 2, ... int64. weight, offset: (rows,), the ring's rows that a row is made from.
+        ring: (3, rows * lanes) float32, horizontally blurred rows, as many as a block is made from.
+            place: (h,), where each row begins in a plane of the ring.
+        soft: (3, BLOCK, lanes) float32, a block blurred both ways.
+        steps: 0, 1, 2, ... int64. weight: (BLOCK, rows) and offset: (rows,), the ring's rows that
+            those of a block are made from.
     """
 
     chroma: np.ndarray
     sharp: np.ndarray
     amount: np.float32
     back: bool
+    reach: int
     padded: np.ndarray
     full: np.ndarray
     ring: np.ndarray
@@ -69,9 +73,10 @@ def filter_of(detail, image, back):
     amount = detail.amount[image]
     # a single 1 where nothing is sharpened
     sharp = _gaussian(detail.sharp[image], detail.sharp_size if amount != 0 else 1)
-    rows, lanes = max(len(chroma), len(sharp)), (w + LANES - 1) // LANES * LANES
-    steps, place = np.empty(rows, np.int64), np.empty(h, np.int64)
-    for k in range(rows):
+    size, lanes = max(len(chroma), len(sharp)), (w + LANES - 1) // LANES * LANES
+    rows = size + BLOCK - 1
+    steps, place = np.empty(size, np.int64), np.empty(h, np.int64)
+    for k in range(size):
         steps[k] = k
     for y in range(h):
         place[y] = y % rows * lanes
@@ -80,13 +85,14 @@ def filter_of(detail, image, back):
         sharp,
         amount,
         back,
-        np.zeros((3, lanes + 2 * rows + LANES), np.float32),
-        np.zeros(lanes + rows + LANES, np.float32),
-        np.zeros((3, rows, lanes), np.float32),
+        size // 2,
+        np.zeros((3, lanes + 2 * size + LANES), np.float32),
+        np.zeros(lanes + size + LANES, np.float32),
+        np.zeros((3, rows * lanes), np.float32),
         place,
-        np.zeros((3, lanes), np.float32),
+        np.zeros((3, BLOCK, lanes), np.float32),
         steps,
-        np.empty(rows, np.float32),
+        np.empty((BLOCK, rows), np.float32),
         np.empty(rows, np.int64),
     )
 
@@ -145,24 +151,28 @@ def enter(f, photo, y):
         photo,
         y,
     )
-    row = y % f.ring.shape[1]
+    start, lanes = f.place[y], f.soft.shape[2]
     for c in range(3):
-        kernel = f.sharp if c == 2 else f.chroma
+        kernel, out = f.sharp if c == 2 else f.chroma, f.ring[c, start : start + lanes]
         if f.back:
-            _along_back(f.ring[c, row], padded[c], kernel, f, w)
+            _along_back(out, padded[c], kernel, f, w)
         else:
-            _along(f.ring[c, row], padded[c], kernel, f, w)
+            _along(out, padded[c], kernel, f, w)
 
 
 @inner
 def _rows_of(f, kernel, y):
-    """Fill weight and offset with the ring's rows that row y is made from."""
+    """Fill weight and offset with the ring's rows that the BLOCK rows from y on are made from;
+    rows past the last are made from others."""
     size, half, h = len(kernel), len(kernel) // 2, len(f.place)
-    for k in range(size):
+    for k in range(size + BLOCK - 1):
         f.offset[k] = f.place[min(max(y + k - half, 0), h - 1)]
-        f.weight[k] = kernel[k]
-    if f.back:
-        _rows_back(f.weight, kernel, y, h)
+    fill(f.weight.reshape(-1), ZERO)
+    for i in range(BLOCK):
+        weight = f.weight[i, i : i + size]
+        copy(weight, kernel)
+        if f.back:
+            _rows_back(weight, kernel, y + i, h)
 
 
 @inner
@@ -185,41 +195,49 @@ def _rows_back(weight, kernel, y, h):
 
 
 @inner
-def _join(out, photo, y, soft, amount):
-    """Fill out (3, w) with row y of a photo, its colours smoothed, and its brightness sharpened by
-    its difference from the blurred one."""
-    y %= photo.shape[1]
-    r, g, b = photo[0, y], photo[1, y], photo[2, y]
-    red, green, blue = out[0], out[1], out[2]
-    soft_red, soft_blue, soft_grey = soft[0], soft[1], soft[2]
-    for i in range(len(r)):
-        grey = (r[i] + g[i] + b[i]) * THIRD
-        sharp = grey + amount * (grey - soft_grey[i])
-        red[i] = sharp + soft_red[i]
-        blue[i] = sharp + soft_blue[i]
-        green[i] = sharp - soft_red[i] - soft_blue[i]
-
-
-@inner
 def above(f, y):
     """Return the first row that row y is made from."""
-    return max(y - f.ring.shape[1] // 2, 0)
+    return max(y - f.reach, 0)
 
 
 @inner
 def needed(f, y):
-    """Return how many rows must have entered the ring before row y is filtered."""
-    return min(y + f.ring.shape[1] // 2 + 1, len(f.place))
+    """Return how many rows must have entered the ring before row y is blurred vertically."""
+    return min(y + f.reach + 1, len(f.place))
 
 
 @inner
-def filter_row(out, photo, y, f):
-    """Fill out (3, w) with row y of a photo, filtered; arguments as in `enter`."""
+def held(f):
+    """Return how many rows of a photo `enter` and `filter_row` need at once."""
+    return min(f.reach + BLOCK, len(f.place))
+
+
+@inner
+def blur_block(f, y):
+    """Blur the BLOCK rows from y on vertically."""
+    lanes = f.soft.shape[2]
     for c in range(3):
+        kernel = f.sharp if c == 2 else f.chroma
         if c != 1:  # red and blue are made from the same rows
-            kernel = f.sharp if c == 2 else f.chroma
             _rows_of(f, kernel, y)
-        fill(f.soft[c], ZERO)
-        ring = f.ring[c].reshape(-1)
-        add_taps(f.soft[c], 0, f.soft.shape[1], f.weight, 0, len(kernel), ring, f.offset, 0)
-    _join(out, photo, y, f.soft, f.amount)
+        soft, weight = f.soft[c].reshape(-1), f.weight.reshape(-1)
+        fill(soft, ZERO)
+        count = len(kernel) + BLOCK - 1
+        add_taps_of_four(soft, lanes, weight, f.weight.shape[1], count, f.ring[c], f.offset)
+
+
+@inner
+def filter_row(out, photo, y, k, f):
+    """Fill out (3, w) with row y of a photo, row k of the block that `blur_block` blurred: its
+    colours smoothed, and its brightness sharpened by its difference from the blurred one. photo: as
+    in `enter`."""
+    y %= photo.shape[1]
+    r, g, b = photo[0, y], photo[1, y], photo[2, y]
+    red, green, blue = out[0], out[1], out[2]
+    soft_red, soft_blue, soft_grey = f.soft[0, k], f.soft[1, k], f.soft[2, k]
+    for i in range(len(r)):
+        grey = (r[i] + g[i] + b[i]) * THIRD
+        sharp = grey + f.amount * (grey - soft_grey[i])
+        red[i] = sharp + soft_red[i]
+        blue[i] = sharp + soft_blue[i]
+        green[i] = sharp - soft_red[i] - soft_blue[i]

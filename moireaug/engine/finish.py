@@ -8,7 +8,16 @@ import numpy as np
 
 from moireaug.engine.codes import codes_of_row, tone_of, workspace
 from moireaug.engine.compiling import copy, fill, inner, part
-from moireaug.engine.detail import above, enter, filter_of, filter_row, needed
+from moireaug.engine.detail import (
+    BLOCK,
+    above,
+    blur_block,
+    enter,
+    filter_of,
+    filter_row,
+    held,
+    needed,
+)
 from moireaug.engine.develop import along, blank, bound, gather, sources
 from moireaug.engine.vectors import add
 
@@ -75,18 +84,21 @@ def _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, l
     blank(out, top, bottom)
     first, last = sources(detail.rows, top, bottom)
     entered = above(f, first) // work.step * work.step
-    for y in range(first, last):
-        while entered < needed(f, y):
+    for start in range(first, last, BLOCK):
+        end = min(start + BLOCK, last)
+        while entered < needed(f, end - 1):
             if entered % work.step == 0:
                 codes_of_row(work, raw, entered // work.step, codes, tone, image)
             for c in range(3):
                 along(ahead[c, entered % ahead.shape[1]], work, entered % work.step, c, codes.cols)
             enter(f, ahead, entered)
             entered += 1
-        filter_row(row, ahead, y, f)
-        if len(inside):
-            _note(inside[0], row, y)
-        _resize_row(out, row, y, line, detail.rows, detail.cols, top, bottom)
+        blur_block(f, start)
+        for y in range(start, end):
+            filter_row(row, ahead, y, y - start, f)
+            if len(inside):
+                _note(inside[0], row, y)
+            _resize_row(out, row, y, line, detail.rows, detail.cols, top, bottom)
     bound(out, top, bottom)
 
 
@@ -102,7 +114,7 @@ def finish(out, inside, raw, codes, detail, image, top, bottom):
     """
     w = detail.size[1]
     f, work = filter_of(detail, image, False), workspace(codes, raw.shape[2])
-    ahead = np.empty((3, needed(f, 0), w), np.float32)
+    ahead = np.empty((3, held(f), w), np.float32)
     row, line = np.empty((3, w), np.float32), np.empty(out.shape[2], np.float32)
     tone = tone_of(codes, image)
     _finish(out, inside, raw, codes, detail, f, work, tone, image, ahead, row, line, top, bottom)
@@ -116,13 +128,16 @@ def _finish_back(codes_grad, grad, inside, detail, f, row, line):
         _resize_row_back(codes_grad, inside, grad, y, line, detail.rows, detail.cols)
     # in place: a row is written after the last row that is made from it has entered the ring
     entered = 0
-    for y in range(h):
-        while entered < needed(f, y):
+    for start in range(0, h, BLOCK):
+        end = min(start + BLOCK, h)
+        while entered < needed(f, end - 1):
             enter(f, codes_grad, entered)
             entered += 1
-        filter_row(row, codes_grad, y, f)
-        for c in range(3):
-            copy(codes_grad[c, y], row[c])
+        blur_block(f, start)
+        for y in range(start, end):
+            filter_row(row, codes_grad, y, y - start, f)
+            for c in range(3):
+                copy(codes_grad[c, y], row[c])
 
 
 @part

@@ -25,22 +25,26 @@ def emit_poke(context, builder, signature, args):
     return context.get_dummy_value()
 
 
-def emit_taps(lanes, context, builder, signature, args):
-    """Write `vectors.add_taps` for `lanes` pixels."""
-    start, first, count, base = _indices(context, builder, signature, args, (1, 3, 4, 7))
+def emit_taps(lanes, sums, context, builder, signature, args):
+    """Write `vectors.add_taps` for `lanes` pixels of as many sums."""
+    start, apart, first, each, count, base = _indices(
+        context, builder, signature, args, (1, 2, 4, 5, 6, 9)
+    )
 
     def at(i, index):
         return _address(context, builder, signature.args[i], args[i], types.intp, index)
 
-    target = at(0, start)
-    total = cgutils.alloca_once_value(builder, _load(builder, target, lanes))
+    targets = [at(0, place) for place in _steps(builder, start, apart, sums)]
+    totals = [cgutils.alloca_once_value(builder, _load(builder, at, lanes)) for at in targets]
     with cgutils.for_range(builder, count, intp=count.type) as tap:
         index = builder.add(first, tap.index)
-        offset = builder.load(at(6, index), typ=base.type)
-        row = _load(builder, at(5, builder.add(base, offset)), lanes)
-        weight = _spread(builder, builder.load(at(2, index), typ=ir.FloatType()), lanes)
-        builder.store(_fma(builder, weight, row, builder.load(total)), total)
-    _store(builder, builder.load(total), target)
+        offset = builder.load(at(8, index), typ=base.type)
+        row = _load(builder, at(7, builder.add(base, offset)), lanes)
+        for total, place in zip(totals, _steps(builder, index, each, sums), strict=True):
+            weight = _spread(builder, builder.load(at(3, place), typ=ir.FloatType()), lanes)
+            builder.store(_fma(builder, weight, row, builder.load(total)), total)
+    for total, target in zip(totals, targets, strict=True):
+        _store(builder, builder.load(total), target)
     return context.get_dummy_value()
 
 
@@ -81,6 +85,14 @@ def _scope(builder: ir.IRBuilder) -> ir.MDValue:
 def _indices(context, builder, signature, args, places):
     """Return the arguments at some places as indices."""
     return [context.cast(builder, args[i], signature.args[i], types.intp) for i in places]
+
+
+def _steps(builder, first, step, count):
+    """Return `count` indices from the first on, a step apart."""
+    found = [first]
+    for _ in range(count - 1):
+        found.append(builder.add(found[-1], step))
+    return found
 
 
 def _address(context, builder, array_type, array, index_type, index):

@@ -19,6 +19,7 @@ from moireaug.engine.intrinsics import (
 )
 
 INDEX, NUMBER = types.int32, types.float32
+FOUR = 4  # sums of `add_taps_of_four`
 
 
 def _row(array) -> bool:
@@ -86,16 +87,18 @@ def _weighted_cells(cells: int, rows: int):
     return weighted_cells
 
 
-def _taps(lanes: int):
-    """Make an intrinsic that sums rows for `lanes` pixels at once."""
+def _taps(lanes: int, sums: int):
+    """Make an intrinsic that sums rows for `lanes` pixels at once, with as many sets of
+    coefficients."""
 
     @intrinsic
-    def taps(typing, out, start, coefficients, first, count, rows, offsets, base):
-        """Do the same as `add_taps`, for the `lanes` pixels from `start` on."""
+    def taps(typing, out, start, apart, coefficients, first, each, count, rows, offsets, base):
+        """Do the same as `add_taps`, for the `lanes` pixels from `start` on; the sums lie `apart`
+        from one another, and their coefficients `each` from one another."""
         if not _floats(out, coefficients, rows):
             return None
-        kinds = out, start, coefficients, first, count, rows, offsets, base
-        return types.none(*kinds), partial(emit_taps, lanes)
+        kinds = out, start, apart, coefficients, first, each, count, rows, offsets, base
+        return types.none(*kinds), partial(emit_taps, lanes, sums)
 
     return taps
 
@@ -103,7 +106,9 @@ def _taps(lanes: int):
 four_weights, eight_weights = _down_weights(4), _down_weights(8)
 four_by_four, eight_by_six = _weighted_cells(4, 4), _weighted_cells(8, 6)
 eight_by_eight = _weighted_cells(8, 8)
-_few, _many = _taps(LANES), _taps(4 * LANES)
+# as many sums as there are registers for
+_few, _many = _taps(LANES, 1), _taps(4 * LANES, 1)
+_few_of_four, _more_of_four = _taps(LANES, FOUR), _taps(2 * LANES, FOUR)
 
 
 @inner
@@ -113,9 +118,22 @@ def add_taps(out, start, lanes, coefficients, first, count, rows, offsets, base)
     float32."""
     wide = lanes - lanes % (4 * LANES)
     for i in range(0, wide, 4 * LANES):
-        _many(out, start + i, coefficients, first, count, rows, offsets, base + i)
+        _many(out, start + i, 0, coefficients, first, 0, count, rows, offsets, base + i)
     for i in range(wide, lanes, LANES):
-        _few(out, start + i, coefficients, first, count, rows, offsets, base + i)
+        _few(out, start + i, 0, coefficients, first, 0, count, rows, offsets, base + i)
+
+
+@inner
+def add_taps_of_four(out, lanes, coefficients, size, count, rows, offsets):
+    """Add four sums of the same rows to out, which holds them one after another: to pixel i of sum
+    j the sum over l < count of coefficients[j * size + l] * rows[offsets[l] + i]. Each row is
+    loaded once; for one sum after another, loading takes most of the time. The rest as in
+    `add_taps`."""
+    wide = lanes - lanes % (2 * LANES)
+    for i in range(0, wide, 2 * LANES):
+        _more_of_four(out, i, lanes, coefficients, 0, size, count, rows, offsets, i)
+    for i in range(wide, lanes, LANES):
+        _few_of_four(out, i, lanes, coefficients, 0, size, count, rows, offsets, i)
 
 
 @inner
