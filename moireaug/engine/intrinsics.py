@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+
+INDEX = ir.IntType(64)
 
 
 def emit_peek(context, builder, signature, args):
@@ -31,9 +35,7 @@ def emit_taps(lanes, sums, context, builder, signature, args):
         context, builder, signature, args, (1, 2, 4, 5, 6, 9)
     )
 
-    def at(i, index):
-        return _address(context, builder, signature.args[i], args[i], types.intp, index)
-
+    at = _pointers(context, builder, signature, args)
     targets = [at(0, place) for place in _steps(builder, start, apart, sums)]
     totals = [cgutils.alloca_once_value(builder, _load(builder, at, lanes)) for at in targets]
     with cgutils.for_range(builder, count, intp=count.type) as tap:
@@ -48,31 +50,38 @@ def emit_taps(lanes, sums, context, builder, signature, args):
     return context.get_dummy_value()
 
 
-def emit_down_weights(cells, context, builder, signature, args):
-    """Write `vectors.four_weights` for any number of cells."""
-    start, to_next, place = _indices(context, builder, signature, args, (1, 3, 4))
-    load = _loader(context, builder, signature.args[2], args[2])
-    found = _weights(builder, load, place, to_next, args[5], args[6], cells)
-    target = _address(context, builder, signature.args[0], args[0], types.intp, start)
-    _store(builder, found, target)
+def emit_down_weights(cells, pixels, context, builder, signature, args):
+    """Write `vectors.down_weights` for so many cells and pixels."""
+    to_next, first = _indices(context, builder, signature, args, (2, 6))
+    at = _pointers(context, builder, signature, args)
+    places = _whole_numbers(builder, at(3, first), pixels)
+    between, share = _load(builder, at(4, first), pixels), _load(builder, at(5, first), pixels)
+    found = _weights(builder, partial(at, 1), to_next, places, between, share, cells)
+    start = builder.mul(first, ir.Constant(first.type, cells))
+    _store(builder, found, at(0, start))
     return context.get_dummy_value()
 
 
-def emit_weighted_cells(cells, rows, context, builder, signature, args):
-    """Write `vectors.four_by_four` for any number of cells, of whose rows those in the middle
-    count."""
-    at, stride, to_next, place, start = _indices(context, builder, signature, args, (1, 2, 4, 5, 9))
-    panel, table, down = (_loader(context, builder, signature.args[i], args[i]) for i in (0, 3, 8))
-    across = _weights(builder, table, place, to_next, args[6], args[7], cells)
-    weight = down(start, cells)
-    skipped = (cells - rows) // 2
-    for _ in range(skipped):
-        at = builder.add(at, stride)
-    total = builder.fmul(_spread_lane(builder, weight, skipped, cells), panel(at, cells))
-    for j in range(skipped + 1, skipped + rows):
-        at = builder.add(at, stride)
-        total = _fma(builder, _spread_lane(builder, weight, j, cells), panel(at, cells), total)
-    return _total(builder, builder.fmul(total, across))
+def emit_weighted_cells(cells, rows, pixels, context, builder, signature, args):
+    """Write `vectors.weighted_cells` for so many cells and pixels; of the rows of cells, those in
+    the middle count."""
+    stride, to_next, first = _indices(context, builder, signature, args, (3, 5, 10))
+    at = _pointers(context, builder, signature, args)
+    places = _whole_numbers(builder, at(6, first), pixels)
+    between, share = _load(builder, at(7, first), pixels), _load(builder, at(8, first), pixels)
+    across = _weights(builder, partial(at, 4), to_next, places, between, share, cells)
+    start = builder.mul(first, ir.Constant(first.type, cells))
+    down = _load(builder, at(9, start), pixels * cells)
+    bases, total = _whole_numbers(builder, at(2, first), pixels), None
+    for j in range(cells):
+        if (cells - rows) // 2 <= j < (cells + rows) // 2:
+            row = _joined(builder, [_load(builder, at(1, base), cells) for base in bases])
+            weight = _lanes(builder, down, [p * cells + j for p in _each(pixels, cells)])
+            total = _fma(builder, weight, row, total) if total else builder.fmul(weight, row)
+        bases = [builder.add(base, stride) for base in bases]
+    sums = _totals(builder, builder.fmul(total, across), cells)
+    _store(builder, sums, at(0, first))
+    return context.get_dummy_value()
 
 
 def _scope(builder: ir.IRBuilder) -> ir.MDValue:
@@ -118,14 +127,22 @@ def _store(builder, vector, pointer):
     store.align = 4
 
 
-def _loader(context, builder, kind, array):
-    """Return a function that loads `lanes` numbers of an array from an index on."""
+def _pointers(context, builder, signature, args):
+    """Return a function that gives the address of an element: of which argument, and where."""
 
-    def load(index, lanes):
-        address = _address(context, builder, kind, array, types.intp, index)
-        return _load(builder, address, lanes)
+    def at(i, index):
+        return _address(context, builder, signature.args[i], args[i], types.intp, index)
 
-    return load
+    return at
+
+
+def _whole_numbers(builder, pointer, count):
+    """Load `count` numbers, int32, from `pointer`, each as an index."""
+    found = []
+    for i in range(count):
+        place = builder.gep(pointer, [ir.Constant(INDEX, i)], inbounds=True)
+        found.append(builder.sext(builder.load(place, typ=ir.IntType(32)), INDEX))
+    return found
 
 
 def _spread(builder, scalar, lanes):
@@ -137,16 +154,25 @@ def _spread(builder, scalar, lanes):
     return builder.shuffle_vector(one, ir.Constant(_vector(1), ir.Undefined), zeros)
 
 
-def _spread_lane(builder, vector, lane, lanes):
-    """Return a vector with one lane of another in all lanes."""
-    same = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [lane] * lanes)
-    return builder.shuffle_vector(vector, ir.Constant(_vector(lanes), ir.Undefined), same)
-
-
-def _lanes(builder, vector, first, count):
-    """Return `count` of a vector's numbers from `first` on."""
-    chosen = ir.Constant(ir.VectorType(ir.IntType(32), count), list(range(first, first + count)))
+def _lanes(builder, vector, lanes):
+    """Return some lanes of a vector, as a vector."""
+    chosen = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
     return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), chosen)
+
+
+def _each(count, times):
+    """Return 0 to `count` - 1, each several times in succession."""
+    return [i for i in range(count) for _ in range(times)]
+
+
+def _joined(builder, vectors):
+    """Return vectors as one; their number is a power of two."""
+    while len(vectors) > 1:
+        lanes = 2 * vectors[0].type.count
+        order = ir.Constant(ir.VectorType(ir.IntType(32), lanes), list(range(lanes)))
+        pairs = zip(vectors[::2], vectors[1::2], strict=True)
+        vectors = [builder.shuffle_vector(a, b, order) for a, b in pairs]
+    return vectors[0]
 
 
 def _fma(builder, a, b, c):
@@ -155,26 +181,28 @@ def _fma(builder, a, b, c):
     return builder.call(function, [a, b, c])
 
 
-def _total(builder, vector):
-    """Return the sum of a vector's numbers, in any order."""
-    kind = ir.FunctionType(ir.FloatType(), [ir.FloatType(), vector.type])
-    function = cgutils.get_or_insert_function(
-        builder.module, kind, f"llvm.vector.reduce.fadd.v{vector.type.count}f32"
-    )
-    return builder.call(
-        function, [ir.Constant(ir.FloatType(), -0.0), vector], fastmath=("reassoc",)
-    )
+def _totals(builder, vector, cells):
+    """Return the sum of every `cells` numbers of a vector."""
+    lanes, apart = vector.type.count, cells // 2
+    while apart:
+        other = _lanes(builder, vector, [i ^ apart for i in range(lanes)])
+        vector, apart = builder.fadd(vector, other), apart // 2
+    return _lanes(builder, vector, list(range(0, lanes, cells)))
 
 
 def _between(builder, a, b, share):
     return _fma(builder, share, builder.fsub(b, a), a)
 
 
-def _weights(builder, load, index, to_next, between, share, cells):
-    """Return `cells` numbers of a table: `between` of the way from those at an index to those
-    behind them, and `share` of the way to those `to_next` ahead."""
+def _weights(builder, table, to_next, places, between, share, cells):
+    """Return `cells` numbers of a table for each of some pixels: `between` of the way from those at
+    its place to those behind them, and `share` of the way to those `to_next` ahead."""
     # a phase's weights and the next one's lie side by side
-    here, there = load(index, 2 * cells), load(builder.add(index, to_next), 2 * cells)
-    both = _between(builder, here, there, _spread(builder, share, 2 * cells))
-    phase, next_phase = _lanes(builder, both, 0, cells), _lanes(builder, both, cells, cells)
-    return _between(builder, phase, next_phase, _spread(builder, between, cells))
+    ahead = [builder.add(place, to_next) for place in places]
+    here = _joined(builder, [_load(builder, table(place), 2 * cells) for place in places])
+    there = _joined(builder, [_load(builder, table(place), 2 * cells) for place in ahead])
+    pixels = len(places)
+    both = _between(builder, here, there, _lanes(builder, share, _each(pixels, 2 * cells)))
+    firsts = [2 * cells * p + i for p in range(pixels) for i in range(cells)]
+    phase, next_phase = (_lanes(builder, both, [i + k for i in firsts]) for k in (0, cells))
+    return _between(builder, phase, next_phase, _lanes(builder, between, _each(pixels, cells)))

@@ -9,11 +9,18 @@ import numpy as np
 
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import (
+    EIGHT_CELLS,
+    FOUR_CELLS,
     eight_by_eight,
     eight_by_six,
     eight_weights,
     four_by_four,
     four_weights,
+    many_eight_by_eight,
+    many_eight_by_six,
+    many_eight_weights,
+    many_four_by_four,
+    many_four_weights,
     peek,
     poke,
 )
@@ -76,14 +83,19 @@ def down(out, table, to_next, place, between, share, width):
         place, between: (n,), from `windows`. share: (n,) float32, how far the pixel is towards the
             next node.
     """
+    n = len(share)
     if width == NARROW:
-        for i in range(len(share)):
-            start = np.int32(i * width)
-            four_weights(out, start, table, to_next, place[i], between[i], share[i])
+        whole = n - n % FOUR_CELLS
+        for i in range(0, whole, FOUR_CELLS):
+            many_four_weights(out, table, to_next, place, between, share, i)
+        for i in range(whole, n):
+            four_weights(out, table, to_next, place, between, share, i)
     else:
-        for i in range(len(share)):
-            start = np.int32(i * width)
-            eight_weights(out, start, table, to_next, place[i], between[i], share[i])
+        whole = n - n % EIGHT_CELLS
+        for i in range(0, whole, EIGHT_CELLS):
+            many_eight_weights(out, table, to_next, place, between, share, i)
+        for i in range(whole, n):
+            eight_weights(out, table, to_next, place, between, share, i)
 
 
 @inner
@@ -97,21 +109,28 @@ def content(out, panel, base, stride, table, to_next, place, between, share, row
         rows: the weights of the rows of cells, from `down`.
         taps: cells to each side of the nearest one that give light.
     """
+    n = len(out)
     if width == NARROW:
-        for i in range(len(out)):
-            out[i] = four_by_four(
-                panel, base[i], stride, table, to_next, place[i], between[i], share[i],
-                rows, np.int32(i * width),
-            )  # fmt: skip
+        whole = n - n % FOUR_CELLS
+        for i in range(0, whole, FOUR_CELLS):
+            many_four_by_four(
+                out, panel, base, stride, table, to_next, place, between, share, rows, i
+            )
+        for i in range(whole, n):
+            four_by_four(out, panel, base, stride, table, to_next, place, between, share, rows, i)
     elif taps <= SIX_ROWS:
-        for i in range(len(out)):
-            out[i] = eight_by_six(
-                panel, base[i], stride, table, to_next, place[i], between[i], share[i],
-                rows, np.int32(i * width),
-            )  # fmt: skip
+        whole = n - n % EIGHT_CELLS
+        for i in range(0, whole, EIGHT_CELLS):
+            many_eight_by_six(
+                out, panel, base, stride, table, to_next, place, between, share, rows, i
+            )
+        for i in range(whole, n):
+            eight_by_six(out, panel, base, stride, table, to_next, place, between, share, rows, i)
     else:
-        for i in range(len(out)):
-            out[i] = eight_by_eight(
-                panel, base[i], stride, table, to_next, place[i], between[i], share[i],
-                rows, np.int32(i * width),
-            )  # fmt: skip
+        whole = n - n % EIGHT_CELLS
+        for i in range(0, whole, EIGHT_CELLS):
+            many_eight_by_eight(
+                out, panel, base, stride, table, to_next, place, between, share, rows, i
+            )
+        for i in range(whole, n):
+            eight_by_eight(out, panel, base, stride, table, to_next, place, between, share, rows, i)

@@ -18,7 +18,6 @@ from moireaug.engine.intrinsics import (
     emit_weighted_cells,
 )
 
-INDEX, NUMBER = types.int32, types.float32
 FOUR = 4  # sums of `add_taps_of_four`
 
 
@@ -28,6 +27,10 @@ def _row(array) -> bool:
 
 def _floats(*arrays) -> bool:
     return all(_row(a) and a.dtype == types.float32 for a in arrays)
+
+
+def _indices(*arrays) -> bool:
+    return all(_row(a) and a.dtype == types.int32 for a in arrays)
 
 
 @intrinsic
@@ -50,39 +53,39 @@ def poke(typing, array, index, value):
     return types.none(array, index, value), emit_poke
 
 
-def _down_weights(cells: int):
-    """Make an intrinsic that stores the weights of `cells` cells."""
+def _down_weights(cells: int, pixels: int):
+    """Make an intrinsic that stores the weights of so many cells for as many pixels."""
 
     @intrinsic
-    def down_weights(typing, out, start, table, to_next, place, between, share):
-        """Fill out[start:] with `cells` numbers of a table, see `intrinsics._weights`. Numbers
-        float32, indices int32."""
-        if not _floats(out, table):
+    def down_weights(typing, out, table, to_next, place, between, share, first):
+        """Fill out[first * cells :] with `cells` numbers of a table for each of `pixels` pixels,
+        see `intrinsics._weights`."""
+        if not _floats(out, table, between, share) or not _indices(place):
             return None
-        kinds = out, INDEX, table, INDEX, INDEX, NUMBER, NUMBER
-        return types.none(*kinds), partial(emit_down_weights, cells)
+        kinds = out, table, to_next, place, between, share, first
+        return types.none(*kinds), partial(emit_down_weights, cells, pixels)
 
     return down_weights
 
 
-def _weighted_cells(cells: int, rows: int):
+def _weighted_cells(cells: int, rows: int, pixels: int):
     """Make an intrinsic that weighs the `rows` rows in the middle of `cells` x `cells` cells of a
-    panel; those above and below weigh nothing."""
+    panel, for as many pixels; those above and below weigh nothing."""
 
     @intrinsic
     def weighted_cells(
-        typing, panel, at, stride, table, to_next, place, between, share, down, start
+        typing, out, panel, base, stride, table, to_next, place, between, share, down, first
     ):
-        """Return the sum of panel[at + j * stride + i] * across[i] * down[start + j] over
-        i, j < cells, float32.
+        """Fill out[first:], for each of `pixels` pixels, with the sum of
+        panel[base + j * stride + i] * across[i] * down[cells * pixel + j] over i, j < cells.
 
-        across is `cells` numbers of the table, see `intrinsics._weights`. Numbers float32, indices
-        int32.
+        across is `cells` numbers of the table, see `intrinsics._weights`.
         """
-        if not _floats(panel, table, down):
+        floats = _floats(out, panel, table, between, share, down)
+        if not floats or not _indices(base, place):
             return None
-        kinds = panel, INDEX, INDEX, table, INDEX, INDEX, NUMBER, NUMBER, down, INDEX
-        return NUMBER(*kinds), partial(emit_weighted_cells, cells, rows)
+        kinds = out, panel, base, stride, table, to_next, place, between, share, down, first
+        return types.none(*kinds), partial(emit_weighted_cells, cells, rows, pixels)
 
     return weighted_cells
 
@@ -103,9 +106,13 @@ def _taps(lanes: int, sums: int):
     return taps
 
 
-four_weights, eight_weights = _down_weights(4), _down_weights(8)
-four_by_four, eight_by_six = _weighted_cells(4, 4), _weighted_cells(8, 6)
-eight_by_eight = _weighted_cells(8, 8)
+# for one pixel, and for as many as fill a register of 16 numbers
+FOUR_CELLS, EIGHT_CELLS = 4, 2
+four_weights, many_four_weights = _down_weights(4, 1), _down_weights(4, FOUR_CELLS)
+eight_weights, many_eight_weights = _down_weights(8, 1), _down_weights(8, EIGHT_CELLS)
+four_by_four, many_four_by_four = _weighted_cells(4, 4, 1), _weighted_cells(4, 4, FOUR_CELLS)
+eight_by_six, many_eight_by_six = _weighted_cells(8, 6, 1), _weighted_cells(8, 6, EIGHT_CELLS)
+eight_by_eight, many_eight_by_eight = _weighted_cells(8, 8, 1), _weighted_cells(8, 8, EIGHT_CELLS)
 # as many sums as there are registers for
 _few, _many = _taps(LANES, 1), _taps(4 * LANES, 1)
 _few_of_four, _more_of_four = _taps(LANES, FOUR), _taps(2 * LANES, FOUR)
