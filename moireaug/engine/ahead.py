@@ -18,18 +18,23 @@ sys.path.append(sys.argv[1])
 
 import torch
 from moireaug import Scene, develop
+from moireaug.engine import run
+from moireaug.engine.shot_exposure import lower_exposure
 
 shot = Scene.preset("screen_photo").sample(1, (8, 8))
 raw = torch.zeros(shot.raw_shape(), requires_grad=True)
-develop(raw, shot).sum().backward()
+photo = develop(raw, shot)
+run.compile_show(lower_exposure(shot, decoded=False))
+photo.sum().backward()
 """
 # -P: a torch.py in the folder that somebody works in is not what the code means
 ARGUMENTS = ("-P", "-c", CODE, str(ROOT))
 
 
 def start(folder: str | None) -> None:
-    """Start a process that compiles the kernels of developing, forwards and backwards, unless one
-    was started before for this folder of kernels. It ends with this process, if not before.
+    """Start a process that compiles the kernels of developing, of showing a picture and of
+    developing backwards, unless one was started before for this folder of kernels. It ends with
+    this process, if not before.
 
     Nothing depends on it: a kernel that it has not finished is waited for, and one that it has not
     begun is compiled here.

@@ -7,6 +7,8 @@ import functools
 import gc
 import hashlib
 import os
+import threading
+from concurrent.futures import Future
 from pathlib import Path
 
 import llvmlite
@@ -100,9 +102,25 @@ def _locked(compile_, path):
             with contextlib.suppress(OSError):  # a file system without locks
                 held.enter_context(FileLock(path, fallback_to_soft=False))
             held.enter_context(_uncollected())
-            return compile_(signature)
+            return _aside(functools.partial(compile_, signature))
 
     return locked
+
+
+def _aside(task):
+    """Return what a task returns in a thread of its own. A compilation takes a sixth longer in the
+    main thread, whose memory goes back to the system again and again."""
+    done: Future = Future()
+
+    def work():
+        try:
+            done.set_result(task())
+        except BaseException as error:
+            done.set_exception(error)
+
+    # nobody who interrupts a program waits for its kernels
+    threading.Thread(target=work, daemon=True).start()
+    return done.result()
 
 
 @contextlib.contextmanager

@@ -26,22 +26,40 @@ def announce(message: str) -> None:
 
 
 @functools.lru_cache(maxsize=1)
-def prepare() -> None:
+def prepare() -> bool:
     """Announce, on a machine's first call, that kernels are being compiled, and start on those that
-    come later."""
-    if compiling.cold():
+    come later; return whether it is the first."""
+    cold = compiling.cold()
+    if cold:
         announce(
             "moireaug compiles its CPU kernels, once on this machine; this takes up to a minute."
         )
         ahead.start(compiling.folder())
+    return cold
 
 
 def fits(exposure: Exposure) -> np.ndarray:
     """Return for each image whether `expose` can follow its view, (B,) bool; see `batch.fits`."""
-    prepare()
+    cold = prepare()
     if exposure.point:
         return np.ones(len(exposure.cameras), bool)
-    return batch.fits(exposure)
+    fitting = batch.fits(exposure)
+    if cold and not batch.expose.signatures:
+        # before `show`, which the other process compiles in the meantime
+        compile_expose(exposure)
+    return fitting
+
+
+def compile_expose(exposure: Exposure) -> None:
+    """Compile the kernel of exposing, by exposing nothing."""
+    readings, shown = np.empty((0, 1, 0, 0), np.float32), np.empty((0, 0), np.float32)
+    batch.expose(readings, shown, exposure, 0, 0, 0, 0)
+
+
+def compile_show(exposure: Exposure) -> None:
+    """Compile the kernel that shows float32 pictures, by showing none."""
+    shown, pictures = np.empty((0, 0), np.float32), np.empty((0, 3, 0, 0), np.float32)
+    batch.show(shown, _light(exposure), pictures, exposure, 0, 0)
 
 
 def expose(picture: Tensor, exposure: Exposure) -> Tensor:
