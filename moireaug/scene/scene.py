@@ -150,7 +150,7 @@ class Shot(ShotRecord):
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Shot:
-        """Rebuild a shot from `to_dict`.
+        """Rebuild a shot from `to_dict`. Its scene may also be a Scene or a preset's name.
 
         Raises:
             ValueError, TypeError: a missing or unknown key, fields of different lengths, a number
@@ -166,7 +166,7 @@ class Shot(ShotRecord):
             raise ValueError(
                 f"a shot's dict must have the keys {', '.join(keys)}; missing {missing}."
             )
-        scene, seed = Scene.from_dict(values["scene"]), values["seed"]
+        scene, seed = as_scene(values["scene"]), values["seed"]
         _check_seed(seed)
         numbers = {}
         for part in PARTS:

@@ -90,7 +90,7 @@ class ShotRecord:
 
     def repeat(self, n: int) -> Self:
         """Return the whole batch n times, one after another."""
-        return self._map(lambda t: t.repeat(n))
+        return self if n == 1 else self._map(lambda t: t.repeat(n))
 
     @property
     def requires_grad(self) -> bool:

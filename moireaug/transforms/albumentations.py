@@ -88,6 +88,8 @@ class RandomMoire(DualTransform):
         super().__init__(p=check_probability(p))
         self.scene = as_scene(scene)
         self._moves = moves(self.scene)
+        # to know its own scene by its plain numbers: building it again takes longer than a draw
+        self._known = self.scene, self.scene.to_dict()
 
     def get_transform_init_args(self) -> dict[str, Any]:
         return {"scene": self.scene.to_dict()}
@@ -103,6 +105,13 @@ class RandomMoire(DualTransform):
         """Return one shot for images of the size in `params`, as plain numbers."""
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
         return {"shot": self.scene.sample(1, params["shape"][:2], generator).to_dict()}
+
+    def _shot(self, drawn: dict[str, Any]) -> Shot:
+        """Return the Shot of plain numbers, which a replay may have from another transform."""
+        scene, values = self._known
+        if drawn.get("scene") == values:
+            drawn = drawn | {"scene": scene}
+        return Shot.from_dict(drawn)
 
     if hasattr(DualTransform, "sample_parameters"):  # albumentationsx, which refuses the other name
 
@@ -129,12 +138,12 @@ class RandomMoire(DualTransform):
         return super().apply_with_params(params, *args, **kwargs)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return apply_shot(img, Shot.from_dict(shot), noise_of("image", 1, **params))
+        return apply_shot(img, self._shot(shot), noise_of("image", 1, **params))
 
     def apply_to_images(
         self, images: np.ndarray, shot: dict[str, Any], target: str = "images", **params: Any
     ) -> np.ndarray:
-        return apply_to_all(images, Shot.from_dict(shot), noise_of(target, len(images), **params))
+        return apply_to_all(images, self._shot(shot), noise_of(target, len(images), **params))
 
     def apply_to_volume(self, volume: np.ndarray, **params: Any) -> np.ndarray:
         return self.apply_to_images(volume, target="volume", **params)
@@ -144,7 +153,7 @@ class RandomMoire(DualTransform):
         return self.apply_to_images(slices, target="volumes", **params).reshape(np.shape(volumes))
 
     def apply_to_mask(self, mask: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
-        return move_mask(mask, Shot.from_dict(shot)) if self._moves else mask
+        return move_mask(mask, self._shot(shot)) if self._moves else mask
 
     def apply_to_masks(self, masks: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
         return super().apply_to_masks(masks, shot=shot, **params) if self._moves else masks
@@ -166,14 +175,14 @@ class RandomMoire(DualTransform):
     ) -> np.ndarray:
         if not self._moves or not len(bboxes):
             return bboxes
-        return move_bboxes(bboxes, at_size(Shot.from_dict(shot), (shape[0], shape[1])))
+        return move_bboxes(bboxes, at_size(self._shot(shot), (shape[0], shape[1])))
 
     def apply_to_keypoints(
         self, keypoints: np.ndarray, shot: dict[str, Any], shape: tuple[int, ...], **params: Any
     ) -> np.ndarray:
         if not self._moves or not len(keypoints):
             return keypoints
-        return move_keypoints(keypoints, at_size(Shot.from_dict(shot), (shape[0], shape[1])))
+        return move_keypoints(keypoints, at_size(self._shot(shot), (shape[0], shape[1])))
 
 
 class AdversarialMoire(RandomMoire):
@@ -288,7 +297,7 @@ class AdversarialMoire(RandomMoire):
         result = self.attack(  # of one eps
             as_model_takes(shown, self.attack.model),
             torch.full((len(pictures),), label, device="cpu"),
-            shot=Shot.from_dict(drawn["shot"]).repeat(len(pictures)),
+            shot=self._shot(drawn["shot"]).repeat(len(pictures)),
             generator=generator,
         )
         return drawn | {"noise": cast(Result, result).noise.cpu().tolist(), "first": first}

@@ -126,6 +126,16 @@ def test_replay_is_exact_and_survives_json(frame, request):
     assert any(np.array_equal(out["image"], x) for x in (photo, photo[:, ::-1]))
 
 
+def test_a_transform_replays_the_shot_of_another_scene(registered, camera):
+    image = values((9, 12, 3), np.uint8)
+    own, other = RandomMoire(registered, p=1), RandomMoire(camera, p=1)
+    for scene in (registered, camera):
+        shot = scene.sample(1, (9, 12), torch.Generator().manual_seed(0)).to_dict()
+        expected = door.apply_shot(image, Shot.from_dict(shot))
+        assert np.array_equal(own.apply(image, shot=shot), expected)
+        assert np.array_equal(other.apply(image, shot=shot), expected)
+
+
 def test_a_pipeline_survives_json(registered):
     steps = A.Compose([RandomMoire(registered, p=0.25)])
     again = A.from_dict(json.loads(json.dumps(A.to_dict(steps))))
