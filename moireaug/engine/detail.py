@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.effects.detail import SMALLEST
-from moireaug.engine.compiling import copy, fill, inner, loop
+from moireaug.engine.compiling import copy, fill, inner, loop, once
 from moireaug.engine.development_records import LANES
 from moireaug.engine.vectors import FOUR, add_taps, add_taps_of_four
 
@@ -135,7 +135,7 @@ def _along_back(out, padded, kernel, f, w):
         out[w - 1] += f.full[half + w + i]
 
 
-@inner
+@once
 def enter(f, photo, y):
     """Blur row y of a photo horizontally, into the ring. The photo may hold its last rows only:
     row y at y modulo their number."""
@@ -212,7 +212,7 @@ def held(f):
     return min(f.reach + BLOCK, len(f.place))
 
 
-@inner
+@once
 def blur_block(f, y):
     """Blur the BLOCK rows from y on vertically."""
     lanes = f.soft.shape[2]
@@ -226,7 +226,7 @@ def blur_block(f, y):
         add_taps_of_four(soft, lanes, weight, f.weight.shape[1], count, f.ring[c], f.offset)
 
 
-@inner
+@once
 def filter_row(out, photo, y, k, f):
     """Fill out (3, w) with row y of a photo, row k of the block that `blur_block` blurred: its
     colours smoothed, and its brightness sharpened by its difference from the blurred one. photo: as
