@@ -130,9 +130,12 @@ def _along_back(out, padded, kernel, f, w):
     fill(f.full, ZERO)
     add_taps(f.full, 0, lanes, kernel, 0, size, padded, f.steps, 0)
     copy(out[:w], f.full[half : half + w])
+    before = after = ZERO
     for i in range(half):
-        out[0] += f.full[i]
-        out[w - 1] += f.full[half + w + i]
+        before += f.full[i]
+        after += f.full[half + w + i]
+    out[0] += before
+    out[w - 1] += after
 
 
 @once
