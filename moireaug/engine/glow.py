@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine import harmonics, lookup
-from moireaug.engine.compiling import fill, inner, once, part
+from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.nodes import bracket
 from moireaug.engine.panel import margin
 from moireaug.engine.rows import (
@@ -136,7 +136,7 @@ def _add_subpixel(row, pixels, stride, size, cell, nodes, places, plane, i):
     )  # fmt: skip
 
 
-@once
+@part
 def glow(row, panel, size, camera, cell, nodes, sites, places, plane, v):
     """Fill the row's glow with the light that a plane's pixels see on row v, in each colour that is
     asked for; arguments as in `expose.expose`."""
