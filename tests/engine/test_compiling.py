@@ -1,6 +1,7 @@
 """Kernels are kept in a folder that is named by all they are compiled from."""
 
 import ast
+import threading
 from pathlib import Path
 
 import numba
@@ -63,6 +64,21 @@ def test_a_change_of_a_constant_makes_another_folder(name, tmp_path, monkeypatch
 
     monkeypatch.setattr(Path, "read_bytes", changed)
     assert compiling.folder.__wrapped__() != before
+
+
+def test_a_compilation_runs_aside_and_its_error_reaches_the_caller(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiling, "folder", lambda: str(tmp_path))
+    assert compiling._aside(threading.current_thread) is not threading.current_thread()
+
+    def double(x):
+        return 2 * x
+
+    def misspelt(x):
+        return x.relly
+
+    assert compiling.kernel(double)(4) == 8
+    with pytest.raises(numba.TypingError, match="relly"):
+        compiling.kernel(misspelt)(4)
 
 
 @pytest.mark.parametrize("rows", [slice(None), slice(None, None, 2)], ids=["all", "every second"])
