@@ -30,14 +30,14 @@ def emit_poke(context, builder, signature, args):
 
 
 def emit_taps(lanes, sums, context, builder, signature, args):
-    """Write `vectors.add_taps` for `lanes` pixels of as many sums."""
+    """Write what `vectors._taps` makes."""
     start, apart, first, each, count, base = _indices(
         context, builder, signature, args, (1, 2, 4, 5, 6, 9)
     )
 
     at = _pointers(context, builder, signature, args)
     targets = [at(0, place) for place in _steps(builder, start, apart, sums)]
-    totals = [cgutils.alloca_once_value(builder, _load(builder, at, lanes)) for at in targets]
+    totals = [cgutils.alloca_once_value(builder, _load(builder, to, lanes)) for to in targets]
     with cgutils.for_range(builder, count, intp=count.type) as tap:
         index = builder.add(first, tap.index)
         offset = builder.load(at(8, index), typ=base.type)
@@ -51,7 +51,7 @@ def emit_taps(lanes, sums, context, builder, signature, args):
 
 
 def emit_down_weights(cells, pixels, context, builder, signature, args):
-    """Write `vectors.down_weights` for so many cells and pixels."""
+    """Write what `vectors._down_weights` makes."""
     to_next, first = _indices(context, builder, signature, args, (2, 6))
     at = _pointers(context, builder, signature, args)
     places = _whole_numbers(builder, at(3, first), pixels)
@@ -63,8 +63,7 @@ def emit_down_weights(cells, pixels, context, builder, signature, args):
 
 
 def emit_weighted_cells(cells, rows, pixels, context, builder, signature, args):
-    """Write `vectors.weighted_cells` for so many cells and pixels; of the rows of cells, those in
-    the middle count."""
+    """Write what `vectors._weighted_cells` makes."""
     stride, to_next, first = _indices(context, builder, signature, args, (3, 5, 10))
     at = _pointers(context, builder, signature, args)
     places = _whole_numbers(builder, at(6, first), pixels)
@@ -77,7 +76,10 @@ def emit_weighted_cells(cells, rows, pixels, context, builder, signature, args):
         if (cells - rows) // 2 <= j < (cells + rows) // 2:
             row = _joined(builder, [_load(builder, at(1, base), cells) for base in bases])
             weight = _lanes(builder, down, [p * cells + j for p in _each(pixels, cells)])
-            total = _fma(builder, weight, row, total) if total else builder.fmul(weight, row)
+            if total is None:
+                total = builder.fmul(weight, row)
+            else:
+                total = _fma(builder, weight, row, total)
         bases = [builder.add(base, stride) for base in bases]
     sums = _totals(builder, builder.fmul(total, across), cells)
     _store(builder, sums, at(0, first))

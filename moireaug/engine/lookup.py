@@ -9,8 +9,8 @@ import numpy as np
 
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import (
-    EIGHT_CELLS,
-    FOUR_CELLS,
+    OF_EIGHT,
+    OF_FOUR,
     eight_by_eight,
     eight_by_six,
     eight_weights,
@@ -85,14 +85,14 @@ def down(out, table, to_next, place, between, share, width):
     """
     n = len(share)
     if width == NARROW:
-        whole = n - n % FOUR_CELLS
-        for i in range(0, whole, FOUR_CELLS):
+        whole = n - n % OF_FOUR
+        for i in range(0, whole, OF_FOUR):
             many_four_weights(out, table, to_next, place, between, share, i)
         for i in range(whole, n):
             four_weights(out, table, to_next, place, between, share, i)
     else:
-        whole = n - n % EIGHT_CELLS
-        for i in range(0, whole, EIGHT_CELLS):
+        whole = n - n % OF_EIGHT
+        for i in range(0, whole, OF_EIGHT):
             many_eight_weights(out, table, to_next, place, between, share, i)
         for i in range(whole, n):
             eight_weights(out, table, to_next, place, between, share, i)
@@ -111,24 +111,24 @@ def content(out, panel, base, stride, table, to_next, place, between, share, row
     """
     n = len(out)
     if width == NARROW:
-        whole = n - n % FOUR_CELLS
-        for i in range(0, whole, FOUR_CELLS):
+        whole = n - n % OF_FOUR
+        for i in range(0, whole, OF_FOUR):
             many_four_by_four(
                 out, panel, base, stride, table, to_next, place, between, share, rows, i
             )
         for i in range(whole, n):
             four_by_four(out, panel, base, stride, table, to_next, place, between, share, rows, i)
     elif taps <= SIX_ROWS:
-        whole = n - n % EIGHT_CELLS
-        for i in range(0, whole, EIGHT_CELLS):
+        whole = n - n % OF_EIGHT
+        for i in range(0, whole, OF_EIGHT):
             many_eight_by_six(
                 out, panel, base, stride, table, to_next, place, between, share, rows, i
             )
         for i in range(whole, n):
             eight_by_six(out, panel, base, stride, table, to_next, place, between, share, rows, i)
     else:
-        whole = n - n % EIGHT_CELLS
-        for i in range(0, whole, EIGHT_CELLS):
+        whole = n - n % OF_EIGHT
+        for i in range(0, whole, OF_EIGHT):
             many_eight_by_eight(
                 out, panel, base, stride, table, to_next, place, between, share, rows, i
             )

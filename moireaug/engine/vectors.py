@@ -106,13 +106,16 @@ def _taps(lanes: int, sums: int):
     return taps
 
 
-# for one pixel, and for as many as fill a register of 16 numbers
-FOUR_CELLS, EIGHT_CELLS = 4, 2
-four_weights, many_four_weights = _down_weights(4, 1), _down_weights(4, FOUR_CELLS)
-eight_weights, many_eight_weights = _down_weights(8, 1), _down_weights(8, EIGHT_CELLS)
-four_by_four, many_four_by_four = _weighted_cells(4, 4, 1), _weighted_cells(4, 4, FOUR_CELLS)
-eight_by_six, many_eight_by_six = _weighted_cells(8, 6, 1), _weighted_cells(8, 6, EIGHT_CELLS)
-eight_by_eight, many_eight_by_eight = _weighted_cells(8, 8, 1), _weighted_cells(8, 8, EIGHT_CELLS)
+# for one pixel, and for as many as have 16 cells in a row, of four or of eight
+OF_FOUR, OF_EIGHT = 4, 2
+four_weights, many_four_weights = _down_weights(4, 1), _down_weights(4, OF_FOUR)
+eight_weights, many_eight_weights = _down_weights(8, 1), _down_weights(8, OF_EIGHT)
+four_by_four, many_four_by_four = _weighted_cells(4, 4, 1), _weighted_cells(4, 4, OF_FOUR)
+eight_by_six, many_eight_by_six = _weighted_cells(8, 6, 1), _weighted_cells(8, 6, OF_EIGHT)
+eight_by_eight, many_eight_by_eight = (
+    _weighted_cells(8, 8, 1),
+    _weighted_cells(8, 8, OF_EIGHT),
+)
 # as many sums as there are registers for
 _few, _many = _taps(LANES, 1), _taps(4 * LANES, 1)
 _few_of_four, _more_of_four = _taps(LANES, FOUR), _taps(2 * LANES, FOUR)
