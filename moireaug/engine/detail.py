@@ -130,12 +130,14 @@ def _along_back(out, padded, kernel, f, w):
     fill(f.full, ZERO)
     add_taps(f.full, 0, lanes, kernel, 0, size, padded, f.steps, 0)
     copy(out[:w], f.full[half : half + w])
-    before = after = ZERO
+    first = out[0]
     for i in range(half):
-        before += f.full[i]
-        after += f.full[half + w + i]
-    out[0] += before
-    out[w - 1] += after
+        first += f.full[i]
+    out[0] = first
+    last = out[w - 1]
+    for i in range(half):
+        last += f.full[half + w + i]
+    out[w - 1] = last
 
 
 @once
