@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import functools
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -174,7 +175,7 @@ def _check_numbers(shot: ShotRecord) -> None:
     numbers = shot.numbers()
     _check_lens(numbers["lens.k1"].detach(), numbers["lens.k2"].detach())
     table = torch.stack(list(numbers.values())).detach()
-    low, high = _finite_limits(table.device)
+    low, high = torch.from_numpy(_finite_limits()).to(table.device)
     if ((table >= low) & (table <= high)).all():
         return
     for (name, values), least, greatest in zip(numbers.items(), *limits(), strict=True):
@@ -186,10 +187,10 @@ def _check_numbers(shot: ShotRecord) -> None:
 
 
 @functools.cache
-def _finite_limits(device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return the least and the greatest finite number of each field, (fields, 1) float64."""
-    low, high = torch.tensor(limits(), dtype=torch.float64, device=device)[..., None]
-    return low.nan_to_num(), high.nan_to_num()
+def _finite_limits() -> np.ndarray:
+    """Return the least and the greatest finite number of each field, (2, fields, 1) float64. An
+    array, because a tensor may be of a mode that ends."""
+    return np.nan_to_num(np.array(limits(), np.float64)[..., None])
 
 
 def _check_lens(k1: Tensor, k2: Tensor) -> None:

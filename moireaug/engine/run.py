@@ -44,7 +44,7 @@ def fits(exposure: Exposure) -> np.ndarray:
     if exposure.point:
         return np.ones(len(exposure.cameras), bool)
     fitting = batch.fits(exposure)
-    if cold and not batch.expose.signatures:
+    if cold and fitting.any() and not batch.expose.signatures:
         # before `show`, which the other process compiles in the meantime
         compile_expose(exposure)
     return fitting

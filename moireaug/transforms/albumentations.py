@@ -110,7 +110,7 @@ class RandomMoire(DualTransform):
         """Return the Shot of plain numbers, which a replay may have from another transform."""
         scene, values = self._known
         if drawn.get("scene") == values:
-            drawn = drawn | {"scene": scene}
+            drawn = {**drawn, "scene": scene}
         return Shot.from_dict(drawn)
 
     if hasattr(DualTransform, "sample_parameters"):  # albumentationsx, which refuses the other name
