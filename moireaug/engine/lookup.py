@@ -9,18 +9,11 @@ import numpy as np
 
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import (
-    OF_EIGHT,
-    OF_FOUR,
     eight_by_eight,
     eight_by_six,
     eight_weights,
     four_by_four,
     four_weights,
-    many_eight_by_eight,
-    many_eight_by_six,
-    many_eight_weights,
-    many_four_by_four,
-    many_four_weights,
     peek,
     poke,
 )
@@ -83,19 +76,10 @@ def down(out, table, to_next, place, between, share, width):
         place, between: (n,), from `windows`. share: (n,) float32, how far the pixel is towards the
             next node.
     """
-    n = len(share)
     if width == NARROW:
-        whole = n - n % OF_FOUR
-        for i in range(0, whole, OF_FOUR):
-            many_four_weights(out, table, to_next, place, between, share, i)
-        for i in range(whole, n):
-            four_weights(out, table, to_next, place, between, share, i)
+        four_weights(out, table, to_next, place, between, share)
     else:
-        whole = n - n % OF_EIGHT
-        for i in range(0, whole, OF_EIGHT):
-            many_eight_weights(out, table, to_next, place, between, share, i)
-        for i in range(whole, n):
-            eight_weights(out, table, to_next, place, between, share, i)
+        eight_weights(out, table, to_next, place, between, share)
 
 
 @inner
@@ -109,28 +93,9 @@ def content(out, panel, base, stride, table, to_next, place, between, share, row
         rows: the weights of the rows of cells, from `down`.
         taps: cells to each side of the nearest one that give light.
     """
-    n = len(out)
     if width == NARROW:
-        whole = n - n % OF_FOUR
-        for i in range(0, whole, OF_FOUR):
-            many_four_by_four(
-                out, panel, base, stride, table, to_next, place, between, share, rows, i
-            )
-        for i in range(whole, n):
-            four_by_four(out, panel, base, stride, table, to_next, place, between, share, rows, i)
+        four_by_four(out, panel, base, stride, table, to_next, place, between, share, rows)
     elif taps <= SIX_ROWS:
-        whole = n - n % OF_EIGHT
-        for i in range(0, whole, OF_EIGHT):
-            many_eight_by_six(
-                out, panel, base, stride, table, to_next, place, between, share, rows, i
-            )
-        for i in range(whole, n):
-            eight_by_six(out, panel, base, stride, table, to_next, place, between, share, rows, i)
+        eight_by_six(out, panel, base, stride, table, to_next, place, between, share, rows)
     else:
-        whole = n - n % OF_EIGHT
-        for i in range(0, whole, OF_EIGHT):
-            many_eight_by_eight(
-                out, panel, base, stride, table, to_next, place, between, share, rows, i
-            )
-        for i in range(whole, n):
-            eight_by_eight(out, panel, base, stride, table, to_next, place, between, share, rows, i)
+        eight_by_eight(out, panel, base, stride, table, to_next, place, between, share, rows)

@@ -58,14 +58,31 @@ def _down_weights(cells: int, pixels: int):
 
     @intrinsic
     def down_weights(typing, out, table, to_next, place, between, share, first):
-        """Fill out[first * cells :] with `cells` numbers of a table for each of `pixels` pixels,
-        see `intrinsics._weights`."""
+        """Do the same as `four_weights`, for the `pixels` pixels from `first` on."""
         if not _floats(out, table, between, share) or not _indices(place):
             return None
         kinds = out, table, to_next, place, between, share, first
         return types.none(*kinds), partial(emit_down_weights, cells, pixels)
 
     return down_weights
+
+
+def _weights_of(cells: int):
+    """Make what fills a row with the weights of so many cells: 16 of them at once."""
+    at_once = 16 // cells
+    many, one = _down_weights(cells, at_once), _down_weights(cells, 1)
+
+    @inner
+    def weights(out, table, to_next, place, between, share):
+        """Fill out (n * cells,) with the numbers of a table for each pixel, see
+        `intrinsics._weights`; the other arrays are (n,)."""
+        whole = len(share) - len(share) % at_once
+        for i in range(0, whole, at_once):
+            many(out, table, to_next, place, between, share, i)
+        for i in range(whole, len(share)):
+            one(out, table, to_next, place, between, share, i)
+
+    return weights
 
 
 def _weighted_cells(cells: int, rows: int, pixels: int):
@@ -76,11 +93,7 @@ def _weighted_cells(cells: int, rows: int, pixels: int):
     def weighted_cells(
         typing, out, panel, base, stride, table, to_next, place, between, share, down, first
     ):
-        """Fill out[first:], for each of `pixels` pixels, with the sum of
-        panel[base + j * stride + i] * across[i] * down[cells * pixel + j] over i, j < cells.
-
-        across is `cells` numbers of the table, see `intrinsics._weights`.
-        """
+        """Do the same as `four_by_four`, for the `pixels` pixels from `first` on."""
         floats = _floats(out, panel, table, between, share, down)
         if not floats or not _indices(base, place):
             return None
@@ -88,6 +101,27 @@ def _weighted_cells(cells: int, rows: int, pixels: int):
         return types.none(*kinds), partial(emit_weighted_cells, cells, rows, pixels)
 
     return weighted_cells
+
+
+def _content_of(cells: int, rows: int):
+    """Make what weighs the cells that a row of pixels looks at: 16 columns of them at once."""
+    at_once = 16 // cells
+    many, one = _weighted_cells(cells, rows, at_once), _weighted_cells(cells, rows, 1)
+
+    @inner
+    def content(out, panel, base, stride, table, to_next, place, between, share, down):
+        """Fill out (n,), for each pixel, with the sum of
+        panel[base + j * stride + i] * across[i] * down[cells * pixel + j] over i, j < cells.
+
+        across is `cells` numbers of the table, see `intrinsics._weights`.
+        """
+        whole = len(out) - len(out) % at_once
+        for i in range(0, whole, at_once):
+            many(out, panel, base, stride, table, to_next, place, between, share, down, i)
+        for i in range(whole, len(out)):
+            one(out, panel, base, stride, table, to_next, place, between, share, down, i)
+
+    return content
 
 
 def _taps(lanes: int, sums: int):
@@ -106,16 +140,8 @@ def _taps(lanes: int, sums: int):
     return taps
 
 
-# for one pixel, and for as many as have 16 cells in a row, of four or of eight
-OF_FOUR, OF_EIGHT = 4, 2
-four_weights, many_four_weights = _down_weights(4, 1), _down_weights(4, OF_FOUR)
-eight_weights, many_eight_weights = _down_weights(8, 1), _down_weights(8, OF_EIGHT)
-four_by_four, many_four_by_four = _weighted_cells(4, 4, 1), _weighted_cells(4, 4, OF_FOUR)
-eight_by_six, many_eight_by_six = _weighted_cells(8, 6, 1), _weighted_cells(8, 6, OF_EIGHT)
-eight_by_eight, many_eight_by_eight = (
-    _weighted_cells(8, 8, 1),
-    _weighted_cells(8, 8, OF_EIGHT),
-)
+four_weights, eight_weights = _weights_of(4), _weights_of(8)
+four_by_four, eight_by_six, eight_by_eight = _content_of(4, 4), _content_of(8, 6), _content_of(8, 8)
 # as many sums as there are registers for
 _few, _many = _taps(LANES, 1), _taps(4 * LANES, 1)
 _few_of_four, _more_of_four = _taps(LANES, FOUR), _taps(2 * LANES, FOUR)
