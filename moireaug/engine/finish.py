@@ -1,6 +1,6 @@
-"""From raw to a photo by way of every sensor pixel's codes, one image per call, a row at a time:
-develop, filter, clip overshoots and resize; and the backward pass from the photo to the codes. No
-more rows are developed ahead than a filter needs."""
+"""From raw to a photo by way of every sensor pixel's codes, one image per call, a few rows at a
+time: develop, filter, clip overshoots and resize; and the backward pass from the photo to the
+codes. No more rows are developed ahead than the filter of those needs."""
 
 from __future__ import annotations
 
