@@ -8,7 +8,6 @@ which are what a picture's detail needs.
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import NamedTuple
 
@@ -16,7 +15,6 @@ import torch
 from torch import Tensor
 
 from moireaug.exposure.optics import Optics
-from moireaug.numeric import is_transformed
 
 TAIL = 1.0  # standard deviations of the spread that taps must reach
 # share of the nearest panel pixel where none is seen, so that shares can be normalised
@@ -75,9 +73,9 @@ def fitted(seen: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint
     return kept, lost
 
 
-def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> list[Tensor]:
-    """Return the share of a sensor pixel's view that falls on each of `taps` subpixels: (B, h, w)
-    each.
+def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> Tensor:
+    """Return the share of a sensor pixel's view that falls on each of `taps` subpixels:
+    (taps, B, h, w).
 
     Args:
         offset: (B, h, w), position from the nearest subpixel's centre, in cells: -1/2 to 1/2.
@@ -88,36 +86,34 @@ def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> list[Te
     at, half = offset * sharpness, seen.box / 2 * sharpness
     left, right = at - half, at + half  # ends of the box
 
-    def beyond(edge: float | Tensor) -> Tensor:
+    def beyond(edge: Tensor) -> Tensor:
         """Return the share of the view past an edge, before the factor `unit` and up to a
         constant."""
         edge = edge * sharpness
         return _erf_integral(right - edge) - _erf_integral(left - edge)
 
-    around = range(-(taps // 2), taps // 2 + 1)
-    if _is_one(width):  # an edge that two subpixels share
-        edges = [beyond(k - 0.5) for k in (*around, taps // 2 + 1)]
-        between = [near - far for near, far in itertools.pairwise(edges)]
-    else:
-        between = [beyond(k - width / 2) - beyond(k + width / 2) for k in around]
+    centres = around(taps, offset)
     unit = 1 / (2 * math.sqrt(math.pi) * seen.box * sharpness)
-    return [share * unit for share in between]
+    return (beyond(centres - width / 2) - beyond(centres + width / 2)) * unit
 
 
-def normalised(share: list[Tensor]) -> list[Tensor]:
-    """Return shares that sum to 1; where nothing is seen, all of it is the nearest subpixel's."""
-    share = [s.clamp(min=0) for s in share]  # rounding may leave a share a digit below zero
-    share[len(share) // 2] = share[len(share) // 2] + LEAST
-    total = sum(share)
-    return [s / total for s in share]
+def around(taps: int, like: Tensor) -> Tensor:
+    """Return the whole cells from the nearest subpixel to each of `taps` around it, along a new
+    first axis: (taps, 1, ..., 1)."""
+    cells = torch.arange(taps, dtype=like.dtype, device=like.device) - taps // 2
+    return cells.reshape(-1, *[1] * like.ndim)
+
+
+def normalised(share: Tensor) -> Tensor:
+    """Return shares (taps, ...) that sum to 1; where nothing is seen, all of it is the nearest
+    subpixel's."""
+    share = share.clamp(min=0)  # rounding may leave a share a digit below zero
+    nearest = (around(len(share), share[0]) == 0).to(share.dtype)
+    share = share + LEAST * nearest
+    return share / share.sum(0)
 
 
 def _erf_integral(t: Tensor) -> Tensor:
     """Return the integral of the error function up to t, times the root of pi, up to a constant."""
     bell = torch.exp((-t * t).clamp(min=LEAST_EXPONENT))
     return torch.addcmul(bell, t, torch.erf(t), value=math.sqrt(math.pi))
-
-
-def _is_one(width: Tensor) -> bool:
-    """Whether every width is 1 and its value may be read."""
-    return not is_transformed() and not width.requires_grad and bool((width == 1).all())

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 
-from moireaug.geometry.sensor import Site
+from moireaug.geometry.sensor import CFA, cell
 
 
 def crosstalk_matrix(share: Tensor) -> Tensor:
@@ -24,12 +22,21 @@ def crosstalk_matrix(share: Tensor) -> Tensor:
     return torch.stack([red, green, blue], -2)
 
 
-def through_filters(read: Callable[[int], Tensor], site: Site, shot) -> list[Tensor]:
-    """Return what a site reads through each of its filters, (B, h, w) each. `read(channel)` is what
-    it would read of one colour alone."""
+def colours_seen(shot) -> str:
+    """Return the filter cell, a key of `CFA`, of the colours that pixels see: all three if the
+    filters' bands overlap, else their own."""
+    return "none" if "crosstalk" in shot.plan else shot.scene.sensor.cfa
+
+
+def through_filters(light: Tensor, shot) -> Tensor:
+    """Return the readings (B, 4 or 3, h, w) of the light that pixels see, in the cell that
+    `colours_seen` names."""
     if "crosstalk" not in shot.plan:
-        return [read(channel) for channel in site.channels]
-    light = torch.stack([read(channel) for channel in range(3)], 1)
+        return light
     mix = crosstalk_matrix(shot.sensor.crosstalk).to(light.dtype)
-    seen = torch.einsum("bij,bjhw->ibhw", mix, light)
-    return [seen[channel] for channel in site.channels]
+    mixed = torch.einsum("bij,bjhw->bihw", mix, light)
+    cfa, planes = shot.scene.sensor.cfa, []
+    for site in CFA[cfa]:
+        for channel in site.channels:
+            planes.append(mixed[:, channel, site.row :: cell(cfa), site.column :: cell(cfa)])
+    return torch.stack(planes, 1)

@@ -24,14 +24,14 @@ class Optics(NamedTuple):
     motion_y: Tensor
 
     def transfer(self, fu: Tensor, fv: Tensor) -> Tensor:
-        """Return the modulation transfer at frequencies (B, ...) in cycles per sensor pixel: of a
-        square aperture, a Gaussian spread, another along the hand's motion, and a low-pass filter
-        that doubles the picture along both axes."""
-        fill, blur, olpf, x, y = (t.reshape(-1, *[1] * (fu.ndim - 1)) for t in self)
-        variance = blur.square() * (fu.square() + fv.square()) + (x * fu + y * fv).square()
+        """Return the modulation transfer at frequencies in cycles per sensor pixel, which broadcast
+        with the fields: of a square aperture, a Gaussian spread, another along the hand's motion,
+        and a low-pass filter that doubles the picture along both axes."""
+        moved = self.motion_x * fu + self.motion_y * fv
+        variance = self.blur.square() * (fu.square() + fv.square()) + moved.square()
         spread = torch.exp(-2 * math.pi**2 * variance)
-        doubled = torch.cos(math.pi * olpf * fu) * torch.cos(math.pi * olpf * fv)
-        return sinc(fill * fu) * sinc(fill * fv) * spread * doubled
+        doubled = torch.cos(math.pi * self.olpf * fu) * torch.cos(math.pi * self.olpf * fv)
+        return sinc(self.fill * fu) * sinc(self.fill * fv) * spread * doubled
 
     def quantiles(self, n: int) -> Tensor:
         """Return the n mid-quantiles of the light along one axis, without motion, in sensor pixels:

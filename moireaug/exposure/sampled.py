@@ -3,14 +3,13 @@ aperture."""
 
 from __future__ import annotations
 
-import functools
 from abc import abstractmethod
 
 import torch
 from torch import Tensor
 
 from moireaug.exposure.base import Exposure
-from moireaug.exposure.filters import through_filters
+from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import optics_of
 from moireaug.geometry import grids
 from moireaug.geometry.sensor import CFA, cell
@@ -27,21 +26,20 @@ class Sampled(Exposure):
         rows, cols = (axis.positions(light.device) for axis in pixels)
         offsets = self.offsets(shot)
         down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
-        inverse, step = torch.linalg.inv(shot.matrix()), cell(shot.scene.sensor.cfa)
+        inverse, cfa = torch.linalg.inv(shot.matrix()), colours_seen(shot)
         planes = []
-        for site in CFA[shot.scene.sensor.cfa]:
-            totals = [light.new_zeros(())] * len(site.channels)
+        for site in CFA[cfa]:
+            total = light.new_zeros(())
             for i in range(offsets.shape[2]):
-                v = rows[site.row :: step] + down[:, i, None]
-                u = cols[site.column :: step] + across[:, i, None]
+                v = rows[site.row :: cell(cfa)] + down[:, i, None]
+                u = cols[site.column :: cell(cfa)] + across[:, i, None]
                 points = grids.grid(v, u)
                 seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
                 x, y = (seen * alpha[..., None]).unbind(-1)
-                read = functools.partial(self.read, light, x, y, shot)
-                for j, reading in enumerate(through_filters(read, site, shot)):
-                    totals[j] = totals[j] + reading
-            planes += [total / offsets.shape[2] for total in totals]
-        return torch.stack(planes, 1)
+                readings = [self.read(light, x, y, shot, channel) for channel in site.channels]
+                total = total + torch.stack(readings, 1)
+            planes.append(total / offsets.shape[2])
+        return through_filters(torch.cat(planes, 1), shot)
 
     @abstractmethod
     def offsets(self, shot) -> Tensor:

@@ -40,47 +40,35 @@ class Screen:
         if math.prod(self.size) <= LOOKS * taps**2 * readings:
             self.panel = on_panel(light, self.size, self.margin, self.alpha).flatten(2).unbind(1)
 
-    def look(
-        self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]
-    ) -> list[list[Tensor]]:
-        """Return what panel pixels show from (B, h, w) columns and rows on, one per period: `taps`
-        lists downwards, of `taps` tensors (B, h, w) to the right."""
+    def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> Tensor:
+        """Return what panel pixels show from (B, h, w) columns and rows on, one per period, `taps`
+        downwards and to the right: (taps, taps, B, h, w)."""
         if self.panel is None:
             return self._on_picture(channel, column, row, period)
         px, py = period
         (h, w), (above, before) = self.size, self.margin
         first = (row + above).clamp(0, h - above) * w + (column + before).clamp(0, w - before)
-        steps = []
-        for j in range(self.taps):
-            for i in range(self.taps):
-                steps.append(j * py * w + i * px)
+        tap = torch.arange(self.taps, device=first.device)
+        steps = (tap[:, None] * (py * w) + tap * px).flatten()
         found = Gather.apply(self.panel[channel], first.long().flatten(1), steps)
-        shown = []
-        for j in range(self.taps):
-            line = found[j * self.taps : (j + 1) * self.taps]
-            shown.append([values.reshape(row.shape) for values in line])
-        return shown
+        return found.reshape(self.taps, self.taps, *row.shape)
 
     def _on_picture(
         self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]
-    ) -> list[list[Tensor]]:
+    ) -> Tensor:
         """Look up panel pixels in the picture itself; arguments and result as in `look`."""
-        px, py = period
-        picture = self.light[:, channel, None]
-        shown = []
-        for j in range(self.taps):
-            y = (row + (j * py + 0.5)) / self.alpha
-            line = []
-            for i in range(self.taps):
-                x = (column + (i * px + 0.5)) / self.alpha
-                line.append(grids.look_up(picture, x, y)[:, 0])
-            shown.append(line)
-        return shown
+        tap = torch.arange(self.taps, dtype=row.dtype, device=row.device)[:, None, None, None]
+        x = (column + (tap * period[0] + 0.5)) / self.alpha
+        y = (row + (tap * period[1] + 0.5)) / self.alpha
+        # one look-up for all taps, as rows of one picture: (B, taps * taps * h, w)
+        x, y = (t.movedim(2, 0).flatten(1, 3) for t in torch.broadcast_tensors(x, y[:, None]))
+        found = grids.look_up(self.light[:, channel, None], x, y)[:, 0]
+        return found.unflatten(1, (self.taps, self.taps, -1)).movedim(0, 2)
 
 
 class Gather(torch.autograd.Function):
-    """Gather numbers (B, N) at indices (B, P) plus each of some steps: (B, P) each. Differentiable
-    any number of times, forward, too.
+    """Gather numbers (B, N) at indices (B, P) plus each of some steps (S,): (S, B, P).
+    Differentiable any number of times, forward, too.
 
     torch.gather would keep an index for each step for its gradient.
     """
@@ -88,27 +76,27 @@ class Gather(torch.autograd.Function):
     generate_vmap_rule = True
 
     @staticmethod
-    def forward(numbers: Tensor, first: Tensor, steps: list[int]) -> tuple[Tensor, ...]:
-        return tuple(numbers[:, step:].gather(1, first) for step in steps)
+    def forward(numbers: Tensor, first: Tensor, steps: Tensor) -> Tensor:
+        return numbers.expand(len(steps), -1, -1).gather(2, first + steps[:, None, None])
 
     @staticmethod
-    def setup_context(ctx, inputs: tuple, output: tuple) -> None:
-        numbers, first, ctx.steps = inputs
-        ctx.save_for_backward(first)
-        ctx.save_for_forward(first)
+    def setup_context(ctx, inputs: tuple, output: Tensor) -> None:
+        numbers, first, steps = inputs
+        ctx.save_for_backward(first, steps)
+        ctx.save_for_forward(first, steps)
         ctx.n = numbers.shape[1]
 
     @staticmethod
-    def backward(ctx, *slopes: Tensor) -> tuple:
-        (first,) = ctx.saved_tensors
-        index = torch.cat([first + step for step in ctx.steps], 1)
-        nothing = slopes[0].new_zeros(len(first), ctx.n)
-        return nothing.scatter_add(1, index, torch.cat(slopes, 1)), None, None
+    def backward(ctx, slopes: Tensor) -> tuple:
+        first, steps = ctx.saved_tensors
+        index = (first + steps[:, None, None]).movedim(0, 1).flatten(1)
+        nothing = slopes.new_zeros(len(first), ctx.n)
+        return nothing.scatter_add(1, index, slopes.movedim(0, 1).flatten(1)), None, None
 
     @staticmethod
-    def jvp(ctx, along: Tensor, *_: None) -> tuple[Tensor, ...]:
-        (first,) = ctx.saved_tensors
-        return tuple(along[:, step:].gather(1, first) for step in ctx.steps)
+    def jvp(ctx, along: Tensor, *_: None) -> Tensor:
+        first, steps = ctx.saved_tensors
+        return along.expand(len(steps), -1, -1).gather(2, first + steps[:, None, None])
 
 
 def on_panel(

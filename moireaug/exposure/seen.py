@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -37,19 +36,8 @@ class AlongAxis(NamedTuple):
     nearest: Tensor  # (B, h, w) float64, the nearest whole cell
     seen: Footprint  # (B, h, w) each, narrowed to the taps
     width: Tensor  # (B, 1, 1), width of the subpixel in cells
-    # (B, h, w) each: shares of the view on the subpixels around, which sum to 1
-    share: list[Tensor]
-    lit: list[Tensor] | None  # (B, h, w) each: share of it on the picture; None if all are
-
-
-class Wave(NamedTuple):
-    """A harmonic along one axis of the panel, (B, h, w) each: cycles per sensor pixel along u and
-    v, cosine and sine of its phase."""
-
-    fu: Tensor
-    fv: Tensor
-    cos: Tensor
-    sin: Tensor
+    share: Tensor  # (taps, B, h, w), shares of the view on the subpixels around, which sum to 1
+    lit: Tensor | None  # (taps, B, h, w), share of each that is on the picture; None if all are
 
 
 def look_at_panel(
@@ -63,16 +51,6 @@ def look_at_panel(
     step = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, lens)
     scale = step.new_tensor([pixels.scale for pixels in shot.sampled_pixels()[::-1]])
     return Sight(position, step * alpha[..., None].to(accuracy) / scale)
-
-
-def wave(k: int, axis: int, along: AlongAxis, period: int, sight: Sight) -> Wave:
-    """Return the k-th harmonic along x (axis 0) or y (axis 1), for a period in panel pixels."""
-    dtype = along.share[0].dtype
-    fu, fv = (sight.step[..., axis, :] * (k / period)).to(dtype).unbind(-1)
-    cycles = k * along.cells
-    # drop whole cycles before the cast, so that the phase stays precise far from the origin
-    phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
-    return Wave(fu, fv, torch.cos(phase), torch.sin(phase))
 
 
 def footprint_of(
@@ -119,18 +97,16 @@ def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen
     seen, width = footprint_of(subpixel, axis, sight.step, (across, down), optics_of(shot))
     kept, lost = content.fitted(seen, width, taps)
     shares = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
-    share = content.normalised([s.to(dtype) for s in shares])
+    share = content.normalised(shares.to(dtype))
     lit = None
     if not shot.scene.develop.registered:
         ends = shot.panel.scale[:, None, None] * shot.size[1 - axis]
         pixel = nearest * period + subpixel.pixel[axis]
         whole = _share_on_picture(sight.position[..., axis], seen, ends, period)
         # a narrowed view sees as much of the picture as the whole view does
-        narrowed, lit = lost > 0, []
-        for k in range(-(taps // 2), taps // 2 + 1):
-            at = pixel + k * period
-            alone = ((at >= 0) & (at < ends)).double()
-            lit.append(torch.where(narrowed, whole, alone).to(dtype))
+        at = pixel + period * content.around(taps, pixel)
+        alone = ((at >= 0) & (at < ends)).double()
+        lit = torch.where(lost > 0, whole, alone).to(dtype)
     return AlongAxis(cells, nearest, kept, width, share, lit)
 
 
@@ -147,14 +123,8 @@ def covered(along: AlongAxis) -> Tensor:
     past the taps."""
     every = 4 * len(along.share) + 1
     from_nearest = (along.cells - along.nearest).to(along.width.dtype)
-    return _added(content.shares(from_nearest, along.seen, along.width, every)).to(
-        along.share[0].dtype
-    )
-
-
-def _added(terms: Iterable[Tensor]) -> Tensor:
-    """Return the sum of one or more tensors, freeing each once it is added."""
-    return functools.reduce(torch.add, terms)
+    share = content.shares(from_nearest, along.seen, along.width, every)
+    return share.sum(0).to(along.share.dtype)
 
 
 def panel_pixels(
@@ -164,18 +134,11 @@ def panel_pixels(
 
     In a photo in the camera's frame, the panel is dark past the picture.
     """
-    across, down = x.share, y.share
-    if x.lit is not None:
-        across = [share * lit for share, lit in zip(across, x.lit, strict=True)]
-    if y.lit is not None:
-        down = [share * lit for share, lit in zip(down, y.lit, strict=True)]
+    across = x.share if x.lit is None else x.share * x.lit
+    down = y.share if y.lit is None else y.share * y.lit
     column, row = (
         (along.nearest - screen.taps // 2) * period + math.floor(pixel)
         for along, period, pixel in zip((x, y), subpixel.period, subpixel.pixel, strict=True)
     )
     shown = screen.look(channel, column, row, subpixel.period)
-
-    def line(j: int) -> Tensor:
-        return _added(in_column * shown[j][i] for i, in_column in enumerate(across))
-
-    return _added(in_row * line(j) for j, in_row in enumerate(down))
+    return (down * (across * shown).sum(1)).sum(0)

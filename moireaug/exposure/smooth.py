@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from moireaug.exposure.base import Exposure
-from moireaug.exposure.filters import through_filters
+from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.exposure.seen import (
@@ -23,7 +23,6 @@ from moireaug.exposure.seen import (
     covered,
     look_at_panel,
     panel_pixels,
-    wave,
 )
 from moireaug.geometry.sensor import CFA, Site, cell
 from moireaug.numeric import is_transformed
@@ -31,9 +30,9 @@ from moireaug.panel.fourier import coefficient, emitting_share, mean_light, own_
 from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 
-# readings of one site that are computed together, in bands of rows
-AT_ONCE = {"cpu": 2**16, "cuda": 2**22}
-MOST_BANDS = 16  # per site: each allocates a gradient of the whole panel
+# numbers of the largest tensor, which bands of rows bound
+AT_ONCE = {"cpu": 2**17, "cuda": 2**25}
+MOST_BANDS = 64  # each allocates a gradient of the whole panel
 
 
 class SmoothExposure(Exposure):
@@ -51,7 +50,7 @@ class SmoothExposure(Exposure):
         self.taps, self.fine = taps, fine
 
     def __call__(self, light: Tensor, shot) -> Tensor:
-        step, screen = cell(shot.scene.sensor.cfa), Screen(light, shot, self.taps)
+        cfa, screen = colours_seen(shot), Screen(light, shot, self.taps)
         accuracy = torch.float64 if self.fine else light.dtype
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
@@ -62,12 +61,12 @@ class SmoothExposure(Exposure):
                 checkpoint, self.read_site, use_reentrant=False, preserve_rng_state=False
             )
         planes = []
-        for site in CFA[shot.scene.sensor.cfa]:
-            across, readings = cols[site.column :: step], []
-            for down in rows[site.row :: step].chunk(bands_of(light, shot)):
+        for site in CFA[cfa]:
+            across, readings = cols[site.column :: cell(cfa)], []
+            for down in rows[site.row :: cell(cfa)].chunk(self.bands(light, shot)):
                 readings.append(read_site(site, screen, inverse, down, across, accuracy, shot))
             planes.append(torch.cat(readings, 2))
-        return torch.cat(planes, 1)
+        return through_filters(torch.cat(planes, 1), shot)
 
     def read_site(
         self,
@@ -79,19 +78,27 @@ class SmoothExposure(Exposure):
         accuracy: torch.dtype,
         shot,
     ) -> Tensor:
-        """Return what one site of the filter cell reads at photo coordinates rows x cols:
-        (B, channels, h, w).
+        """Return the colours that one site of the filter cell sees at photo coordinates
+        rows x cols: (B, channels, h, w).
 
         `inverse` is the homography (B, 3, 3) from ideal photo to image coordinates.
         """
         sight = look_at_panel(rows, cols, inverse, accuracy, shot)
-        return torch.stack(
-            through_filters(lambda channel: self.read(screen, channel, sight, shot), site, shot), 1
-        )
+        colours = [self.read(screen, channel, sight, shot) for channel in site.channels]
+        return torch.stack(colours, 1)
 
     @abstractmethod
     def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         """Return what sensor pixels read of one channel: (B, h, w)."""
+
+    def bands(self, light: Tensor, shot) -> int:
+        """Return the number of bands of rows into which a site's readings are cut, to bound
+        memory."""
+        if torch.compiler.is_compiling():
+            return 1
+        readings = len(light) * math.prod(shot.raw_shape()[-2:])
+        numbers = readings * max(self.taps**2, len(self.harmonics))  # of the largest tensor
+        return min(MOST_BANDS, 1 + numbers // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
 
 
 class BySubpixel(SmoothExposure):
@@ -132,19 +139,20 @@ class Spectral(BySubpixel):
     def transmission(
         self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot
     ) -> Tensor:
-        dtype, optics = x.share[0].dtype, optics_of(shot)
-        optics, layout = Optics(*(t.to(dtype) for t in optics)), as_layout(shot.scene.panel.layout)
+        dtype, layout = x.share.dtype, as_layout(shot.scene.panel.layout)
+        optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
         width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
-        orders, (px, py) = own_orders(subpixel, layout, self.harmonics), subpixel.period
-        across = {k: wave(k, 0, x, px, sight) for k in {k for k, _ in orders}}
-        down = {l: wave(l, 1, y, py, sight) for l in {l for _, l in orders}}
-        light = coefficient(subpixel, 0, 0, width, height).expand(x.cells.shape)
-        for k, l in orders:
-            along_x, along_y = across[k], down[l]
-            amplitude = 2 * coefficient(subpixel, k, l, width, height)
-            passed = amplitude * optics.transfer(along_x.fu + along_y.fu, along_x.fv + along_y.fv)
-            light = light + passed * (along_x.cos * along_y.cos - along_x.sin * along_y.sin)
-        return light
+        orders = own_orders(subpixel, layout, self.harmonics)
+        k, l = x.cells.new_tensor(orders).reshape(-1, 2, 1, 1, 1).unbind(1)
+        cycles = k * x.cells + l * y.cells  # (harmonics, B, h, w)
+        # drop whole cycles before the cast, so that the phase stays precise far from the origin
+        phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
+        k, l, step, (px, py) = k.to(dtype), l.to(dtype), sight.step.to(dtype), subpixel.period
+        fu = k * (step[..., 0, 0] / px) + l * (step[..., 1, 0] / py)
+        fv = k * (step[..., 0, 1] / px) + l * (step[..., 1, 1] / py)
+        amplitude = 2 * coefficient(subpixel, k, l, width, height) * optics.transfer(fu, fv)
+        mean = coefficient(subpixel, 0, 0, width, height)
+        return mean + (amplitude * torch.cos(phase)).sum(0)
 
 
 class Box(BySubpixel):
@@ -173,11 +181,3 @@ class Mean(SmoothExposure):
         ]
         x, y = (along_axis(axis, WHOLE_PIXEL, sight, shot, screen) for axis in (0, 1))
         return panel_pixels(screen, channel, x, y, WHOLE_PIXEL) * share
-
-
-def bands_of(light: Tensor, shot) -> int:
-    """Return the number of bands of rows into which a site's readings are cut, to bound memory."""
-    if torch.compiler.is_compiling():
-        return 1
-    readings = len(light) * math.prod(shot.raw_shape()[-2:])
-    return min(MOST_BANDS, 1 + readings // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))

@@ -27,13 +27,13 @@ def fields(box, sigma, width):
 
 
 def shares(*given):
-    """The shares of all taps, stacked along a last axis."""
-    return torch.stack(content.shares(*given), -1)
+    """The shares of all taps, along a last axis."""
+    return content.shares(*given).movedim(0, -1)
 
 
 def normalised(share):
-    """The same for shares that are stacked."""
-    return torch.stack(content.normalised(list(share.unbind(-1))), -1)
+    """The same for shares along a last axis."""
+    return content.normalised(share.movedim(-1, 0)).movedim(0, -1)
 
 
 @pytest.mark.parametrize(("box", "sigma", "width"), CASES)
