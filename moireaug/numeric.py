@@ -64,6 +64,25 @@ def per_image(field: Tensor, like: Tensor) -> Tensor:
     return field.to(like.dtype)[:, None, None, None]
 
 
+def mix_colours(matrix: Tensor, light: Tensor) -> Tensor:
+    """Return colours (B, 3, h, w) of light of the same shape by matrices (B, 3, 3).
+
+    Not a matrix product, for which a GPU may round to ten bits.
+    """
+    return (matrix.to(light.dtype)[..., None, None] * light[:, None]).sum(2)
+
+
+def repeat_edges(planes: Tensor, left: int, right: int, top: int, bottom: int) -> Tensor:
+    """Return planes (B, C, h, w) with the pixels of their edges repeated past them.
+
+    F.pad does the same, but torch.compile fails on its gradient in a layout that it chooses itself.
+    """
+    for axis, before, after in ((2, top, bottom), (3, left, right)):
+        first, last = planes.narrow(axis, 0, 1), planes.narrow(axis, planes.shape[axis] - 1, 1)
+        planes = torch.cat([*[first] * before, planes, *[last] * after], axis)
+    return planes
+
+
 def as_dtype(values: Tensor, dtype: torch.dtype) -> Tensor:
     """Return values in another dtype, rounded if it has whole numbers alone."""
     return values.to(dtype) if dtype.is_floating_point else values.round().to(dtype)

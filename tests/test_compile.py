@@ -38,3 +38,21 @@ def test_one_graph_gives_the_same_photo(name):
     with reference():  # which the graph is of
         expected = capture(images, shot)
     assert torch.allclose(compiled(images, shot), expected, atol=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
+def test_every_further_shot_of_a_scene_takes_the_same_graph(monkeypatch):
+    torch._dynamo.reset()
+    monkeypatch.setattr(torch._dynamo.config, "error_on_recompile", True)
+    scene, images = SCENES["released chain"], torch.rand(2, 3, 16, 24)
+    compiled = torch.compile(capture, fullgraph=True, backend="eager")
+    for seed in range(3):
+        shot = scene.sample(2, (16, 24), torch.Generator().manual_seed(seed))
+        assert torch.allclose(compiled(images, shot), capture(images, shot), atol=1e-5)
+
+
+def test_a_graph_moves_a_shot_to_its_images_device():
+    torch._dynamo.reset()
+    shot = SCENES["released chain"].sample(2, (16, 24))
+    moved = torch.compile(lambda image: shot.to(image.device), fullgraph=True, backend="eager")
+    assert moved(torch.empty(1, device="meta")).device.type == "meta"

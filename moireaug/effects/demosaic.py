@@ -11,6 +11,7 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.geometry.sensor import CFA, unpack
+from moireaug.numeric import repeat_edges
 from moireaug.scene.record import SceneRecord
 
 
@@ -29,7 +30,7 @@ class Demosaic(Effect):
         return called(f"{scene.develop.demosaic}, {scene.sensor.cfa.upper()}")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
-        mosaic = unpack(F.pad(raw, (1, 1, 1, 1), mode="replicate"))
+        mosaic = unpack(repeat_edges(raw, 1, 1, 1, 1))
         colours = DEMOSAICS[shot.scene.develop.demosaic](mosaic)[..., 2:-2, 2:-2]
         rows, cols = shot.sampled_pixels()
         return colours[..., rows.kept, cols.kept]

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import math
 
-from kornia.filters import gaussian_blur2d
+from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
-from moireaug.numeric import clip, per_image
+from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord
 
@@ -90,8 +90,10 @@ def brightness(photo: Tensor) -> Tensor:
 def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
     """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; edge pixels are
     repeated past the border."""
-    sigmas = sigma.clamp(min=SMALLEST).to(planes.dtype)[:, None].expand(-1, 2)
-    return gaussian_blur2d(planes, size, sigmas, border_type="replicate")
+    sigmas = sigma.clamp(min=SMALLEST).to(planes.dtype)[:, None]
+    kernel = get_gaussian_kernel1d(size, sigmas)
+    wide = repeat_edges(planes, *[size // 2] * 4)
+    return filter2d_separable(wide, kernel, kernel, padding="valid")
 
 
 def kernel_size(sigma: Range) -> int:

@@ -20,6 +20,7 @@ from moireaug.exposure.sampled import Sampled
 from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
 from moireaug.exposure.smooth import Mean
 from moireaug.geometry import grids
+from moireaug.numeric import repeat_edges
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
@@ -137,7 +138,7 @@ def spread(image: Tensor, share: Tensor) -> Tensor:
     aperture sees.
     """
     share = share.to(image.dtype)[:, None, None, None]
-    wide = F.pad(image, (1, 1, 1, 1), mode="replicate")
+    wide = repeat_edges(image, 1, 1, 1, 1)
     wide = wide[..., 1:-1] * (1 - share) + (wide[..., :-2] + wide[..., 2:]) * (share / 2)
     return wide[..., 1:-1, :] * (1 - share) + (wide[..., :-2, :] + wide[..., 2:, :]) * (share / 2)
 
@@ -165,4 +166,4 @@ def halved(image: Tensor) -> Tensor:
     """Return the means of 2 x 2 pixels; an odd last row or column counts twice, so that every
     window is full."""
     h, w = image.shape[-2:]
-    return F.avg_pool2d(F.pad(image, (0, w % 2, 0, h % 2), mode="replicate"), 2)
+    return F.avg_pool2d(repeat_edges(image, 0, w % 2, 0, h % 2), 2)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show, varies
 from moireaug.exposure.filters import crosstalk_matrix
-from moireaug.numeric import clip, per_image
+from moireaug.numeric import clip, mix_colours, per_image
 from moireaug.scene.record import SceneRecord
 
 STEEPEST = 6 * 3**0.5  # the reciprocal of the most by which a contrast of 1 moves a code
@@ -42,7 +42,7 @@ class ColourMatrix(Effect):
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
         matrix = colour_matrix(shot.sensor.crosstalk, shot.develop.saturation)
-        return torch.einsum("bij,bjhw->bihw", matrix.to(photo.dtype), photo)
+        return mix_colours(matrix, photo)
 
 
 class ToneCurve(Effect):

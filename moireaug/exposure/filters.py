@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from moireaug.geometry.sensor import CFA, cell
+from moireaug.numeric import mix_colours
 
 
 def crosstalk_matrix(share: Tensor) -> Tensor:
@@ -33,8 +34,7 @@ def through_filters(light: Tensor, shot) -> Tensor:
     `colours_seen` names."""
     if "crosstalk" not in shot.plan:
         return light
-    mix = crosstalk_matrix(shot.sensor.crosstalk).to(light.dtype)
-    mixed = torch.einsum("bij,bjhw->bihw", mix, light)
+    mixed = mix_colours(crosstalk_matrix(shot.sensor.crosstalk), light)
     cfa, planes = shot.scene.sensor.cfa, []
     for site in CFA[cfa]:
         for channel in site.channels:

@@ -77,7 +77,10 @@ class Part:
     def drawn(self, values: dict[str, Any]) -> Self:
         """Return the same part with drawn numbers for its ranged fields, unchecked."""
         part = object.__new__(type(self))
-        part.__dict__.update(self.__dict__, **values)
+        # not vars(part).update(...), which torch.compile does not follow
+        for name in self.__dataclass_fields__:
+            value = values[name] if name in values else getattr(self, name)
+            object.__setattr__(part, name, value)
         return part
 
     def __post_init__(self) -> None:
