@@ -154,7 +154,6 @@ GROUPS = (
     apart.memory,
     apart.large_photo,
     apart.starts,
-    steps.gpu,
 )
 
 
@@ -163,8 +162,6 @@ def groups_of(word: str, before: Path | None) -> Sequence[Callable[[Size], Itera
     found = [group for group in GROUPS if word in group.__name__]
     if not before and apart.doors in found:
         found.remove(apart.doors)
-    if not torch.cuda.is_available() and steps.gpu in found:
-        found.remove(steps.gpu)
     return found
 
 
@@ -183,7 +180,7 @@ def main() -> None:
         names = ", ".join(group.__name__ for group in GROUPS)
         parser.error(
             f"--only {args.only} leaves nothing to measure. Name a part of one of these: {names}; "
-            "doors needs --before DIR, and gpu a GPU."
+            "doors needs --before DIR."
         )
     torch.set_num_threads(args.threads)
     torch.manual_seed(0)

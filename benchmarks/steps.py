@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 import torch
 import torch.nn.functional as F
 from hydra import initialize
-from torch import Tensor, nn
+from torch import Tensor
 from torchvision.models import resnet18
 
-from benchmarks import measure, training_steps
+from benchmarks import training_steps
 from benchmarks.measure import timed_together
 from benchmarks.rows import Row, Size, in_ms
-from moireaug import Scene, attacks
+from moireaug import attacks
 from training.schema import register
 
 
@@ -37,7 +37,7 @@ def attack_step(size: Size) -> Iterator[Row]:
 def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[], Tensor]:
     """Return a step as in the attacks' loop, on a problem that is set up once for all steps."""
     problem, eps = attack.problem(images, None, None), attack.eps
-    start = torch.zeros(problem.shape)
+    start = torch.zeros(problem.shape, device=images.device)
 
     @torch.enable_grad()
     def run() -> Tensor:
@@ -61,29 +61,3 @@ def training(size: Size) -> Iterator[Row]:
         times = timed_together(calls, 2 * size.slow)
     what = f"a moire_at step, small_resnet, {batch} of {side} px"
     yield in_ms(what, times["moire_at"], "a pgd_at step", times["pgd_at"], bar=1.25, stretch=1.1)
-
-
-def gpu(size: Size, device: str = "cuda") -> Iterator[Row]:
-    """Yield draw and capture on a GPU against a training step there; the batch is 4 times that on
-    the CPU."""
-    images = size.images().to(device).repeat(4, 1, 1, 1)
-    scene, model = Scene.preset("screen_photo"), resnet18(weights=None).to(device)
-    labels = torch.zeros(len(images), dtype=torch.long, device=device)
-    calls = {"photo": lambda: scene.capture(images), "train": training_step(model, images, labels)}
-    times = timed_together(calls, 4 * size.repeats, warmup=5)
-    what = f"draw and capture {len(images)} on the GPU, {measure.name_of(device)}"
-    yield in_ms(what, times["photo"], "a ResNet-18 training step, bf16", times["train"], bar=0.02)
-
-
-def training_step(model: nn.Module, images: Tensor, labels: Tensor) -> Callable[[], None]:
-    optimiser = torch.optim.SGD(model.parameters(), lr=1e-3, momentum=0.9)
-
-    @torch.enable_grad()
-    def run() -> None:
-        optimiser.zero_grad()
-        with torch.autocast(images.device.type, dtype=torch.bfloat16):
-            loss = F.cross_entropy(model(images), labels)
-        loss.backward()
-        optimiser.step()
-
-    return run

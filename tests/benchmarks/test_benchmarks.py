@@ -141,7 +141,7 @@ def started(monkeypatch):
 
 def test_speed(started, ran):
     out, written, _ = ran("speed")
-    barred = [row for row in written["rows"] if row["bar"] is not None and "GPU" not in row["what"]]
+    barred = [row for row in written["rows"] if row["bar"] is not None]
     assert len(barred) == 13 and all(row["met"] in (True, False) for row in barred)
     assert not any("older checkout" in row["against"] for row in written["rows"])
     assert "Without --before DIR" in out and written["metadata"]["before"] is None
@@ -165,6 +165,17 @@ def test_training_steps(ran):
     read = [(row["read_from"], row["workers"]) for row in written["loading"]]
     assert read == list(training_steps.READ)
     assert "images/s loaded" in out
+
+
+def test_gpu(ran):
+    """On the CPU, where there is no GPU."""
+    out, written, _ = ran("gpu")
+    for group in ("photos", "stages", "attacks"):
+        assert all(row["seconds"]["median"] > 0 for row in written[group])
+        assert all(row["what"] in out for row in written[group])
+    names = [row["what"] for row in written["photos"]]
+    assert names[0] == "kornia RandomJPEG" and "there and back" in names[-1]
+    assert len(written["stages"]) == 12 and len(written["attacks"]) == 4
 
 
 def test_attack_budget(ran):
