@@ -62,19 +62,21 @@ class RunCheckpoint(ModelCheckpoint):
         )
 
 
-class DataNames(L.Callback):
-    """Writes into each checkpoint which data it was trained on, so that it is not evaluated on
-    other classes, or taken up on other images.
+class Origin(L.Callback):
+    """Writes into each checkpoint what it was trained on and from, so that it is not evaluated on
+    other classes, or taken up on other images or with other weights.
 
     Args:
         classes: the name of each logit. files: see `Splits`.
+        weights: the digest of the file of `weights=`; empty where there is none.
     """
 
-    def __init__(self, classes: dict[int, str], files: str) -> None:
-        self.classes, self.files = classes, files
+    def __init__(self, classes: dict[int, str], files: str, weights: str) -> None:
+        self.classes, self.files, self.weights = classes, files, weights
 
     def on_save_checkpoint(
         self, trainer: L.Trainer, module: L.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
         checkpoint["classes"] = dict(self.classes)
         checkpoint["files"] = self.files
+        checkpoint["weights"] = self.weights

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,12 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
             "It may be missing or damaged: train again with resume=false, "
             "which moves what is there aside, or name another run."
         ) from error
+
+
+def digest(path: str | Path) -> str:
+    """Return the SHA-256 of a file's bytes."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_metrics(path: Path) -> dict[str, Any] | None:

@@ -62,6 +62,8 @@ def fit(cfg: DictConfig | Config) -> Metrics:
     if is_first():
         runs.make(run.folder)
     with runs.held(run.folder):
+        if cfg.resume is not False:
+            require(saved.other_weights(run, cfg.weights), run)
         if cfg.resume is not False and (run.stage() == "finished" or unreported(cfg)):
             return finished(cfg)
         if cfg.resume and is_first():
@@ -72,23 +74,26 @@ def fit(cfg: DictConfig | Config) -> Metrics:
         began = time.perf_counter()
         splits = load(cfg.data)
         if cfg.resume is not False:
-            require_same_data(run, splits)
+            require(saved.other_data(run, splits), run)
         try_out(cfg, splits)
         spent = {"data": time.perf_counter() - began}
         start, baseline = plain_runs(cfg, splits)
         return one_run(cfg, splits, start, baseline, spent)
 
 
-def require_same_data(run: runs.Run, splits: Splits) -> None:
-    """Refuse to go on with a run on other data than it was trained on: images that it was trained
-    on would validate it, or classes change their meaning.
+def require(difference: str | None, run: runs.Run) -> None:
+    """Refuse to go on with a run on other data than it was trained on, or from other weights:
+    images that it was trained on would validate it, or classes change their meaning.
+
+    Args:
+        difference: from `saved.other_data` or `saved.other_weights`.
 
     Raises:
         ValueError: with what differs.
     """
-    if reason := saved.other_data(run, splits):
+    if difference:
         raise ValueError(
-            f"the run in {run.folder} cannot go on: {reason}. Restore them (another image may "
+            f"the run in {run.folder} cannot go on: {difference}. Restore them (another image may "
             "stand in for a damaged file), or pass resume=false, which moves that run aside and "
             "trains again."
         )
@@ -125,7 +130,7 @@ def finished(cfg: Config) -> Metrics:
         report.show(report.run_parts(known))
     else:
         splits = load(cfg.data)
-        require_same_data(runs.run_of(cfg), splits)
+        require(saved.other_data(runs.run_of(cfg), splits), runs.run_of(cfg))
         attacked = again(cfg, protocol_of(cfg, splits), check=True)
         trained_on = known["environment"]
         known |= {**about(cfg), **describe(attacked), "environment": trained_on}
@@ -182,7 +187,8 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         runs.make(out)
     with runs.held(out):
         run = runs.run_of(cfg)
-        if reason := saved.damage(run) or saved.other_data(run, splits):
+        reason = saved.damage(run) or saved.other_weights(run, cfg.weights)
+        if reason := reason or saved.other_data(run, splits):
             say(f"The {role} cannot be reused and is trained again: {reason}.")
             cfg = replace(cfg, resume=False)
         elif known := trained_before(cfg):

@@ -9,7 +9,7 @@ import math
 import os
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from torch import Tensor, nn
 
 from moireaug.scene.fields import one_of
 from training import runs
-from training.files import read_checkpoint, read_metrics, read_settings
+from training.files import digest, read_checkpoint, read_metrics, read_settings
 from training.models import OWN, as_model, names
 from training.overrides import command_line
 from training.processes import is_first
@@ -166,17 +166,33 @@ def other_data(run: runs.Run, splits: Splits) -> str | None:
 
     None where they do not, or where there is no such run.
     """
-    if run.stage() not in ("begun", "trained", "finished"):
-        return None
-    for name in ("best.ckpt", "last.ckpt"):
-        if not (run.folder / name).is_file():
-            continue
-        checkpoint = read_checkpoint(run.folder / name)
+    for checkpoint in _checkpoints(run):
         if _names(checkpoint.get("classes")) not in (None, splits.classes):
             return "it was trained on other classes"
         if checkpoint.get("files") not in (None, splits.files):
             return "the files that it was trained on are not those that are there now"
     return None
+
+
+def other_weights(run: runs.Run, weights: str | None) -> str | None:
+    """Return that a run in its folder began with other weights than the file of `weights=` holds
+    now.
+
+    None where it did not, or where there is no such run or file.
+    """
+    if weights is None or not Path(weights).is_file():
+        return None
+    for checkpoint in _checkpoints(run):
+        if checkpoint.get("weights") not in (None, digest(weights)):
+            return f"{weights} no longer holds the weights that it began with"
+    return None
+
+
+def _checkpoints(run: runs.Run) -> Iterator[dict[str, Any]]:
+    """Yield the checkpoints of a run in its folder."""
+    for name in ("best.ckpt", "last.ckpt"):
+        if run.stage() in ("begun", "trained", "finished") and (run.folder / name).is_file():
+            yield read_checkpoint(run.folder / name)
 
 
 def read_config(path: Path) -> Config:

@@ -16,10 +16,10 @@ from moireaug.files import write_text
 from training import machine, ranks, runs, saved
 from training.adversaries import passes
 from training.batches import Batches, require_even
-from training.checkpoints import DataNames, RunCheckpoint
+from training.checkpoints import Origin, RunCheckpoint
 from training.classifier import Classifier
 from training.costs import cost, with_totals
-from training.files import read_checkpoint, read_json
+from training.files import digest, read_checkpoint, read_json
 from training.guard import Guard
 from training.messages import counted
 from training.models import as_model, check_side
@@ -92,7 +92,9 @@ def train_model(
         seed=draws(cfg),
         first=len(done),
     )
-    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, splits)
+    given = cfg.weights and Path(cfg.weights).is_file()  # not by a published name
+    origin = Origin(splits.classes, splits.files, digest(cfg.weights) if given else "")
+    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
     began = time.perf_counter()
     ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
@@ -145,21 +147,21 @@ def draws(cfg: Config) -> int:
 
 
 def trainer_of(
-    settings: Trainer, tuning: Tuning, epochs: int, out: Path, splits: Splits
+    settings: Trainer, tuning: Tuning, epochs: int, out: Path, origin: Origin
 ) -> L.Trainer:
     """Return Lightning's trainer, which keeps best.ckpt and last.ckpt in the run's folder.
 
     Args:
         settings: passed on unchanged, except for a precision of null. tuning: how the weights are
             averaged.
-        out: the run's folder. splits: the images, whose names go into the checkpoints.
+        out: the run's folder. origin: what goes into the checkpoints.
     """
     callbacks = [
         averaging(tuning),
         RunCheckpoint(out, "best", monitor="val_score", mode="max"),
         Guard(out / "best.ckpt"),
         RunCheckpoint(out, "last"),
-        DataNames(splits.classes, splits.files),
+        origin,
     ]
     chosen = replace(settings, precision=machine.precision(settings))
     return make_trainer(chosen, epochs, callbacks)

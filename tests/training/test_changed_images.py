@@ -4,10 +4,11 @@ import json
 import shutil
 
 import pytest
+import torch
 from PIL import Image
 
 from tests.training.small import TINY, configured, inside
-from training import fit, runs
+from training import fit, models, runs, saved
 from training.data import load
 from training.train import train_model
 
@@ -40,18 +41,36 @@ def test_a_gain_is_over_the_images_that_the_folder_holds_now(tmp_path, settings)
     assert set(found["gain"]) == {row["name"] for row in found["reattack"]}
 
 
+def test_no_run_goes_on_from_a_weights_file_that_was_overwritten(tmp_path, settings):
+    """Two models with one file's name would share a start, a baseline and a report."""
+    weights = tmp_path / "weights.pt"
+    torch.save(models.build("small_resnet", 2).state_dict(), weights)
+    given = [*settings, f"weights={weights}"]
+    cfg = configured("recipe=clean", *given, f"runs={tmp_path / 'runs'}")
+    train_model(cfg, load(cfg.data))
+    run = runs.run_of(cfg)
+    assert saved.other_weights(run, cfg.weights) is None
+    torch.save(models.build("small_resnet", 2).state_dict(), weights)
+    with pytest.raises(ValueError, match=r"weights\.pt no longer holds the weights that it began"):
+        fit.fit(cfg)
+    done = inside("fit.py", "recipe=baseline", *given, cwd=tmp_path)
+    assert done.returncode == 0 and "The start cannot be reused" in done.stdout, done.stderr
+    weights.unlink()  # a finished run needs it no more
+    assert saved.other_weights(run, cfg.weights) is None
+
+
 def test_no_run_goes_on_with_other_classes_or_files(tmp_path, settings):
     """Its logits would mean others, or it would be validated on what it was trained on."""
     images = tmp_path / "images"
     cfg = configured("recipe=clean", *settings, f"runs={tmp_path / 'runs'}")
     train_model(cfg, load(cfg.data))
     run = runs.run_of(cfg)
-    fit.require_same_data(run, load(cfg.data))
+    assert saved.other_data(run, load(cfg.data)) is None
     (images / "train/red/0.png").rename(images / "train/red/24.png")
     with pytest.raises(ValueError, match="cannot go on: the files that it was trained on are not"):
         fit.fit(cfg)
     (images / "train/red/24.png").rename(images / "train/red/0.png")
-    fit.require_same_data(run, load(cfg.data))
+    assert saved.other_data(run, load(cfg.data)) is None
     for half in ("train", "test"):
         (images / half / "blue").rename(images / half / "green")
     with pytest.raises(ValueError, match="cannot go on: it was trained on other classes"):
