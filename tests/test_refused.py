@@ -51,6 +51,10 @@ def having(**fields):
     return dataclasses.replace(SHOT, view=SHOT.view.drawn(fields), seed=seed)
 
 
+class OnGpu(torch.Generator):
+    device = torch.device("cuda:0")
+
+
 REFUSED = [
     (lambda: capture(X, having(yaw=10.0)), "here of shape (1,); got 10.0 as shot.view.yaw"),
     (lambda: expose(X, having(yaw=(0.0, 9.0))), "got (0.0, 9.0) as shot.view.yaw"),
@@ -107,6 +111,10 @@ REFUSED = [
         "finite",
     ),
     (lambda: Develop(jpeg=101), "Develop.jpeg must lie in [0, 100]"),
+    (
+        lambda: Scene().sample(1, (4, 4), OnGpu()),
+        "drawn on the CPU, whatever device the images are on; got a generator on cuda:0",
+    ),
     *[
         (
             lambda v=v: Scene().capture(torch.full((1, 3, 4, 4), v)),

@@ -76,8 +76,8 @@ class Scene(SceneRecord):
         global one.
 
         Raises:
-            ValueError: an n that is no integer >= 0, a size that is not two positive integers, or
-                as in `plan`.
+            ValueError: an n that is no integer >= 0, a size that is not two positive integers, a
+                generator that is not on the CPU, or as in `plan`.
             TypeError: a generator that is not a torch.Generator.
         """
         # refuse a scene that cannot be photographed here, not in the middle of a batch
@@ -232,7 +232,8 @@ def draw(
     change the others' draws.
 
     Raises:
-        ValueError: an n that is no integer >= 0, or a size that is not two positive integers.
+        ValueError: an n that is no integer >= 0, a size that is not two positive integers, or a
+            generator that is not on the CPU.
         TypeError: a generator that is not a torch.Generator.
     """
     if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
@@ -241,6 +242,11 @@ def draw(
         raise TypeError(
             f"generator must be a torch.Generator or None; got {generator!r}. For a seed, pass "
             "torch.Generator().manual_seed(seed)."
+        )
+    if generator is not None and generator.device.type != "cpu":
+        raise ValueError(
+            f"shots are drawn on the CPU, whatever device the images are on; got a generator on "
+            f"{generator.device}. Pass torch.Generator().manual_seed(seed)."
         )
     n, (h, w) = int(n), _checked_size(size)
     ranges = {name: bounds(value) for name, value in values_of(scene).items()}
