@@ -44,7 +44,9 @@ def try_out(cfg: Config, splits: Splits) -> None:
         )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
-    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, runs.folder(cfg), splits)
+    trainer = trainer_of(
+        cfg.trainer, classifier.tuning, 1, runs.folder(cfg), origin_of(cfg, splits)
+    )
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
         _ = part[0]  # raises what cannot be read
@@ -92,9 +94,7 @@ def train_model(
         seed=draws(cfg),
         first=len(done),
     )
-    given = cfg.weights and Path(cfg.weights).is_file()  # not by a published name
-    origin = Origin(splits.classes, splits.files, digest(cfg.weights) if given else "")
-    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin_of(cfg, splits))
     began = time.perf_counter()
     ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
@@ -135,6 +135,13 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
         augment=cfg.data.augment,
         fine=cfg.weights is not None,
     )
+
+
+def origin_of(cfg: Config, splits: Splits) -> Origin:
+    """Return what the checkpoints of these settings are trained on and from."""
+    if cfg.weights is None or not Path(cfg.weights).is_file():  # random, or published by a name
+        return Origin(splits.classes, splits.files, "")
+    return Origin(splits.classes, splits.files, digest(cfg.weights))
 
 
 def draws(cfg: Config) -> int:
