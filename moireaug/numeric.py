@@ -37,7 +37,7 @@ def _has_gradient(x: Tensor) -> bool:
 
 def may_be_dual(x: Tensor) -> bool:
     """Return whether a forward derivative may be asked for: a torch.func transform hides it."""
-    if torch._C._functorch.peek_interpreter_stack() is not None:
+    if torch._C._are_functorch_transforms_active():
         return True
     return not torch.compiler.is_compiling() and forward_ad.unpack_dual(x).tangent is not None
 
@@ -98,4 +98,4 @@ def sinc(x: Tensor) -> Tensor:
 def is_transformed() -> bool:
     """Return whether values are unknown: a graph is traced, or a torch.func transform is at
     work."""
-    return torch.compiler.is_compiling() or torch._C._functorch.peek_interpreter_stack() is not None
+    return torch.compiler.is_compiling() or torch._C._are_functorch_transforms_active()

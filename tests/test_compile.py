@@ -1,9 +1,10 @@
-"""torch.compile takes the whole capture as one graph, for a scene whose plan is known."""
+"""torch.compile takes the whole capture as one graph, for a scene whose plan is known. On the CPU,
+the graph calls the engine; where a photo would have the reference, it follows that."""
 
 import pytest
 import torch
 
-from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
 from moireaug.engine.dispatch import reference
 
 SCENES = {
@@ -28,31 +29,94 @@ SCENES = {
 }
 
 
-@pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
+pytestmark = pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
+SIZE = (16, 24)
+
+
+@pytest.fixture(autouse=True)
+def _forget():
+    torch._dynamo.reset()
+
+
+def compiled(function, backend="eager"):
+    """The graph is traced and run as it is: what a compiler makes of it is not ours to test."""
+    return torch.compile(function, fullgraph=True, backend=backend)
+
+
+def seen_by(name):
+    return torch.rand(2, 3, *SIZE), SCENES[name].sample(2, SIZE)
+
+
 @pytest.mark.parametrize("name", SCENES)
-def test_one_graph_gives_the_same_photo(name):
-    torch._dynamo.reset()
-    images, shot = torch.rand(2, 3, 16, 24), SCENES[name].sample(2, (16, 24))
-    # the graph is traced and run as it is: what a compiler makes of it is not ours to test
-    compiled = torch.compile(capture, fullgraph=True, backend="eager")
-    with reference():  # which the graph is of
+def test_a_graph_gives_the_photo_of_the_engine(name):
+    images, shot = seen_by(name)
+    called = []
+
+    def noted(graph, _):
+        called.extend(str(node.target) for node in graph.graph.nodes)
+        return graph
+
+    assert torch.equal(compiled(capture, noted)(images, shot), capture(images, shot))
+    assert {"moireaug.expose", "moireaug.develop"} <= set(called)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_graph_gives_the_photo_of_the_reference(name):
+    images, shot = seen_by(name)
+    with reference():
         expected = capture(images, shot)
-    assert torch.allclose(compiled(images, shot), expected, atol=1e-5)
+        assert torch.allclose(compiled(capture)(images, shot), expected, atol=1e-5)
 
 
-@pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
+def test_a_graph_that_calls_the_engine_heeds_the_switch():
+    images, shot = seen_by("everything")
+    graph = compiled(capture)
+    graph(images, shot)
+    with reference():
+        assert torch.equal(graph(images, shot), capture(images, shot))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_graph_has_the_engines_gradient_in_the_reading(name):
+    images, shot = seen_by(name)
+    raw, weight = expose(images, shot).requires_grad_(), torch.rand_like(images)
+    # the backend that differentiates the graph
+    photo = compiled(develop, "aot_eager")(raw, shot)
+    (found,) = torch.autograd.grad((photo * weight).sum(), raw)
+    (wanted,) = torch.autograd.grad((develop(raw, shot) * weight).sum(), raw)
+    assert torch.equal(found, wanted) and wanted.any()
+
+
+def test_a_graph_has_a_gradient_in_the_image():
+    images, shot = seen_by("released chain")
+    shown = images.requires_grad_()
+    found, wanted = (
+        torch.autograd.grad(function(shown, shot).square().sum(), shown)[0]
+        for function in (compiled(capture), capture)
+    )
+    assert torch.allclose(found, wanted, atol=1e-6) and wanted.any()
+
+
+def test_a_graph_with_a_transform_of_torch_func_follows_the_reference():
+    images, shot = seen_by("released chain")
+
+    def both(batches):
+        return torch.func.vmap(lambda images: capture(images, shot))(batches)
+
+    batches = torch.stack([images, images.flip(0)])
+    found = torch.compile(both, backend="eager")(batches)
+    assert torch.allclose(found, both(batches), atol=1e-6)
+
+
 def test_every_further_shot_of_a_scene_takes_the_same_graph(monkeypatch):
-    torch._dynamo.reset()
     monkeypatch.setattr(torch._dynamo.config, "error_on_recompile", True)
-    scene, images = SCENES["released chain"], torch.rand(2, 3, 16, 24)
-    compiled = torch.compile(capture, fullgraph=True, backend="eager")
+    graph, images = compiled(capture), torch.rand(2, 3, *SIZE)
     for seed in range(3):
-        shot = scene.sample(2, (16, 24), torch.Generator().manual_seed(seed))
-        assert torch.allclose(compiled(images, shot), capture(images, shot), atol=1e-5)
+        shot = SCENES["released chain"].sample(2, SIZE, torch.Generator().manual_seed(seed))
+        assert torch.equal(graph(images, shot), capture(images, shot))
 
 
 def test_a_graph_moves_a_shot_to_its_images_device():
-    torch._dynamo.reset()
-    shot = SCENES["released chain"].sample(2, (16, 24))
-    moved = torch.compile(lambda image: shot.to(image.device), fullgraph=True, backend="eager")
+    _, shot = seen_by("released chain")
+    moved = compiled(lambda image: shot.to(image.device))
     assert moved(torch.empty(1, device="meta")).device.type == "meta"

@@ -20,7 +20,8 @@ from moireaug.effects.base import Effect
 from moireaug.effects.display import BlackLevel
 from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
-from moireaug.numeric import is_transformed, may_be_dual
+from moireaug.engine import graph
+from moireaug.numeric import may_be_dual
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
@@ -97,6 +98,8 @@ def develops(raw: Tensor, shot: ShotRecord) -> bool:
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings of images (B, 3, H, W), float32 or uint8, as `moireaug.pipeline.expose`
     does for float32."""
+    if torch.compiler.is_compiling():
+        return graph.expose(light, shot)
     from moireaug.engine import run
     from moireaug.engine.shot_exposure import lower_exposure
 
@@ -122,6 +125,8 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photos of readings, as `moireaug.pipeline.develop` does; differentiable in the
     readings."""
+    if torch.compiler.is_compiling():
+        return graph.develop(raw, shot)
     from moireaug.engine import run
     from moireaug.engine.shot_development import lower_development
 
@@ -155,7 +160,7 @@ def _runs(tensor: Tensor) -> bool:
     known = tensor.dtype in (torch.float32, torch.uint8)
     if not known or tensor.device.type != "cpu" or not tensor.numel():
         return False
-    if is_transformed() or may_be_dual(tensor):
+    if may_be_dual(tensor):
         return False
     plain = type(tensor) in (Tensor, torch.nn.Parameter)  # no subclass, which may do as it likes
     return plain and not _unavailable()
@@ -173,6 +178,10 @@ def _unavailable() -> str:
     if _blocks or _switched_off(os.environ.get(SWITCH, "")):
         return "the engine is turned off"
     return _without_numba()
+
+
+# torch.compile calls it once, and does not follow it
+_unavailable._dynamo_marked_constant = True  # type: ignore[attr-defined]
 
 
 @functools.cache

@@ -50,7 +50,9 @@ class Screen:
         first = (row + above).clamp(0, h - above) * w + (column + before).clamp(0, w - before)
         tap = torch.arange(self.taps, device=first.device)
         steps = (tap[:, None] * (py * w) + tap * px).flatten()
-        found = Gather.apply(self.panel[channel], first.long().flatten(1), steps)
+        # torch.compile does not follow a derivative of our own
+        gather = Gather.forward if torch.compiler.is_compiling() else Gather.apply
+        found = gather(self.panel[channel], first.long().flatten(1), steps)
         return found.reshape(self.taps, self.taps, *row.shape)
 
     def _on_picture(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
+KEPT = ("_plan", "_text")  # the plan, and the scene as JSON, for a graph
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,15 +61,16 @@ class Scene(SceneRecord):
         Raises:
             ValueError: the "point" exposure with a layout of slanted subpixels.
         """
-        found = getattr(self, "_plan", None)  # kept here so that torch.compile finds it ready
+        found = getattr(self, "_plan", None)  # kept here so that torch.compile finds both ready
         if found is None:
             found = make_plan(self)
             object.__setattr__(self, "_plan", found)
+            object.__setattr__(self, "_text", json.dumps(self.to_dict()))
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the plan out of copies and pickles: another version may plan otherwise."""
-        return {name: value for name, value in vars(self).items() if name != "_plan"}
+        """Leave out of copies and pickles what `plan` keeps: another version may plan otherwise."""
+        return {name: value for name, value in vars(self).items() if name not in KEPT}
 
     def sample(
         self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
