@@ -15,7 +15,7 @@ from moireaug.scene.shot import ShotRecord
 if TYPE_CHECKING:
     from moireaug.scene.scene import Shot
 
-# of a shot: its drawn numbers, seeds, scene as JSON, and size
+# a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and size
 SHOT = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 
 
@@ -30,11 +30,13 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
 
 
 def _given(shot: ShotRecord) -> tuple[list[Tensor], Tensor, str, tuple[int, int]]:
+    """Return what `SHOT` lists."""
     text = vars(shot.scene)["_text"]  # which its plan has left there
     return list(shot.numbers().values()), shot.seed, text, shot.size
 
 
 def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> Shot:
+    """Return the shot that `_given` took apart."""
     from moireaug.scene.scene import Shot
 
     scene = _scene(text)
@@ -53,14 +55,14 @@ def _scene(text: str) -> Any:
 def _expose(light: Tensor, *given: Any) -> Tensor:
     from moireaug.capture import reading_of
 
-    return reading_of(light, _shot(*given[:-1]))
+    return reading_of(light, _shot(*given[:-1])).contiguous()
 
 
 @torch.no_grad()
 def _develop(raw: Tensor, *given: Any) -> Tensor:
     from moireaug.capture import develop
 
-    return develop(raw, _shot(*given))
+    return develop(raw, _shot(*given)).contiguous()
 
 
 @torch.enable_grad()
@@ -68,7 +70,7 @@ def _develop_back(raw: Tensor, grad: Tensor, *given: Any) -> Tensor:
     from moireaug.capture import develop
 
     raw = raw.detach().requires_grad_()
-    return torch.autograd.grad(develop(raw, _shot(*given)), raw, grad)[0]
+    return torch.autograd.grad(develop(raw, _shot(*given)), raw, grad)[0].contiguous()
 
 
 def _keep(ctx: Any, inputs: tuple, output: Tensor) -> None:
@@ -82,6 +84,7 @@ def _backward(ctx: Any, grad: Tensor) -> tuple:
     return back, [None] * len(numbers), None, None, None
 
 
+# by hand, as in `effects.sensor`: `custom_op` imports the compiler
 LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
 LIBRARY.define(f"expose(Tensor light, {SHOT}, SymInt[] shape) -> Tensor")
 LIBRARY.define(f"develop(Tensor raw, {SHOT}) -> Tensor")
@@ -103,7 +106,7 @@ def _(raw, numbers, seeds, scene, size):
 
 @torch.library.register_fake("moireaug::develop_back", lib=LIBRARY)
 def _(raw, grad, numbers, seeds, scene, size):
-    return torch.empty_like(raw)
+    return raw.new_empty(raw.shape)
 
 
 torch.library.register_autograd("moireaug::develop", _backward, setup_context=_keep, lib=LIBRARY)
