@@ -187,3 +187,6 @@ def make_plan(scene: SceneRecord) -> Plan:
         most_variance(scene),
         most_lost(scene) > 0,
     )
+
+
+make_plan._torchdynamo_disable = True  # type: ignore[attr-defined]  # torch.compile runs it as it is

@@ -1,6 +1,8 @@
 """torch.compile takes the whole capture as one graph, for a scene whose plan is known. On the CPU,
 the graph calls the engine; where a photo would have the reference, it follows that."""
 
+import pickle
+
 import pytest
 import torch
 
@@ -120,3 +122,12 @@ def test_a_graph_moves_a_shot_to_its_images_device():
     _, shot = seen_by("released chain")
     moved = compiled(lambda image: shot.to(image.device))
     assert moved(torch.empty(1, device="meta")).device.type == "meta"
+
+
+def test_a_scene_without_a_plan_is_planned_before_the_graph_or_refused_in_a_sentence():
+    images, shot = seen_by("released chain")
+    shot = pickle.loads(pickle.dumps(shot))  # as from a DataLoader's worker
+    with pytest.raises(torch._dynamo.exc.Unsupported, match=r"call shot\.scene\.plan\(\) before"):
+        compiled(capture)(images, shot)
+    shot.scene.plan()
+    assert torch.equal(compiled(capture)(images, shot), capture(images, shot))

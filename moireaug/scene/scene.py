@@ -22,6 +22,10 @@ from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
+UNPLANNED = (
+    "torch.compile cannot follow how a scene is planned: call shot.scene.plan() before, as "
+    "Scene.sample does; copies and unpickled shots have no plan yet."
+)
 KEPT = ("_plan", "_text")  # the plan, and the scene as JSON, for a graph
 
 
@@ -63,6 +67,8 @@ class Scene(SceneRecord):
         """
         found = getattr(self, "_plan", None)  # kept here so that torch.compile finds both ready
         if found is None:
+            if torch.compiler.is_compiling():
+                raise RuntimeError(UNPLANNED)
             found = make_plan(self)
             object.__setattr__(self, "_plan", found)
             object.__setattr__(self, "_text", json.dumps(self.to_dict()))
