@@ -91,8 +91,8 @@ def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
     """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; edge pixels are
     repeated past the border."""
     sigmas = sigma.clamp(min=SMALLEST).to(planes.dtype)[:, None]
-    kernel = get_gaussian_kernel1d(size, sigmas)
-    wide = repeat_edges(planes, *[size // 2] * 4)
+    kernel, half = get_gaussian_kernel1d(size, sigmas), size // 2
+    wide = repeat_edges(planes, half, half, half, half)
     return filter2d_separable(wide, kernel, kernel, padding="valid")
 
 

@@ -31,7 +31,7 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 
 # numbers of the largest tensor, which bands of rows bound
-AT_ONCE = {"cpu": 2**17, "cuda": 2**25}
+AT_ONCE = {"cpu": 2**19, "cuda": 2**27}
 MOST_BANDS = 64  # each allocates a gradient of the whole panel
 
 
@@ -62,9 +62,10 @@ class SmoothExposure(Exposure):
             )
         planes = []
         for site in CFA[cfa]:
-            across, readings = cols[site.column :: cell(cfa)], []
-            for down in rows[site.row :: cell(cfa)].chunk(self.bands(light, shot)):
-                readings.append(read_site(site, screen, inverse, down, across, accuracy, shot))
+            down, across = rows[site.row :: cell(cfa)], cols[site.column :: cell(cfa)]
+            readings = []
+            for band in down.chunk(self.bands(light, len(down) * len(across))):
+                readings.append(read_site(site, screen, inverse, band, across, accuracy, shot))
             planes.append(torch.cat(readings, 2))
         return through_filters(torch.cat(planes, 1), shot)
 
@@ -91,13 +92,13 @@ class SmoothExposure(Exposure):
     def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
         """Return what sensor pixels read of one channel: (B, h, w)."""
 
-    def bands(self, light: Tensor, shot) -> int:
-        """Return the number of bands of rows into which a site's readings are cut, to bound
-        memory."""
+    def bands(self, light: Tensor, readings: int) -> int:
+        """Return the number of bands of rows into which a site's readings of each image are cut, to
+        bound memory."""
         if torch.compiler.is_compiling():
             return 1
-        readings = len(light) * math.prod(shot.raw_shape()[-2:])
-        numbers = readings * max(self.taps**2, len(self.harmonics))  # of the largest tensor
+        each = max(self.taps**2, len(self.harmonics))  # numbers of the largest tensor
+        numbers = len(light) * readings * each
         return min(MOST_BANDS, 1 + numbers // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
 
 
@@ -147,9 +148,11 @@ class Spectral(BySubpixel):
         cycles = k * x.cells + l * y.cells  # (harmonics, B, h, w)
         # drop whole cycles before the cast, so that the phase stays precise far from the origin
         phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
-        k, l, step, (px, py) = k.to(dtype), l.to(dtype), sight.step.to(dtype), subpixel.period
-        fu = k * (step[..., 0, 0] / px) + l * (step[..., 1, 0] / py)
-        fv = k * (step[..., 0, 1] / px) + l * (step[..., 1, 1] / py)
+        k, l = k.to(dtype), l.to(dtype)
+        across, down = (sight.step[..., axis, :].to(dtype) for axis in (0, 1))
+        across, down = across / subpixel.period[0], down / subpixel.period[1]
+        fu = k * across[..., 0] + l * down[..., 0]
+        fv = k * across[..., 1] + l * down[..., 1]
         amplitude = 2 * coefficient(subpixel, k, l, width, height) * optics.transfer(fu, fv)
         mean = coefficient(subpixel, 0, 0, width, height)
         return mean + (amplitude * torch.cos(phase)).sum(0)
