@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from training.classifier import Classifier
 
 Metrics = dict[str, Any]
+RESTORE = "Restore them (another image may stand in for a damaged file)"
 
 
 def fit(cfg: DictConfig | Config) -> Metrics:
@@ -63,7 +64,7 @@ def fit(cfg: DictConfig | Config) -> Metrics:
         runs.make(run.folder)
     with runs.held(run.folder):
         if cfg.resume is not False:
-            require(saved.other_weights(run, cfg.weights), run)
+            require(saved.other_weights(run, cfg.weights), run, "Restore that file")
         if cfg.resume is not False and (run.stage() == "finished" or unreported(cfg)):
             return finished(cfg)
         if cfg.resume and is_first():
@@ -81,21 +82,21 @@ def fit(cfg: DictConfig | Config) -> Metrics:
         return one_run(cfg, splits, start, baseline, spent)
 
 
-def require(difference: str | None, run: runs.Run) -> None:
+def require(difference: str | None, run: runs.Run, advice: str = RESTORE) -> None:
     """Refuse to go on with a run on other data than it was trained on, or from other weights:
     images that it was trained on would validate it, or classes change their meaning.
 
     Args:
         difference: from `saved.other_data` or `saved.other_weights`.
+        advice: what to do about it.
 
     Raises:
         ValueError: with what differs.
     """
     if difference:
         raise ValueError(
-            f"the run in {run.folder} cannot go on: {difference}. Restore them (another image may "
-            "stand in for a damaged file), or pass resume=false, which moves that run aside and "
-            "trains again."
+            f"the run in {run.folder} cannot go on: {difference}. {advice}, or pass resume=false, "
+            "which moves that run aside and trains again."
         )
 
 

@@ -182,8 +182,9 @@ def other_weights(run: runs.Run, weights: str | None) -> str | None:
     """
     if weights is None or not Path(weights).is_file():
         return None
+    now = digest(weights)
     for checkpoint in _checkpoints(run):
-        if checkpoint.get("weights") not in (None, digest(weights)):
+        if checkpoint.get("weights") not in (None, now):
             return f"{weights} no longer holds the weights that it began with"
     return None
 
