@@ -9,8 +9,11 @@ from collections.abc import Callable, Iterator, Sequence
 import torch
 from torch import Tensor, nn
 
+from moireaug.networks import in_evaluation_mode, networks_of
+
 # what torch says where weights and images differ in precision, or in device
 OTHER_TYPE = r"same dtype|type .* should be the same|expected scalar type"
+ONE_CHANNEL = r"to have 1 channels, but got 3"  # a convolution's words
 
 
 class Normalized(nn.Module):
@@ -70,32 +73,36 @@ def _said_of_types(weight: Tensor, said: str) -> str:
 
 
 @contextlib.contextmanager
-def evaluating(model: nn.Module | Callable[[Tensor], Tensor]) -> Iterator[None]:
-    """Put a model into evaluation mode, and restore every module's own mode on exit, also after an
-    error.
-
-    BatchNorm would otherwise update its statistics from the attack's intermediate images. Gradients
-    are enabled inside, even under `torch.no_grad` and `torch.inference_mode`, because every attack
-    needs them.
+def evaluating(model: Callable[[Tensor], Tensor]) -> Iterator[None]:
+    """Attack a model: its networks are in evaluation mode, see `networks.in_evaluation_mode`, and
+    gradients are enabled, even under `torch.no_grad` and `torch.inference_mode`, because every
+    attack needs them.
 
     Raises:
-        TypeError: in place of torch's RuntimeError where the model's weights and the images differ
-            in precision or in device.
+        TypeError: in place of torch's RuntimeError where the networks' weights and the images
+            differ in precision, in device, or in that the model takes one channel.
     """
-    modules = list(model.modules()) if isinstance(model, nn.Module) else []
-    # TorchScript's frozen modules have no mode
-    modes = [(m, m.training) for m in modules if hasattr(m, "training")]
     try:
-        if isinstance(model, nn.Module):
-            model.eval()
-        with torch.inference_mode(False), torch.enable_grad():
+        with torch.inference_mode(False), torch.enable_grad(), in_evaluation_mode(model):
             yield
     except RuntimeError as error:
-        weights = model.parameters() if isinstance(model, nn.Module) else iter(())
-        weight = next(filter(Tensor.is_floating_point, weights), None)
+        if re.search(ONE_CHANNEL, str(error)):
+            raise TypeError(
+                f"the model takes images of one channel, and photos are RGB ({error}): pass a "
+                "function that gives it their luma, as in lambda images: "
+                "model(rgb_to_grayscale(images)), with "
+                "torchvision.transforms.v2.functional.rgb_to_grayscale."
+            ) from error
+        weight = _first_weight(model)
         if weight is not None and re.search(OTHER_TYPE, str(error)):
             raise TypeError(_said_of_types(weight, str(error).splitlines()[0])) from error
         raise
-    finally:
-        for module, training in modes:
-            module.training = training
+
+
+def _first_weight(model: object) -> Tensor | None:
+    """Return the first weight in floating point of a model's networks; None where it has none."""
+    for network in networks_of(model):
+        for weight in network.parameters():
+            if weight.is_floating_point():
+                return weight
+    return None

@@ -3,7 +3,6 @@ it is held as data."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import enum
 import functools
@@ -17,6 +16,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 from torch.utils.hooks import RemovableHandle
+
+from moireaug.callables import enclosed_values, named_globals
 
 OF_MODULES = set(vars(nn.Module()))  # of every module: mode, hooks, and tables of its parts
 HOOKS = {"_forward_pre_hooks", "_forward_hooks"}  # of these, what changes a module's answers
@@ -173,11 +174,9 @@ def _tell_function(part: types.FunctionType, outer: tuple[int, ...]) -> Iterator
     """With its defaults, what it encloses, and the values of its module that it names."""
     yield from _tell_code(part, outer)
     yield from _told((part.__defaults__, part.__kwdefaults__), outer)
-    for cell in part.__closure__ or ():
-        with contextlib.suppress(ValueError):  # an empty one
-            yield from _told(cell.cell_contents, outer)
-    for name in sorted(_names(part.__code__) & part.__globals__.keys()):
-        value = part.__globals__[name]
+    for value in enclosed_values(part):
+        yield from _told(value, outer)
+    for name, value in named_globals(part).items():
         if _is_data(value, part.__module__):
             yield name
             yield from _told(value, outer)
@@ -187,15 +186,6 @@ def _tell_function(part: types.FunctionType, outer: tuple[int, ...]) -> Iterator
 @_tell.register(type)
 def _tell_code(part: object, outer: tuple[int, ...]) -> Iterator[str]:
     yield _path(part) if _can_be_imported(part) else f"{UNKNOWN}{id(part)}"
-
-
-def _names(code: types.CodeType) -> set[str]:
-    """Return the names that a function uses, those of the functions inside it included."""
-    found = set(code.co_names)
-    for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            found |= _names(constant)
-    return found
 
 
 def _is_data(value: object, module: str) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from moireaug.attacks import evaluating
 from moireaug.defenses import Compose, restore_mean
@@ -42,8 +42,7 @@ class Judge:
             shown = restore_mean(shown, batch.images)
         model = batch.model if self.model is None else self.model
         defence = Compose(() if self.defence is None else (self.defence,))
-        networks = nn.ModuleList(defence.networks)
-        with evaluating(networks), evaluating(model), torch.no_grad():
+        with evaluating(defence), evaluating(model), torch.no_grad():
             # either may work in place
             return model(defence(shown.clone()).clone())
 

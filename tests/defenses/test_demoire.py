@@ -211,7 +211,7 @@ def mean_of(images):
 def test_a_network_is_a_defence():
     network = small("amnet")
     defence = demoire.Demoire(network)
-    assert (defence.title, defence.randomised, network.training) == ("AMNet", False, False)
+    assert (defence.title, defence.randomised, network.training) == ("AMNet", False, True)
     images = pictures(2, 3, 12, 12)
     assert torch.equal(defence(images), network(images))
     defended = Defended(mean_of, defence)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from torch import Tensor, nn
 
 from moireaug.defenses.base import Defence, straight_through
+from moireaug.networks import in_evaluation_mode
 
 
 @dataclass(frozen=True)
@@ -16,9 +17,9 @@ class Demoire(Defence):
 
     Args:
         network: from `demoire.build` or `demoire.load`, or any callable from images (B, 3, H, W) in
-            [0, 1] to images of the same shape, clipped here. A module is put into evaluation mode;
-            images are computed in the dtype of its parameters. It may name itself in tables by an
-            attribute `title`.
+            [0, 1] to images of the same shape, clipped here. A module is called in evaluation mode,
+            and keeps its own; images are computed in the dtype of its parameters. It may name
+            itself in tables by an attribute `title`.
 
     Backward: the network's own gradient; where its output is clipped, that of the unclipped one.
 
@@ -35,8 +36,6 @@ class Demoire(Defence):
                 f"network must be callable on images; got {self.network!r}. Is it "
                 "demoire.load(FILE)?"
             )
-        if isinstance(self.network, nn.Module):
-            self.network.eval()
 
     @property
     def title(self) -> str:
@@ -51,7 +50,8 @@ class Demoire(Defence):
         shown = images
         if isinstance(self.network, nn.Module):
             shown = images.to(next(self.network.parameters(), images).dtype)
-        out = self.network(shown)
+        with in_evaluation_mode(self.network):
+            out = self.network(shown)
         if out.shape != images.shape:
             raise ValueError(
                 f"a demoiréing network must keep the images' shape {tuple(images.shape)}; "

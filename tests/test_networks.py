@@ -1,0 +1,243 @@
+"""The networks that a model computes with, and the modes that they come back in."""
+
+import functools
+
+import pytest
+import torch
+from torch import nn
+
+from moireaug import Scene, attacks, evaluation, transforms
+from moireaug.defenses import Defended
+from moireaug.defenses.demoire import Demoire
+from moireaug.networks import in_evaluation_mode, networks_of
+
+SCENE = Scene()
+IMAGES, LABELS = torch.rand(4, 3, 16, 16), torch.arange(4)
+
+
+class LowRank(nn.Linear):
+    """A linear layer that merges a low-rank weight in evaluation, and unmerges it in training."""
+
+    def __init__(self, inputs, outputs):
+        super().__init__(inputs, outputs)
+        self.weight.requires_grad_(False)
+        self.bias.requires_grad_(False)
+        self.down = nn.Parameter(torch.randn(2, inputs))
+        self.up = nn.Parameter(torch.randn(outputs, 2))
+        self.merged = False
+
+    def train(self, mode=True):
+        super().train(mode)
+        if self.merged == mode:
+            sign = -1 if mode else 1
+            self.weight.data += sign * (self.up @ self.down)
+            self.merged = not mode
+        return self
+
+    def forward(self, x):
+        y = super().forward(x)
+        return y if self.merged else y + x @ self.down.T @ self.up.T
+
+
+class Frozen(nn.BatchNorm2d):
+    """Statistics that stay in evaluation whatever its parents do."""
+
+    def train(self, mode=True):
+        return super().train(False)
+
+
+def network():
+    torch.manual_seed(0)
+    return nn.Sequential(
+        nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4), nn.AdaptiveAvgPool2d(4), nn.Flatten(), LowRank(64, 5)
+    )
+
+
+class Owner:
+    def __init__(self, net):
+        self.net = net
+
+    def logits(self, x):
+        return self.net(x)
+
+
+class Called(Owner):
+    __call__ = Owner.logits
+
+
+class Listed(nn.Module):
+    """Holds a network that is not its submodule."""
+
+    def __init__(self, net):
+        super().__init__()
+        self.nets = [net]
+
+    def forward(self, x):
+        return self.nets[0](x)
+
+
+GLOBAL = nn.Sequential(nn.AdaptiveAvgPool2d(4), nn.Flatten(), nn.Linear(48, 5))
+
+
+def named(x):
+    return _inner(x)
+
+
+def _inner(x):
+    return GLOBAL(x)
+
+
+def decorated(function):
+    @functools.wraps(function)
+    def wrapper(*args):
+        return function(*args)
+
+    return wrapper
+
+
+CALLABLES = {
+    "module": lambda net: net,
+    "forward": lambda net: net.forward,
+    "partial": functools.partial,
+    "keyword": lambda net: functools.partial(lambda x, model: model(x), model=net),
+    "lambda": lambda net: lambda x: net(x),
+    "default": lambda net: lambda x, model=net: model(x),
+    "decorated": lambda net: decorated(lambda x: net(x)),
+    "method": lambda net: Owner(net).logits,
+    "object": Called,
+    "lambda of an object": lambda net: (lambda model: lambda x: model(x))(Called(net)),
+    "lambda of a method": lambda net: (lambda logits: lambda x: logits(x))(Owner(net).logits),
+    "list in a module": Listed,
+    "defended lambda": lambda net: Defended(lambda x: net(x), lambda x: x),
+}
+
+
+@pytest.mark.parametrize("kind", CALLABLES)
+def test_a_network_is_found_in_any_callable(kind):
+    net = network()
+    model = CALLABLES[kind](net)
+    modules = [m for found in networks_of(model) for m in found.modules()]
+    assert any(module is net for module in modules)
+
+
+def test_a_network_that_a_function_names_is_found():
+    assert networks_of(named) == [GLOBAL]
+    assert networks_of(lambda x: x.mean((2, 3))) == []
+
+
+def test_what_is_not_followed_keeps_its_mode():
+    net, looked_up = network(), {}
+
+    class Registry:  # no callable: nothing tells that its network is used
+        def __init__(self):
+            self.net = net
+
+    registry = Registry()
+    with in_evaluation_mode(lambda x: registry.net(x)):
+        assert net.training
+    with in_evaluation_mode(lambda x: looked_up["net"](x)):
+        assert net.training
+
+
+BORROWERS = {
+    "pgd": lambda model: attacks.PGD(model, steps=2)(IMAGES, LABELS),
+    "cw": lambda model: attacks.CW(model, steps=2)(IMAGES, LABELS),
+    "ma": lambda model: attacks.MoireAttack(model, scene=SCENE, steps=2)(IMAGES, LABELS),
+    "multitargeted": lambda model: attacks.MultiTargeted(attacks.PGD(model, steps=1), targets=1)(
+        IMAGES, LABELS
+    ),
+    "transform": lambda model: transforms.AdversarialMoire(model, SCENE, steps=1)(IMAGES, LABELS),
+    "evaluate": lambda model: evaluation.evaluate(
+        model, [(IMAGES, LABELS)], suite="trust", steps=1, progress=False
+    ),
+    "defended": lambda model: attacks.PGD(Defended(model, lambda x: x), steps=1)(IMAGES, LABELS),
+}
+
+
+@pytest.mark.parametrize("borrower", BORROWERS)
+def test_a_borrowed_network_comes_back_as_it_was(borrower):
+    net = network().train()
+    net[1].eval()  # as where statistics are frozen
+    weight, before = net[4].weight.clone(), {k: v.clone() for k, v in net.state_dict().items()}
+    BORROWERS[borrower](net)
+    assert [m.training for m in net.modules()] == [True, True, False, True, True, True]
+    assert not net[4].merged
+    torch.testing.assert_close(net[4].weight, weight)
+    del before["4.weight"]
+    assert all(torch.equal(net.state_dict()[name], value) for name, value in before.items())
+    assert net(IMAGES).requires_grad
+
+
+@pytest.mark.parametrize("kind", CALLABLES)
+def test_statistics_stay_behind_any_callable(kind):
+    net = network().train()
+    attacks.PGD(CALLABLES[kind](net), steps=2)(IMAGES, LABELS)
+    assert net[1].num_batches_tracked == 0 and all(m.training for m in net.modules())
+    with torch.no_grad():  # negative control: in training they move
+        net(IMAGES)
+    assert net[1].num_batches_tracked == 1
+
+
+def test_a_merged_layer_in_evaluation_stays_merged():
+    net = network()
+    net[4].eval()
+    with in_evaluation_mode(net):
+        assert not net.training and net[4].merged
+    assert net.training and not net[4].training and net[4].merged
+
+
+def test_a_layer_that_keeps_its_own_mode_is_left_alone():
+    net = nn.Sequential(nn.Conv2d(3, 4, 3), Frozen(4), nn.Flatten(), nn.LazyLinear(5))
+    net[1].training = True  # set by hand, against its own `train`
+    with in_evaluation_mode(net):
+        assert not net[1].training
+    assert net.training and net[1].training
+
+
+def test_modes_come_back_after_an_error():
+    net = network()
+    with pytest.raises(KeyError), in_evaluation_mode(net):
+        raise KeyError
+    assert all(module.training for module in net.modules()) and not net[4].merged
+
+
+def test_an_exported_graph_is_attacked_as_it_is():
+    net = nn.Sequential(nn.AdaptiveAvgPool2d(4), nn.Flatten(), nn.Linear(48, 5)).eval()
+    graph = torch.export.export(net, (IMAGES,)).module()
+    with pytest.raises(NotImplementedError):
+        graph.eval()
+    losses = []
+    for model in (net, graph):
+        generator = torch.Generator().manual_seed(0)
+        losses.append(attacks.PGD(model, steps=2)(IMAGES, LABELS, generator=generator).loss)
+    torch.testing.assert_close(*losses)
+
+
+class Refusing(nn.Module):
+    """Takes neither mode, as an engine that runs elsewhere."""
+
+    eval = None
+
+    def __init__(self, net):
+        super().__init__()
+        self.net = net
+
+    def train(self, mode=True):
+        raise RuntimeError("an engine has no mode")
+
+    def forward(self, x):
+        return self.net(x)
+
+
+def test_a_module_without_modes_is_attacked_as_it_is():
+    net = network().train()
+    model = Refusing(net)
+    attacks.PGD(model, steps=2)(IMAGES, LABELS)
+    assert net[1].num_batches_tracked == 0  # its network has modes
+    assert all(module.training for module in model.modules()) and not net[4].merged
+
+
+def test_a_demoireing_network_keeps_its_mode():
+    net = nn.Sequential(nn.Conv2d(3, 3, 1), nn.BatchNorm2d(3)).train()
+    Demoire(net)(IMAGES)
+    assert net.training and net[1].num_batches_tracked == 0
