@@ -75,8 +75,19 @@ def check_shape(image: Tensor) -> None:
     if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape[-2:]:
         raise ValueError(
             "images must have the shape (B, 3, H, W) with H, W >= 1; got "
-            f"{tuple(image.shape)}.{channels_last(image)}"
+            f"{tuple(image.shape)}.{_grey(image)}{channels_last(image)}"
         )
+
+
+def _grey(image: Tensor) -> str:
+    """Return a sentence on what to do with a batch of grey images, else an empty string."""
+    if image.ndim != 4 or image.shape[1] != 1:
+        return ""
+    return (
+        " Show grey images as RGB, images.expand(-1, 3, -1, -1); give a model of one channel the "
+        "luma of photos, lambda images: model(rgb_to_grayscale(images)), with "
+        "torchvision.transforms.v2.functional.rgb_to_grayscale."
+    )
 
 
 def channels_last(image: Tensor) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from moireaug.callables import enclosed_values, named_globals
@@ -147,3 +149,11 @@ def _(part: types.FunctionType) -> list[Any]:
         if not isinstance(value, types.FunctionType) or value.__module__ == part.__module__:
             values.append(value)
     return values
+
+
+def device_of(model: object) -> torch.device | None:
+    """Return the device of a module's weights, or of its buffers; None for any other model."""
+    if isinstance(model, nn.Module):
+        for value in itertools.chain(model.parameters(), model.buffers()):
+            return value.device
+    return None

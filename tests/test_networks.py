@@ -9,7 +9,7 @@ from torch import nn
 from moireaug import Scene, attacks, evaluation, transforms
 from moireaug.defenses import Defended
 from moireaug.defenses.demoire import Demoire
-from moireaug.networks import in_evaluation_mode, networks_of
+from moireaug.networks import device_of, in_evaluation_mode, networks_of
 
 SCENE = Scene()
 IMAGES, LABELS = torch.rand(4, 3, 16, 16), torch.arange(4)
@@ -241,3 +241,8 @@ def test_a_demoireing_network_keeps_its_mode():
     net = nn.Sequential(nn.Conv2d(3, 3, 1), nn.BatchNorm2d(3)).train()
     Demoire(net)(IMAGES)
     assert net.training and net[1].num_batches_tracked == 0
+
+
+def test_a_device_is_known_by_weights_or_buffers():
+    assert device_of(nn.BatchNorm2d(3, affine=False, device="meta")) == torch.device("meta")
+    assert device_of(nn.Linear(1, 1)) == torch.device("cpu") and device_of(nn.ReLU()) is None

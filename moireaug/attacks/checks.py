@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -93,15 +94,31 @@ def check_sizes(step_size: float | None, random_start: float, steps: int) -> Non
         )
 
 
-def check_labels(labels: Tensor, n: int, name: str) -> Tensor:
-    """Refuse what is not (n,) integers >= 0.
+def as_tensor(labels: np.ndarray, name: str) -> Tensor:
+    """Return a NumPy array of numbers as a tensor.
+
+    Raises:
+        TypeError: an array of something else, such as strings.
+    """
+    try:
+        return torch.from_numpy(np.array(labels, labels.dtype.newbyteorder("=")))
+    except TypeError:
+        raise TypeError(
+            f"{name} must be an integer tensor or array of class indices; got an array of "
+            f"{labels.dtype}."
+        ) from None
+
+
+def check_labels(labels: Tensor | np.ndarray, n: int, name: str) -> Tensor:
+    """Refuse what is not (n,) integers >= 0, in a tensor or a NumPy array.
 
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
+    labels = as_tensor(labels, name) if isinstance(labels, np.ndarray) else labels
     if not isinstance(labels, Tensor) or labels.is_floating_point() or labels.dtype == torch.bool:
         raise TypeError(
-            f"{name} must be an integer tensor of class indices; got "
+            f"{name} must be an integer tensor or array of class indices; got "
             f"{getattr(labels, 'dtype', type(labels))}."
         )
     if labels.shape != (n,):

@@ -37,7 +37,7 @@ class Normalized(nn.Module):
         std: Sequence[float] = (0.229, 0.224, 0.225),
     ) -> None:
         super().__init__()
-        means, stds = torch.as_tensor(mean), torch.as_tensor(std)
+        means, stds = (torch.as_tensor(t, dtype=torch.float32, device="cpu") for t in (mean, std))
         sized = means.shape == stds.shape and means.shape in ((1,), (3,))
         if not (sized and means.isfinite().all() and stds.isfinite().all() and (stds > 0).all()):
             raise ValueError(
@@ -52,35 +52,43 @@ class Normalized(nn.Module):
         return self.model((images - self.mean.to(images)) / self.std.to(images))
 
 
-def _said_of_types(weight: Tensor, said: str) -> str:
-    """Return a sentence on images that do not meet the model's first weight.
+def _mismatch(weight: Tensor | None, images: Tensor | None, reason: str) -> str:
+    """Return a sentence on images that do not meet the model's first weight; empty where they do,
+    and something else is amiss.
 
     Args:
-        said: by torch, as in "Input type (torch.FloatTensor) and weight type
+        reason: torch's words, as in "Input type (torch.FloatTensor) and weight type
             (torch.cuda.FloatTensor) should be the same".
     """
-    types = re.findall(r"(\w+Tensor)\)", said)
+    if weight is None or images is None or not re.search(OTHER_TYPE, reason):
+        return ""
+    types = re.findall(r"(\w+Tensor)\)", reason)
     if len(types) > 1 and len(set(types)) == 1:  # only their devices differ
         device = str(weight.device)
         return (
-            f"the model is on {device} and does not take these images ({said}): pass "
+            f"the model is on {device} and does not take these images ({reason}): pass "
             f"images.to({device!r})."
         )
+    if weight.dtype == images.dtype:
+        return ""
     return (
-        f"the model has weights of {weight.dtype} and does not take these images ({said}): pass a "
-        f"function that converts them, as in lambda images: model(images.to({weight.dtype}))."
+        f"the model has weights of {weight.dtype} and does not take these images ({reason}): pass "
+        f"a function that converts them, as in lambda images: model(images.to({weight.dtype}))."
     )
 
 
 @contextlib.contextmanager
-def evaluating(model: Callable[[Tensor], Tensor]) -> Iterator[None]:
+def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) -> Iterator[None]:
     """Attack a model: its networks are in evaluation mode, see `networks.in_evaluation_mode`, and
     gradients are enabled, even under `torch.no_grad` and `torch.inference_mode`, because every
     attack needs them.
 
+    Args:
+        images: what the model is called on, for the errors below.
+
     Raises:
-        TypeError: in place of torch's RuntimeError where the networks' weights and the images
-            differ in precision, in device, or in that the model takes one channel.
+        TypeError: in place of torch's RuntimeError where the images differ from the networks'
+            weights in precision or device, or the model takes one channel.
     """
     try:
         with torch.inference_mode(False), torch.enable_grad(), in_evaluation_mode(model):
@@ -93,9 +101,8 @@ def evaluating(model: Callable[[Tensor], Tensor]) -> Iterator[None]:
                 "model(rgb_to_grayscale(images)), with "
                 "torchvision.transforms.v2.functional.rgb_to_grayscale."
             ) from error
-        weight = _first_weight(model)
-        if weight is not None and re.search(OTHER_TYPE, str(error)):
-            raise TypeError(_said_of_types(weight, str(error).splitlines()[0])) from error
+        if sentence := _mismatch(_first_weight(model), images, str(error).partition("\n")[0]):
+            raise TypeError(sentence) from error
         raise
 
 

@@ -4,7 +4,6 @@ record."""
 from __future__ import annotations
 
 import hashlib
-import itertools
 import time
 import typing
 import zlib
@@ -22,6 +21,7 @@ from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Record, Records, key_of
 from moireaug.evaluation.statistics import mix
 from moireaug.evaluation.tables import Table
+from moireaug.networks import device_of
 from moireaug.scene.scene import Scene
 
 CLEAN = Clean()
@@ -166,7 +166,7 @@ class Runner:
 
     def _targets(self, images: Tensor, labels: Tensor, index: int) -> Tensor:
         """Draw one of the model's other classes for each image."""
-        with evaluating(self.model), torch.no_grad():
+        with evaluating(self.model, images), torch.no_grad():
             logits = self.model(images[:1].clone())
         check_classes(labels[:1], logits, 1)
         classes = logits.shape[1]
@@ -227,14 +227,6 @@ class Runner:
             "labels": batch.labels.tolist(),
             "targets": batch.targets.tolist(),
         }
-
-
-def device_of(model: Model) -> torch.device | None:
-    """Return the device of a model's weights, or of its buffers; None for a model without."""
-    if isinstance(model, nn.Module):
-        for value in itertools.chain(model.parameters(), model.buffers()):
-            return value.device
-    return None
 
 
 def _content(images: Tensor, labels: Tensor) -> str:

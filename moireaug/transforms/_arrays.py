@@ -10,9 +10,41 @@ import numpy as np
 import torch
 
 from moireaug.scene.scene import Shot
-from moireaug.transforms._convert import at_size, move_boxes, photograph
+from moireaug.transforms._convert import at_size, move_boxes, photograph, shot_of_frames
 
 PICTURES = {"image": 0, "images": 1, "volume": 1, "volumes": 2}  # targets, and how deep they nest
+MASKS = {"mask": 0, "masks": 1, "mask3d": 1, "masks3d": 2}
+
+
+def check_arrays(target: str, value: Any, depth: int) -> None:
+    """Refuse what is no numpy array or, `depth` levels deep, list of them.
+
+    Raises:
+        TypeError: with what was got and where it belongs.
+    """
+    others = [leaf for leaf in _leaves(value, depth) if not isinstance(leaf, np.ndarray)]
+    if not others:
+        return
+    if isinstance(others[0], torch.Tensor):
+        advice = (
+            "Put this transform before ToTensorV2, or use moireaug.transforms.RandomMoire or "
+            "AdversarialMoire, which take tensors."
+        )
+    else:
+        advice = "Convert it with np.asarray first."
+    allowed = "a numpy array or a list of them" if depth else "a numpy array"
+    raise TypeError(f"{target} must be {allowed}; got {_type_name(others[0])}. {advice}")
+
+
+def _leaves(value: Any, depth: int) -> list[Any]:
+    if not depth or not isinstance(value, (list, tuple)):
+        return [value]
+    return [leaf for inner in value for leaf in _leaves(inner, depth - 1)]
+
+
+def _type_name(value: Any) -> str:
+    kind = type(value)
+    return kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
 
 
 def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None) -> np.ndarray:
@@ -24,14 +56,14 @@ def apply_shot(image: np.ndarray, shot: Shot, noise: torch.Tensor | None = None)
 def apply_to_all(
     images: Sequence[np.ndarray] | np.ndarray, shot: Shot, noise: torch.Tensor | None = None
 ) -> np.ndarray:
-    """Return the photos of N images by one shot of a single draw, stacked; each has its own
-    attacker's noise."""
+    """Return the photos of N images by one shot of a single draw, stacked; each has sensor noise of
+    its own, see `shot_of_frames`, and its own attacker's noise."""
     if not len(images):
         return np.asarray(images)
     pictures = torch.cat([planes(image) for image in images])
     if noise is not None:
         _check_size(shot, (pictures.shape[-2], pictures.shape[-1]))
-    photos = photograph(pictures, shot.repeat(len(images)), noise)
+    photos = photograph(pictures, shot_of_frames(shot, [len(images)] * len(shot)), noise)
     stacked = photos.permute(0, 2, 3, 1).reshape(len(images), *images[0].shape).numpy()
     return stacked.astype(images[0].dtype, copy=False)
 
@@ -115,19 +147,17 @@ def _as_float(rows: np.ndarray) -> np.ndarray:
     return rows if rows.dtype.kind == "f" else rows.astype(np.float32)
 
 
-def pictures_of(data: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, int]]:
-    """Return the pictures of a call, and the place of each target's first one."""
-    pictures: list[np.ndarray] = []
-    first: dict[str, int] = {}
-    for target, levels in PICTURES.items():
+def pictures_of(data: dict[str, Any]) -> dict[str, list[np.ndarray]]:
+    """Return the pictures of each target that a call passes."""
+    pictures = {}
+    for target, depth in PICTURES.items():
         if data.get(target) is None:
             continue
-        first[target] = len(pictures)
-        found = [data[target]]
-        for _ in range(levels):
-            found = [inner for outer in found for inner in outer]
-        pictures.extend(found)
-    return pictures, first
+        parts = [data[target]]
+        for _ in range(depth):
+            parts = [inner for outer in parts for inner in outer]
+        pictures[target] = parts
+    return pictures
 
 
 def noise_of(

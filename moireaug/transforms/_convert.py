@@ -4,6 +4,7 @@ camera's frame."""
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from numbers import Real
 
 import torch
@@ -12,6 +13,7 @@ from torch import Tensor, nn
 from moireaug.capture import photo_of
 from moireaug.checks import channels_last, check_images
 from moireaug.engine import dispatch
+from moireaug.networks import in_evaluation_mode
 from moireaug.scene.naming import changed_fields, preset_name
 from moireaug.scene.scene import Scene, Shot
 
@@ -51,6 +53,16 @@ def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
     relative to the picture."""
     h, w = size
     return shot if shot.size == (h, w) else dataclasses.replace(shot, size=(h, w))
+
+
+def shot_of_frames(shot: Shot, counts: Sequence[int]) -> Shot:
+    """Return row i of a shot for counts[i] frames of one scene, (sum of counts,): they share the
+    draw and differ in sensor noise, frame k having the row's seed + k."""
+    rows = [row for row, count in enumerate(counts) for _ in range(count)]
+    frames = [frame for count in counts for frame in range(count)]
+    chosen = shot[torch.tensor(rows, dtype=torch.int64, device=shot.device)]
+    offsets = torch.tensor(frames, dtype=torch.int64, device=shot.device)
+    return dataclasses.replace(chosen, seed=chosen.seed + offsets)
 
 
 def describe(scene: Scene) -> str:
@@ -103,13 +115,48 @@ def as_model_takes(images: Tensor, model: object) -> Tensor:
     return images
 
 
+def model_of_photos(
+    model: Callable[[Tensor], Tensor], images: Tensor
+) -> Callable[[Tensor], Tensor]:
+    """Return what takes RGB photos (B, 3, H, W) of some images: the model, or, where the images are
+    grey and it takes one channel, a function that gives it the photos' luma.
+
+    Args:
+        model: images to logits. images: (B, C, H, W) of any accepted type; B >= 1.
+    """
+    if images.shape[-3] != 1:
+        return model
+    grey = as_model_takes(dispatch.as_float(images[:1]), model)
+    try:
+        with in_evaluation_mode(model), torch.no_grad():
+            model(grey.clone())
+    except Exception:  # which one depends on the model
+        return model
+    return lambda photos: model(luma(photos))
+
+
+def luma(photo: Tensor) -> Tensor:
+    """Return the luma (B, 1, H, W) of a photo (B, 3, H, W)."""
+    return (photo * photo.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
+
+
 def as_given(photo: Tensor, images: Tensor) -> Tensor:
-    """Return a photo (B, 3, H, W) with the channels and the dtype of the images that it shows."""
+    """Return a photo (B, 3, H, W) with the channels, the dtype and the memory layout of the images
+    that it shows."""
     if images.shape[-3] == 1:
-        photo = (photo * photo.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
+        photo = luma(photo)
     if images.dtype == torch.uint8:
         photo = (photo * 255).round_()
-    return photo.to(images.dtype)
+    photo = photo.to(images.dtype)
+    if images.is_contiguous(memory_format=torch.channels_last) and not images.is_contiguous():
+        return photo.contiguous(memory_format=torch.channels_last)
+    return photo
+
+
+def with_rows(images: Tensor, rows: Tensor, photos: Tensor) -> Tensor:
+    """Return a copy of images (B, C, H, W), in their memory layout, with the photos (b, C, H, W) in
+    place of the rows (b,)."""
+    return images.clone().index_copy_(0, rows, photos)
 
 
 def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:

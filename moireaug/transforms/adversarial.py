@@ -4,8 +4,10 @@ most."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import PIL.Image
 import torch
 from torch import Tensor, nn
@@ -15,7 +17,7 @@ from torchvision.transforms.v2._utils import _parse_labels_getter
 from torchvision.tv_tensors import Video
 
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.checks import check_labels
+from moireaug.attacks.checks import as_tensor, check_labels
 from moireaug.scene.scene import Scene, as_scene
 from moireaug.transforms._convert import (
     as_given,
@@ -24,7 +26,9 @@ from moireaug.transforms._convert import (
     check_adversary,
     check_probability,
     describe,
+    model_of_photos,
     moves,
+    with_rows,
 )
 from moireaug.transforms.torchvision import CARRIED, SHOWN, wrap
 
@@ -54,9 +58,11 @@ class AdversarialMoire(v2.Transform):
 
     A sample is images and labels, or any nesting of dicts, tuples and lists that holds them;
     everything else in it passes through untouched. Images are one pure tensor or
-    `tv_tensors.Image` (B, C, H, W), C = 3 or 1 (grey), uint8 or float in [0, 1]; type and dtype are
-    kept. Labels are (B,) class indices, as integers or whole floats, or (B, classes) weights, as
-    `v2.MixUp`, `v2.CutMix` and one-hot encodings give them; the class of the greatest weight is
+    `tv_tensors.Image` (B, C, H, W), C = 3 or 1 (grey), uint8 or float in [0, 1]; type, dtype and
+    memory layout are kept. Grey images are shown as grey RGB and returned as the photos' luma; a
+    model that takes one channel is given the luma, too, any other RGB. Labels are (B,) class
+    indices, as integers or whole floats, or (B, classes) weights, as `v2.MixUp`, `v2.CutMix` and
+    one-hot encodings give them, in tensors or NumPy arrays; the class of the greatest weight is
     then attacked. They are returned unchanged. The photos are not differentiable in the images.
 
     Call with `generator=` to draw from a CPU generator instead of torch's global one.
@@ -95,16 +101,24 @@ class AdversarialMoire(v2.Transform):
             random_start=random_start,
         )
         self._labels_getter = _parse_labels_getter(labels_getter)
+        self._default_labels = labels_getter == "default"
 
     def forward(self, *inputs: Any, generator: torch.Generator | None = None) -> Any:
         if not inputs:
             raise ValueError(NO_BATCH.format("nothing"))
         sample = inputs if len(inputs) > 1 else inputs[0]
-        labels = self._labels_getter(sample)
+        labels = self._labels_of(sample)
         flat, spec = tree_flatten(sample)
         at = self._place_of_images(flat, labels)
         flat[at] = self._attacked(flat[at], labels, generator)
         return tree_unflatten(flat, spec)
+
+    def _labels_of(self, sample: Any) -> Any:
+        """Return a sample's labels; torchvision's default looks for tensors alone."""
+        pair = isinstance(sample, (tuple, list)) and len(sample) > 1
+        if self._default_labels and pair and isinstance(sample[1], np.ndarray):
+            return sample[1]
+        return self._labels_getter(sample)
 
     def _place_of_images(self, flat: list[Any], labels: Any) -> int:
         """Return which leaf of a sample is the batch of images."""
@@ -136,13 +150,14 @@ class AdversarialMoire(v2.Transform):
         classes = class_of(labels, len(images)).to(images.device)
         plain = images.detach().as_subclass(Tensor)
         drawn = torch.rand(len(images), dtype=torch.float32, generator=generator, device="cpu")
-        chosen = (drawn < self.p).to(images.device)
-        if not chosen.any():
+        rows = (drawn < self.p).nonzero().flatten().to(images.device)
+        if not len(rows):
             return images
-        given = plain[chosen]
+        given = plain[rows]
         shown = as_model_takes(as_shown(given), self.attack.model)
-        photos = self.attack.last(shown, classes[chosen], generator=generator)
-        return wrap(plain.masked_scatter(chosen.view(-1, 1, 1, 1), as_given(photos, given)), images)
+        attack = replace(self.attack, model=model_of_photos(self.attack.model, given))
+        photos = attack.last(shown, classes[rows], generator=generator)
+        return wrap(with_rows(plain, rows, as_given(photos, given)), images)
 
     def extra_repr(self) -> str:
         a = self.attack
@@ -159,6 +174,8 @@ def class_of(labels: Any, n: int) -> Tensor:
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
+    if isinstance(labels, np.ndarray):
+        labels = as_tensor(labels, "labels")
     if not isinstance(labels, Tensor):
         raise TypeError(
             f"labels must be a tensor, (B,) or (B, classes); got {type(labels).__name__}. Say "

@@ -1,10 +1,12 @@
 """The albumentations transforms: RandomMoire and AdversarialMoire for numpy images in an
-`albumentations.Compose`."""
+`albumentations.Compose`, of albumentations or of AlbumentationsX 2.0 to 2.5."""
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, cast
 
 # albumentations asks a server for its newest version when it is imported, which hangs where there
@@ -13,11 +15,10 @@ os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 
 import numpy as np
 import torch
-from albumentations.core import transforms_interface
-from albumentations.core.transforms_interface import DualTransform
 from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack, Result
+from moireaug.networks import device_of
 from moireaug.scene.scene import Scene, Shot, as_scene
 from moireaug.transforms._arrays import (
     PICTURES,
@@ -31,6 +32,7 @@ from moireaug.transforms._arrays import (
     pictures_of,
     planes,
 )
+from moireaug.transforms._calls import SampledTransform
 from moireaug.transforms._convert import (
     as_model_takes,
     as_shown,
@@ -38,12 +40,14 @@ from moireaug.transforms._convert import (
     check_adversary,
     check_probability,
     describe,
+    model_of_photos,
     moves,
+    shot_of_frames,
 )
 from moireaug.transforms._workers import seed_worker as seed_worker
 
 
-class RandomMoire(DualTransform):
+class RandomMoire(SampledTransform):
     """Photograph an image on a screen with probability `p`.
 
         A.Compose([A.HorizontalFlip(), RandomMoire(scene="screen_photo", p=0.5), A.Normalize()],
@@ -66,8 +70,9 @@ class RandomMoire(DualTransform):
 
     Images are (H, W, 3), or (H, W) and (H, W, 1) for grey, which is shown as grey RGB and returned
     as luma; uint8, or any float in [0, 1], so use it before `A.Normalize`. Values that resizing,
-    blur or noise left a little outside are clipped, see `moireaug.checks`. Images and volumes share
-    one shot. Shape and dtype are kept.
+    blur or noise left a little outside are clipped, see `moireaug.checks`. Shape and dtype are
+    kept. The pictures of `images` and the slices of a volume share one shot, as the frames of a
+    video do, and differ only in sensor noise; the first is the photo that it would be as `image`.
 
     Masks, bboxes and keypoints stay untouched, unless the scene leaves the photo in the camera's
     frame (`Develop(registered=False)` with a pose or a lens); then they move with the picture:
@@ -112,30 +117,6 @@ class RandomMoire(DualTransform):
         if drawn.get("scene") == values:
             drawn = {**drawn, "scene": scene}
         return Shot.from_dict(drawn)
-
-    if hasattr(DualTransform, "sample_parameters"):  # albumentationsx, which refuses the other name
-
-        def sample_parameters(
-            self, params: dict[str, Any], data: dict[str, Any], targets: Any, sampling: Any
-        ) -> Any:
-            return transforms_interface.SampledParams(
-                params=self.draw(params, data, sampling.random_generator)
-            )
-
-    else:
-
-        def get_params_dependent_on_data(
-            self, params: dict[str, Any], data: dict[str, Any]
-        ) -> dict[str, Any]:
-            return self.draw(params, data, self.random_generator)
-
-    def apply_with_params(
-        self, params: dict[str, Any], *args: Any, **kwargs: Any
-    ) -> dict[str, Any]:
-        pictures, _ = pictures_of(kwargs)
-        if pictures:  # a replay holds the shape that it was recorded at
-            params = params | {"shape": pictures[0].shape}
-        return super().apply_with_params(params, *args, **kwargs)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
         return apply_shot(img, self._shot(shot), noise_of("image", 1, **params))
@@ -193,8 +174,8 @@ class AdversarialMoire(RandomMoire):
     One image at a time is slow: where you have batches, use `moireaug.transforms.AdversarialMoire`.
 
     Args:
-        model: (B, 3, H, W) images in [0, 1] to logits; it runs on the device of its parameters, and
-            its state is kept.
+        model: (B, 3, H, W) images in [0, 1] to logits, or, for grey pictures, perhaps their luma
+            (B, 1, H, W); it runs on the device of its parameters, and its state is kept.
         scene, p: as in RandomMoire. eps, steps, step_size, loss, random_start: as in
             `attacks.MoireAttack`.
         label_key: the name under which the call passes the class of its images, an integer.
@@ -281,8 +262,6 @@ class AdversarialMoire(RandomMoire):
     ) -> dict[str, Any]:
         drawn = super().draw(params, data, random)
         label = label_of(data, self.label_key)
-        parameters = getattr(self.attack.model, "parameters", lambda: iter(()))()
-        device = next((p.device for p in parameters), torch.device("cpu"))
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
         for key, kind in self._additional_targets.items():
             if kind in PICTURES and data.get(key) is not None:
@@ -290,14 +269,19 @@ class AdversarialMoire(RandomMoire):
                     f"{key!r} is an additional target of kind {kind!r}, which would get the noise "
                     "of another picture. Pass the pictures of one call together, as images=."
                 )
-        pictures, first = pictures_of(data)
-        if not pictures:
+        pictures = pictures_of(data)
+        if not any(pictures.values()):
             return drawn
-        shown = torch.cat([as_shown(planes(picture)) for picture in pictures]).to(device)
-        result = self.attack(  # of one eps
-            as_model_takes(shown, self.attack.model),
-            torch.full((len(pictures),), label, device="cpu"),
-            shot=self._shot(drawn["shot"]).repeat(len(pictures)),
+        counts = [len(of_target) for of_target in pictures.values()]
+        first = dict(zip(pictures, itertools.accumulate(counts, initial=0), strict=False))
+        given = [planes(picture) for picture in itertools.chain(*pictures.values())]
+        model = self.attack.model
+        shown = torch.cat([as_shown(picture) for picture in given]).to(device_of(model))
+        attack = replace(self.attack, model=model_of_photos(model, given[0].to(shown.device)))
+        result = attack(  # of one eps
+            as_model_takes(shown, model),
+            torch.full((len(shown),), label, device="cpu"),
+            shot=shot_of_frames(self._shot(drawn["shot"]).repeat(len(counts)), counts),
             generator=generator,
         )
         return drawn | {"noise": cast(Result, result).noise.cpu().tolist(), "first": first}

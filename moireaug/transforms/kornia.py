@@ -17,6 +17,7 @@ from moireaug.transforms._convert import (
     describe,
     moves,
     photograph,
+    with_rows,
 )
 
 
@@ -90,6 +91,17 @@ class RandomMoire(IntensityAugmentationBase2D):
             return to_params(self.scene.sample(1, size).repeat(n))
         return to_params(self.scene.sample(n, size))
 
+    def __batch_prob_generator__(
+        self, batch_shape: tuple[int, ...], p: float, p_batch: float, same_on_batch: bool
+    ) -> Tensor:
+        """Draw which images are photographed, (B,) 0 or 1, as kornia does, but in float32 whatever
+        torch's default dtype is: another one draws other numbers."""
+        n = batch_shape[0]
+        if p in (0, 1):
+            return torch.full((n,), p, dtype=torch.float32, device=self.device)
+        drawn = torch.rand(1 if same_on_batch else n, dtype=torch.float32, device=self.device)
+        return (drawn < p).to(drawn).expand(n)
+
     def apply_transform(
         self,
         input: Tensor,
@@ -114,9 +126,9 @@ class RandomMoire(IntensityAugmentationBase2D):
             return input
         if chosen.all():
             return photograph(input, shot)
-        rows = chosen.nonzero().flatten()
-        photos = photograph(input[rows.to(input.device)], shot[rows.to(shot.device)])
-        return input.index_copy(0, rows.to(input.device), photos)
+        rows = chosen.nonzero().flatten().to(input.device)
+        photos = photograph(input[rows], shot[rows.to(shot.device)])
+        return with_rows(input, rows, photos)
 
     def apply_transform_mask(self, input: Any, *args: Any, **kwargs: Any) -> Any:
         return self._unmoved(input, "masks")

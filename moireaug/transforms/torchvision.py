@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -26,6 +25,8 @@ from moireaug.transforms._convert import (
     move_boxes,
     moves,
     photograph,
+    shot_of_frames,
+    with_rows,
 )
 
 SHOWN = (PIL.Image.Image, tv_tensors.Image, Video, v2._utils.is_pure_tensor)
@@ -49,7 +50,7 @@ class RandomMoire(v2.Transform):
     W) and PIL images of mode RGB, L, RGBA or LA; C is 3, or 1 for grey, which is shown as grey RGB
     and returned as luma; uint8 or floating point in [0, 1], so use it before `v2.Normalize`. Values
     that resizing, blur or noise left a little outside are clipped, see `moireaug.checks`. Type,
-    shape, dtype and device are kept; inputs are never modified.
+    shape, dtype, device and memory layout are kept; inputs are never modified.
 
     A batch (B, C, H, W) has one draw per image, and only the chosen images are computed. A video is
     one scene: its frames share the shot and differ only in sensor noise. Images of one sample share
@@ -113,7 +114,7 @@ class RandomMoire(v2.Transform):
         rows = chosen.to(inpt.device)
         plain = inpt.as_subclass(Tensor)
         done = apply_shot(wrap(plain[rows], inpt), shot[chosen])
-        return wrap(plain.index_copy(0, rows, done.as_subclass(Tensor)), inpt)
+        return wrap(with_rows(plain, rows, done.as_subclass(Tensor)), inpt)
 
     def extra_repr(self) -> str:
         return f"p={self.p}, scene={describe(self.scene)}"
@@ -139,20 +140,14 @@ def apply_shot(inpt: Any, shot: Shot) -> Any:
         flat = plain.reshape(len(shot), -1, *plain.shape[-2:])
         return wrap(at_size(shot, plain.shape[-2:]).to_photo_mask(flat).reshape(plain.shape), inpt)
     if isinstance(inpt, Video):
-        shot = _frames(shot, plain.shape[-4])
+        shot = shot_of_frames(shot, [plain.shape[-4]] * len(shot))
     batch = plain.reshape(math.prod(plain.shape[:-3]), *plain.shape[-3:])
     return wrap(photograph(batch, shot).reshape(plain.shape), inpt)
 
 
-def _frames(shot: Shot, n: int) -> Shot:
-    """Return each draw for n frames, which differ in the seed of their sensor noise."""
-    frame = torch.arange(n, device=shot.device).repeat(len(shot))
-    shot = shot[torch.arange(len(shot), device=shot.device).repeat_interleave(n)]
-    return dataclasses.replace(shot, seed=shot.seed + frame)
-
-
 def _apply_to_pil(image: PIL.Image.Image, shot: Shot) -> PIL.Image.Image:
-    planes = F.pil_to_tensor(image)[None]
+    with torch.device("cpu"):
+        planes = F.pil_to_tensor(image)[None]
     colours = 3 if image.mode.startswith("RGB") else 1
     photo = photograph(planes[:, :colours], shot)
     alpha = at_size(shot, planes.shape[-2:]).to_photo_mask(planes[:, colours:])

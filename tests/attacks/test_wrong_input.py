@@ -98,6 +98,9 @@ BAD = [
     (lambda m, x, y: PGD(copy.deepcopy(m).half())(x, y), "has weights of torch.float16 and does"),
     (lambda m, x, y: CW(copy.deepcopy(m).bfloat16())(x, y), "model(images.to(torch.bfloat16))"),
     (lambda m, x, y: PGD(m)(x.double(), y), "model(images.to(torch.float32))"),
+    (lambda m, x, y: PGD(m)(x[:, :1], y), "Show grey images as RGB, images.expand(-1, 3, -1, -1)"),
+    (lambda m, x, y: PGD(nn.Conv2d(1, 5, 16))(x, y), "model(rgb_to_grayscale(images))"),
+    (lambda m, x, y: PGD(m)(x, np.array(["a"] * 6)), "array of class indices; got an array of <U1"),
     (lambda m, x, y: PGD(Elsewhere())(x, y), "is on cpu and does not take these images (Input"),
     (lambda m, x, y: PGD(Elsewhere())(x, y), "should be the same): pass images.to('cpu')."),
 ]
@@ -108,6 +111,14 @@ def test_wrong_input_gets_a_sentence(do, sentence, model, batch):
     with pytest.raises((ValueError, TypeError)) as error:
         do(model, *batch)
     assert sentence in str(error.value)
+
+
+def test_a_mistake_within_the_model_is_not_blamed_on_the_images(model, batch):
+    def mixed(x):
+        return model(x) + nn.functional.linear(x.flatten(1), x.new_ones(5, 768).double())
+
+    with pytest.raises(RuntimeError, match="same dtype"):
+        PGD(mixed)(*batch)
 
 
 @pytest.mark.parametrize("kind", [np.int64, np.uint8])

@@ -12,7 +12,7 @@ from moireaug.evaluation.conditions import (
 )
 from moireaug.evaluation.corruptions import Corrupted
 from moireaug.evaluation.judges import Judge
-from moireaug.evaluation.runner import _generators, device_of
+from moireaug.evaluation.runner import _generators
 from moireaug.evaluation.trust import CleanTwice, PhotoGradient
 from tests.evaluation.haze import CONDITIONS, ran, results, table_of
 
@@ -113,8 +113,3 @@ def test_a_checked_model_may_work_in_place(condition, known):
 def test_devices_without_the_model_are_left_alone(known, monkeypatch):
     monkeypatch.setattr(torch.cuda, "device_count", None)  # which cannot be called
     assert results(ran(known, table_of(Photo()), (0,)))
-
-
-def test_a_device_is_known_by_weights_or_buffers():
-    assert device_of(nn.BatchNorm2d(3, affine=False, device="meta")) == torch.device("meta")
-    assert device_of(nn.Linear(1, 1)) == torch.device("cpu") and device_of(nn.ReLU()) is None

@@ -1,5 +1,6 @@
 """AdversarialMoire: samples, labels and types as v2.MixUp takes them."""
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
@@ -164,3 +165,35 @@ def test_a_column_of_labels_is_refused(model):
     """Its only column would be the class of every image."""
     with pytest.raises(ValueError, match=r"pass labels.squeeze\(1\)"):
         drawn(attack(model), IMAGES, LABELS[:, None])
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_grey_images_go_to_a_model_of_one_channel_as_luma(channels):
+    torch.manual_seed(0)
+    net = nn.Sequential(
+        nn.Conv2d(channels, 4, 3), nn.BatchNorm2d(4), nn.Flatten(), nn.LazyLinear(4)
+    )
+    net(torch.rand(2, channels, 9, 12))
+    before = {name: value.clone() for name, value in net.state_dict().items()}
+    grey = torch.rand(4, 1, 9, 12)
+    shown, _ = drawn(attack(net, eps=0.1), grey, LABELS)
+    plain, _ = drawn(attack(net, eps=0.0), grey, LABELS)
+    assert shown.shape == grey.shape and not torch.equal(shown, plain)
+    assert all(torch.equal(net.state_dict()[name], value) for name, value in before.items())
+
+
+@pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
+def test_the_memory_layout_is_kept(p, model):
+    images = IMAGES.to(memory_format=torch.channels_last)
+    shown, _ = drawn(attack(model, p=p), images, LABELS)
+    assert shown.stride() == images.stride()
+    assert torch.equal(shown, drawn(attack(model, p=p), IMAGES, LABELS)[0])
+
+
+def test_labels_may_be_numpy_arrays(model):
+    expected = drawn(attack(model), IMAGES, LABELS)[0]
+    for labels in (np.arange(4), np.arange(4, dtype=">i4"), np.eye(4, dtype=np.float32)):
+        shown, same = drawn(attack(model), IMAGES, labels)
+        assert same is labels and torch.equal(shown, expected)
+    with pytest.raises(TypeError, match="array of class indices; got an array of <U1"):
+        attack(model)(IMAGES, np.array(list("abcd")))

@@ -1,5 +1,6 @@
 """AdversarialMoire in albumentations: one image at a time, its class passed as a target."""
 
+import dataclasses
 import json
 
 # isort: skip  # after the door, which keeps it from asking for its newest version
@@ -106,9 +107,9 @@ def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered
     for target, i in (("images", 1), ("volume", 2), ("volumes", 3)):
         pictures, photos = (x[target].reshape(-1, 12, 14, 3) for x in (given, out))
         row = params["first"][target] + i
-        expected = door.apply_shot(
-            pictures[i], Shot.from_dict(params["shot"]), noise[row : row + 1]
-        )
+        shot = Shot.from_dict(params["shot"])
+        shot = dataclasses.replace(shot, seed=shot.seed + i)
+        expected = door.apply_shot(pictures[i], shot, noise[row : row + 1])
         assert np.array_equal(photos[i], expected)
 
 
@@ -162,3 +163,15 @@ def test_double_precision_is_attacked(model, registered):
     image = np.random.default_rng(0).random((12, 14, 3))
     steps = A.Compose([door.AdversarialMoire(model, registered, steps=1, p=1)])
     assert steps(image=image, label=1)["image"].dtype == np.float64
+
+
+def test_a_model_of_one_channel_is_attacked_by_the_luma(registered):
+    torch.manual_seed(0)
+    model = nn.Sequential(nn.Conv2d(1, 4, 3), nn.BatchNorm2d(4), nn.Flatten(), nn.Linear(480, 3))
+    shown = []
+    for eps in (0, 0.1):
+        transform = door.AdversarialMoire(model, registered, eps=eps, steps=2, p=1)
+        steps = A.Compose([transform], seed=0)
+        shown.append(steps(image=np.full((12, 14), 128, np.uint8), label=1)["image"])
+    assert shown[0].shape == (12, 14) and not np.array_equal(*shown)
+    assert model.training and model[1].num_batches_tracked == 0

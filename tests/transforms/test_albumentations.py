@@ -100,18 +100,6 @@ def test_empty_targets_stay_empty(camera):
     assert len(out["bboxes"]) == 0 and len(out["keypoints"]) == 0
 
 
-def test_images_and_volumes_share_one_shot(camera):
-    frames = np.repeat(values((1, 9, 12, 3), np.uint8), 3, 0)
-    out = A.Compose([RandomMoire(camera, p=1)])(images=frames)["images"]
-    assert out.shape == frames.shape and np.array_equal(out[0], out[2]) and np.any(out != frames)
-    both = A.Compose([RandomMoire(camera, p=1)])(
-        volume=frames, mask3d=np.ones((3, 9, 12), np.uint8)
-    )
-    assert both["mask3d"].shape == (3, 9, 12) and np.array_equal(
-        both["mask3d"][0], both["mask3d"][2]
-    )
-
-
 @pytest.mark.parametrize("frame", ["registered", "camera"])
 def test_replay_is_exact_and_survives_json(frame, request):
     image = values((9, 12, 3), np.uint8)

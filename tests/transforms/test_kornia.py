@@ -214,3 +214,14 @@ def test_errors_are_sentences(registered):
         RandomMoire(registered, p=1)(torch.rand(1, 4, 9, 12))
     with pytest.raises(TypeError):
         RandomMoire(registered, p=1)(torch.zeros(1, 3, 9, 12, dtype=torch.uint8))
+
+
+@pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
+def test_the_memory_layout_is_kept(p):
+    images = torch.rand(6, 3, 12, 9)
+    transform, photos = RandomMoire(p=p), []
+    for given in (images, images.to(memory_format=torch.channels_last)):
+        torch.manual_seed(0)
+        photos.append(transform(given))
+        assert photos[-1].stride() == given.stride()
+    assert torch.equal(*photos)

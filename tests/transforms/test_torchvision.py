@@ -245,3 +245,15 @@ def test_a_scene_without_effects_keeps_grey_in_half_precision(dtype):
     scene = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))
     grey = torch.linspace(0, 1, 257).to(dtype).reshape(1, 1, 257)
     assert torch.equal(RandomMoire(scene, p=1)(grey), grey)
+
+
+@pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32], ids=str)
+def test_the_memory_layout_is_kept(dtype, p):
+    images = (torch.rand(6, 3, 12, 9) * (255 if dtype == torch.uint8 else 1)).to(dtype)
+    transform, photos = RandomMoire(p=p), []
+    for given in (images, images.to(memory_format=torch.channels_last)):
+        torch.manual_seed(0)
+        photos.append(transform(given))
+        assert photos[-1].stride() == given.stride()
+    assert torch.equal(*photos)

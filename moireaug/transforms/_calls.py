@@ -1,0 +1,88 @@
+"""How albumentations, and AlbumentationsX, which is imported under the same name, call a
+transform."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from albumentations.core import transforms_interface
+from albumentations.core.transforms_interface import DualTransform
+
+from moireaug.transforms._arrays import MASKS, PICTURES, check_arrays, pictures_of
+
+# albumentationsx from 2.4.3: the parameters of a call, of which some may be of one target alone
+SampledParams = getattr(transforms_interface, "SampledParams", None)
+
+
+class SampledTransform(DualTransform):
+    """A transform of numpy arrays that draws its parameters once a call, for all targets.
+
+    Subclasses define `draw`, the `apply` methods and `_moves`: whether masks move.
+    """
+
+    _moves = False
+
+    def draw(
+        self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
+    ) -> dict[str, Any]:
+        """Return the parameters of a call's `apply` methods, plain numbers."""
+        raise NotImplementedError
+
+    # albumentationsx from 2.4.0, which refuses the other name
+    if hasattr(DualTransform, "sample_parameters"):
+
+        def sample_parameters(
+            self, params: dict[str, Any], data: dict[str, Any], *, sampling: Any, **_: Any
+        ) -> Any:
+            drawn = self.draw(params, data, sampling.random_generator)
+            return SampledParams(params=drawn) if SampledParams else drawn
+
+    else:
+
+        def get_params_dependent_on_data(
+            self, params: dict[str, Any], data: dict[str, Any]
+        ) -> dict[str, Any]:
+            return self.draw(params, data, self.random_generator)
+
+    @property
+    def targets(self) -> dict[str, Callable[..., Any]]:
+        # albumentationsx passes a volume to apply_to_images, and some versions know no `volumes`
+        targets = dict(super().targets)
+        targets["volume"] = self.apply_to_volume
+        targets["volumes"] = self.apply_to_volumes
+        targets["masks3d"] = self.apply_to_masks3d
+        return targets
+
+    def _check_targets(self, data: dict[str, Any]) -> None:
+        depths = PICTURES | MASKS if self._moves else PICTURES
+        for key, value in data.items():
+            target = self._additional_targets.get(key, key)
+            if target in depths and value is not None:
+                check_arrays(key, value, depths[target])
+
+    def update_transform_params(
+        self, params: dict[str, Any], data: dict[str, Any], **kwargs: Any
+    ) -> dict[str, Any]:
+        self._check_targets(data)  # before albumentations reads their shapes
+        params = super().update_transform_params(params=params, data=data, **kwargs)
+        return _with_shape(params, data)
+
+    def apply_with_params(self, params: Any, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        self._check_targets(kwargs)
+        # a replay holds the shape that it was recorded at
+        return super().apply_with_params(_with_shape(params, kwargs), *args, **kwargs)
+
+
+def _with_shape(params: Any, data: dict[str, Any]) -> Any:
+    """Return a call's parameters, a dict or SampledParams, with the shape of its pictures."""
+    pictures = list(itertools.chain(*pictures_of(data).values()))
+    if not pictures:
+        return params
+    shape = {"shape": pictures[0].shape}
+    if isinstance(params, dict):
+        return params | shape
+    return dataclasses.replace(params, params={**params.params, **shape})
