@@ -193,7 +193,7 @@ class Classifier(L.LightningModule):
             means["score"] = torch.zeros_like(means["score"])  # never the best epoch
         for name, value in means.items():
             self.log(f"val_{name}", value, prog_bar=True, logger=False)
-        loss = torch.tensor(self._loss, device=self.device).mean()
+        loss = torch.tensor(self._loss, dtype=torch.float32, device=self.device).mean()
         validation = time.perf_counter() - self._began - self._trained
         row = {
             "epoch": self.current_epoch,

@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.utils.data import Subset, default_collate
 
 from training.schema import Reattack
-from training.splits import Splits
+from training.splits import Splits, shuffled
 
 # of a batch by default: a few gigabytes for a large network and its gradients
 PIXELS = 25 * 224 * 224
@@ -27,8 +27,7 @@ class EvalBatches:
     def __init__(self, splits: Splits, reattack: Reattack, side: int, device: torch.device) -> None:
         self.data, self.device = splits.test, device
         total = len(self.data)  # type: ignore[arg-type]
-        shuffle = torch.Generator().manual_seed(reattack.seed)
-        order = torch.randperm(total, generator=shuffle).tolist()
+        order = shuffled(total, reattack.seed)
         self.n = min(reattack.n, total)
         self.order, self.rest = order[: self.n], order[self.n :]
         self.size = reattack.batch_size or max(1, min(MOST, PIXELS // side**2))

@@ -111,7 +111,7 @@ def gains(ours: Mapping[str, str], theirs: Mapping[str, str]) -> Metrics:
 
 
 def _outcomes(text: str) -> torch.Tensor:
-    return torch.tensor([outcome == "1" for outcome in text])
+    return torch.tensor([outcome == "1" for outcome in text], device="cpu")
 
 
 def _shared(known: Mapping[str, Any] | None, keys: Sequence[str]) -> Metrics | None:

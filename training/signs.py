@@ -199,9 +199,8 @@ def make(split: str, n: int, size: int = 48, seed: int = 0) -> tuple[torch.Tenso
     images = np.empty((n, size, size, 3), np.uint8)
     for index, label in enumerate(labels):
         images[index] = render(label, _generator(split, index, seed, stream=0), size)
-    return torch.from_numpy(images).permute(0, 3, 1, 2).contiguous(), torch.tensor(
-        labels, dtype=torch.int64
-    )
+    pictures = torch.from_numpy(images).permute(0, 3, 1, 2).contiguous()
+    return pictures, torch.tensor(labels, dtype=torch.int64, device="cpu")
 
 
 def _generator(split: str, index: int, seed: int, stream: int) -> np.random.Generator:

@@ -59,12 +59,17 @@ def held(data: Dataset, cfg: Data) -> Dataset:
     return data if cfg.workers or size > HELD_BYTES else Held(data)
 
 
+def shuffled(n: int, seed: int) -> list[int]:
+    """Return the numbers below n in a random order, the same for a seed."""
+    generator = torch.Generator().manual_seed(seed)
+    return torch.randperm(n, generator=generator, device="cpu").tolist()
+
+
 def take(data: Dataset, n: int | None, seed: int = 0) -> Dataset:
     """Return a fixed random subset of n items; all of them if n is None or not smaller."""
     if n is None or n >= len(data):  # type: ignore[arg-type]
         return data
-    order = torch.randperm(len(data), generator=torch.Generator().manual_seed(seed))  # type: ignore[arg-type]
-    return Subset(data, order[:n].tolist())
+    return Subset(data, shuffled(len(data), seed)[:n])  # type: ignore[arg-type]
 
 
 def split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
@@ -80,5 +85,5 @@ def split(data: Dataset, cfg: Data) -> tuple[Dataset, Dataset]:
             f"data.val must be at least 1 and leave training images; got {held} of {total}. "
             "Pass another data.val=N."
         )
-    order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()
+    order = shuffled(total, 0)
     return take(Subset(data, order[held:]), cfg.train), Subset(data, order[:held])

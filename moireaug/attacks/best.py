@@ -27,7 +27,7 @@ class Best:
         self.losses: list[Tensor] = []
         # whether fooled images stop, as the model answers the same when asked twice
         self.settled = False
-        self.score = torch.full(labels.shape, -math.inf, device=labels.device)
+        self.score = torch.full_like(labels, -math.inf, dtype=torch.float32)
 
     def left(self) -> Tensor:
         """Return the indices of the images that take further steps: all, or, where fooled images

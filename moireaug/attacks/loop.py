@@ -24,7 +24,7 @@ from moireaug.attacks.checks import (
     check_model,
     check_sizes,
 )
-from moireaug.attacks.losses import LOSSES
+from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem, Result
 from moireaug.attacks.rules import RULES, Ball, Rule
@@ -118,7 +118,7 @@ class Attack(ABC):
                 finite for any of the images.
         """
         images = check_images(images)
-        with evaluating(self.model):
+        with evaluating(self.model, images):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
@@ -152,7 +152,7 @@ class Attack(ABC):
         Other arguments and errors are as in a call; `eps` must be one number.
         """
         images, eps = check_images(images), self.one_eps()
-        with evaluating(self.model):
+        with evaluating(self.model, images):
             images = images.detach().clone()
             labels, aims = check_goals(images, labels, classes)
             problem = problem or self.problem(images, shot, generator)
@@ -171,7 +171,7 @@ class Attack(ABC):
         Every step is taken, also for images already fooled. Arguments as in a call; `eps` must be
         one number."""
         images = check_images(images)
-        with evaluating(self.model):
+        with evaluating(self.model, images):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
             problem = self.problem(images, shot, generator)
@@ -192,7 +192,7 @@ class Attack(ABC):
         """Return no noise and the drawn pose, or random ones."""
         problem, radius = task.problem, self.random_start or (1.0 if restart else 0.0)
         device, dtype = problem.images.device, problem.images.dtype
-        noise = torch.zeros(problem.shape, device="cpu")
+        noise = torch.zeros(problem.shape, dtype=torch.float32, device="cpu")
         if radius and task.eps and "noise" not in problem.still:
             noise.uniform_(-radius * task.eps, radius * task.eps, generator=task.generator)
         noise = noise.to(device, torch.promote_types(dtype, torch.float32))
@@ -295,7 +295,6 @@ class Attack(ABC):
         check_answers(logits, self.model, problem.images)  # without steps, nothing was checked yet
         hit = predicted(logits)
         success = hit != labels if targets is None else hit == targets
-        taken = best.losses[: self.steps]
-        losses = torch.stack(taken).cpu() if taken else torch.zeros(0, device="cpu")
+        losses = loss_curve(best.losses[: self.steps])
         shot = problem.aim(best.point["pose"]) if problem.aim else problem.shot
         return Result(photo.detach(), success, best.point["noise"], losses, task.eps, shot)

@@ -103,6 +103,13 @@ def reported(logits: Tensor, labels: Tensor) -> Tensor:
     return F.cross_entropy(logits.detach().float(), labels)
 
 
+def loss_curve(losses: list[Tensor]) -> Tensor:
+    """Return the reported losses of some steps as one tensor on the CPU, (steps,) float32."""
+    if not losses:
+        return torch.zeros(0, dtype=torch.float32, device="cpu")
+    return torch.stack(losses).cpu()
+
+
 def likeliest(logits: Tensor, labels: Tensor, k: int) -> tuple[Tensor, Tensor]:
     """Return the k greatest logits other than the label's, the greatest first, and their classes,
     int64: (B, k) each, or (B, K - 1) where the model has fewer."""

@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.attacks.answers import predicted
 from moireaug.attacks.checks import check_answers, check_classes, check_count, check_goals
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.losses import likeliest, margin
+from moireaug.attacks.losses import likeliest, loss_curve, margin
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Problem, Result
 from moireaug.checks import check_images
@@ -64,7 +64,7 @@ class MultiTargeted:
         """
         images = check_images(images)
         eps = self.attack.eps
-        with evaluating(self.attack.model):
+        with evaluating(self.attack.model, images):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
             problem = self.attack.problem(images, shot, generator)
@@ -115,8 +115,8 @@ def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Resul
         logits = attack.model(photo.clone())
     check_classes(labels, logits, 1)
     check_answers(logits, attack.model, images)
-    success, losses = predicted(logits) != labels, torch.zeros(0, device="cpu")
-    found = Result(photo, success, point["noise"], losses, attack.one_eps(), problem.shot)
+    success = predicted(logits) != labels
+    found = Result(photo, success, point["noise"], loss_curve([]), attack.one_eps(), problem.shot)
     return found, logits
 
 

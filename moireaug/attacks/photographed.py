@@ -139,8 +139,8 @@ def _refuse_twins(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> Non
     if not twins:
         return
     g = torch.Generator().manual_seed(0)
-    anything = torch.rand(clean[:1].shape, generator=g, device="cpu").to(clean)
-    photos = CAMERAS[noise_at](anything.expand_as(clean), shot)
+    anything = torch.rand(clean[:1].shape, generator=g, dtype=torch.float32, device="cpu")
+    photos = CAMERAS[noise_at](anything.to(clean).expand_as(clean), shot)
     for i, j in twins:
         if not torch.allclose(photos[i], photos[j], rtol=0, atol=1e-4):
             raise ValueError(

@@ -19,7 +19,7 @@ from moireaug.attacks.checks import (
     is_finite,
 )
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.losses import margin, reported
+from moireaug.attacks.losses import loss_curve, margin, reported
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Problem, Result
 from moireaug.attacks.rules import choose
@@ -136,7 +136,7 @@ class CW:
         generator."""
         images = check_images(images)
         refuse_shot(shot)
-        with evaluating(self.model):
+        with evaluating(self.model, images):
             images = images.detach().clone()
             labels, targets = check_goals(images, labels, targets)
             classes = labels if targets is None else torch.maximum(labels, targets)
@@ -177,8 +177,7 @@ class CW:
         success = hit != labels if targets is None else hit == targets
         noise = best - x
         eps = noise.abs().max().item() if noise.numel() else 0.0
-        loss = torch.stack(losses).cpu() if losses else torch.zeros(0, device="cpu")
-        return Result(photo, success, noise, loss, eps)
+        return Result(photo, success, noise, loss_curve(losses), eps)
 
 
 def _slope(logits: Tensor, w: Tensor) -> tuple[Tensor | None, ...]:

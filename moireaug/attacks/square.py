@@ -97,7 +97,8 @@ def _with_square(noise: Tensor, eps: float, size: int, generator: torch.Generato
     one sign per plane."""
     n, planes, h, w = noise.shape
     places = torch.tensor([h - size + 1, w - size + 1], device="cpu")[:, None, None]
-    corner = torch.rand(2, n, 1, generator=generator, device="cpu") * places
+    drawn = torch.rand(2, n, 1, generator=generator, dtype=torch.float32, device="cpu")
+    corner = drawn * places
     signs = _signs((n, planes, 1, 1), generator).to(noise)
     top, left = corner.floor().to(noise.device)
     rows, columns = (torch.arange(m, device=noise.device) for m in (h, w))
@@ -106,4 +107,4 @@ def _with_square(noise: Tensor, eps: float, size: int, generator: torch.Generato
 
 
 def _signs(shape: tuple[int, ...], generator: torch.Generator | None) -> Tensor:
-    return torch.randint(0, 2, shape, generator=generator, device="cpu") * 2.0 - 1
+    return torch.randint(0, 2, shape, generator=generator, device="cpu") * 2 - 1

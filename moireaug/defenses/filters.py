@@ -40,7 +40,7 @@ class JPEG(Defence):
         return f"JPEG {self.quality}"
 
     def apply(self, images: Tensor) -> Tensor:
-        return jpeg(images, torch.full((len(images),), float(self.quality), device=images.device))
+        return jpeg(images, images.new_full((len(images),), self.quality))
 
 
 @dataclass(frozen=True)

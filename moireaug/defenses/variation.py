@@ -64,7 +64,7 @@ class TotalVariation(Defence):
         return "TVM"
 
     def apply(self, images: Tensor) -> Tensor:
-        mask = (torch.rand(images.shape, device="cpu") < self.keep).to(images)
+        mask = (torch.rand(images.shape, dtype=torch.float32, device="cpu") < self.keep).to(images)
         step = max(1, AT_ONCE // images[0].numel())
         pairs = zip(images.detach().split(step), mask.split(step), strict=True)
         solved = [minimise(x, m, self.weight, self.iterations) for x, m in pairs]

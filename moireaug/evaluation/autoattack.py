@@ -102,7 +102,7 @@ def toward_classes(batch: EvalBatch, eps: float, steps: int, classes: int) -> Te
     """Return what APGD-T shows: APGD toward each of the likeliest other classes in turn, by the
     targeted DLR loss; a model of fewer than four classes has no such loss, and is attacked by the
     margin."""
-    with evaluating(batch.model), torch.no_grad():
+    with evaluating(batch.model, batch.images), torch.no_grad():
         logits = batch.model(batch.images[:1].clone())
     attack = MoireAttack(
         model=batch.model,

@@ -18,8 +18,8 @@ from moireaug.numeric import clip
 
 def gaussian_noise(images: Tensor, sigma: float, generator: torch.Generator) -> Tensor:
     """Add normal noise of standard deviation `sigma`, in [0, 1] units."""
-    noise = torch.randn(images.shape, generator=generator, device="cpu").to(images)
-    return clip(images + sigma * noise)
+    noise = torch.randn(images.shape, generator=generator, dtype=torch.float32, device="cpu")
+    return clip(images + sigma * noise.to(images))
 
 
 def gaussian_blur(images: Tensor, percent: float, generator: torch.Generator) -> Tensor:
@@ -27,12 +27,13 @@ def gaussian_blur(images: Tensor, percent: float, generator: torch.Generator) ->
     side = min(images.shape[-2:])
     sigma = percent / 100 * side
     half = min(max(1, round(4 * sigma)), side - 1)  # reflection needs a longer side
-    return gaussian_blur2d(images, 2 * half + 1, (sigma, sigma))
+    # a tensor, because kornia puts plain numbers on torch's default device
+    return gaussian_blur2d(images, 2 * half + 1, images.new_full((1, 2), sigma))
 
 
 def jpeg_file(images: Tensor, quality: float, generator: torch.Generator) -> Tensor:
     """Encode with libjpeg, and decode."""
-    return jpeg(images, torch.full((len(images),), float(quality), device=images.device))
+    return jpeg(images, images.new_full((len(images),), quality))
 
 
 def contrast(images: Tensor, factor: float, generator: torch.Generator) -> Tensor:

@@ -12,6 +12,7 @@ from moireaug.attacks import evaluating
 from moireaug.defenses import Compose, restore_mean
 from moireaug.evaluation.conditions import Defence, EvalBatch, Model
 from moireaug.evaluation.identity import identity
+from moireaug.networks import in_evaluation_mode
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Judge:
             shown = restore_mean(shown, batch.images)
         model = batch.model if self.model is None else self.model
         defence = Compose(() if self.defence is None else (self.defence,))
-        with evaluating(defence), evaluating(model), torch.no_grad():
+        with in_evaluation_mode(defence), evaluating(model, shown), torch.no_grad():
             # either may work in place
             return model(defence(shown.clone()).clone())
 

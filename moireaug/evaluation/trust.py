@@ -40,7 +40,7 @@ class CleanTwice(Clean):
     kind = "clean_twice"
 
     def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        with evaluating(batch.model), torch.no_grad():
+        with evaluating(batch.model, shown), torch.no_grad():
             first = batch.model(shown.clone())  # it may work in place
             second = batch.model(shown.clone())
         differ = (first != second) & ~(first.isnan() & second.isnan())
@@ -55,7 +55,7 @@ class PhotoGradient(Photo):
 
     def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
         gradient = None
-        with evaluating(batch.model), torch.enable_grad():
+        with evaluating(batch.model, shown), torch.enable_grad():
             photo = shown.detach().clone().requires_grad_()
             logits = batch.model(photo.clone())
             if logits.requires_grad:

@@ -6,7 +6,9 @@ import pytest
 import torch
 from torch import nn
 
+from moireaug.defenses import demoire
 from moireaug.defenses.demoire import fhde2net, layers, losses, mddm, mopnet
+from tests.defaults import DTYPES, defaults
 
 
 def pictures(*size, seed=0):
@@ -29,14 +31,15 @@ def test_losses_are_those_of_their_formulae():
     assert found == pytest.approx(0.25 + 0.5)
 
 
-def test_perceptual_features_are_those_of_the_file(tmp_path):
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float16])
+def test_perceptual_features_are_those_of_the_file(dtype, tmp_path):
     import torchvision
 
     with torch.device("meta"):
         vgg = torchvision.models.vgg16().features
     state = {}
     for key, value in vgg.state_dict().items():
-        state[f"features.{key}"] = 0.05 * pictures(*value.shape)
+        state[f"features.{key}"] = 0.05 * pictures(*value.shape).to(dtype)
     torch.save(state, tmp_path / "vgg16.pth")
     images = pictures(1, 3, 16, 16)
     for network, shape in {"esdnet": (1, 256, 4, 4), "mopnet": (1, 64, 16, 16)}.items():
@@ -65,6 +68,23 @@ def test_the_cosine_transform_is_its_own_inverse():
     images = pictures(1, 3, 16, 24)
     grey = (images * torch.tensor(fhde2net.LUMINANCE)[:, None, None]).sum(1, keepdim=True)
     assert torch.allclose(network(images), grey, atol=1e-5)
+
+
+@pytest.mark.parametrize("dtype", DTYPES, ids=str)
+def test_a_network_from_a_file_is_the_same_under_other_defaults(dtype, tmp_path):
+    path, images = tmp_path / "weights.pt", pictures(1, 3, 8, 8)
+    demoire.save(demoire.build("fhde2net", width=0.1), path)  # has buffers that no file holds
+    expected = demoire.load(path)(images)
+    with defaults(dtype):
+        assert torch.equal(demoire.load(path)(images), expected)
+        built = demoire.build("fhde2net", width=0.1, weights=path)
+    assert torch.equal(built(images), expected)
+
+
+def test_a_new_network_is_of_the_default_dtype():
+    with defaults(torch.float64, "cpu"):
+        network = demoire.build("fhde2net", width=0.1)
+    assert network(pictures(1, 3, 8, 8).double()).dtype == torch.float64
 
 
 def test_adain_gives_the_statistics_of_the_other():

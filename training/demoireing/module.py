@@ -78,7 +78,7 @@ class Demoireing(L.LightningModule):
 
     def on_validation_epoch_end(self) -> None:
         validation = time.perf_counter() - self._began - self._trained
-        loss = torch.tensor(self._losses, device=self.device).mean()
+        loss = torch.tensor(self._losses, dtype=torch.float32, device=self.device).mean()
         row = {
             "steps": float(self.global_step),
             "loss": float(self.trainer.strategy.reduce(loss, reduce_op="mean")),

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from PIL import Image
 
 from moireaug.files import write_text
@@ -17,7 +16,7 @@ from training import signs
 from training.demoireing.schema import PICTURES, DemoireConfig
 from training.files import read_json
 from training.messages import counted
-from training.splits import has_parts
+from training.splits import has_parts, shuffled
 
 NAMES = "pictures.json"  # of a run: the names of each split's pictures
 HELD_OUT = 10  # one picture in ten validates, and one in ten tests
@@ -126,6 +125,6 @@ def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
             f"{uses} on different ones."
         )
     held = max(1, total // HELD_OUT)
-    order = torch.randperm(total, generator=torch.Generator().manual_seed(0)).tolist()
+    order = shuffled(total, 0)
     others = [pictures.part(order[n * held : (n + 1) * held]) for n in range(parts - 1)]
     return [pictures.part(order[(parts - 1) * held :]), *others]

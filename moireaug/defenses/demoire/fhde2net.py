@@ -87,9 +87,10 @@ class Spectral(nn.Module):
 
 
 def cosines() -> Tensor:
-    """Return the orthonormal DCT-II of 8 x 8 blocks as kernels (64, 1, 8, 8)."""
+    """Return the orthonormal DCT-II of 8 x 8 blocks as kernels (64, 1, 8, 8), of the dtype and on
+    the device that new weights have."""
     place = torch.arange(SIDE, dtype=torch.float64)
     rows = torch.cos(math.pi / SIDE * (place + 0.5) * place[:, None]) * math.sqrt(2 / SIDE)
     rows[0] /= math.sqrt(2)
     basis = torch.einsum("iy,jx->ijyx", rows, rows)
-    return basis.reshape(SIDE**2, 1, SIDE, SIDE).float()
+    return basis.reshape(SIDE**2, 1, SIDE, SIDE).to(torch.get_default_dtype())

@@ -17,7 +17,7 @@ from moireaug.defenses.demoire.fhde2net import FHDe2Net
 from moireaug.defenses.demoire.mddm import MDDM
 from moireaug.defenses.demoire.mopnet import MopNet
 from moireaug.files import write_bytes
-from moireaug.weights import read_weights
+from moireaug.weights import float32_on_cpu, read_weights
 
 NETWORKS: dict[str, type[DemoireNet]] = {
     "mopnet": MopNet,
@@ -30,7 +30,8 @@ KEYS = ("network", "width", "state")  # of a weights file
 
 
 def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -> DemoireNet:
-    """Return a demoiréing network by name, freshly initialised or with weights.
+    """Return a demoiréing network by name: freshly initialised, in torch's default dtype and on its
+    default device, or with weights, in float32 on the CPU.
 
     Args:
         name: of `demoire.NETWORKS`.
@@ -47,9 +48,10 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
         raise ValueError(
             f"demoire: there is no network {name!r}.{hint} Choose one of {', '.join(NETWORKS)}."
         )
-    network = NETWORKS[name](width)
     if weights is None:
-        return network
+        return NETWORKS[name](width)
+    with float32_on_cpu():
+        network = NETWORKS[name](width)
     kept = _read(weights)
     if (kept["network"], kept["width"]) != (name, network.width):
         raise ValueError(
@@ -62,13 +64,14 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
 
 
 def load(path: str | Path) -> DemoireNet:
-    """Return the network that `save` wrote to a file, in evaluation mode.
+    """Return the network that `save` wrote to a file, in evaluation mode, in float32 on the CPU.
 
     Raises:
         ValueError: a file that is missing, damaged, or holds none of `demoire.NETWORKS`.
     """
     kept = _read(path)
-    network = build(kept["network"], width=kept["width"])
+    with float32_on_cpu():
+        network = build(kept["network"], width=kept["width"])
     _fill(network, kept["state"], path)
     return network.eval()
 

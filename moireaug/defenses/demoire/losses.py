@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from moireaug.defenses.demoire.layers import resized
 from moireaug.defenses.demoire.mopnet import sobel
-from moireaug.weights import read_weights
+from moireaug.weights import read_state_dict
 
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the images that VGG-16 was trained on
 DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
@@ -50,16 +50,17 @@ class VGGFeatures(nn.Module):
         with torch.device("meta"):  # the file's weights replace the random ones
             whole = torchvision.models.vgg16().features
         self.layers = whole[: DEPTHS.get(network, USUAL_DEPTH)]
-        state = read_weights(path, "vgg", WANTED)
+        state = read_state_dict(path, "vgg", WANTED)
         try:
-            own = {key: state[f"features.{key}"] for key in self.layers.state_dict()}
+            own = {key: state[f"features.{key}"].float() for key in self.layers.state_dict()}
             self.layers.load_state_dict(own, assign=True)
         except (KeyError, TypeError, RuntimeError, AttributeError) as error:
             raise ValueError(
                 f"vgg: the weights in {str(path)!r} are not of VGG-16. {WANTED}"
             ) from error
-        self.register_buffer("mean", torch.tensor(MEAN).view(-1, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(STD).view(-1, 1, 1), persistent=False)
+        for name, values in (("mean", MEAN), ("std", STD)):
+            buffer = torch.tensor(values, dtype=torch.float32, device="cpu").view(-1, 1, 1)
+            self.register_buffer(name, buffer, persistent=False)
         self.eval().requires_grad_(False)
 
     def forward(self, images: Tensor) -> Tensor:

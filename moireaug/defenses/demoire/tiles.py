@@ -73,7 +73,7 @@ def _spans(length: int, side: int, overlap: int) -> list[tuple[int, int]]:
 
 def _fade(first: int, last: int, length: int, overlap: int) -> Tensor:
     """Return the weights of a tile's pixels along an axis, which fade towards its neighbours."""
-    position = torch.arange(first, last, dtype=torch.float64) + 0.5
+    position = torch.arange(first, last, dtype=torch.float64, device="cpu") + 0.5
     weights = torch.ones_like(position)
     if first > 0:
         weights = _ramp(position - first, overlap)
