@@ -20,7 +20,7 @@ from torchvision.transforms.v2.functional import to_dtype, to_image
 from torchvision.utils import save_image
 
 from moireaug import Scene, capture
-from moireaug.images import read_upright
+from moireaug.images import read_picture
 from moireaug.synthesis import without_moire
 
 
@@ -35,7 +35,7 @@ def main() -> None:
     args = parser.parse_args()
 
     Path(args.out).parent.mkdir(parents=True, exist_ok=True)  # before the work
-    picture = read_upright(args.picture) if args.picture else Image.fromarray(data.chelsea())
+    picture = read_picture(args.picture) if args.picture else Image.fromarray(data.chelsea())
     picture.thumbnail((args.side, args.side))
     images = to_dtype(to_image(picture), torch.float32, scale=True)[None]  # (1, 3, H, W), [0, 1]
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import importlib.util
+import os
+import sys
 
 # the modules that the package needs from each extra of pyproject.toml
 MODULES = {
@@ -18,16 +22,37 @@ MODULES = {
     ),
     "train": ("cma", "hydra", "lightning", "omegaconf", "yaml"),
     "explore": ("gradio",),
+    "safetensors": ("safetensors",),
 }
-# the extras that each extra includes
-INCLUDED = {"eval": (), "train": ("eval",), "explore": ("eval", "train")}
+# the extras that each extra needs to work at all
+INCLUDED = {"eval": (), "train": ("eval",), "explore": ("eval", "train"), "safetensors": ()}
+
+
+BACKEND = "MPLBACKEND"  # matplotlib's variable
+
+
+def drop_missing_backend() -> None:
+    """Drop a backend of matplotlib that is not installed from the environment: with it, matplotlib
+    cannot be imported.
+
+    A notebook's commands inherit the notebook's backend, which their own Python may not have.
+    Figures are drawn into files here, and need none.
+    """
+    if "matplotlib" in sys.modules or not os.environ.get(BACKEND):
+        return
+    backend = os.environ.pop(BACKEND)
+    parameters = importlib.import_module("matplotlib").rcParams
+    # only now, as a failed import of matplotlib cannot be repeated
+    with contextlib.suppress(ValueError):
+        parameters["backend"] = backend
+        os.environ[BACKEND] = backend
 
 
 def require(extra: str, what: str) -> None:
     """Raise if a module of an extra is not installed; import none of them.
 
     Args:
-        extra: "eval", "train" or "explore".
+        extra: one of `MODULES`.
         what: what needs the extra, as the subject of the message: "moireaug.evaluation".
 
     Raises:

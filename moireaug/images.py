@@ -1,10 +1,12 @@
-"""Read image files as RGB, with errors that name the file."""
+"""Read image files upright and in RGB, with errors that name the file."""
 
 from __future__ import annotations
 
 import contextlib
+import struct
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
@@ -12,6 +14,11 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 KEPT = ("exif", "icc_profile")
 ORIENTATION = 0x0112  # the key in EXIF data
 LYING = (5, 6, 7, 8)  # orientations with width and height exchanged
+# what PIL raises for damaged EXIF data depends on the byte
+DAMAGED_EXIF = (
+    *(SyntaxError, struct.error, EOFError),
+    *(AttributeError, TypeError, ValueError, LookupError, ArithmeticError),
+)
 DEEP = ("I;16", "I;16L", "I;16B")  # 16-bit grey
 AS_RGB = (
     "1",
@@ -24,11 +31,12 @@ AS_RGB = (
 )  # modes that PIL converts to RGB unambiguously
 
 
-def read(path: str) -> Image.Image:
-    """Return the picture in a file, in mode RGB.
+def read_picture(path: str | Path) -> Image.Image:
+    """Return the picture in a file, in mode RGB, upright as its EXIF data say.
 
     16-bit grey keeps its high byte, as PIL does with 16-bit RGB. Transparent pixels are put on
-    white, as on a page. EXIF data and colour profile stay in its `info`.
+    white, as on a page. Colour profile and EXIF data stay in its `info`, the latter without the
+    orientation; damaged EXIF data are ignored.
 
     Raises:
         ValueError: the file is missing, damaged, not an image, too large
@@ -36,6 +44,8 @@ def read(path: str) -> Image.Image:
             as 32-bit numbers.
     """
     with _opened(path) as image:
+        image.load()
+        _turn_upright(image)
         picture = _rgb(image)
         for name in KEPT:
             if name in image.info:
@@ -43,31 +53,37 @@ def read(path: str) -> Image.Image:
         return picture
 
 
-def read_upright(path: str) -> Image.Image:
-    """Return the picture in a file as `read` does, turned as its EXIF data say.
+def size_of(path: str | Path) -> tuple[int, int]:
+    """Return width and height of the picture that `read_picture` returns, without decoding it.
 
     Raises:
-        ValueError: as `read`.
-    """
-    return ImageOps.exif_transpose(read(path))
-
-
-def size_of(path: str) -> tuple[int, int]:
-    """Return width and height of the picture in a file, upright as its EXIF data say, without
-    decoding it.
-
-    Raises:
-        ValueError: as `read`, as far as the head of the file tells.
+        ValueError: as `read_picture`, as far as the head of the file tells.
     """
     with _opened(path) as image:
         width, height = image.size
-        # PIL turns a TIFF by itself
-        lies = image.format != "TIFF" and image.getexif().get(ORIENTATION) in LYING
-        return (height, width) if lies else (width, height)
+        return (height, width) if _is_lying(image) else (width, height)
+
+
+def _is_lying(image: Image.Image) -> bool:
+    """Return whether an image's width and height are exchanged when it is turned upright."""
+    if image.format == "TIFF":  # PIL gives its size upright
+        return False
+    try:
+        return image.getexif().get(ORIENTATION) in LYING
+    except DAMAGED_EXIF:
+        return False
+
+
+def _turn_upright(image: Image.Image) -> None:
+    """Rotate or mirror an image as its EXIF data say, and take the orientation out of them."""
+    try:
+        ImageOps.exif_transpose(image, in_place=True)
+    except DAMAGED_EXIF:
+        image.info.pop("exif", None)
 
 
 @contextlib.contextmanager
-def _opened(path: str) -> Iterator[Image.Image]:
+def _opened(path: str | Path) -> Iterator[Image.Image]:
     """Open an image file; whatever goes wrong until it is closed gets a sentence."""
     try:
         with open(path, "rb") as file, warnings.catch_warnings():

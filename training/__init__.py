@@ -7,9 +7,10 @@ import os
 # does not notice, but two that share them keep each other waiting: each takes twice as long.
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
-from moireaug.extras import require
+from moireaug.extras import drop_missing_backend, require
 
 require("train", "training")
+drop_missing_backend()
 
 # What torch made stays: a command starts and ends a second sooner where collections pass over it.
 gc.freeze()

@@ -19,12 +19,16 @@ runs/calibrate/<pairs or photos>-<scene>-<digits that change with either>/, or w
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
 import os
 import shlex
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -47,8 +51,8 @@ from training.calibration.pairs import (
     find_images,
     find_pairs,
     photographed,
+    read_codes,
     read_pairs,
-    read_picture,
     registered,
 )
 from training.calibration.plot import draw
@@ -164,7 +168,7 @@ def pictures_of(cfg: Config) -> Iterator[Shown]:
         yield from registered(photos, Path(cfg.picture))
         return
     for path in photos:
-        yield Shown(path.stem, read_picture(path), None)
+        yield Shown(path.stem, read_codes(path), None)
 
 
 def write_scene(path: Path, scene: Scene) -> None:

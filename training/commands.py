@@ -15,7 +15,7 @@ from hydra.types import RunMode
 
 from training import machine, runs
 from training.command_line import SWEEP, check_keys, quoted
-from training.messages import Lines, complain, sentence
+from training.messages import Lines, complain, sentence, use_legible_output
 from training.processes import is_first, say
 from training.schema import RunConfig
 
@@ -30,6 +30,7 @@ def run(main: Callable[[], None], schema: type[RunConfig]) -> None:
     Raises:
         SystemExit: a wrong command line, or jobs of a sweep that failed, with a list of them.
     """
+    use_legible_output()
     sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)
     sys.argv[1:] = quoted(sys.argv[1:])
     check_keys(sys.argv[1:], schema)

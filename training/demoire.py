@@ -5,17 +5,22 @@
 `weights` is the weights.pt of a run of fit.py recipe=demoire, or any file written by
 moireaug.defenses.demoire.save. Photos are searched for in subfolders too; large ones are cleaned
 tile by tile. Photos that cannot be read are named, and the command then exits with status 1. Colour
-profile and EXIF data are kept, except TIFF tags. What is written has one page of 8 bits a channel,
-with white in place of what was transparent. Every file is written whole or not at all."""
+profile and EXIF data are kept, except TIFF tags and the orientation: what is written is upright. It
+has one page of 8 bits a channel, with white in place of what was transparent. Every file is written
+whole or not at all."""
 
 from __future__ import annotations
 
-import io
 import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,7 +34,7 @@ from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.defenses.demoire.tiles import OVERLAP, SIDE, tiled
 from moireaug.files import write_bytes
-from moireaug.images import read
+from moireaug.images import read_picture
 from moireaug.synthesis.pictures import Pictures
 from training.messages import sentence
 from training.settings import parse
@@ -111,7 +116,7 @@ def clean_folder(cfg: Config) -> list[str]:
         for name in bar:
             path = found.folder / name
             try:
-                photo = read(str(path))
+                photo = read_picture(path)
                 content = encoded(clean(network, photo, tile), photo, path.suffix)
             except (ValueError, MemoryError, RuntimeError) as error:
                 said = reason(error, path)

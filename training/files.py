@@ -12,7 +12,29 @@ import torch
 import yaml
 
 LONGEST = 1_000_000  # bytes of a config.yaml; fit.py writes about two thousand
+LONGEST_REASON = 300  # characters of PyYAML's words that are shown
 DEEPEST = 32  # levels of its lists and mappings; fit.py writes four; time grows as their square
+
+
+class UniqueKeyLoader(yaml.SafeLoader):
+    """Reads YAML as `yaml.safe_load` does, but refuses a key that stands twice in a mapping, of
+    which that would keep the last."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """Return a mapping's node, as PyYAML asks for it."""
+        node = super().compose_mapping_node(anchor)
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            line = key.start_mark.line + 1
+            if key.value in lines:
+                raise yaml.YAMLError(
+                    f"the key {key.value!r} of line {line} stands in line {lines[key.value]} "
+                    "already: keep one of them"
+                )
+            lines[key.value] = line
+        return node
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:
@@ -79,10 +101,11 @@ def read_settings(path: Path) -> dict[str, Any]:
     text = path.read_text(encoding="utf-8")
     try:
         aliases = _has_aliases(text)
-        values = None if aliases else yaml.safe_load(text)
+        values = None if aliases else yaml.load(text, UniqueKeyLoader)
         plain = json.dumps(values, default=str)
     except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"{path} could not be read as YAML ({type(error).__name__}).") from error
+        said = " ".join(str(error).split())[:LONGEST_REASON]
+        raise ValueError(f"{path} could not be read as YAML: {said}.") from error
     if aliases or "${" in plain:
         raise ValueError(
             f"{path} holds a YAML alias or an interpolation (${{...}}). A run's settings are plain "

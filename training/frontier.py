@@ -11,12 +11,16 @@ that attacks it is printed.
 
 from __future__ import annotations
 
-import json
 import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+import json
 import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -26,6 +30,7 @@ from moireaug.evaluation.report.page import environment
 from moireaug.evaluation.report.terminal import Grid, Part, show
 from moireaug.files import write_bytes, write_text
 from training.frontier_plot import draw
+from training.messages import use_legible_output
 from training.points import Found, read
 from training.summaries import Recipe, summarise
 
@@ -154,8 +159,9 @@ def _plain(recipe: Recipe) -> dict[str, Any]:
 
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
+    use_legible_output()
     if {"-h", "--help"} & set(argv):
-        print(__doc__)
+        print(__doc__ or f"Read {__file__}.")  # Python was told to leave docstrings out
         return
     folders = [a for a in argv if not a.startswith("out=")]
     if len(folders) != 1 or len(argv) > 2:

@@ -13,7 +13,7 @@ from torch.utils.data import Dataset
 from torchvision.datasets import CIFAR10, CIFAR100, GTSRB, ImageFolder
 from torchvision.transforms import v2
 
-from moireaug.images import read_upright
+from moireaug.images import read_picture
 from moireaug.synthesis.pictures import SUFFIXES
 from training.files import read_table
 from training.locks import locked
@@ -123,7 +123,7 @@ class Photos(ImageFolder):
         def is_picture(path: str) -> bool:
             return path.lower().endswith(SUFFIXES) and not _hidden(Path(path).relative_to(root))
 
-        super().__init__(root, transform, loader=read_upright, is_valid_file=is_picture)
+        super().__init__(root, transform, loader=read_picture, is_valid_file=is_picture)
 
     def find_classes(self, directory: str | Path) -> tuple[list[str], dict[str, int]]:
         """Return the names of the class folders, and the number of each."""

@@ -38,7 +38,7 @@ def environment(accelerator: str) -> dict[str, Any]:
 
 def _cpu() -> str:
     try:
-        lines = CPUINFO.read_text().splitlines()
+        lines = CPUINFO.read_text("utf-8").splitlines()
         return next(
             line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")
         )
@@ -63,7 +63,7 @@ def _multiplies_bfloat16(accelerator: str) -> bool:
     if _on_gpu(accelerator):
         return torch.cuda.is_bf16_supported(including_emulation=False)
     try:
-        flags = set(CPUINFO.read_text().split())
+        flags = set(CPUINFO.read_text("utf-8").split())
     except OSError:  # not Linux
         return False
     return not flags.isdisjoint(BFLOAT16)

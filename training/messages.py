@@ -6,6 +6,8 @@ import re
 import sys
 from typing import Any, TextIO
 
+from moireaug.printing import use_legible
+
 
 class Lines:
     """Wraps an output stream and knows if its last line is complete: a progress bar's is not."""
@@ -20,6 +22,13 @@ class Lines:
         if text:
             self.unfinished = not text.endswith("\n")
         return self._stream.write(text)
+
+
+def use_legible_output() -> None:
+    """Have standard output and error print what their encoding lacks legibly, so that no command
+    ends in a UnicodeEncodeError after its work is done."""
+    for stream in (sys.stdout, sys.stderr):
+        use_legible(stream)
 
 
 def complain(text: str) -> None:

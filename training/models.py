@@ -1,18 +1,17 @@
 """Classifiers to train and to attack, by name: compact networks for small images, and every
 torchvision classifier."""
 
-import argparse
 import difflib
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from moireaug.attacks import Normalized
+from moireaug.networks import in_evaluation_mode
+from moireaug.weights import read_state_dict
 from training.small_convnet import AttentionConvNet
 from training.small_resnet import SmallResNet
 
@@ -28,9 +27,6 @@ OWN: dict[str, Callable[[int], nn.Module]] = {
 _SINGLE_OUTPUT = {"aux_logits": False, "transform_input": True, "init_weights": True}
 _EXTRA = {"googlenet": _SINGLE_OUTPUT, "inception_v3": _SINGLE_OUTPUT}
 _AUXILIARY = ("aux1.", "aux2.", "AuxLogits.")
-# How checkpoints name the state_dict that they hold, and what wrappers put before its names.
-_HOLDERS = ("state_dict", "model_state_dict", "model")
-_WRAPPERS = ("module.", "model.", "_orig_mod.")
 
 
 def as_model(name: str, num_classes: int, weights: str | None, *, whole: bool = False) -> nn.Module:
@@ -53,19 +49,16 @@ def check_side(model: nn.Module, name: str, side: int) -> None:
     Raises:
         ValueError: with what to do.
     """
-    training = model.training
     weight = next(model.parameters())
     try:
-        with torch.no_grad():
-            model.eval()(torch.zeros(1, 3, side, side, device=weight.device))
+        with torch.no_grad(), in_evaluation_mode(model):
+            model(weight.new_zeros(1, 3, side, side))
     except (RuntimeError, AssertionError, ValueError) as error:
         why = str(error).splitlines()[0]
         raise ValueError(
             f"{name} cannot take images of {side} x {side} pixels ({why}): pass another data.size, "
             "224 for most of torchvision's models, or another model."
         ) from error
-    finally:
-        model.train(training)
 
 
 def _torchvision() -> ModuleType:
@@ -99,11 +92,9 @@ def build(
         name: one of `OWN`, which take [0, 1] images, or any torchvision classifier,
             whose ImageNet normalisation is the caller's to apply.
         num_classes: number of logits.
-        weights: a file with a state_dict, or a checkpoint that holds one as "state_dict",
-            "model_state_dict" or "model", with or without a wrapper's "module.", "model." or
-            "_orig_mod." before its names; or the name of torchvision weights such as
-            "IMAGENET1K_V1" or "DEFAULT". When they were made for another number of classes, the
-            head stays freshly initialised and all else is loaded.
+        weights: a file that `moireaug.weights.read_state_dict` reads, or the name of torchvision
+            weights such as "IMAGENET1K_V1" or "DEFAULT". When they were made for another number of
+            classes, the head stays freshly initialised and all else is loaded.
         whole: refuse weights made for another number of classes: a model with a fresh head cannot
             be evaluated.
 
@@ -147,9 +138,12 @@ def _fresh(name: str, num_classes: int) -> nn.Module:
 
 def _state(name: str, weights: str) -> Mapping[str, Tensor]:
     """Return a state_dict by the name of published weights, or out of a file."""
-    if weights in _published_names(name):
+    published = _published_names(name)
+    if weights in published:
         return _published(name, weights)
-    return _read(name, weights)
+    other = f", or one of {', '.join(published)}" if published else ""
+    advice = f"Please pass a file that torch.save(model.state_dict(), path) wrote{other}."
+    return read_state_dict(weights, name, advice)
 
 
 def _published_names(name: str) -> list[str]:
@@ -168,63 +162,6 @@ def _published(name: str, weights: str) -> Mapping[str, Tensor]:
             f"The torchvision weights {weights!r} of {name!r} could not be fetched ({error}). "
             "Please check the network, or pass the path of a downloaded state_dict file."
         ) from error
-
-
-def _read(name: str, path: str) -> Mapping[str, Tensor]:
-    """Return the state_dict in a file, on the CPU, with the names of the bare model; no code in it
-    is run."""
-    if not Path(path).is_file():
-        published = _published_names(name)
-        other = f", or one of {', '.join(published)}" if published else ""
-        raise ValueError(
-            f"There is no weights file {path!r}. Please pass the path of a state_dict file{other}."
-        )
-    try:
-        # the settings that torchvision's own training scripts keep beside the weights: a record
-        # without code
-        with torch.serialization.safe_globals([argparse.Namespace]):
-            state = torch.load(path, weights_only=True, map_location="cpu")
-    # A damaged file raises RuntimeError, UnpicklingError, EOFError, KeyError, ..., depending on the
-    # byte.
-    except Exception as error:
-        raise ValueError(
-            f"The weights file {path!r} could not be read ({type(error).__name__}): it is damaged, "
-            "or holds more than tensors. Please fetch it again, or save it again with "
-            "torch.save(model.state_dict(), path)."
-        ) from error
-    return _without_prefix(_state_in(state, path))
-
-
-def _state_in(content: Any, path: str) -> Mapping[str, Tensor]:
-    """Return the state_dict that a file's content is, or holds beside an optimiser's."""
-    held = [content]
-    if isinstance(content, Mapping):
-        held += [content[name] for name in _HOLDERS if name in content]
-    for state in held:
-        if _is_state(state):
-            return state
-    raise ValueError(
-        f"The weights file {path!r} holds something other than a state_dict (a mapping of names to "
-        f"tensors), alone or as its {', '.join(map(repr, _HOLDERS))}. Please save it again with "
-        "torch.save(model.state_dict(), path)."
-    )
-
-
-def _is_state(content: Any) -> bool:
-    """Return whether this is a mapping to tensors."""
-    if not isinstance(content, Mapping):
-        return False
-    return all(isinstance(value, Tensor) for value in content.values())
-
-
-def _without_prefix(state: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
-    """Return the state_dict without what wrappers (DataParallel, Lightning, torch.compile) put
-    before every name."""
-    for prefix in _WRAPPERS:
-        if state and all(name.startswith(prefix) for name in state):
-            bare = {name.removeprefix(prefix): value for name, value in state.items()}
-            return _without_prefix(bare)
-    return state
 
 
 def _load(model: nn.Module, state: Mapping[str, Tensor], complaint: str, whole: bool) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from moireaug.scene.scene import Scene, as_scene
+from training.files import UniqueKeyLoader
 
 SUFFIXES = (".yaml", ".yml")
 
@@ -51,7 +52,7 @@ def read(path: Path) -> dict[str, Any]:
         ValueError: no such file, no YAML mapping, or no scene; with what is wrong.
     """
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        values = yaml.load(path.read_text(encoding="utf-8"), UniqueKeyLoader)
     except OSError as error:
         raise ValueError(f"scene={path} could not be read ({error.strerror}).") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

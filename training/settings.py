@@ -11,6 +11,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.scene.fields import one_of
+from training.messages import use_legible_output
 
 Schema = TypeVar("Schema")
 
@@ -29,6 +30,7 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | 
         ValueError: an unknown key, with the closest known one, a missing key, or a value of
             another type.
     """
+    use_legible_output()
     cfg = OmegaConf.structured(schema)
     fields = {str(field).removesuffix("_"): str(field) for field in cfg}
     if {"-h", "--help"} & set(argv):

@@ -17,16 +17,20 @@ If a command is interrupted, the same command continues after the last whole fil
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
 import itertools
 import json
 import os
 import shutil
-import sys
 import time
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -236,8 +240,7 @@ def workers_of(cfg: Config) -> int:
 
 
 def _some(names: Sequence[str]) -> str:
-    some = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-    return some.encode("utf-8", "replace").decode()  # a name may be in another encoding
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def main(argv: Sequence[str]) -> None:

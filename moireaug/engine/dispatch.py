@@ -7,6 +7,7 @@ import functools
 import importlib.util
 import math
 import os
+import sys
 import threading
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable that may force the reference
 OFF = ("off", "0", "false", "no")  # its values that do, in capitals or not
 ON = ("", "on", "1", "true", "yes")
+NO_JIT = "NUMBA_DISABLE_JIT"  # numba's own
 EXPOSURES = ("spectral", "mean", "point")
 _blocks = 0  # `with reference()` blocks that are open, in any thread
 _counting = threading.Lock()
@@ -177,7 +179,7 @@ def _unavailable() -> str:
     """Return why no scene gets the engine, or an empty string."""
     if _blocks or _switched_off(os.environ.get(SWITCH, "")):
         return "the engine is turned off"
-    return _without_numba()
+    return _without_compiler()
 
 
 # torch.compile calls it once, and does not follow it
@@ -197,10 +199,25 @@ def _switched_off(value: str) -> bool:
 
 
 @functools.cache
-def _without_numba() -> str:
+def _without_compiler() -> str:
+    """Return why no kernel can be compiled, or an empty string."""
     if importlib.util.find_spec("numba") is None:
         return "numba is not installed"
+    if _is_jit_disabled():
+        return f"{NO_JIT} is set, and numba compiles nothing"
     return ""
+
+
+def _is_jit_disabled() -> bool:
+    """Return whether numba runs functions as they are, as debuggers and coverage want it; without
+    importing numba."""
+    config = sys.modules.get("numba.core.config")
+    if config is not None:
+        return bool(config.DISABLE_JIT)
+    try:
+        return bool(int(os.environ.get(NO_JIT, "0")))
+    except ValueError:  # numba takes it for 0
+        return False
 
 
 def _no_exposing(scene: Scene) -> str:

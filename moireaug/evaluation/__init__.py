@@ -2,9 +2,10 @@
 
 # ruff: noqa: E402  # a missing extra is named before it is imported
 
-from moireaug.extras import require
+from moireaug.extras import drop_missing_backend, require
 
 require("eval", "moireaug.evaluation")
+drop_missing_backend()
 
 from moireaug.evaluation.evaluate import evaluate
 from moireaug.evaluation.frame import images_frame, rates

@@ -179,7 +179,8 @@ def read_published() -> pd.DataFrame:
     The paper's table 3 calls C&W an L-infinity and MI-FGSM an L2 attack; its text says the reverse,
     which is right for both.
     """
-    with resources.files("moireaug.evaluation").joinpath("published.csv").open() as file:
+    path = resources.files("moireaug.evaluation").joinpath("published.csv")
+    with path.open(encoding="utf-8") as file:
         return pd.read_csv(file)
 
 

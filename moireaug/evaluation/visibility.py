@@ -12,7 +12,7 @@ from kornia.metrics import ssim as ssim_map
 from skimage.color import deltaE_ciede2000, rgb2lab
 from torch import Tensor, nn
 
-from moireaug.weights import read_weights
+from moireaug.weights import float32_on_cpu, read_state_dict
 
 # torchvision's name of each network that LPIPS has linear heads for, to torchmetrics' name of it,
 # and the least side of an image that passes all of its layers
@@ -50,7 +50,8 @@ class LPIPS(nn.Module):
         features = _features_in(path)
         self.network = _network_of(features, path)
         name, self.least = NETWORKS[self.network]
-        with torch.random.fork_rng(devices=[]):  # the network's random weights are replaced
+        # the network's random weights are replaced
+        with torch.random.fork_rng(devices=[]), float32_on_cpu():
             self.model = _LPIPS(net=name, pnet_rand=True)
         own = self.model.net.state_dict()
         # "slice2.3.bias" or "slices.1.3.bias" of torchmetrics is torchvision's "features.3.bias"
@@ -133,12 +134,10 @@ def _features_in(path: str | Path) -> dict[str, Tensor]:
     Raises:
         ValueError: a file that is missing, damaged or no state_dict.
     """
-    state = read_weights(path, "lpips", _wanted())
     found = {}
-    if isinstance(state, Mapping):
-        for name, value in state.items():
-            if isinstance(value, Tensor) and str(name).startswith("features."):
-                found[name.removeprefix("features.")] = value
+    for name, value in read_state_dict(path, "lpips", _wanted()).items():
+        if name.startswith("features."):
+            found[name.removeprefix("features.")] = value
     return found
 
 

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from PIL import Image
 
-from moireaug.images import read
+from moireaug.images import read_picture
 
 # those of torchvision's ImageFolder, which would take seconds to import
 SUFFIXES = (".jpg", ".jpeg", ".png", ".ppm", ".bmp", ".pgm", ".tif", ".tiff", ".webp")
@@ -105,7 +105,7 @@ class Pictures:
     def _load(self, name: str) -> Image.Image:
         path = self.folder / name
         try:
-            picture = read(str(path))
+            picture = read_picture(path)
         except ValueError as error:
             # a disk that fails now may work on another machine: no reason to take another picture
             cause = error.__cause__

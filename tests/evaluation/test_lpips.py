@@ -13,6 +13,7 @@ from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.suites.ladder import ladder
 from moireaug.evaluation.visibility import LPIPS, visibility
 from moireaug.scene.scene import Scene
+from tests.defaults import DTYPES, defaults
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,14 @@ def test_reading_weights_draws_nothing(weights):
     assert torch.rand(1) == expected
 
 
+@pytest.mark.parametrize("dtype", DTYPES, ids=str)
+def test_the_figures_are_the_same_under_other_defaults(dtype, measure, weights, images):
+    expected = measure(noisy(images, 0.3), images)
+    changed = noisy(images, 0.3)
+    with defaults(dtype):
+        assert torch.equal(LPIPS(weights)(changed, images), expected)
+
+
 def test_it_stands_beside_the_other_figures_where_it_is_given(measure, images):
     changed = noisy(images, 0.1)
     without, beside = visibility(changed, images), visibility(changed, images, measure)
@@ -93,7 +102,7 @@ def test_it_stands_beside_the_other_figures_where_it_is_given(measure, images):
         ),
         (b"no weights", r"could not be read \(\w+\): it is damaged"),
         ({}, "does not hold the weights of any of these networks"),
-        ([1, 2], "does not hold the weights of any of these networks"),
+        ([1, 2], "holds something other than a state_dict"),
         ("resnet18", "does not hold the weights of any of these networks"),
         ("another width", "does not hold the weights of any of these networks"),
     ],

@@ -61,6 +61,38 @@ def test_a_table_that_is_too_wide_for_its_terminal_stays_whole(monkeypatch):
     assert printed([GRID], 20, monkeypatch) == plain([GRID]) + "\n"
 
 
+class NarrowTerminal(io.TextIOWrapper):
+    """A terminal that has few characters."""
+
+    def __init__(self, encoding, is_terminal):
+        super().__init__(io.BytesIO(), encoding)
+        self.is_terminal = is_terminal
+
+    def isatty(self):
+        return self.is_terminal
+
+    def content(self):
+        self.flush()
+        return self.buffer.getvalue().decode(self.encoding)
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+@pytest.mark.parametrize(
+    ("encoding", "accented"), [("ascii", "Moire"), ("latin-1", "Moiré"), ("cp1252", "Moiré")]
+)
+def test_characters_that_a_terminal_lacks_are_replaced_legibly(
+    encoding, accented, is_terminal, monkeypatch
+):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stdout", terminal := NarrowTerminal(encoding, is_terminal))
+    show(["Moiré, ε and 图", Grid([["", "gain"], ["n\udce9 × 2", "−20.5"]], "→ A title", rule=1)])
+    shown = terminal.content()
+    for words in (f"{accented}, eps and ?\n", "-> A title", "-20.5"):
+        assert words in shown
+    assert "n? x 2" in shown or "n? × 2" in shown
+
+
 @pytest.mark.parametrize("without", [(), ("baseline",), ("reattack",)])
 def test_a_terminal_shows_every_figure_of_the_plain_text(metrics, without, monkeypatch):
     for name in without:

@@ -158,7 +158,7 @@ def test_a_failing_disk_is_no_reason_to_take_another_picture(folder, monkeypatch
             errno.EIO, os.strerror(errno.EIO)
         )
 
-    monkeypatch.setattr(pictures, "read", fail)
+    monkeypatch.setattr(pictures, "read_picture", fail)
     pairs = Pairs(folder, "screen_photo", SIZE)
     with pytest.raises(ValueError, match="could not be read"):
         pairs.make_pair(0)

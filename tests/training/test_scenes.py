@@ -45,6 +45,11 @@ def test_a_file_is_the_scene_that_it_describes(file):
         ("panel: {lit: 7}", r"Panel.lit must lie in"),
         ("preset: phone", "a preset must be one of"),
         ("tolerance: 1e-3", "must be a number"),  # which YAML takes for a word
+        (
+            "lens: {blur: 1}\npanel: {}\nlens: {}",
+            "the key 'lens' of line 3 stands in line 1 already",
+        ),
+        ("lens:\n  blur: 1\n  blur: 2", "the key 'blur' of line 3 stands in line 2 already"),
         (b"\xff\xfe\xff", "could not be read as YAML"),
     ],
 )

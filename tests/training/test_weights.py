@@ -7,6 +7,7 @@ import pytest
 import torch
 import torchvision
 
+from moireaug import extras
 from training import models
 from training.small_resnet import SmallResNet
 
@@ -64,6 +65,10 @@ def held(name, *beside):
     return lambda state: dict(beside) | {name: state}
 
 
+def zeros(state):
+    return {key: torch.zeros_like(value) for key, value in state.items()}
+
+
 SETTINGS = argparse.Namespace(lr=0.1, model="small_resnet")
 FORMS = {
     "model": held("model"),
@@ -77,6 +82,20 @@ FORMS = {
     "model.": prefixed("model."),
     "_orig_mod.": prefixed("_orig_mod."),
     "module._orig_mod.": prefixed("module._orig_mod."),
+    "AveragedModel": lambda state: prefixed("module.")(state) | {"n_averaged": torch.tensor(3)},
+    "state_dict of a LightningModule with a metric and a loss": lambda state: held(
+        "state_dict", ("pytorch-lightning_version", "2.6.0")
+    )({"loss.weight": torch.ones(7), "accuracy.tp": torch.zeros(7)} | prefixed("model.")(state)),
+    "model before model_ema": lambda state: {"model_ema": zeros(state), "model": state},
+    "state_dict before state_dict_ema": lambda state: {
+        "state_dict_ema": zeros(state),
+        "state_dict": state,
+    },
+    "model_ema alone, of an AveragedModel": lambda state: held("model_ema", ("model", "resnet"))(
+        FORMS["AveragedModel"](state)
+    ),
+    "state_dict_ema alone": held("state_dict_ema", ("epoch", 3)),
+    "ema_state_dict alone": held("ema_state_dict"),
     "state_dict of model.model.": lambda state: held("state_dict")(prefixed("model.model.")(state)),
 }
 
@@ -89,6 +108,26 @@ def test_the_forms_of_checkpoints_load(name, classes, tmp_path):
     again = models.build("small_resnet", classes, str(tmp_path / "weights.pth"))
     kept = [key for key in model.state_dict() if classes == 7 or not key.startswith("head")]
     assert same(model, again, kept)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float16, torch.bfloat16])
+@pytest.mark.parametrize("form", ["plain", "AveragedModel"])
+def test_files_of_safetensors_load(form, dtype, tmp_path):
+    model = models.build("small_resnet", 7).to(dtype)
+    state = dict(model.state_dict())
+    safetensors = pytest.importorskip("safetensors.torch")
+    safetensors.save_file(FORMS.get(form, dict)(state), tmp_path / "weights.safetensors")
+    again = models.build("small_resnet", 7, str(tmp_path / "weights.safetensors"))
+    assert all(value.dtype == torch.float32 for value in again.parameters())
+    assert same(model.float(), again, state)
+
+
+def test_a_file_of_safetensors_names_the_package_that_is_missing(tmp_path, monkeypatch):
+    path = tmp_path / "weights.safetensors"
+    path.touch()
+    monkeypatch.setitem(extras.MODULES, "safetensors", ("not_installed_here",))
+    with pytest.raises(ValueError, match=r"needs not_installed_here, .*moireaug\[safetensors\]'"):
+        models.build("small_resnet", 7, str(path))
 
 
 def narrowed(state):
@@ -162,10 +201,13 @@ class Opener:
         return (open, ("never-written", "w"))
 
 
+@pytest.mark.parametrize("suffix", ["pth", "safetensors"])
 @pytest.mark.parametrize("damage", ["empty", "text", "cut", "flipped", "code"])
-def test_a_file_that_cannot_be_read_is_named(damage, tmp_path, monkeypatch):
+def test_a_file_that_cannot_be_read_is_named(damage, suffix, tmp_path, monkeypatch):
+    if suffix == "safetensors":
+        pytest.importorskip("safetensors")
     monkeypatch.chdir(tmp_path)
-    path = tmp_path / "weights.pth"
+    path = tmp_path / f"weights.{suffix}"
     saved(models.build("small_resnet", 7), path)
     whole = path.read_bytes()
     path.write_bytes(
@@ -177,7 +219,7 @@ def test_a_file_that_cannot_be_read_is_named(damage, tmp_path, monkeypatch):
         path.write_bytes(bytes(255 - byte for byte in whole[:4000]) + whole[4000:])
     if damage == "code":
         torch.save({"a": Opener()}, path)
-    with pytest.raises(ValueError, match=r"weights\.pth' could not be read.*fetch it again"):
+    with pytest.raises(ValueError, match=rf"weights\.{suffix}' could not be read.*Fetch it again"):
         models.build("small_resnet", 7, str(path))
     assert not (tmp_path / "never-written").exists()
 

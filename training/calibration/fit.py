@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import cma
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -139,6 +138,8 @@ def fit(
     Returns:
         The best scene of the search, or `start` where that is no better in other shots.
     """
+    import cma  # takes seconds to import
+
     began = time.perf_counter()
     chosen = np.unique(np.linspace(0, len(real) - 1, min(CROPS, len(real))).round().astype(int))
     if crops.originals is None:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from moireaug import Scene, capture
-from moireaug.images import read_upright, size_of
+from moireaug.images import read_picture, size_of
 from moireaug.synthesis.pictures import SUFFIXES, files_below
 from moireaug.synthesis.registration import register
 from training.files import read_table
@@ -91,7 +91,7 @@ def require_one_size(pair: Pair) -> None:
     Raises:
         ValueError: with both sizes, or a file that is no picture.
     """
-    photo, original = size_of(str(pair.photo)), size_of(str(pair.original))
+    photo, original = size_of(pair.photo), size_of(pair.original)
     if photo != original:
         raise ValueError(_not_one_size(pair, photo, original))
 
@@ -152,13 +152,13 @@ def find_images(folder: Path) -> list[Path]:
     return [path for path in paths if path.suffix.lower() in SUFFIXES]
 
 
-def read_picture(path: Path) -> Tensor:
-    """Return a picture, (3, H, W) uint8, upright as its EXIF data say.
+def read_codes(path: Path) -> Tensor:
+    """Return the codes of a picture, (3, H, W) uint8, upright.
 
     Raises:
         ValueError: a file that cannot be read as one.
     """
-    picture = read_upright(str(path))
+    picture = read_picture(path)
     return torch.from_numpy(np.asarray(picture).copy()).permute(2, 0, 1)
 
 
@@ -169,7 +169,7 @@ def read_pairs(pairs: Iterable[Pair]) -> Iterator[Shown]:
         ValueError: a photo and its original differ in size.
     """
     for pair in pairs:
-        photo, original = read_picture(pair.photo), read_picture(pair.original)
+        photo, original = read_codes(pair.photo), read_codes(pair.original)
         if photo.shape != original.shape:
             sizes = [(p.shape[-1], p.shape[-2]) for p in (photo, original)]
             raise ValueError(_not_one_size(pair, *sizes))
@@ -215,7 +215,7 @@ def cut(pictures: Iterable[Shown], side: int, each: int, seed: int = 0) -> Crops
                 originals.append(original[:, y : y + side, x : x + side].clone())
         names.append(name)
     both = torch.stack(originals) if originals else None
-    return Crops(torch.stack(photos), both, torch.tensor(index), tuple(names))
+    return Crops(torch.stack(photos), both, torch.tensor(index, device="cpu"), tuple(names))
 
 
 def _size(picture: Tensor) -> str:
@@ -243,7 +243,7 @@ def registered(photos: Iterable[Path], picture: Path) -> Iterator[Shown]:
     Raises:
         ValueError: a photo in which the picture was not found.
     """
-    shown = read_picture(picture)
+    shown = read_codes(picture)
     for path in photos:
-        photo, original = register(read_picture(path), shown, str(path))
+        photo, original = register(read_codes(path), shown, str(path))
         yield Shown(path.stem, photo, original)

@@ -16,6 +16,7 @@ from rich.text import Text
 from moireaug.evaluation.report.numbers import codes, duration, number, percent, points, short
 from moireaug.evaluation.report.page import render, title_of
 from moireaug.evaluation.report.run_view import Metrics, Rate, run_view
+from moireaug.printing import printable
 
 TITLE, NAME = 27, 10
 
@@ -40,8 +41,9 @@ Part = str | Grid
 
 
 def show(parts: Sequence[Part]) -> None:
-    """Print to standard output; rich draws the tables where it is a terminal wide enough for
-    them."""
+    """Print to standard output, in characters that it can show; rich draws the tables where it is
+    a terminal wide enough for them."""
+    parts = [_printable(part) for part in parts]
     if not sys.stdout.isatty():
         print(plain(parts))
         return
@@ -56,6 +58,14 @@ def show(parts: Sequence[Part]) -> None:
             console.print(table)
         else:
             print(plain([part]))
+
+
+def _printable(part: Part) -> Part:
+    """Return a part in characters that standard output can show."""
+    if isinstance(part, str):
+        return printable(part)
+    rows = [[printable(cell) for cell in row] for row in part.rows]
+    return Grid(rows, printable(part.title), part.rule)
 
 
 def plain(parts: Sequence[Part]) -> str:

@@ -1,0 +1,101 @@
+"""Pictures that a phone took lying on its side are upright in all that is made from them."""
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image, ImageOps
+
+from moireaug.defenses import demoire
+from moireaug.images import read_picture, size_of
+from moireaug.synthesis import Pairs
+from training import demoire as cleaning
+from training.calibration.pairs import Pair, read_codes, read_pairs, require_one_size
+from training.demoireing.starting import start_as_identity
+from training.explorer import photo
+from training.image_sets import Photos
+
+SIDE = 16
+ORIENTATION = 0x0112
+ORIENTATIONS = range(1, 9)
+SHADES = np.random.default_rng(0).integers(0, 256, (SIDE, SIDE, 3), dtype=np.uint8)
+
+
+def photo_of(path, orientation, codes=SHADES):
+    """Write a photo as a camera does, with the orientation in its EXIF data."""
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    Image.fromarray(codes).save(path, exif=exif)
+    return path
+
+
+def upright(path):
+    with Image.open(path) as image:
+        return np.asarray(ImageOps.exif_transpose(image))
+
+
+def by_pairs(path):
+    pair = Pairs(path.parent, "phone_at_monitor", SIDE).make_pair(0)
+    return pair.original.permute(1, 2, 0).numpy()
+
+
+def by_folder(path):
+    ((picture, _),) = Photos(path.parent.parent, np.asarray)
+    return picture
+
+
+def by_calibration(path):
+    return read_codes(path).permute(1, 2, 0).numpy()
+
+
+READERS = {
+    "file": lambda path: np.asarray(read_picture(path)),
+    "pairs": by_pairs,
+    "folder of classes": by_folder,
+    "calibration": by_calibration,
+    "explorer": lambda path: photo.read(str(path)),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("kind", ["png", "tiff"])
+def test_every_reader_gives_the_picture_upright(reader, kind, tmp_path):
+    for orientation in ORIENTATIONS:
+        folder = tmp_path / str(orientation) / "a"
+        folder.mkdir(parents=True)
+        path = photo_of(folder / f"1.{kind}", orientation)
+        assert np.array_equal(READERS[reader](path), upright(path)), orientation
+
+
+def test_cleaned_photos_are_upright_and_say_nothing_else(tmp_path):
+    torch.manual_seed(0)
+    network = demoire.build("esdnet", width=0.25)
+    assert start_as_identity(network)
+    demoire.save(network, tmp_path / "weights.pt")
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    for orientation in ORIENTATIONS:
+        photo_of(folder / f"{orientation}.png", orientation)
+    cleaning.main([f"in={folder}", f"out={out}", f"weights={tmp_path / 'weights.pt'}"])
+    for path in folder.iterdir():
+        with Image.open(out / path.name) as cleaned:
+            assert cleaned.getexif().get(ORIENTATION, 1) == 1
+            assert np.array_equal(np.asarray(cleaned), upright(path)), path.name
+
+
+def test_a_pair_is_of_one_size_as_it_is_shown(tmp_path):
+    shown = SHADES[:12]
+    original = tmp_path / "original.png"
+    Image.fromarray(shown).save(original)
+    pair = Pair(photo_of(tmp_path / "photo.png", 6, np.rot90(shown).copy()), original)
+    require_one_size(pair)
+    ((_, photo, picture),) = read_pairs([pair])
+    assert torch.equal(photo, picture)
+
+
+@pytest.mark.parametrize("exif", [b"Exif\0\0no TIFF", b"Exif\0\0MM\0*\0\0\0\x08\0\x09"])
+@pytest.mark.filterwarnings("ignore:Corrupt EXIF data:UserWarning")
+def test_damaged_exif_data_spoil_no_picture(exif, tmp_path):
+    path = tmp_path / "a.png"
+    Image.fromarray(SHADES[:12]).save(path, exif=exif)
+    assert np.array_equal(np.asarray(read_picture(path)), SHADES[:12])
+    assert size_of(path) == (SIDE, 12)
