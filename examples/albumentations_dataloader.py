@@ -13,8 +13,10 @@ images per second.
 """
 
 import argparse
+import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import albumentations as A
 import torch
@@ -23,6 +25,9 @@ from torch.utils.data import DataLoader, Dataset
 
 from moireaug import Scene, View
 from moireaug.transforms.albumentations import RandomMoire, seed_worker
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
+
 from training import signs
 
 preset = Scene.preset("phone_at_monitor")

@@ -12,6 +12,7 @@ photos and the attacked photos as attacked.png. Takes less than a minute on one 
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 import torch
@@ -20,6 +21,9 @@ from torch import Tensor, nn
 from torchvision.utils import save_image
 
 from moireaug import attacks, capture
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
+
 from training import signs
 
 MEAN, STD = (0.5, 0.5, 0.5), (0.25, 0.25, 0.25)

@@ -13,6 +13,7 @@ report.html and scene.yaml, which the commands take as `scene=`.
 """
 
 import argparse
+import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,9 @@ from torchvision.transforms.v2.functional import to_dtype, to_image, to_pil_imag
 
 from moireaug import Scene
 from moireaug.transforms import RandomMoire
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
+
 from training import calibrate, scenes
 
 START = "screen_photo"

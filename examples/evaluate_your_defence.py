@@ -12,6 +12,8 @@ noise made without knowing of the defence.
 """
 
 import argparse
+import sys
+from pathlib import Path
 
 import pandas as pd
 import torch
@@ -20,6 +22,9 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, TensorDataset
 
 from moireaug import attacks, defenses, evaluation
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
+
 from training import signs
 from training.small_resnet import SmallResNet
 

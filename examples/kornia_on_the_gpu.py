@@ -12,12 +12,17 @@ Takes a few seconds on the CPU.
 """
 
 import argparse
+import sys
 import time
+from pathlib import Path
 
 import torch
 from kornia.augmentation import AugmentationSequential, ColorJitter, RandomAffine
 
 from moireaug.transforms.kornia import RandomMoire
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
+
 from training import signs
 
 

@@ -10,6 +10,8 @@ Prints the accuracy of both networks on both tests. Takes about two minutes on o
 """
 
 import argparse
+import sys
+from pathlib import Path
 
 import torch
 import torch.nn.functional as F
@@ -19,6 +21,9 @@ from torchvision.transforms import v2
 
 from moireaug import Scene
 from moireaug.transforms import RandomMoire
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
+
 from training import signs
 
 

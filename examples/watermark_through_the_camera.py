@@ -12,12 +12,17 @@ PSNR.
 """
 
 import argparse
+import sys
+from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
+
 from training import signs
 
 BITS, STRENGTH, SIDE = 16, 0.06, 32

@@ -7,7 +7,7 @@
 
 The last one trains a demoiréing network: see training/demoireing/fit.py.
 
-Recipes: training/recipes/*.yaml. Settings: training/schema.py. A run writes report.html,
+Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes report.html,
 metrics.json, best.ckpt, last.ckpt and config.yaml into runs/<recipe>/seed<k>/; with other data or
 another model than the default the folder is runs/<data>-<model>/<recipe>/seed<k>/.
 
@@ -19,9 +19,14 @@ own recipe is asked for. The same command resumes an interrupted run.
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace

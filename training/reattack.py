@@ -16,11 +16,16 @@ command continues where it stopped, and another suite reuses what is there.
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import hydra

@@ -1,4 +1,4 @@
-"""Every setting of a run, its type and its default; `training/recipes/` holds what differs.
+"""Every setting of a run, its type and its default; `recipes/` holds what differs.
 
 Durations are in epochs, eps in [0, 1] units, sizes in pixels.
 """
@@ -16,7 +16,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 
 from moireaug.scene.scene import Scene, as_scene
 
-RECIPES = Path(__file__).resolve().parent / "recipes"
+RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 Settings = TypeVar("Settings", bound="RunConfig")
 
 
@@ -218,7 +218,7 @@ def help_of(script: str) -> dict[str, dict[str, str]]:
 
 
 def register() -> None:
-    """Register the schema, the data sets and every recipe of `training/recipes/` with Hydra."""
+    """Register the schema, the data sets and every recipe of `recipes/` with Hydra."""
     store = ConfigStore.instance()
     store.store(name="schema", node=Config)
     for name, node in DATA.items():

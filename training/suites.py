@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -167,17 +169,24 @@ def networks_of(given: Any, device: torch.device) -> dict[str, Defence]:
 
 
 def callable_of(name: str, device: torch.device) -> Defence:
-    """Import what `package.module:name` names.
+    """Import what `package.module:name` names, as `python -c` in the working folder would.
+
+    The working folder stays the first that is searched: a function may import more once it is
+    called.
 
     Raises:
         ValueError: nothing of that name, or nothing that can be called.
     """
     module, _, attribute = name.partition(":")
+    working_folder = os.getcwd()
+    if sys.path[0] != working_folder:
+        sys.path.insert(0, working_folder)
     try:
         found = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(
-            f"demoire={name!r} could not be imported ({error}). Pass package.module:callable."
+            f"demoire={name!r} could not be imported ({error}): {working_folder!r} was searched, "
+            "then PYTHONPATH and the installed packages. Pass package.module:callable."
         ) from error
     if not callable(found) or isinstance(found, type):
         raise ValueError(

@@ -154,7 +154,7 @@ def test_speed(started, ran):
 def test_training_steps(ran):
     out, written, _ = ran("training_steps")
     rows = {row["recipe"]: row for row in written["recipes"]}
-    assert rows.keys() == {p.stem for p in (ROOT / "training" / "recipes").glob("*.yaml")}
+    assert rows.keys() == {p.stem for p in (ROOT / "recipes").glob("*.yaml")}
     assert rows["clean"]["relative"] == 1 and rows["clean"]["passes"] == 1
     assert rows["moire_at"]["passes"] == 2.875 and rows["moire_at"]["relative"] > 0
     assert {row["option"] for row in written["options"]} >= {

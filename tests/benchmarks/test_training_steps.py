@@ -22,7 +22,7 @@ def test_a_pass_reads_what_its_row_says(monkeypatch, tmp_path, source, again):
     training_steps.write_folder(tmp_path, 4, 16)
     opened = []
     monkeypatch.setattr(
-        image_sets, "read_upright", lambda path: opened.append(path) or images.read(path)
+        image_sets, "read_picture", lambda path: opened.append(path) or images.read_picture(path)
     )
     given = ["data=folder", "data.size=16", "data.val=2", "train.batch_size=2"]
     cfg = training_steps.configure("recipe=clean", *given, f"data.root={tmp_path}")

@@ -64,6 +64,7 @@ RUNS = {
 def test_examples_print_and_write_what_they_say(name, tmp_path, monkeypatch, capsys):
     arguments, printed, written = RUNS[name]
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(sys, "argv", [name, *arguments])
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
     said = capsys.readouterr().out
@@ -74,6 +75,7 @@ def test_examples_print_and_write_what_they_say(name, tmp_path, monkeypatch, cap
 
 @pytest.mark.parametrize("name", RUNS)
 def test_help_says_what_an_example_does(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(sys, "argv", [name, "--help"])
     with pytest.raises(SystemExit):
         runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
@@ -85,8 +87,14 @@ def test_every_example_is_run_and_short_enough_to_read():
     scripts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
     assert scripts.keys() == RUNS.keys()
     for name, text in scripts.items():
-        assert 30 <= text.count("\n") <= 80, name
+        assert 30 <= text.count("\n") <= 85, name
         assert f"    python examples/{name}.py" in text, f"{name} does not say how it is run"
+
+
+@pytest.mark.parametrize("name", [*(f"{name}.py" for name in RUNS), "attack_your_classifier.ipynb"])
+def test_an_example_finds_the_training_code_where_only_the_library_is_installed(name):
+    before, used, _ = (EXAMPLES / name).read_text("utf-8").partition("from training import")
+    assert not used or "sys.path.insert(0, " in before
 
 
 # notebook: what its first cell, which holds the settings, is replaced with; what it prints
@@ -103,7 +111,8 @@ NOTEBOOKS = {
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_notebooks_run_and_hold_their_output(name, capsys):
+def test_notebooks_run_and_hold_their_output(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "path", list(sys.path))
     settings, printed = NOTEBOOKS[name]
     file = EXAMPLES / f"{name}.ipynb"
     assert file.stat().st_size < 300_000

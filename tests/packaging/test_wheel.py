@@ -1,5 +1,5 @@
 """The wheel: its metadata, its files, and its core where nothing but the core's dependencies is
-installed."""
+installed; and the source distribution, which has the commands too."""
 
 import ast
 import os
@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from email.parser import Parser
@@ -15,13 +16,16 @@ from pathlib import Path
 import pytest
 
 import moireaug
-from training.schema import RECIPES
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SOURCES = ("pyproject.toml", "README.md", "LICENSE", "NOTICE.md", "MANIFEST.in")
-PACKAGES = ("moireaug", "training")
-BUILD = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
+FOLDERS = ("moireaug", "training", "recipes")
+BUILD = """
+from setuptools import build_meta
+build_meta.build_wheel("dist")
+build_meta.build_sdist("dist")
+"""
 # distribution to the module that it installs, where the two differ
 MODULES = {"opencv-python-headless": "cv2", "pillow": "PIL"}
 COMPILER = "llvmlite"  # numba's
@@ -44,19 +48,34 @@ def names(requirements):
     return {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
 
 
+def files_of(folder):
+    """Return the files of a folder, relative to the repository."""
+    paths = set()
+    for path in (ROOT / folder).rglob("*"):
+        if path.is_file() and "__pycache__" not in path.parts:
+            paths.add(path.relative_to(ROOT).as_posix())
+    return paths
+
+
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """The wheel, built from a copy of the sources, so that nothing is left in them."""
+def distributions(tmp_path_factory):
+    """The folder of the distributions, built from a copy of the sources, so that nothing is left in
+    them."""
     copy = tmp_path_factory.mktemp("sources")
     for name in SOURCES:
         shutil.copy(ROOT / name, copy)
-    for name in PACKAGES:
+    for name in FOLDERS:
         unwanted = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / name, copy / name, ignore=unwanted)
-    program = [sys.executable, "-c", BUILD, str(copy)]
+    program = [sys.executable, "-c", BUILD]
     done = subprocess.run(program, cwd=copy, capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr
-    (path,) = copy.glob("*.whl")
+    return copy / "dist"
+
+
+@pytest.fixture(scope="module")
+def wheel(distributions):
+    (path,) = distributions.glob("*.whl")
     return zipfile.ZipFile(path)
 
 
@@ -71,17 +90,18 @@ def test_metadata_repeats_the_project(wheel):
     assert set(metadata.get_all("Provides-Extra")) == set(PROJECT["optional-dependencies"])
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_every_file_of_a_package_is_in_the_wheel(wheel, package):
-    expected = set()
-    for path in (ROOT / package).rglob("*"):
-        if path.is_file() and "__pycache__" not in path.parts:
-            expected.add(path.relative_to(ROOT).as_posix())
-    assert expected <= set(wheel.namelist())
+def test_the_wheel_holds_the_library_alone(wheel):
+    files = {name for name in wheel.namelist() if ".dist-info/" not in name}
+    assert files == files_of("moireaug")
 
 
-def test_the_recipes_come_with_the_package():
-    assert RECIPES.parent == ROOT / "training" and any(RECIPES.glob("*.yaml"))
+def test_the_source_distribution_holds_the_commands_and_their_recipes(distributions):
+    (path,) = distributions.glob("*.tar.gz")
+    with tarfile.open(path) as archive:
+        files = {name.partition("/")[2] for name in archive.getnames()}
+    assert "recipes/demoireing/demoire.yaml" in files
+    for folder in FOLDERS:
+        assert files_of(folder) <= files
 
 
 def test_the_core_works_without_any_extra(wheel, tmp_path):
@@ -127,3 +147,8 @@ def test_no_module_of_the_core_imports_what_only_an_extra_installs():
         for path in modules:
             assert not imported(path) - allowed, path
     assert {"evaluation", "defenses"} <= set(asking)
+
+
+def test_the_library_imports_nothing_of_the_commands():
+    for path in (ROOT / "moireaug").rglob("*.py"):
+        assert "training" not in imported(path), path

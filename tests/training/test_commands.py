@@ -1,6 +1,7 @@
 """Errors of the commands stand on lines of their own, disks are tried first, and sweeps outlive a
 failed job."""
 
+import contextlib
 import errno
 import io
 import logging
@@ -12,14 +13,29 @@ from pathlib import Path
 
 import pytest
 import torch
+from hydra.core.global_hydra import GlobalHydra
 from torch._utils import ExceptionWrapper
 from tqdm import tqdm
 
 from moireaug.synthesis.pictures import NoPictureError
 from tests.training.small import TINY, configured, inside
 from tests.training.strangers import put
-from training import fit, machine, messages, processes, reattack, runs, suites
+from training import (
+    calibrate,
+    commands,
+    demoire,
+    fit,
+    frontier,
+    machine,
+    messages,
+    processes,
+    reattack,
+    runs,
+    suites,
+    synthesise,
+)
 from training.messages import sentence
+from training.schema import Config
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -64,7 +80,7 @@ LIGHT = [
     ("training.synthesise", ("torchvision", "lightning", "pandas", "matplotlib")),
     ("moireaug.evaluation", ("torchvision", "lightning", "matplotlib")),
     ("training.frontier", ("torchvision", "lightning")),
-    ("training.calibrate", ("torchvision", "lightning")),
+    ("training.calibrate", ("torchvision", "lightning", "cma")),
     ("training.fit", ("torchvision", "lightning")),
     ("training.train", ()),
 ]
@@ -111,6 +127,33 @@ def test_help_is_what_the_command_does_and_its_settings(script, module, tmp_path
     out = inside(script, "--help", cwd=tmp_path).stdout
     assert out.startswith(module.__doc__.splitlines()[0])
     assert "Settings, of which training/schema.py says what they are" in out and "\ntrain:\n" in out
+
+
+def run_fit(argv):
+    sys.argv = ["fit.py", *argv]
+    commands.run(fit.main, Config)
+
+
+MAINS = {
+    "fit": run_fit,
+    "frontier": frontier.main,
+    "calibrate": calibrate.main,
+    "synthesise": synthesise.main,
+    "demoire": demoire.main,
+}
+
+
+@pytest.mark.parametrize("errors", ["strict", "surrogateescape"])
+@pytest.mark.parametrize("name", MAINS)
+def test_every_command_prints_what_its_output_can_show(name, errors, monkeypatch):
+    GlobalHydra.instance().clear()
+    monkeypatch.setattr(sys, "argv", [])
+    monkeypatch.setattr(sys, "stderr", sys.stderr)
+    monkeypatch.setattr(sys, "stdout", output := io.TextIOWrapper(io.BytesIO(), "ascii", errors))
+    with contextlib.suppress(SystemExit):
+        MAINS[name](["--help"])
+    print("Moiré: −1 × 2", flush=True)
+    assert output.buffer.getvalue().endswith(b"Moire: -1 x 2\n")
 
 
 @pytest.mark.parametrize(("accelerator", "device"), [("auto", "H100"), ("cpu", "cpu")])

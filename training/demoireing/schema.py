@@ -1,5 +1,5 @@
 """Every setting of a run that trains a demoiréing network; its recipes are in
-`training/recipes/demoireing/`.
+`recipes/demoireing/`.
 
 Durations are in steps, sizes in pixels.
 """

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from moireaug import Scene
-from moireaug.explore.controls import shown
+from training.explorer.controls import shown
 
 # Gradio and its imports issue warnings of their own
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -23,9 +23,9 @@ pytestmark = pytest.mark.filterwarnings("ignore")
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     gradio = pytest.importorskip("gradio", reason="the extra [explore] is not installed")
-    from moireaug.explore import page
+    from training.explorer import page
 
-ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = Path(__file__).resolve().parents[3] / "training/explore.py"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 VALUES = shown(Scene.preset("screen_photo"))
 
@@ -76,9 +76,9 @@ def url():
     with socket.socket() as probe:
         probe.bind((page.HOST, 0))
         port = probe.getsockname()[1]
-    command = [sys.executable, "-u", "-m", "moireaug.explore", "--quiet", f"--port={port}"]
+    command = [sys.executable, "-u", str(SCRIPT), "--quiet", f"--port={port}"]
     env = os.environ | {"OMP_NUM_THREADS": "1"}
-    with subprocess.Popen(command, cwd=ROOT, env=env, stdout=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True) as server:
         line = server.stdout.readline()
         yield re.search(r"http://\S+", line)[0]
         server.kill()

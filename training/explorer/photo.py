@@ -63,23 +63,19 @@ SAMPLES = {
 
 
 def read(path: str) -> Picture:
-    """Return the picture in a file.
+    """Return the picture in a file, upright.
 
     Raises:
         ValueError: the file cannot be read as a picture, or has more than `MOST` pixels.
     """
-    try:
-        with Image.open(path) as opened:
-            width, height = opened.size
-    except (OSError, Image.DecompressionBombError):
-        width = height = 0  # `images.read` raises the error for it
+    width, height = images.size_of(path)
     if width * height > MOST:
         raise ValueError(
             f"{Path(path).name} has {width} x {height} pixels, more than the explorer's limit of "
             f"{MOST / 1e6:g} megapixels. Make it smaller, or use moireaug.capture, which takes any "
             "size."
         )
-    return np.asarray(images.read_upright(path))  # upright, as viewers show it
+    return np.asarray(images.read_picture(path))
 
 
 def as_batch(picture: Picture) -> Tensor:

@@ -1,16 +1,21 @@
 """Open the explorer in a browser.
 
-    python -m moireaug.explore
-    python -m moireaug.explore --run runs/moire_at/seed0
+    python training/explore.py
+    python training/explore.py --run runs/moire_at/seed0
 
 It listens on 127.0.0.1 only and sends nothing anywhere else.
 """
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 from moireaug.extras import require
 
@@ -22,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         SystemExit: the extra is not installed (the message says how to install it), the port is
             taken, or there is no such run.
     """
-    parser = argparse.ArgumentParser(prog="python -m moireaug.explore", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python training/explore.py", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--port", type=port, help="default: 7860 or the next free one")
     parser.add_argument("--run", default="", help="the folder of a run, for the second tab")
@@ -31,11 +36,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     if args.run and not Path(args.run).is_dir():
         raise SystemExit(f"error: --run {args.run}: there is no such folder.")
     try:
-        require("explore", "moireaug.explore")
+        require("explore", "training/explore.py")
     except ModuleNotFoundError as error:
         raise SystemExit(f"error: {error}") from None
 
-    from moireaug.explore import page
+    from training.explorer import page
 
     try:
         page.serve(args.run, args.port, in_browser=not args.quiet)

@@ -14,13 +14,12 @@ from torch import nn
 
 from moireaug import Layout, Panel, Scene, capture
 from moireaug.effects.base import WithinExposure
-from moireaug.explore import __main__ as command
-from moireaug.explore import attack, photo, words
-from moireaug.explore.controls import CONTROLS, documented, scene_of, shown
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS, Lens
 from moireaug.scene.presets import PRESETS
-from training import scenes
+from training import explore, scenes
+from training.explorer import attack, photo, words
+from training.explorer.controls import CONTROLS, documented, scene_of, shown
 
 
 def test_every_field_of_a_scene_has_one_control_that_says_what_it_is():
@@ -218,27 +217,27 @@ def test_without_gradio_the_command_names_the_extra(monkeypatch):
 
     monkeypatch.setattr(importlib.util, "find_spec", find_spec)
     with pytest.raises(SystemExit, match=r"error: .*gradio.*pip install 'moireaug\[explore\]'"):
-        command.main([])
+        explore.main([])
 
 
 def test_a_run_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(SystemExit, match=r"--run .*nowhere: there is no such folder"):
-        command.main(["--run", str(tmp_path / "nowhere")])
+        explore.main(["--run", str(tmp_path / "nowhere")])
 
 
 def test_the_command_serves_the_run_that_it_is_given(monkeypatch, tmp_path):
     served = []
     page = types.ModuleType("page")
     page.serve = lambda run, port, in_browser: served.append((run, port, in_browser))
-    monkeypatch.setattr(command, "require", lambda *_: None)
-    monkeypatch.setitem(sys.modules, "moireaug.explore.page", page)
-    monkeypatch.setattr("moireaug.explore.page", page, raising=False)
-    command.main(["--run", str(tmp_path), "--port", "7999", "--quiet"])
+    monkeypatch.setattr(explore, "require", lambda *_: None)
+    monkeypatch.setitem(sys.modules, "training.explorer.page", page)
+    monkeypatch.setattr("training.explorer.page", page, raising=False)
+    explore.main(["--run", str(tmp_path), "--port", "7999", "--quiet"])
     assert served == [(str(tmp_path), 7999, False)]
 
 
 @pytest.mark.parametrize("port", ["0", "70000", "-1", "http"])
 def test_a_port_that_no_machine_has_is_refused(port, capsys):
     with pytest.raises(SystemExit):
-        command.main([f"--port={port}", "--quiet"])
+        explore.main([f"--port={port}", "--quiet"])
     assert "a port is a number from 1 to 65535" in capsys.readouterr().err

@@ -12,12 +12,12 @@ from typing import Any
 
 import gradio as gr
 
-from moireaug.explore import attack, photo
-from moireaug.explore.controls import CONTROLS, Control, scene_of, shown
-from moireaug.explore.words import as_python, as_yaml
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.scene import Scene
+from training.explorer import attack, photo
+from training.explorer.controls import CONTROLS, Control, scene_of, shown
+from training.explorer.words import as_python, as_yaml
 
 HOST = "127.0.0.1"
 LARGEST_FILE = "20mb"

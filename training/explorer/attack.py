@@ -15,9 +15,9 @@ from moireaug.evaluation.conditions import EvalBatch
 from moireaug.evaluation.report.page import shown, title_of
 from moireaug.evaluation.suites.ladder import rungs
 from moireaug.evaluation.tables import SuiteConfig
-from moireaug.explore.photo import Picture, as_picture
 from moireaug.scene.scene import Scene
 from training import data, saved
+from training.explorer.photo import Picture, as_picture
 
 IMAGES = 24  # how many of a run's test images there are to choose from
 
@@ -65,7 +65,9 @@ def open_run(folder: str) -> Run:
         pictures.append(picture)
         labels.append(int(label))
     images = torch.stack(pictures).float() / 255
-    return Run(folder.strip(), found.model(), images, torch.tensor(labels), splits.classes)
+    return Run(
+        folder.strip(), found.model(), images, torch.tensor(labels, device="cpu"), splits.classes
+    )
 
 
 def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int = 0) -> list[Rung]:
