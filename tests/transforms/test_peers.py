@@ -11,14 +11,15 @@ import pytest
 import torch
 from torchvision.transforms import v2
 
-from moireaug import Scene, Sensor, capture, expose
+from moireaug import Lens, Scene, Sensor, capture, expose
 from moireaug.transforms import AdversarialMoire, RandomMoire, albumentations, kornia
 from moireaug.transforms.torchvision import apply_shot
 
 import cv2  # isort: skip
 
 DRAWS, SIZE = 60, (12, 16)
-SCENE = Scene(sensor=Sensor(gain=2.0, exposure="mean"))
+# a lens without blur would take twenty times as long
+SCENE = Scene(lens=Lens(blur=0.4), sensor=Sensor(gain=2.0, exposure="mean"))
 BICUBIC = v2.InterpolationMode.BICUBIC
 
 
