@@ -32,8 +32,8 @@ BACKEND = "MPLBACKEND"  # matplotlib's variable
 
 
 def drop_missing_backend() -> None:
-    """Drop a backend of matplotlib that is not installed from the environment: with it, matplotlib
-    cannot be imported.
+    """Drop a backend of matplotlib that is unknown from the environment: with it, matplotlib cannot
+    be imported.
 
     A notebook's commands inherit the notebook's backend, which their own Python may not have.
     Figures are drawn into files here, and need none.

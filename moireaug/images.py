@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-KEPT = ("exif", "icc_profile")
+KEPT_INFO_KEYS = ("exif", "icc_profile")
 ORIENTATION = 0x0112  # the key in EXIF data
-LYING = (5, 6, 7, 8)  # orientations with width and height exchanged
+TRANSPOSED_ORIENTATIONS = (5, 6, 7, 8)  # orientations with width and height exchanged
 # what PIL raises for damaged EXIF data depends on the byte
 DAMAGED_EXIF = (
     *(SyntaxError, struct.error, EOFError),
     *(AttributeError, TypeError, ValueError, LookupError, ArithmeticError),
 )
-DEEP = ("I;16", "I;16L", "I;16B")  # 16-bit grey
+DEEP_GREY_MODES = ("I;16", "I;16L", "I;16B")  # 16-bit grey
 AS_RGB = (
     "1",
     "L",
@@ -47,7 +47,7 @@ def read_picture(path: str | Path) -> Image.Image:
         image.load()
         _turn_upright(image)
         picture = _rgb(image)
-        for name in KEPT:
+        for name in KEPT_INFO_KEYS:
             if name in image.info:
                 picture.info[name] = image.info[name]
         return picture
@@ -61,15 +61,15 @@ def size_of(path: str | Path) -> tuple[int, int]:
     """
     with _opened(path) as image:
         width, height = image.size
-        return (height, width) if _is_lying(image) else (width, height)
+        return (height, width) if _is_transposed(image) else (width, height)
 
 
-def _is_lying(image: Image.Image) -> bool:
+def _is_transposed(image: Image.Image) -> bool:
     """Return whether an image's width and height are exchanged when it is turned upright."""
     if image.format == "TIFF":  # PIL gives its size upright
         return False
     try:
-        return image.getexif().get(ORIENTATION) in LYING
+        return image.getexif().get(ORIENTATION) in TRANSPOSED_ORIENTATIONS
     except DAMAGED_EXIF:
         return False
 
@@ -100,7 +100,7 @@ def _opened(path: str | Path) -> Iterator[Image.Image]:
 
 def _rgb(image: Image.Image) -> Image.Image:
     # PIL opens 16-bit PGM files as 32-bit numbers, stretched to 65535
-    if image.mode in DEEP or (image.mode == "I" and image.format == "PPM"):
+    if image.mode in DEEP_GREY_MODES or (image.mode == "I" and image.format == "PPM"):
         return _high_byte(image)
     if image.has_transparency_data:
         return _on_white(image)

@@ -19,14 +19,15 @@ RESEMBLING = {
     **dict.fromkeys("‘’", "'"),
     **dict.fromkeys("“”", '"'),
     **{"×": "x", "✗": "x", "✓": "v", "·": ".", "●": "*", "†": "+", "│": "|", "⁄": "/"},
-    **{"→": "->", "±": "+-", "≤": "<=", "≥": ">=", "°": " deg"},
+    **{"→": "->", "±": "+-", "≤": "<=", "≥": ">=", "≠": "!=", "°": " deg"},
+    **{"«": '"', "»": '"', "ß": "ss", "æ": "ae", "œ": "oe", "ø": "o", "ł": "l"},
     **{"δ": "delta", "ε": "eps", "μ": "u", "σ": "sigma"},
 }
 
 
 def use_legible(stream: Any) -> None:
-    """Have a stream print what its encoding lacks legibly, if it can be told to; a handler that
-    was chosen with PYTHONIOENCODING stays.
+    """Have a stream print what its encoding lacks legibly, if it can be told to; the handlers
+    "replace" and "ignore", chosen with PYTHONIOENCODING, stay.
 
     Args:
         stream: `sys.stdout` or `sys.stderr`, or anything that stands in for them.

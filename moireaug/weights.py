@@ -25,8 +25,9 @@ def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Te
     """Return the state_dict that a file holds, alone or in a checkpoint, with the names of the bare
     model.
 
-    A wrapper's prefix is taken off the names, and what the wrapper holds beside the model, such as
-    a counter or the buffers of metrics, is left out.
+    A wrapper's prefix is taken off the names, and what the wrapper holds besides the model, such as
+    a counter or the buffers of metrics, is left out: a model with layers called "module" or "model"
+    next to others cannot be read.
 
     Args, Raises: as `read_weights`; ValueError also for a file without a state_dict.
     """
@@ -91,13 +92,12 @@ def _is_state_dict(content: Any) -> bool:
 
 def _without_wrappers(state: dict[str, Tensor]) -> dict[str, Tensor]:
     """Return the part of a state_dict that is the wrapped model's, with the model's names."""
-    for prefix in WRAPPERS:
+    while prefix := next((p for p in WRAPPERS if any(name.startswith(p) for name in state)), None):
         wrapped = {}
         for name, value in state.items():
             if name.startswith(prefix):
                 wrapped[name.removeprefix(prefix)] = value
-        if wrapped:
-            return _without_wrappers(wrapped)
+        state = wrapped
     return state
 
 

@@ -1,6 +1,9 @@
 """The networks that a model computes with, and the modes that they come back in."""
 
+import collections
+import dataclasses
 import functools
+import weakref
 
 import pytest
 import torch
@@ -65,6 +68,24 @@ class Called(Owner):
     __call__ = Owner.logits
 
 
+@dataclasses.dataclass(slots=True)
+class Slotted:
+    net: nn.Module
+
+    def __call__(self, x):
+        return self.net(x)
+
+
+def of_class(net):
+    class Holder:
+        model = net
+
+        def __call__(self, x):
+            return self.model(x)
+
+    return Holder()
+
+
 class Listed(nn.Module):
     """Holds a network that is not its submodule."""
 
@@ -105,6 +126,9 @@ CALLABLES = {
     "decorated": lambda net: decorated(lambda x: net(x)),
     "method": lambda net: Owner(net).logits,
     "object": Called,
+    "slots": Slotted,
+    "class": of_class,
+    "deque": lambda net: lambda x, nets=collections.deque([net]): nets[0](x),
     "lambda of an object": lambda net: (lambda model: lambda x: model(x))(Called(net)),
     "lambda of a method": lambda net: (lambda logits: lambda x: logits(x))(Owner(net).logits),
     "list in a module": Listed,
@@ -239,8 +263,61 @@ def test_a_module_without_modes_is_attacked_as_it_is():
 
 def test_a_demoireing_network_keeps_its_mode():
     net = nn.Sequential(nn.Conv2d(3, 3, 1), nn.BatchNorm2d(3)).train()
-    Demoire(net)(IMAGES)
+    defended = Defended(lambda x: x.mean((2, 3)), Demoire(net))
+    assert net.training
+    attacks.PGD(defended, steps=2)(IMAGES, LABELS % 3)
     assert net.training and net[1].num_batches_tracked == 0
+
+
+class Siamese(nn.Module):
+    """Two parents of one frozen child."""
+
+    def __init__(self):
+        super().__init__()
+        self.shared = nn.BatchNorm2d(3)
+        self.first = nn.Sequential(self.shared, nn.Conv2d(3, 3, 1))
+        self.second = nn.Sequential(self.shared)
+        self.train()
+        self.shared.eval()
+
+    def forward(self, x):
+        return (self.first(x) + self.second(x)).mean((2, 3))
+
+
+def test_a_frozen_child_of_several_parents_stays_frozen():
+    net = Siamese()
+    stem, head = nn.BatchNorm2d(3).eval(), nn.Conv2d(3, 3, 1)
+    whole = nn.Sequential(stem, head)
+    models = [net, lambda x: head(stem(x)).mean((2, 3)) + whole(x).mean((2, 3))]
+    before = [m.training for part in (net, whole) for m in part.modules()]
+    for model in models:
+        with in_evaluation_mode(model):
+            pass
+    assert [m.training for part in (net, whole) for m in part.modules()] == before
+
+
+@pytest.mark.parametrize("first_out", [0, 1])
+def test_of_overlapping_blocks_the_last_one_restores(first_out):
+    net = network().train()
+    blocks = [in_evaluation_mode(net), in_evaluation_mode(net[4])]
+    for block in blocks:
+        block.__enter__()
+    blocks[first_out].__exit__(None, None, None)
+    assert not net[4].training and net[4].merged
+    blocks[1 - first_out].__exit__(None, None, None)
+    assert all(module.training for module in net.modules()) and not net[4].merged
+
+
+def test_what_raises_when_it_is_looked_at_is_passed_over():
+    class Odd(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.net = GLOBAL
+            owner = Owner(None)
+            self.gone = weakref.proxy(owner)  # whose owner ends here
+
+    assert len(networks_of(Odd())) == 1
+    assert networks_of(lambda x, deep=[[i] * 900 for i in range(900)]: x) == []
 
 
 def test_a_device_is_known_by_weights_or_buffers():

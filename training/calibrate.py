@@ -23,7 +23,7 @@ import sys
 from pathlib import Path
 
 if __name__ == "__main__":  # search the repository, not this folder: a user has a models.py too
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+    sys.path[: not sys.flags.safe_path] = [str(Path(__file__).resolve().parents[1])]
 
 import os
 import shlex

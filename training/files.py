@@ -12,7 +12,8 @@ import torch
 import yaml
 
 LONGEST = 1_000_000  # bytes of a config.yaml; fit.py writes about two thousand
-LONGEST_REASON = 300  # characters of PyYAML's words that are shown
+MAX_REASON_CHARACTERS = 300  # of PyYAML's words that are shown
+MERGE_TAG = "tag:yaml.org,2002:merge"  # of "<<", which may stand more than once
 DEEPEST = 32  # levels of its lists and mappings; fit.py writes four; time grows as their square
 
 
@@ -23,17 +24,17 @@ class UniqueKeyLoader(yaml.SafeLoader):
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         """Return a mapping's node, as PyYAML asks for it."""
         node = super().compose_mapping_node(anchor)
-        lines: dict[str, int] = {}
+        lines: dict[tuple[str, str], int] = {}
         for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
+            if not isinstance(key, yaml.ScalarNode) or key.tag == MERGE_TAG:
                 continue
-            line = key.start_mark.line + 1
-            if key.value in lines:
+            line, name = key.start_mark.line + 1, (key.tag, key.value)
+            if name in lines:
                 raise yaml.YAMLError(
-                    f"the key {key.value!r} of line {line} stands in line {lines[key.value]} "
-                    "already: keep one of them"
+                    f"duplicate key {key.value!r} in line {line}, first set in line {lines[name]}: "
+                    "keep one of them"
                 )
-            lines[key.value] = line
+            lines[name] = line
         return node
 
 
@@ -104,7 +105,7 @@ def read_settings(path: Path) -> dict[str, Any]:
         values = None if aliases else yaml.load(text, UniqueKeyLoader)
         plain = json.dumps(values, default=str)
     except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
-        said = " ".join(str(error).split())[:LONGEST_REASON]
+        said = " ".join(str(error).split())[:MAX_REASON_CHARACTERS]
         raise ValueError(f"{path} could not be read as YAML: {said}.") from error
     if aliases or "${" in plain:
         raise ValueError(

@@ -55,7 +55,7 @@ def read(path: Path) -> dict[str, Any]:
         values = yaml.load(path.read_text(encoding="utf-8"), UniqueKeyLoader)
     except OSError as error:
         raise ValueError(f"scene={path} could not be read ({error.strerror}).") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         said = " ".join(str(error).split())
         raise ValueError(f"scene={path} could not be read as YAML: {said}.") from error
     if not isinstance(values, dict):

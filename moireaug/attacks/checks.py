@@ -94,19 +94,16 @@ def check_sizes(step_size: float | None, random_start: float, steps: int) -> Non
         )
 
 
-def as_tensor(labels: np.ndarray, name: str) -> Tensor:
-    """Return a NumPy array of numbers as a tensor.
+def as_tensor(array: np.ndarray, name: str) -> Tensor:
+    """Return a NumPy array of numbers as a tensor on the CPU, of the same dtype.
 
     Raises:
         TypeError: an array of something else, such as strings.
     """
     try:
-        return torch.from_numpy(np.array(labels, labels.dtype.newbyteorder("=")))
+        return torch.from_numpy(np.array(array, array.dtype.newbyteorder("=")))
     except TypeError:
-        raise TypeError(
-            f"{name} must be an integer tensor or array of class indices; got an array of "
-            f"{labels.dtype}."
-        ) from None
+        raise TypeError(f"{name} must hold numbers; got an array of {array.dtype}.") from None
 
 
 def check_labels(labels: Tensor | np.ndarray, n: int, name: str) -> Tensor:
@@ -116,7 +113,8 @@ def check_labels(labels: Tensor | np.ndarray, n: int, name: str) -> Tensor:
         TypeError, ValueError: with what was got and what is allowed.
     """
     labels = as_tensor(labels, name) if isinstance(labels, np.ndarray) else labels
-    if not isinstance(labels, Tensor) or labels.is_floating_point() or labels.dtype == torch.bool:
+    counted = isinstance(labels, Tensor) and labels.dtype != torch.bool
+    if not counted or labels.is_floating_point() or labels.is_complex():
         raise TypeError(
             f"{name} must be an integer tensor or array of class indices; got "
             f"{getattr(labels, 'dtype', type(labels))}."
@@ -125,9 +123,10 @@ def check_labels(labels: Tensor | np.ndarray, n: int, name: str) -> Tensor:
         raise ValueError(
             f"{name} must have the shape ({n},), one class per image; got {tuple(labels.shape)}."
         )
+    labels = labels.long()  # torch compares few unsigned integers
     if n and labels.min() < 0:
         raise ValueError(f"{name} must be class indices >= 0; got {int(labels.min())}.")
-    return labels.long()
+    return labels
 
 
 def check_goals(

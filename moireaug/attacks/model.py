@@ -13,7 +13,7 @@ from moireaug.networks import in_evaluation_mode, networks_of
 
 # what torch says where weights and images differ in precision, or in device
 OTHER_TYPE = r"same dtype|type .* should be the same|expected scalar type"
-ONE_CHANNEL = r"to have 1 channels, but got 3"  # a convolution's words
+ONE_CHANNEL = r"to have 1 channels, but got 3 channels"  # a convolution's words
 
 
 class Normalized(nn.Module):
@@ -54,7 +54,7 @@ class Normalized(nn.Module):
 
 def _mismatch(weight: Tensor | None, images: Tensor | None, reason: str) -> str:
     """Return a sentence on images that do not meet the model's first weight; empty where they do,
-    and something else is amiss.
+    and the error has another cause.
 
     Args:
         reason: torch's words, as in "Input type (torch.FloatTensor) and weight type
@@ -79,9 +79,9 @@ def _mismatch(weight: Tensor | None, images: Tensor | None, reason: str) -> str:
 
 @contextlib.contextmanager
 def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) -> Iterator[None]:
-    """Attack a model: its networks are in evaluation mode, see `networks.in_evaluation_mode`, and
-    gradients are enabled, even under `torch.no_grad` and `torch.inference_mode`, because every
-    attack needs them.
+    """Prepare a model for an attack: put its networks into evaluation mode, see
+    `networks.in_evaluation_mode`, and enable gradients, even under `torch.no_grad` and
+    `torch.inference_mode`, because every attack needs them.
 
     Args:
         images: what the model is called on, for the errors below.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from moireaug.attacks.checks import check_bounds, check_count, check_model
+from moireaug.attacks.checks import as_tensor, check_bounds, check_count, check_model
 from moireaug.checks import check_images
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import Defence, Model
@@ -171,11 +170,6 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
     return batches
 
 
-def _as_tensor(part: Any) -> Tensor:
-    """Return a tensor unchanged, and anything else as one on the CPU, of NumPy's dtype."""
-    return part if isinstance(part, Tensor) else torch.as_tensor(np.asarray(part), device="cpu")
-
-
 def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
     """Return what a loader has yielded as images and labels; uint8 images as float in [0, 1]."""
     if isinstance(pair, Tensor):
@@ -190,7 +184,10 @@ def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
         raise ValueError(
             f"loader must yield (images, labels); got {got}. Wrap it: (({picked}) for b in loader)."
         )
-    images, labels = (_as_tensor(part) for part in pair)
+    images, labels = (
+        part if isinstance(part, Tensor) else as_tensor(np.asarray(part), name)
+        for part, name in zip(pair, ("images", "labels"), strict=True)
+    )
     if labels.ndim == 2 and len(labels) == len(images) and images.ndim == 4:
         raise ValueError(
             f"loader must yield labels (B,), one class each; got {tuple(labels.shape)}. Pass "

@@ -277,7 +277,8 @@ class AdversarialMoire(RandomMoire):
         given = [planes(picture) for picture in itertools.chain(*pictures.values())]
         model = self.attack.model
         shown = torch.cat([as_shown(picture) for picture in given]).to(device_of(model))
-        attack = replace(self.attack, model=model_of_photos(model, given[0].to(shown.device)))
+        coloured = max(given, key=lambda picture: picture.shape[1])  # if any is
+        attack = replace(self.attack, model=model_of_photos(model, coloured.to(shown.device)))
         result = attack(  # of one eps
             as_model_takes(shown, model),
             torch.full((len(shown),), label, device="cpu"),

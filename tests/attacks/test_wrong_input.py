@@ -100,7 +100,9 @@ BAD = [
     (lambda m, x, y: PGD(m)(x.double(), y), "model(images.to(torch.float32))"),
     (lambda m, x, y: PGD(m)(x[:, :1], y), "Show grey images as RGB, images.expand(-1, 3, -1, -1)"),
     (lambda m, x, y: PGD(nn.Conv2d(1, 5, 16))(x, y), "model(rgb_to_grayscale(images))"),
-    (lambda m, x, y: PGD(m)(x, np.array(["a"] * 6)), "array of class indices; got an array of <U1"),
+    (lambda m, x, y: PGD(m)(x, np.arange(6, dtype=np.uint16) + 7), "the model's classes; got 12"),
+    (lambda m, x, y: PGD(m)(x, np.zeros(6, complex)), "must be an integer tensor or array"),
+    (lambda m, x, y: PGD(m)(x, np.array(["a"] * 6)), "must hold numbers; got an array of <U1"),
     (lambda m, x, y: PGD(Elsewhere())(x, y), "is on cpu and does not take these images (Input"),
     (lambda m, x, y: PGD(Elsewhere())(x, y), "should be the same): pass images.to('cpu')."),
 ]

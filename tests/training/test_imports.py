@@ -22,20 +22,22 @@ import os, sys
 class Stop:
     def find_spec(self, name, *rest):
         if name.split(".")[0] not in sys.stdlib_module_names:
-            print(name, sys.path[0], flush=True)
+            print(*sys.path[:2], sep="\n", flush=True)
             os._exit(0)
 
 sys.meta_path.insert(0, Stop())
 """
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_searches_the_repository_instead_of_its_own_folder(command, tmp_path):
+@pytest.mark.parametrize(
+    ("command", "flags"), [*((command, ()) for command in COMMANDS), ("fit", ("-P",))]
+)
+def test_a_command_searches_the_repository_instead_of_its_own_folder(command, flags, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(STOP)
-    script = [sys.executable, str(ROOT / f"training/{command}.py")]
+    script = [sys.executable, *flags, str(ROOT / f"training/{command}.py")]
     env = os.environ | {"PYTHONPATH": str(tmp_path)}
     done = subprocess.run(script, cwd=tmp_path, env=env, capture_output=True, text=True)
-    assert done.stdout.split()[1:] == [str(ROOT)], done
+    assert done.stdout.splitlines() == [str(ROOT), str(tmp_path)], done
 
 
 MODELS = """

@@ -47,9 +47,11 @@ def test_a_file_is_the_scene_that_it_describes(file):
         ("tolerance: 1e-3", "must be a number"),  # which YAML takes for a word
         (
             "lens: {blur: 1}\npanel: {}\nlens: {}",
-            "the key 'lens' of line 3 stands in line 1 already",
+            "duplicate key 'lens' in line 3, first set in line 1",
         ),
-        ("lens:\n  blur: 1\n  blur: 2", "the key 'blur' of line 3 stands in line 2 already"),
+        ("lens:\n  blur: 1\n  blur: 2", "duplicate key 'blur' in line 3, first set in line 2"),
+        ("lens: {blur: 2026-13-45}", "could not be read as YAML"),
+        ("[" * 5000, "could not be read as YAML"),
         (b"\xff\xfe\xff", "could not be read as YAML"),
     ],
 )

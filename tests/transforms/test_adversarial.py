@@ -192,8 +192,8 @@ def test_the_memory_layout_is_kept(p, model):
 
 def test_labels_may_be_numpy_arrays(model):
     expected = drawn(attack(model), IMAGES, LABELS)[0]
-    for labels in (np.arange(4), np.arange(4, dtype=">i4"), np.eye(4, dtype=np.float32)):
+    for labels in (np.arange(4), np.arange(4, dtype=">i4"), np.eye(4, dtype=np.uint16)):
         shown, same = drawn(attack(model), IMAGES, labels)
         assert same is labels and torch.equal(shown, expected)
-    with pytest.raises(TypeError, match="array of class indices; got an array of <U1"):
+    with pytest.raises(TypeError, match="must hold numbers; got an array of <U1"):
         attack(model)(IMAGES, np.array(list("abcd")))

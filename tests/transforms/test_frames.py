@@ -19,7 +19,7 @@ LEADS = {"image": (), "images": (3,), "volume": (3,), "volumes": (2, 2)}
 
 
 @pytest.fixture
-def still():
+def repeated():
     """(4, 9, 12, 3): one picture four times."""
     picture = np.random.default_rng(0).random(SHAPE).astype(np.float32)
     return np.repeat(picture[None], 4, 0)
@@ -37,40 +37,40 @@ def photos_by_hand(picture, shot, n):
 
 @pytest.mark.parametrize("frame", ["registered", "camera"])
 @pytest.mark.parametrize("target", LEADS)
-def test_a_target_s_pictures_differ_in_sensor_noise(target, frame, still, request):
+def test_a_target_s_pictures_differ_in_sensor_noise(target, frame, repeated, request):
     steps = A.ReplayCompose([door.RandomMoire(request.getfixturevalue(frame), p=1)])
-    out = steps(**{target: of_target(target, still)})
+    out = steps(**{target: of_target(target, repeated)})
     shot = Shot.from_dict(out["replay"]["transforms"][0]["params"]["shot"])
     photos = out[target].reshape(-1, *SHAPE)
-    assert np.array_equal(photos, photos_by_hand(still[0], shot, len(photos)))
+    assert np.array_equal(photos, photos_by_hand(repeated[0], shot, len(photos)))
     assert len({photo.tobytes() for photo in photos}) == len(photos)
 
 
-def test_a_video_s_frames_are_those_of_images(registered, still):
+def test_a_video_s_frames_are_those_of_images(registered, repeated):
     shot = registered.sample(1, SHAPE[:2], torch.Generator().manual_seed(0))
-    video = tv_tensors.Video(torch.from_numpy(still).permute(0, 3, 1, 2))
+    video = tv_tensors.Video(torch.from_numpy(repeated).permute(0, 3, 1, 2))
     frames = torchvision.apply_shot(video, shot).permute(0, 2, 3, 1).numpy()
-    assert np.array_equal(frames, door.apply_to_all(still, shot))
-    assert np.array_equal(frames, photos_by_hand(still[0], shot, 4))
+    assert np.array_equal(frames, door.apply_to_all(repeated, shot))
+    assert np.array_equal(frames, photos_by_hand(repeated[0], shot, 4))
 
 
-def test_without_sensor_noise_the_pictures_of_a_target_are_alike(registered, still):
+def test_without_sensor_noise_the_pictures_of_a_target_are_alike(registered, repeated):
     quiet = dataclasses.replace(
         registered, sensor=dataclasses.replace(registered.sensor, read_noise=0.0)
     )
-    photos = A.Compose([door.RandomMoire(quiet, p=1)])(images=still)["images"]
-    assert np.array_equal(photos, np.repeat(photos[:1], 4, 0)) and np.any(photos != still)
+    photos = A.Compose([door.RandomMoire(quiet, p=1)])(images=repeated)["images"]
+    assert np.array_equal(photos, np.repeat(photos[:1], 4, 0)) and np.any(photos != repeated)
 
 
-def test_the_masks_of_a_volume_move_alike(camera, still):
+def test_the_masks_of_a_volume_move_alike(camera, repeated):
     out = A.Compose([door.RandomMoire(camera, p=1)])(
-        volume=still, mask3d=np.ones((4, 9, 12), np.uint8)
+        volume=repeated, mask3d=np.ones((4, 9, 12), np.uint8)
     )
     assert np.array_equal(out["mask3d"], np.repeat(out["mask3d"][:1], 4, 0))
 
 
 @pytest.mark.parametrize("targets", [["images"], ["image", "images", "volumes"]], ids=str)
-def test_the_photos_are_those_that_the_attack_found(targets, registered, still, monkeypatch):
+def test_the_photos_are_those_that_the_attack_found(targets, registered, repeated, monkeypatch):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
     adversarial = door.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)
     results, attack = [], MoireAttack.__call__
@@ -81,6 +81,6 @@ def test_the_photos_are_those_that_the_attack_found(targets, registered, still, 
 
     monkeypatch.setattr(MoireAttack, "__call__", recorded)
     steps = A.Compose([adversarial], is_check_shapes=False, seed=0)
-    out = steps(**{target: of_target(target, still) for target in targets}, label=1)
+    out = steps(**{target: of_target(target, repeated) for target in targets}, label=1)
     photos = np.concatenate([out[target].reshape(-1, *SHAPE) for target in targets])
     assert np.array_equal(photos, results[0].images.permute(0, 2, 3, 1).numpy())

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from torch import Tensor, nn
 
 from moireaug.defenses.base import Defence, straight_through
-from moireaug.networks import in_evaluation_mode
 
 
 @dataclass(frozen=True)
@@ -17,9 +16,10 @@ class Demoire(Defence):
 
     Args:
         network: from `demoire.build` or `demoire.load`, or any callable from images (B, 3, H, W) in
-            [0, 1] to images of the same shape, clipped here. A module is called in evaluation mode,
-            and keeps its own; images are computed in the dtype of its parameters. It may name
-            itself in tables by an attribute `title`.
+            [0, 1] to images of the same shape, clipped here. A module is called in the mode that it
+            is in; attacks and `evaluate` put it into evaluation, as they do the model. Images are
+            computed in the dtype of its parameters. It may name itself in tables by an attribute
+            `title`.
 
     Backward: the network's own gradient; where its output is clipped, that of the unclipped one.
 
@@ -50,8 +50,7 @@ class Demoire(Defence):
         shown = images
         if isinstance(self.network, nn.Module):
             shown = images.to(next(self.network.parameters(), images).dtype)
-        with in_evaluation_mode(self.network):
-            out = self.network(shown)
+        out = self.network(shown)
         if out.shape != images.shape:
             raise ValueError(
                 f"a demoiréing network must keep the images' shape {tuple(images.shape)}; "
