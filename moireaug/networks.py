@@ -119,16 +119,11 @@ def networks_of(model: object) -> list[nn.Module]:
     networks: list[nn.Module] = []
     inner: set[int] = set()
     for part in walk(model, _can_hold_networks):
-        if _is_network(part) and id(part) not in inner:
-            networks.append(part)
-            inner.update(map(id, part.modules()))
+        with contextlib.suppress(Exception):  # of proxies, and of mocks, which have no modules
+            if isinstance(part, nn.Module) and id(part) not in inner:
+                inner.update(map(id, part.modules()))
+                networks.append(part)
     return networks
-
-
-def _is_network(part: Any) -> bool:
-    with contextlib.suppress(Exception):  # of proxies
-        return isinstance(part, nn.Module)
-    return False
 
 
 def _can_hold_networks(part: Any) -> bool:

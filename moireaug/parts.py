@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import sys
 import sysconfig
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from types import (
     CodeType,
@@ -139,7 +139,11 @@ def _attributes_of(owner: Any) -> list[Any]:
 def _is_of_library(namespace: dict[str, Any]) -> bool:
     """Return whether a module's globals belong to Python, this package or an installed one: they
     hold nothing of the user's, and lead everywhere."""
-    name, file = str(namespace.get("__name__")), namespace.get("__file__")
+    return _is_in_library(str(namespace.get("__name__")), namespace.get("__file__"))
+
+
+@functools.cache
+def _is_in_library(name: str, file: str | None) -> bool:
     if name.partition(".")[0] == OWN_PACKAGE or name in sys.builtin_module_names:
         return True
     if not file:  # a notebook
@@ -152,7 +156,7 @@ def _is_of_library(namespace: dict[str, Any]) -> bool:
 # how to list the parts of each kind of object; every row that matches applies
 PARTS: tuple[tuple[type | tuple[type, ...], Callable[[Any], Iterable[Any]]], ...] = (
     ((list, tuple, deque, dict, MappingProxyType), _entries_of),
-    (partial, lambda call: (call.func, call.args, call.keywords)),
+    (functools.partial, lambda call: (call.func, call.args, call.keywords)),
     (MethodType, lambda method: (method.__self__, method.__func__)),
     (MethodType, lambda method: _attributes_of(method.__self__)),
     ((staticmethod, classmethod), lambda method: (method.__func__,)),

@@ -4,6 +4,7 @@ import collections
 import dataclasses
 import functools
 import weakref
+from unittest import mock
 
 import pytest
 import torch
@@ -317,6 +318,7 @@ def test_what_raises_when_it_is_looked_at_is_passed_over():
             self.gone = weakref.proxy(owner)  # whose owner ends here
 
     assert len(networks_of(Odd())) == 1
+    assert networks_of(mock.Mock(spec=nn.Module)) == []
     assert networks_of(lambda x, deep=[[i] * 900 for i in range(900)]: x) == []
 
 
