@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from moireaug.parts import walk
+from moireaug.object_graph import walk
 
 COLLECTIONS = (list, tuple, deque, Mapping)
 

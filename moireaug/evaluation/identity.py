@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 from torch.utils.hooks import RemovableHandle
 
-from moireaug.parts import enclosed_values, named_globals
+from moireaug.object_graph import enclosed_values, named_globals
 
 OF_MODULES = set(vars(nn.Module()))  # of every module: mode, hooks, and tables of its parts
 HOOKS = {"_forward_pre_hooks", "_forward_hooks"}  # of these, what changes a module's answers

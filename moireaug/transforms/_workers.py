@@ -10,7 +10,7 @@ import torch
 from albumentations.core.composition import BaseCompose
 from albumentations.core.transforms_interface import BasicTransform
 
-from moireaug.parts import walk
+from moireaug.object_graph import walk
 
 SEED_STRIDE = 0x9E3779B1  # odd, so that seeds of different transforms and workers differ
 VALUES = (str, bytes, int, float, type(None), np.ndarray, np.generic, torch.Tensor)
