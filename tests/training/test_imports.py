@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "explore")
 
 # a sitecustomize.py: ends a command at its first import from outside Python's own library
-STOP = """
+STOP = r"""
 import os, sys
 
 class Stop:
@@ -36,7 +36,9 @@ def test_a_command_searches_the_repository_instead_of_its_own_folder(command, fl
     (tmp_path / "sitecustomize.py").write_text(STOP)
     script = [sys.executable, *flags, str(ROOT / f"training/{command}.py")]
     env = os.environ | {"PYTHONPATH": str(tmp_path)}
-    done = subprocess.run(script, cwd=tmp_path, env=env, capture_output=True, text=True)
+    done = subprocess.run(
+        script, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120
+    )
     assert done.stdout.splitlines() == [str(ROOT), str(tmp_path)], done
 
 
