@@ -62,15 +62,15 @@ def unfused(shown: Tensor, shot: Shot) -> Tensor:
 def one_cell(shown: Tensor, shot: Shot) -> Tensor:
     """Return the engine's reading if each sensor pixel sees only the panel pixel in front of its
     centre."""
-    whole = lower_exposure(shot, decoded=False)
+    whole, beats = lower_exposure(shot, decoded=False)
     exposure = whole._replace(
         cell=whole.cell._replace(radius=0),
         # only weights read them, and a single cell has none
         widths=np.minimum(whole.widths, 0.5),
         share=np.zeros_like(whole.share),
     )
-    run.fits(exposure)  # as every exposure does
-    return run.expose(shown, exposure)
+    run.fits(exposure, beats)  # as every exposure does
+    return run.expose(shown, exposure, beats)
 
 
 def first_reading(before: Checkout, name: str) -> Tensor:

@@ -95,7 +95,7 @@ def test_photos_keep_dtype_shape_and_range(name, dtype, images):
     assert photo.isfinite().all() and photo.min() >= 0 and photo.max() <= 1
 
 
-@pytest.mark.parametrize(("execution", "bound"), [("reference", 1e-5), ("engine", 1e-4)])
+@pytest.mark.parametrize(("execution", "bound"), [("reference", 1e-5), ("engine", 1.5e-4)])
 @pytest.mark.parametrize("name", PRESETS)
 def test_float32_stays_near_float64(name, execution, bound, images):
     scene = Scene.preset(name)

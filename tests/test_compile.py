@@ -11,6 +11,7 @@ from moireaug.engine.dispatch import reference
 
 SCENES = {
     "released chain": Scene.preset("paper_code"),
+    "binned": Scene.preset("screen_photo"),
     "everything": Scene(
         panel=Panel(scale=0.9, layout="pentile", pwm=200.0),
         view=View(yaw=10.0),

@@ -88,14 +88,25 @@ def test_image_and_noise(name):
 SCENES["box"] = dataclasses.replace(
     SCENES["spectral"], sensor=dataclasses.replace(SCENES["spectral"].sensor, exposure="box")
 )
+STATED = ("width", "pitch")  # in the screen's terms, which a binned reading takes
+SCENES["binned"] = dataclasses.replace(
+    SCENES["spectral"],
+    panel=dataclasses.replace(SCENES["spectral"].panel, scale=1.0, width=9.0),
+    sensor=dataclasses.replace(SCENES["spectral"].sensor, scale=1.0, pitch=2.1),
+)
+NAMES = ("spectral", "box", "binned")
 FIELDS = [
     (part, f) for part in PARTS for f in getattr(SCENES["spectral"], part).ranged if f != "jpeg"
 ]  # of a file's quality there is no gradient
 
 
-CASES = [(part, field, name) for part, field in FIELDS for name in ("spectral", "box")]
-# which knows of no exposure
-CASES = [case for case in CASES if case[0] != "develop" or case[2] == "spectral"]
+CASES = [(part, field, name) for part, field in FIELDS for name in NAMES]
+# a box knows nothing of developing
+CASES = [case for case in CASES if case[0] != "develop" or case[2] != "box"]
+# the panel's size is stated in one way
+CASES = [
+    case for case in CASES if case[1] not in ((*STATED,) if case[2] != "binned" else ("scale",))
+]
 POINTS = 4 * torch.rand(2, 5, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
 IMAGES = (
     torch.rand(2, 3, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(2)) * 0.5
@@ -123,7 +134,7 @@ def per_photo(shot):
 def slopes():
     """The gradient of each scene's photos in all fields, from one backward pass, and the shot."""
     found = {}
-    for name in ("spectral", "box"):
+    for name in NAMES:
         shot = SCENES[name].sample(2, (4, 5), torch.Generator().manual_seed(5))
         leaves = {}
         for part, field in FIELDS:
@@ -131,7 +142,9 @@ def slopes():
         traced = shot
         for (part, field), leaf in leaves.items():
             traced = with_field(traced, part, field, leaf)
-        gradients = torch.autograd.grad(per_photo(traced).sum(), list(leaves.values()))
+        gradients = torch.autograd.grad(
+            per_photo(traced).sum(), list(leaves.values()), allow_unused=True
+        )
         found[name] = shot, dict(zip(leaves, gradients, strict=True))
     return found
 

@@ -25,15 +25,24 @@ class Demosaic(Effect):
     name = "demosaic"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        if scene.sensor.cfa == "none":
+        if scene.cells == "none":
             return left_out("every pixel reads all colours")
+        if scene.cells == "binned":
+            return called("the two greens of each cell averaged; its pixels were interpolated")
         return called(f"{scene.develop.demosaic}, {scene.sensor.cfa.upper()}")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
+        if shot.scene.cells == "binned":
+            return merged_greens(raw)
         mosaic = unpack(repeat_edges(raw, 1, 1, 1, 1))
         colours = DEMOSAICS[shot.scene.develop.demosaic](mosaic)[..., 2:-2, 2:-2]
         rows, cols = shot.sampled_pixels()
         return colours[..., rows.kept, cols.kept]
+
+
+def merged_greens(raw: Tensor) -> Tensor:
+    """Return the cells of a binned reading (B, 4, h, w) as colours (B, 3, h, w)."""
+    return torch.stack([raw[:, 0], (raw[:, 1] + raw[:, 2]) / 2, raw[:, 3]], 1)
 
 
 def demosaic_bilinear(mosaic: Tensor) -> Tensor:

@@ -5,15 +5,18 @@ from __future__ import annotations
 
 import math
 
+import torch
 from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
+from moireaug.exposure.extremes import least_sensor_scale
 from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord
 
 REACH = 3.0  # standard deviations that a kernel holds
+NARROW = 0.5  # variance of Gaussians, in squared pixels, below which they miss the next pixel
 SMALLEST = 1e-3  # least standard deviation: a Gaussian of 0 has no kernel
 
 
@@ -29,8 +32,8 @@ class ChromaBlur(Effect):
         return called(f"colour smoothed by {show(blur)} sensor pixels")
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
-        size = kernel_size(shot.scene.develop.chroma_blur)
-        return chroma_blur(photo, shot.develop.chroma_blur, size)
+        size = kernel_size(photo_sigma(shot.scene, "chroma_blur", shot.size))
+        return chroma_blur(photo, in_photo(shot, shot.develop.chroma_blur), size)
 
 
 class Sharpen(Effect):
@@ -46,9 +49,9 @@ class Sharpen(Effect):
         return judged(off(develop.sharpen, 0), scene, why, "not asked for")
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
-        size = kernel_size(shot.scene.develop.sharpen_radius)
+        size = kernel_size(photo_sigma(shot.scene, "sharpen_radius", shot.size))
         develop = shot.develop
-        return sharpen(photo, develop.sharpen, develop.sharpen_radius, size)
+        return sharpen(photo, develop.sharpen, in_photo(shot, develop.sharpen_radius), size)
 
 
 class ClipDetail(Effect):
@@ -94,6 +97,36 @@ def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
     kernel, half = get_gaussian_kernel1d(size, sigmas), size // 2
     wide = repeat_edges(planes, half, half, half, half)
     return filter2d_separable(wide, kernel, kernel, padding="valid")
+
+
+def in_photo(shot, sigma: Tensor) -> Tensor:
+    """Return standard deviations in sensor pixels (B,) as those of kernels in the pixels that are
+    developed: in photo pixels of a binned reading."""
+    return kernel_sigma(sigma / shot.sensor_scale) if shot.scene.is_binned else sigma
+
+
+def kernel_sigma(sigma: Tensor) -> Tensor:
+    """Return the standard deviation (B,) whose Gaussian, taken at whole pixels alone, has the
+    variance of a Gaussian of sigma (B,) pixels. They differ below 0.7: a narrow Gaussian misses
+    the next pixel."""
+    variance = sigma.square().clamp(min=SMALLEST**2)
+    small = variance.clamp(max=NARROW)
+    w = small / (2 * (1 - small))  # of the next pixel, by Newton steps from that of three pixels
+    for _ in range(4):
+        total, moment = 1 + 2 * w + 2 * w**4, 2 * w + 8 * w**4
+        slope = ((2 + 32 * w**3) * total - moment * (2 + 8 * w**3)) / total.square()
+        w = w - (moment / total - small) / slope
+    return torch.where(variance > NARROW, sigma, (-0.5 / w.log()).sqrt())
+
+
+def photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> Range:
+    """Return a range of standard deviations, a field of `Develop` in sensor pixels, in the pixels
+    that are developed."""
+    value = getattr(scene.develop, name)
+    if not scene.is_binned:
+        return value
+    alpha = bounds(scene.at(size).panel.scale)[0]
+    return bounds(value)[1] / least_sensor_scale(scene, alpha)
 
 
 def kernel_size(sigma: Range) -> int:

@@ -8,7 +8,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, judged, off, show
 from moireaug.effects.srgb import in_codes
 from moireaug.exposure.filters import crosstalk_matrix
-from moireaug.geometry.sensor import CFA
+from moireaug.geometry.sensor import CFA, cell
 from moireaug.numeric import per_image
 from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.fields import bounds
@@ -44,10 +44,10 @@ class Glare(Effect):
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
         rows, cols = (pixels.positions(raw.device) for pixels in shot.sampled_pixels())
-        if shot.scene.sensor.cfa == "none":
-            lattices = [(rows, cols)] * 3
-        else:
-            lattices = [(rows[s.row :: 2], cols[s.column :: 2]) for s in CFA["rggb"]]
+        lattices, cells = [], shot.scene.cells
+        for site in CFA[cells]:
+            lattice = rows[site.row :: cell(cells)], cols[site.column :: cell(cells)]
+            lattices += [lattice] * len(site.channels)
         planes = []
         white = white_readings(shot)
         for plane, (down, across) in enumerate(lattices):
@@ -80,6 +80,6 @@ def white_readings(shot) -> Tensor:
     if "crosstalk" in shot.plan:
         light = (crosstalk_matrix(shot.sensor.crosstalk) @ light[..., None])[..., 0]
     channels: list[int] = []
-    for site in CFA[shot.scene.sensor.cfa]:
+    for site in CFA[shot.scene.cells]:
         channels.extend(site.channels)
     return light[:, channels]

@@ -8,8 +8,9 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, WithinExposure, called, left_out, show, varies
 from moireaug.exposure import extremes
+from moireaug.exposure.binned import Binned
 from moireaug.exposure.choose import exposure_of
-from moireaug.exposure.smooth import Mean, Spectral
+from moireaug.exposure.smooth import Spectral
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
@@ -26,9 +27,9 @@ class Subpixels(WithinExposure):
         name = layout if isinstance(layout, str) else f"a cell of {len(layout.subpixels)} subpixels"
         if is_solid(scene):
             return left_out(f"{name}: every panel pixel emits all over")
-        if isinstance(method, Mean):
+        if method.name == "mean":
             return left_out(f"{name} gives its mean light alone: nothing else is asked for")
-        if not isinstance(method, Spectral):
+        if not isinstance(method, (Spectral, Binned)):
             low, high = bounds(panel.scale)
             pitch = show((scene.sensor.scale / high, scene.sensor.scale / low))
             return called(f"{name}, {pitch} sensor pixels a panel pixel when frontal")
@@ -134,7 +135,12 @@ def is_exposed(scene: SceneRecord) -> bool:
         return True
     if varies(lens.motion_x) or varies(lens.motion_y) or varies(sensor.crosstalk):
         return True
-    if sensor.cfa != "none" or sensor.scale != 1 or varies(scene.panel.scale, 1.0):
+    if (
+        scene.is_binned
+        or sensor.cfa != "none"
+        or sensor.scale != 1
+        or varies(scene.panel.scale, 1.0)
+    ):
         return True
     sigma = (bounds(lens.blur)[1] ** 2 + bounds(lens.olpf)[1] ** 2 / 4) ** 0.5
     leak = sigma / math.sqrt(2 * math.pi)  # of the light next to each of a pixel's four edges

@@ -10,6 +10,8 @@ from moireaug.effects.readings import over_sensor
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
+ROWS_OF_A_BIN = 8  # whose light a binned reading's flicker is the mean of
+
 
 class Flicker(Effect):
     """Exposes each row at a different time of the panel's pulses."""
@@ -25,10 +27,20 @@ class Flicker(Effect):
         )
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
-        panel, sensor = shot.panel, shot.sensor
-        rows = shot.sampled_pixels()[0].positions(raw.device) / shot.size[0]
-        bands = flicker(rows, panel.pwm, panel.duty, panel.phase, sensor.shutter, sensor.readout)
-        return over_sensor(raw, bands[:, :, None], shot)
+        return over_sensor(raw, bands_of(shot)[:, :, None], shot)
+
+
+def bands_of(shot) -> Tensor:
+    """Return the light of each row of a shot's reading relative to the panel's mean, (B, h)
+    float64; of a binned reading, of the rows that it averages."""
+    panel, sensor = shot.panel, shot.sensor
+    rows = shot.sampled_pixels()[0].positions(shot.device)
+    parts = ROWS_OF_A_BIN if shot.scene.is_binned else 1
+    within = (torch.arange(parts, dtype=rows.dtype, device=rows.device) + 0.5) / parts - 0.5
+    rows = ((rows[:, None] + within) / shot.size[0]).flatten()
+    pulses = panel.pwm, panel.duty, panel.phase
+    bands = flicker(rows, *pulses, sensor.shutter, sensor.readout)
+    return bands.unflatten(1, (-1, parts)).mean(2)
 
 
 def depth(scene: SceneRecord) -> float:

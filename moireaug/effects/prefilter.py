@@ -13,6 +13,7 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure import content, extremes
+from moireaug.exposure.binned import Binned, content_of
 from moireaug.exposure.choose import exposure_of
 from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import optics_of
@@ -54,7 +55,7 @@ class Prefilter(Effect):
 
 def _middle(shot) -> tuple[Tensor, Tensor]:
     h, w = shot.size
-    return shot.panel.scale.new_tensor([h / 2]), shot.panel.scale.new_tensor([w / 2])
+    return shot.panel_scale.new_tensor([h / 2]), shot.panel_scale.new_tensor([w / 2])
 
 
 def coarseness(alpha: Tensor) -> Tensor:
@@ -66,7 +67,7 @@ def coarseness(alpha: Tensor) -> Tensor:
 def variance_at(points: Tensor, shot) -> Tensor:
     """Return the blur that the picture needs at image points (1, h, w, 2), in squared image pixels:
     (B, h, w)."""
-    alpha, method = shot.panel.scale[:, None, None], shot.plan.method
+    alpha, method = shot.panel_scale[:, None, None], shot.plan.method
     coarse = coarseness(alpha).expand(-1, *points.shape[1:3])
     if not shot.plan.narrows:
         return coarse
@@ -75,12 +76,15 @@ def variance_at(points: Tensor, shot) -> Tensor:
         points.shape
     )
     step = grids.jacobian(seen, torch.linalg.inv(shot.matrix()), shot.size, None)
-    step = step * (alpha[..., None, None] / shot.sampled_pixels()[0].scale)
-    kinds = as_layout(shot.scene.panel.layout).all()
-    if isinstance(method, Mean):
+    kinds, optics = as_layout(shot.scene.panel.layout).all(), optics_of(shot)
+    if isinstance(method, (Mean, Binned)):
         kinds = (WHOLE_PIXEL,)
-    lit = torch.ones_like(shot.panel.scale)
-    footprints = footprints_of(kinds, step, (lit, lit), optics_of(shot))
+    if isinstance(method, Binned):
+        view = content_of(shot, shot.panel_scale, shot.sensor_scale)
+        alpha, optics = view.scale[:, None, None], view.optics
+    step = step * (alpha[..., None, None] / shot.sampled_pixels()[0].scale)
+    lit = torch.ones_like(shot.panel_scale)
+    footprints = footprints_of(kinds, step, (lit, lit), optics)
     return coarse + lost_variance(footprints, alpha, method.taps)
 
 
@@ -111,9 +115,11 @@ def most_lost(scene: SceneRecord) -> float:
     if isinstance(method, Sampled):
         return 0.0
     seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
-    for alpha in extremes.inside(scene.panel.scale, points=3):
-        footprints = extremes.footprints(scene, seen, alpha, whole_pixel=isinstance(method, Mean))
-        most = max(most, float(lost_variance(footprints, alpha, method.taps).max()))
+    whole = isinstance(method, (Mean, Binned))
+    for alpha in extremes.inside(scene.panel.scale, 1.0, points=3):
+        footprints = extremes.footprints(scene, seen, alpha, whole_pixel=whole)
+        cells = min(alpha, 1.0) if scene.is_binned else alpha
+        most = max(most, float(lost_variance(footprints, cells, method.taps).max()))
     return most
 
 
@@ -126,7 +132,7 @@ def share_at_centre(shot) -> Tensor:
     """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the
     variance that the middle of the picture needs, in squared image pixels, up to 1/2."""
     if not shot.plan.narrows:
-        return coarseness(shot.panel.scale).clamp(max=SMALL)
+        return coarseness(shot.panel_scale).clamp(max=SMALL)
     return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=SMALL)
 
 

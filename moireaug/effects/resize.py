@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 import torch.nn.functional as F
 from torch import Tensor
 
@@ -17,6 +18,8 @@ class Resize(Effect):
     name = "resize"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
+        if scene.is_binned:
+            return left_out("a binned reading has the photo's pixels")
         scale = scene.sensor.scale
         if scale == 1:
             return left_out("one sensor pixel per photo pixel")
@@ -38,11 +41,42 @@ def resize(photo: Tensor, rows: SampledPixels, cols: SampledPixels, how: str) ->
         return F.avg_pool2d(photo, step)
     size = rows.size, cols.size
     if how == "area":
-        return F.interpolate(photo, size=size, mode="area")
+        return area_means(area_means(photo, rows.size).mT, cols.size).mT
     antialias = how == "antialias"
     if antialias and cols.size == 1:  # torch's antialiased single column is another picture
         return bilinear(photo.mT, size[::-1], antialias=True).mT
     return bilinear(photo, size, antialias=antialias)
+
+
+def area_weights(n: int, m: int) -> tuple[list[int], list[list[float]]]:
+    """Return the first of n sensor pixels that each of m photo pixels overlaps, and the shares of
+    the overlap with that and the next ones, as many for each: exact where m does not divide n,
+    unlike the windows of whole pixels that `F.interpolate(mode="area")` takes."""
+    start, most, shares = [i * n // m for i in range(m)], 1, []
+    for i, first in enumerate(start):
+        most = max(most, -((i + 1) * n // -m) - first)
+    for i, first in enumerate(start):
+        # in m-ths of a sensor pixel
+        overlaps = []
+        for pixel in range(first, first + most):
+            end, begin = min((pixel + 1) * m, (i + 1) * n), max(pixel * m, i * n)
+            overlaps.append(max(end - begin, 0) / n)
+        shares.append(overlaps)
+    return start, shares
+
+
+area_weights._dynamo_marked_constant = True  # type: ignore[attr-defined]  # of two whole numbers
+
+
+def area_means(photo: Tensor, size: int) -> Tensor:
+    """Return photos (B, 3, h, w) resized to `size` rows by the area that pixels share."""
+    last, out = photo.shape[-2] - 1, photo.new_zeros(*photo.shape[:2], size, photo.shape[-1])
+    start, shares = area_weights(photo.shape[-2], size)
+    rows = torch.tensor(start, device=photo.device)
+    weights = photo.new_tensor(shares)
+    for k in range(weights.shape[1]):
+        out = out + weights[:, k, None] * photo.index_select(-2, (rows + k).clamp(max=last))
+    return out
 
 
 def bilinear(photo: Tensor, size: tuple[int, int], *, antialias: bool) -> Tensor:

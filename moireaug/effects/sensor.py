@@ -15,6 +15,7 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
 DARK = 1e-4  # the level, of full scale, below which photon noise falls no further: dark current
+LEAST_VARIANCE = 1e-10  # of readings that count as different
 SIGMAS = 6  # how far noise reaches, in standard deviations
 
 
@@ -46,11 +47,19 @@ class Noise(Effect):
         return judged(in_codes(change, scene), scene, why, "read_noise and shot_noise are 0")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
-        return add_noise(raw, shot.sensor.read_noise, shot.sensor.shot_noise, shot.seed)
+        read, photons = shot.sensor.read_noise, shot.sensor.shot_noise
+        if shot.scene.is_binned:
+            root = averaged_pixels(shot, shot.sensor_scale).sqrt()
+            read, photons = read / root, photons / root
+        return add_noise(raw, read, photons, shot.seed)
 
 
 class FullWell(Effect):
-    """Clips the reading to [0, 1] before an attacker's noise, so that small noise has an effect."""
+    """Clips the reading to [0, 1] before an attacker's noise, so that small noise has an effect.
+
+    Of a binned reading each sensor pixel was clipped: it gets the mean of the clipped pixels, given
+    the variance of what was averaged.
+    """
 
     name = "full_well"
     shown = False
@@ -61,7 +70,14 @@ class FullWell(Effect):
         return left_out("no reading leaves [0, 1]")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
-        return clip(raw)
+        if not shot.scene.is_binned:
+            return clip(raw)
+        read, photons, pattern = (t.to(raw.dtype) for t in averaged_away(shot))
+        pattern = pattern[:, :, None, None]
+        if raw.shape[1] == 4:
+            pattern = pattern[:, [0, 1, 1, 2]]
+        variance = raw.square() * pattern + (read + photons * raw.clamp(min=DARK))
+        return expected_clip(raw, variance)
 
 
 class Saturation(Effect):
@@ -87,8 +103,8 @@ class Quantisation(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         bits = scene.sensor.bits
-        if bits is None:
-            return left_out("the reading is not rounded")
+        if bits is None or scene.is_binned:
+            return left_out("a mean is not rounded" if bits else "the reading is not rounded")
         step = 1 / (2**bits - 1)
         return judged(in_codes(step / 2, scene), scene, f"{bits} bits", "")
 
@@ -120,6 +136,43 @@ torch.library.register_fake(
     lambda shape, seeds: seeds.new_empty((len(seeds), *shape), dtype=torch.float32),
     lib=LIBRARY,
 )
+
+
+def averaged_pixels(shot, scale: Tensor) -> Tensor:
+    """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
+    `scale` (B,) sensor pixels per photo pixel."""
+    share = 4 if shot.scene.cells == "binned" else 1
+    return (scale.square() / share).clamp(min=1)
+
+
+def averaged_away(shot) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the variance of sensor pixels that a binned reading has averaged away: of read noise
+    and of photon noise at full scale, (B, 1, 1, 1) each, and of the panel's pattern, as a share of
+    the squared reading, (B, 3)."""
+    scale = shot.sensor_scale
+    away = 1 - 1 / averaged_pixels(shot, scale)
+    read, photons = shot.sensor.read_noise.square(), shot.sensor.shot_noise.square()
+    if "noise" not in shot.plan:
+        read, photons = torch.zeros_like(read), torch.zeros_like(read)
+    read, photons = ((away * t)[:, None, None, None] for t in (read, photons))
+    pattern = torch.zeros_like(away)[:, None].expand(-1, 3)
+    if "saturate" in shot.plan:
+        pattern = shot.plan.method.pattern_variance(shot, scale)
+    return read, photons, pattern
+
+
+def expected_clip(raw: Tensor, variance: Tensor) -> Tensor:
+    """Return the mean of normally distributed readings clipped to [0, 1], by their mean and
+    variance."""
+    some = variance > LEAST_VARIANCE
+    sigma = torch.where(some, variance, 1.0).sqrt()
+    above, below = _mean_excess((raw - 1) / sigma), _mean_excess(-raw / sigma)
+    return torch.where(some, raw + sigma * (below - above), clip(raw))
+
+
+def _mean_excess(z: Tensor) -> Tensor:
+    """Return the mean of max(x + z, 0) of standard normal x."""
+    return z * torch.special.ndtr(z) + torch.exp(-z * z / 2) / (2 * torch.pi) ** 0.5
 
 
 def quantise(raw: Tensor, bits: int) -> Tensor:

@@ -7,12 +7,13 @@ import math
 
 import numpy as np
 
-from moireaug.engine import finish, nodes, panel, picture
+from moireaug.engine import beats, finish, nodes, panel, picture
+from moireaug.engine.binned import expose as expose_bins
 from moireaug.engine.compiling import fill, kernel, loop, part
 from moireaug.engine.develop import develop as develop_image
 from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
-from moireaug.engine.exposure_records import Camera
+from moireaug.engine.exposure_records import Camera, Cell, Given
 from moireaug.engine.point import expose_point
 from moireaug.engine.register import looked_at, register, register_back, room
 
@@ -106,6 +107,62 @@ def expose(raw, shown, e, first, last, top, bottom):
             e.noise,
             e.seeds[i],
             e.clips,
+            top,
+            bottom,
+        )
+
+
+@part
+def _cell_of(cell, centre):
+    """Return a Cell with the centres of one image."""
+    return Cell(
+        cell.whole, cell.period, cell.orders, cell.channel, cell.kind, cell.height, cell.row,
+        centre, cell.pixel, cell.radius,
+    )  # fmt: skip
+
+
+@kernel
+def beats_fit(e, b):
+    """Return for each image whether `expose_binned` can follow its beats, (B,) bool."""
+    out = np.empty(len(b.cameras), np.bool_)
+    for i in range(len(out)):
+        camera = _camera(b.cameras[i])
+        across, down = beats.node_counts(e.sites, camera, b.scale[i], b.period, b.orders)
+        out[i] = max(across, down) <= beats.MOST_NODES
+    return out
+
+
+@kernel
+def expose_binned(raw, shown, e, b, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the binned readings of the
+    pictures from `first` to `last`, from what `show` filled shown with; b: see
+    `exposure_records.Beats`."""
+    for i in range(first, last):
+        camera, cell = _camera(e.cameras[i]), _cell_of(e.cell, b.centres[i])
+        seen = _camera(b.cameras[i])
+        expose_bins(
+            raw[i],
+            _panel(shown[i - first], camera.alpha, e),
+            (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
+            camera,
+            cell,
+            nodes.prepare(camera, cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites),
+            e.sites,
+            beats.prepare(b, i, seen, e.size, e.sites),
+            Given(
+                e.filters[i],
+                np.ones((3, 3)),
+                e.white[i],
+                e.flicker[i],
+                e.noise,
+                e.clips,
+                b.coefficients[i],
+                b.mean[i],
+                b.away[i],
+                b.pattern[i],
+                b.bayer,
+            ),
+            e.seeds[i],
             top,
             bottom,
         )

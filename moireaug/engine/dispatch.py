@@ -18,11 +18,12 @@ from torch.autograd import forward_ad
 
 from moireaug import pipeline
 from moireaug.effects.base import Effect
+from moireaug.effects.demosaic import merged_greens
 from moireaug.effects.display import BlackLevel
 from moireaug.effects.prefilter import SMALL, Prefilter
 from moireaug.effects.srgb import Decode
 from moireaug.engine import graph
-from moireaug.numeric import may_be_dual
+from moireaug.numeric import may_be_dual, saturate
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
 
@@ -106,8 +107,8 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     from moireaug.engine.shot_exposure import lower_exposure
 
     varies = shot.plan.prefilter > SMALL  # over the image: the reference does that blur
-    exposure = lower_exposure(shot, decoded=varies)
-    fits = run.fits(exposure)
+    exposure, beats = lower_exposure(shot, decoded=varies)
+    fits = run.fits(exposure, beats)
     if not fits.any():
         return pipeline.expose(as_float(light), shot)
     # each image by itself, so that its reading does not depend on the rest of the batch
@@ -121,7 +122,7 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
         for effect in (Decode(), BlackLevel(), Prefilter()):
             if effect.name in shot.plan:
                 light = effect(light, shot)
-    return run.expose(light, exposure)
+    return run.expose(light, exposure, beats)
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
@@ -134,8 +135,13 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
 
     if not math.isfinite(raw.detach().sum()):  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
+    if shot.scene.cells == "binned":
+        # saturated before the greens are averaged; the rest is that of pixels that read all colours
+        raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
     rest = finishing(shot.plan)
     first = shot.plan.developing[: len(shot.plan.developing) - len(rest)]
+    if shot.scene.cells == "binned":
+        first = tuple(effect for effect in first if effect.name not in ("saturate", "demosaic"))
 
     def reference(raw: Tensor) -> Tensor:
         return pipeline.apply(first, raw, shot)

@@ -20,7 +20,7 @@ BANDS = 224  # at least so many, if a photo has the rows; rows of a band share t
 
 
 @inner
-def _weights(out, nodes, v, first):
+def cell_weights(out, nodes, v, first):
     """Fill out (kinds, n) with the weights of cells on a row v."""
     kinds, rows = nodes.tables.shape[:2]
     node, t = bracket(v, first, nodes.step_vw, rows, 1)
@@ -46,7 +46,7 @@ def _expose(
             start = r - r % band
             end = min(start + band, len(rows)) - 1
             middle = (rows[start] + rows[end]) / 2
-            _weights(row.weights, nodes, middle, rows[0])
+            cell_weights(row.weights, nodes, middle, rows[0])
         pulse = flicker[r] if len(flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:

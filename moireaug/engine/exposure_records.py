@@ -147,6 +147,74 @@ class Exposure(NamedTuple):
     point: Point | None = None
 
 
+class Beats(NamedTuple):
+    """What a batch's binned readings know of the panel beside its Exposure, whose cameras are those
+    of photo pixels, and whose cell holds one pixel for each colour.
+
+    Args:
+        cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
+        scale: (B,) float64, sensor pixels per photo pixel. ratio: (B,) float64, panel pixels per
+            pixel of the panel that is shown.
+        centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
+        period: (2,) int64, of the layout. orders: (K, 2) int64, its harmonics.
+        coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
+            part. strength: (B, K) float64, the greatest of a harmonic. mean: (B, 3) float64, share
+            of the panel's area that emits each channel.
+        away: (B, 2) float32, variance of the noise that was averaged away. pattern: (B, 3) float32,
+            that of the panel's pattern; see `sensor.clip_mean`.
+        bayer: whether the sensor has colour filters.
+    """
+
+    cameras: np.ndarray
+    scale: np.ndarray
+    ratio: np.ndarray
+    centres: np.ndarray
+    period: np.ndarray
+    orders: np.ndarray
+    coefficients: np.ndarray
+    strength: np.ndarray
+    mean: np.ndarray
+    away: np.ndarray
+    pattern: np.ndarray
+    bayer: bool
+
+
+class Terms(NamedTuple):
+    """What `beats.prepare` finds for one image: T waves.
+
+    Args:
+        harmonic: (T,) int64. wave: (T, 5) float64 and sign: (T, 2) float32, see
+            `beats._fill_waves`.
+        lines: (rows of nodes, T * 2 * w) float32, each term's amplitude at each pixel of a row, as
+            the planes of red and blue, and of green, read it. peak: (rows, T) float32, the greatest
+            of a row. step_v: from one row of nodes to the next.
+    """
+
+    harmonic: np.ndarray
+    wave: np.ndarray
+    sign: np.ndarray
+    lines: np.ndarray
+    peak: np.ndarray
+    step_v: float
+
+
+class Given(NamedTuple):
+    """What one image's binned reading takes of its Exposure and Beats; see there. `shown` are the
+    filters of a sensor whose planes all see every channel that any of them does."""
+
+    filters: np.ndarray
+    shown: np.ndarray
+    white: np.ndarray
+    flicker: np.ndarray
+    noise: bool
+    clips: bool
+    coefficients: np.ndarray
+    mean: np.ndarray
+    away: np.ndarray
+    pattern: np.ndarray
+    bayer: bool
+
+
 class Nodes(NamedTuple):
     """What `nodes.prepare` finds for one image.
 

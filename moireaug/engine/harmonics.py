@@ -106,7 +106,8 @@ def along_row(out, amplitude, terms, ends, weight):
 
 
 @inner
-def _first_wave(cos, sin, d):
+def first_wave(cos, sin, d):
+    """Fill cos and sin (n,) with cos and sin of 2 pi d, d (n,) in [-1/2, 1/2]."""
     for i in range(len(d)):
         t = peek(d, i)
         t2 = t * t
@@ -129,7 +130,7 @@ def waves(cos, sin, d):
     """Fill cos and sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2]; k = 0 is
     there already."""
     if len(cos) > 1:
-        _first_wave(cos[1], sin[1], d)
+        first_wave(cos[1], sin[1], d)
     for k in range(2, len(cos)):
         _next_wave(cos[k], cos[1], cos[k - 1], cos[k - 2])
         _next_wave(sin[k], cos[1], sin[k - 1], sin[k - 2])

@@ -25,7 +25,7 @@ PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes les
 
 
 @inner
-def _sample(positions, k, count):
+def sample(positions, k, count):
     """Return the k-th of `count` positions from the first to the last."""
     return positions[(len(positions) - 1) * k // (count - 1)]
 
@@ -36,7 +36,7 @@ def _fill_scales(seen, rows, cols, camera):
     spans along both axes of the panel."""
     for i in range(SAMPLES):
         for j in range(SAMPLES):
-            u, v = _sample(cols, j, SAMPLES), _sample(rows, i, SAMPLES)
+            u, v = sample(cols, j, SAMPLES), sample(rows, i, SAMPLES)
             xu, xv, yu, yv = jacobian(u, v, camera)
             seen[i, j, 0] = math.sqrt(xu * xu + xv * xv)
             seen[i, j, 1] = math.sqrt(yu * yu + yv * yv)
@@ -80,11 +80,11 @@ def _swing(rows, cols, camera, axis_of_photo):
     found = 0.0
     for i in range(SAMPLES):
         for j in range(SAMPLES - 1):
-            u, v = _sample(cols, j, SAMPLES), _sample(rows, i, SAMPLES)
-            u2, v2 = _sample(cols, j + 1, SAMPLES), v
+            u, v = sample(cols, j, SAMPLES), sample(rows, i, SAMPLES)
+            u2, v2 = sample(cols, j + 1, SAMPLES), v
             if axis_of_photo == 1:
-                u, v = _sample(cols, i, SAMPLES), _sample(rows, j, SAMPLES)
-                u2, v2 = u, _sample(rows, j + 1, SAMPLES)
+                u, v = sample(cols, i, SAMPLES), sample(rows, j, SAMPLES)
+                u2, v2 = u, sample(rows, j + 1, SAMPLES)
             here, there = jacobian(u, v, camera), jacobian(u2, v2, camera)
             for axis in range(2):
                 a = weights.moved(here[2 * axis], here[2 * axis + 1], camera)
@@ -130,7 +130,7 @@ def _narrowed(rows, cols, camera, cell, widths, skew):
     spread = np.empty((2, 2), np.float64)
     for i in range(SEEN):
         for j in range(SEEN):
-            u, v = _sample(cols, j, SEEN), _sample(rows, i, SEEN)
+            u, v = sample(cols, j, SEEN), sample(rows, i, SEEN)
             for kind in range(len(widths)):
                 if weights.spreads(
                     spread, u, v, camera, cell.period[kind], widths[kind], skew[kind], cell.radius
@@ -153,7 +153,7 @@ def fits(camera, cell, widths, skew, sites, dark):
 
 
 @part
-def _line(positions, count):
+def line_of(positions, count):
     """Return `count` nodes from the first to the last position, and the step between two; for one
     position all nodes are there, and the step is 1."""
     first, last = positions[0], positions[len(positions) - 1]
@@ -177,7 +177,7 @@ def bracket(at, first, step, count, most):
 
 
 @part
-def _cubics(ends, weight, positions, first, step):
+def cubics(ends, weight, positions, first, step):
     """Fill ends and weight of `harmonics.along_row` for pixels at (n,) ascending positions.
 
     first, step: the first node, and from one to the next.
@@ -200,18 +200,18 @@ def prepare(camera, cell, coefficients, widths, skew, sites):
     """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
     counts = _counts(rows, cols, camera, cell)
-    us, step_u = _line(cols, counts[0, 0])
-    vs, step_v = _line(rows, counts[0, 1])
+    us, step_u = line_of(cols, counts[0, 0])
+    vs, step_v = line_of(rows, counts[0, 1])
     amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
     harmonics.fold(amplitude)
     terms = harmonics.terms_of(amplitude, camera.gain)
     w = len(cols) // step
     lines = np.empty((step, len(vs), len(terms) * w), np.float32)
-    ends, cubics = np.empty(len(us) - 2, np.int64), np.empty((4, w), np.float32)
+    ends, weight = np.empty(len(us) - 2, np.int64), np.empty((4, w), np.float32)
     for column in range(step):
-        _cubics(ends, cubics, cols[column::step], us[0], step_u)
-        harmonics.along_row(lines[column], amplitude, terms, ends, cubics)
-    us, step_uw = _line(cols, counts[1, 0])
-    vs, step_vw = _line(rows, counts[1, 1])
+        cubics(ends, weight, cols[column::step], us[0], step_u)
+        harmonics.along_row(lines[column], amplitude, terms, ends, weight)
+    us, step_uw = line_of(cols, counts[1, 0])
+    vs, step_vw = line_of(rows, counts[1, 1])
     tables, phases, cells = weights.weights(us, vs, camera, cell, widths, skew)
     return Nodes(terms, lines, step_v, tables, phases, cells, len(us), step_uw, step_vw)

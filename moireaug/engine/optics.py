@@ -16,7 +16,7 @@ STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
 
 
 @loop
-def _transfer_table(camera, most, steps):
+def transfer_table(camera, most, steps):
     """Return the modulation transfer along one axis at steps + 2 frequencies in cycles per sensor
     pixel, from 0 to `most` and one step beyond."""
     out = np.empty(steps + 2, np.float64)
@@ -33,7 +33,8 @@ def _transfer_table(camera, most, steps):
 
 
 @inner
-def _transfer(table, f):
+def transfer(table, f):
+    """Return the value of a table of an even, smooth function at f >= 0, in steps of the table."""
     i = int(f)
     a, b, g = table[i], table[i + 1], f - i
     # the parabola through two neighbours and the mean curvature at both: the table holds an even,
@@ -74,7 +75,7 @@ def _pass(out, coefficients, view, table, scale, camera):
             if coefficients[k, l] == 0:
                 continue
             fu, fv = k * ux + (l - m // 2) * uy, k * vx + (l - m // 2) * vy
-            passed = _transfer(table, abs(fu) * scale) * _transfer(table, abs(fv) * scale)
+            passed = transfer(table, abs(fu) * scale) * transfer(table, abs(fv) * scale)
             if camera.motion_x != 0 or camera.motion_y != 0:
                 along = fu * camera.motion_x + fv * camera.motion_y
                 passed *= math.exp(-2 * math.pi * math.pi * along * along)
@@ -92,7 +93,7 @@ def amplitudes(us, vs, camera, cell, coefficients):
     views = np.empty((len(vs), len(us), kinds, 4), np.float64)
     most = _fill_views(views, us, vs, camera, cell)
     steps = min(max(STEPS, int(PER_CYCLE * most)), MOST_STEPS)
-    table, scale = _transfer_table(camera, most, steps), steps / most
+    table, scale = transfer_table(camera, most, steps), steps / most
     out = np.zeros((len(vs), len(us), kinds, n, m), np.float32)
     for r in range(len(vs)):
         for c in range(len(us)):

@@ -11,9 +11,11 @@ import numpy as np
 from moireaug.geometry.homography import AHEAD, BORDER, FAR_AWAY
 
 
-def camera_pose(drawn: Mapping[str, np.ndarray], size: tuple[int, int], fit: bool) -> np.ndarray:
+def camera_pose(
+    drawn: Mapping[str, np.ndarray], size: tuple[int, int], fit: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the homography from image coordinates to ideal photo coordinates, both about the
-    centre, (B, 3, 3).
+    centre, (B, 3, 3), and `homography.magnification`, (B,).
 
     Args:
         drawn: a shot's (B,) numbers by name. size: height and width. fit: see `View`.
@@ -40,7 +42,7 @@ def camera_pose(drawn: Mapping[str, np.ndarray], size: tuple[int, int], fit: boo
     out[:, :2] *= zoom[:, None, None]
     out[:, 0] += (drawn["view.shift_x"] * w)[:, None] * out[:, 2]
     out[:, 1] += (drawn["view.shift_y"] * h)[:, None] * out[:, 2]
-    return out
+    return out, zoom
 
 
 def _fitting_zoom(

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.effects.resize import area_weights
 from moireaug.engine.development_records import LANES, Resize, Stencil
 
 
@@ -49,8 +50,7 @@ def _weights(n: int, m: int, how: str) -> tuple[np.ndarray, np.ndarray]:
     there on."""
     i, scale = np.arange(m), n / m
     if how == "area":
-        start, end = i * n // m, -((i + 1) * n // -m)
-        taps = np.where(np.arange(np.max(end - start)) < (end - start)[:, None], 1.0, 0.0)
+        start, taps = (np.array(values) for values in area_weights(n, m))
     elif how == "antialias":
         centre, support = scale * (i + 0.5), max(scale, 1.0)
         start = np.maximum((centre - support + 0.5).astype(np.int64), 0)

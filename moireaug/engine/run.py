@@ -12,7 +12,7 @@ from torch import Tensor
 
 from moireaug.engine import ahead, batch, compiling
 from moireaug.engine.development_records import Development
-from moireaug.engine.exposure_records import Exposure
+from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.threads import each, each_share, surplus
 from moireaug.numeric import is_batched
 
@@ -38,13 +38,15 @@ def prepare() -> bool:
     return cold
 
 
-def fits(exposure: Exposure) -> np.ndarray:
+def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
     """Return for each image whether `expose` can follow its view, (B,) bool; see `batch.fits`."""
     cold = prepare()
     if exposure.point:
         return np.ones(len(exposure.cameras), bool)
     fitting = batch.fits(exposure)
-    if cold and fitting.any() and not batch.expose.signatures:
+    if beats is not None and len(beats.orders):
+        fitting &= batch.beats_fit(exposure, beats)
+    if cold and beats is None and fitting.any() and not batch.expose.signatures:
         # before `show`, which the other process compiles in the meantime
         compile_expose(exposure)
     return fitting
@@ -62,7 +64,7 @@ def compile_show(exposure: Exposure) -> None:
     batch.show(shown, _light(exposure), pictures, exposure, 0, 0)
 
 
-def expose(picture: Tensor, exposure: Exposure) -> Tensor:
+def expose(picture: Tensor, exposure: Exposure, beats: Beats | None) -> Tensor:
     """Return the readings (B, planes, h, w) float32 of pictures (B, 3, H, W), float32 or uint8."""
     prepare()
     sites, n = exposure.sites, len(picture)
@@ -72,10 +74,10 @@ def expose(picture: Tensor, exposure: Exposure) -> Tensor:
     if exposure.point:
         each(functools.partial(_expose_points, *given), n)
         return raw
-    whole = n - surplus(n, h)
-    each(functools.partial(_expose_images, *given), whole)
+    whole, read = n - surplus(n, h), _reader(raw.numpy(), exposure, beats)
+    each(functools.partial(_expose_images, read, *given[1:]), whole)
     for i in range(whole, n):
-        _expose_shared(*given, i)
+        _expose_shared(read, *given[1:], i, h)
     return raw
 
 
@@ -86,25 +88,40 @@ def _expose_points(
     batch.expose_points(readings, _light(exposure), pictures, exposure, first, last)
 
 
+def _reader(readings: np.ndarray, exposure: Exposure, beats: Beats | None) -> Callable[..., None]:
+    """Return the kernel that fills readings, full or binned, given what is shown, and which images
+    and rows."""
+
+    def read(shown: np.ndarray, first: int, last: int, top: int, bottom: int) -> None:
+        if beats is None:
+            batch.expose(readings, shown, exposure, first, last, top, bottom)
+        else:
+            batch.expose_binned(readings, shown, exposure, beats, first, last, top, bottom)
+
+    return read
+
+
 def _expose_images(
-    readings: np.ndarray, pictures: np.ndarray, exposure: Exposure, first: int, last: int
+    read: Callable[..., None], pictures: np.ndarray, exposure: Exposure, first: int, last: int
 ) -> None:
     """Fill the readings from `first` to `last`: show some pictures, then read them."""
-    size, light, rows = batch.panel_size(exposure), _light(exposure), readings.shape[2]
+    size, light = batch.panel_size(exposure), _light(exposure)
+    rows = len(exposure.sites.rows) // exposure.sites.step
     held = max(1, HELD // size)
     shown = np.empty((held, size), np.float32)
     for start in range(first, last, held):
         end = min(start + held, last)
         batch.show(shown, light, pictures, exposure, start, end)
-        batch.expose(readings, shown, exposure, start, end, 0, rows)
+        read(shown, start, end, 0, rows)
 
 
-def _expose_shared(readings: np.ndarray, pictures: np.ndarray, exposure: Exposure, i: int) -> None:
+def _expose_shared(
+    read: Callable[..., None], pictures: np.ndarray, exposure: Exposure, i: int, rows: int
+) -> None:
     """Fill reading i: all threads share its rows."""
     shown = np.empty((1, batch.panel_size(exposure)), np.float32)
     batch.show(shown, _light(exposure), pictures, exposure, i, i + 1)
-    rows = functools.partial(batch.expose, readings, shown, exposure, i, i + 1)
-    each_share(rows, readings.shape[2])
+    each_share(functools.partial(read, shown, i, i + 1), rows)
 
 
 def _light(exposure: Exposure) -> np.ndarray:

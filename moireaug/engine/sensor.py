@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 
-from moireaug.effects.sensor import DARK
+from moireaug.effects.sensor import DARK, LEAST_VARIANCE
 from moireaug.engine.compiling import inner
 from moireaug.engine.random_numbers import normal_row
+from moireaug.engine.tables import integral
 
 DARK32 = np.float32(DARK)
+FARTHEST = 5.0  # standard deviations from a bound at which nothing is clipped
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
@@ -47,6 +49,30 @@ def _add_noise(line, numbers, read, shot):
     for i in range(len(numbers)):
         variance = read * read + shot * shot * max(line[i], DARK32)
         line[i] += numbers[i] * np.float32(math.sqrt(variance))
+
+
+@inner
+def clip_mean(line, read, shot, pattern):
+    """Replace a row of readings by the mean of their sensor pixels, clipped to [0, 1], as
+    `effects.sensor.expected_clip` does.
+
+    read, shot: float32, variance of the noise that was averaged away, in the dark and what a
+    reading of 1 adds. pattern: that of the panel's pattern, as a share of the squared reading.
+    """
+    for i in range(len(line)):
+        value = line[i]
+        variance = value * value * pattern + (read + shot * max(value, DARK32))
+        if variance <= LEAST_VARIANCE:
+            line[i] = min(max(value, ZERO), ONE)
+            continue
+        near = FARTHEST * FARTHEST * variance
+        over, under = ONE - value, value
+        if (over > ZERO and over * over > near) and (under > ZERO and under * under > near):
+            continue
+        sigma = math.sqrt(variance)
+        line[i] = np.float32(
+            value - integral(float(value) - 1.0, sigma) + integral(-float(value), sigma)
+        )
 
 
 @inner

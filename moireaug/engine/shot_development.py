@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from moireaug.effects.demosaic import DEMOSAICS
-from moireaug.effects.detail import kernel_size
+from moireaug.effects.detail import kernel_sigma, kernel_size, photo_sigma
 from moireaug.effects.tone import colour_matrix
 from moireaug.engine.development_records import (
     Codes,
@@ -20,7 +20,13 @@ from moireaug.engine.development_records import (
     Stencil,
 )
 from moireaug.engine.resampling import lower_means, lower_resize, lower_stencil
-from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, numbers_of
+from moireaug.engine.shot_numbers import (
+    KEPT,
+    distortion_of,
+    homography_of,
+    numbers_of,
+    sensor_scale_of,
+)
 from moireaug.geometry.sensor import SampledPixels
 from moireaug.scene.shot import REACH, ShotRecord, sampled_by
 
@@ -52,11 +58,11 @@ def lower_development(shot: ShotRecord) -> Development:
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
     codes = Codes(
-        mosaic=sensor.cfa == "rggb",
+        mosaic=shot.scene.cells == "rggb",
         stencil=stencil,
         rows=rows,
         cols=cols,
-        saturates="saturate" in plan,
+        saturates="saturate" in plan and shot.scene.cells != "binned",
         levels=levels,
         matrix=matrix.astype(np.float32),
         mixes="colour_matrix" in plan,
@@ -79,7 +85,7 @@ def lower_development(shot: ShotRecord) -> Development:
 def _registration_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Registration:
     views, lens = np.empty((0, 3, 3)), np.empty((0, 2))
     if "register" in shot.plan:
-        views = homography_of(shot, drawn)
+        views, _ = homography_of(shot, drawn)
         lens = np.stack(distortion_of(shot, drawn), 1)
     return Registration(views, lens)
 
@@ -89,18 +95,23 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
     plan, how = shot.plan, shot.scene.develop
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
+    chroma, sharp = drawn["develop.chroma_blur"], drawn["develop.sharpen_radius"]
     if "chroma_blur" in plan:
-        chroma_size = kernel_size(how.chroma_blur)
+        chroma_size = kernel_size(photo_sigma(shot.scene, "chroma_blur", shot.size))
     if "sharpen" in plan:
         amount[:] = drawn["develop.sharpen"]
-        sharp_size = kernel_size(how.sharpen_radius)
+        sharp_size = kernel_size(photo_sigma(shot.scene, "sharpen_radius", shot.size))
+    if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
+        scale = sensor_scale_of(shot, drawn, homography_of(shot, drawn)[1])
+        both = torch.from_numpy(np.stack([chroma, sharp]) / scale)
+        chroma, sharp = kernel_sigma(both).numpy()
     return Detail(
         (_kept(rows), _kept(cols)),
         _resize_of_photo(rows, how.resize),
         _resize_of_photo(cols, how.resize),
-        drawn["develop.chroma_blur"],
+        chroma,
         chroma_size,
-        drawn["develop.sharpen_radius"],
+        sharp,
         sharp_size,
         amount,
     )
@@ -109,7 +120,7 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
 @functools.lru_cache(maxsize=KEPT)
 def _resampling(scene: Scene, size: tuple[int, int]) -> tuple[Stencil, Resize, Resize]:
     """Return the demosaic's stencil, and the resize along rows and columns."""
-    how, mosaic = scene.develop, scene.sensor.cfa == "rggb"
+    how, mosaic = scene.develop, scene.cells == "rggb"
     rows, cols = sampled_by(scene, size)
     demosaic, reach = None, 0
     if mosaic:

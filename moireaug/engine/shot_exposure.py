@@ -10,10 +10,24 @@ import numpy as np
 import torch
 
 from moireaug.effects import prefilter
-from moireaug.effects.flicker import flicker
+from moireaug.effects.flicker import bands_of
 from moireaug.engine import lowering, pose
-from moireaug.engine.exposure_records import Cell, Exposure, Point, Sites
-from moireaug.engine.shot_numbers import KEPT, distortion_of, homography_of, numbers_of
+from moireaug.engine.exposure_records import Beats, Cell, Exposure, Point, Sites
+from moireaug.engine.shot_binned import (
+    cell_in_bins,
+    content_in_bins,
+    fields_in_bins,
+    lower_beats,
+    shapes_in_bins,
+)
+from moireaug.engine.shot_numbers import (
+    KEPT,
+    distortion_of,
+    homography_of,
+    numbers_of,
+    panel_scale_of,
+    sensor_scale_of,
+)
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA
 from moireaug.panel.fourier import emitting_share, mean_light, own_orders
@@ -26,30 +40,38 @@ if TYPE_CHECKING:
     from moireaug.scene.scene import Scene
 
 
-def lower_exposure(shot: ShotRecord, *, decoded: bool) -> Exposure:
-    """Return a shot's Exposure.
+def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats | None]:
+    """Return a shot's Exposure and, of a binned reading, its Beats.
 
     decoded: the pictures have already been decoded, raised to the black level and prefiltered.
     """
     plan, drawn = shot.plan, numbers_of(shot)
-    share = np.zeros(len(shot), np.float32)
-    if "prefilter" in plan and not decoded:
-        share = prefilter.share_at_centre(shot).detach().float().numpy()
-    coefficients, widths, skew = _shapes_of(shot)
-    black = np.zeros(len(shot), np.float32)
+    homography, magnified = homography_of(shot, drawn)
+    alpha, binned = panel_scale_of(shot, drawn), shot.scene.is_binned
+    fields = _fields_of(shot, drawn) | {"alpha": alpha}
+    if binned:
+        scale = sensor_scale_of(shot, drawn, magnified)
+        seen = content_in_bins(shot, alpha, scale)
+        fields |= fields_in_bins(shot, seen, scale)
+        cell, (coefficients, widths, skew) = cell_in_bins(shot), shapes_in_bins(seen)
+    else:
+        cell, (coefficients, widths, skew) = _cell(shot.scene), _shapes_of(shot)
+    rows, cols = shot.sampled_pixels()
+    back = pose.inverse(homography, shot.size)
+    cameras = lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
+    filters = _filters_of(shot, drawn)
+    black, share = np.zeros((2, len(shot)), np.float32)
     if "black_level" in plan and not decoded:
         black[:] = drawn["panel.black"]
-    if "crosstalk" in plan:
-        filters = crosstalk_matrix(torch.from_numpy(drawn["sensor.crosstalk"])).numpy()
-    else:
-        filters = np.eye(3)[None].repeat(len(shot), 0)
-    return Exposure(
+    if "prefilter" in plan and not decoded:
+        share[:] = prefilter.share_at_centre(shot).detach().float().numpy()
+    exposure = Exposure(
         size=shot.size,
-        cameras=_cameras_of(shot, drawn),
+        cameras=cameras,
         filters=filters,
         white=_white_of(shot, filters),
         black=black,
-        cell=_cell(shot.scene),
+        cell=cell,
         coefficients=coefficients,
         widths=widths,
         skew=skew,
@@ -63,16 +85,23 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> Exposure:
         clips=any(effect.name == "full_well" for effect in plan.exposing),
         point=_point_of(shot) if plan.exposure == "point" else None,
     )
+    return exposure, lower_beats(shot, cameras, seen, alpha, scale) if binned else None
 
 
-def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
+def _filters_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
+    if "crosstalk" in shot.plan:
+        return crosstalk_matrix(torch.from_numpy(drawn["sensor.crosstalk"])).numpy()
+    return np.eye(3)[None].repeat(len(shot), 0)
+
+
+def _fields_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the fields of the cameras that `lowering.lower_cameras` takes."""
     plan, zero = shot.plan, np.zeros(len(shot))
     k1, k2 = distortion_of(shot, drawn)
     noisy = "noise" in plan
-    fields = {
+    return {
         "k1": k1,
         "k2": k2,
-        "alpha": drawn["panel.scale"],
         "fill": drawn["sensor.fill"],
         "blur": drawn["lens.blur"],
         "olpf": drawn["lens.olpf"],
@@ -86,9 +115,6 @@ def _cameras_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
         "glare_x": drawn["panel.glare_x"],
         "glare_y": drawn["panel.glare_y"],
     }
-    rows, cols = shot.sampled_pixels()
-    back = pose.inverse(homography_of(shot, drawn), shot.size)
-    return lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
 
 
 def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -132,11 +158,7 @@ def _flicker_of(shot: ShotRecord) -> np.ndarray:
     flicker."""
     if "flicker" not in shot.plan:
         return np.empty((len(shot), 0))
-    drawn = shot.numbers()
-    rows = shot.sampled_pixels()[0].positions() / shot.size[0]
-    pulses = drawn["panel.pwm"], drawn["panel.duty"], drawn["panel.phase"]
-    bands = flicker(rows, *pulses, drawn["sensor.shutter"], drawn["sensor.readout"])
-    return bands.detach().contiguous().numpy()
+    return bands_of(shot).detach().contiguous().numpy()
 
 
 @functools.lru_cache(maxsize=KEPT)
@@ -189,4 +211,4 @@ def _cell(scene: Scene) -> Cell:
 @functools.lru_cache(maxsize=KEPT)
 def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
     rows, cols = (pixels.positions().numpy() for pixels in sampled_by(scene, size))
-    return lowering.lower_sites(rows, cols, size, CFA[scene.sensor.cfa])
+    return lowering.lower_sites(rows, cols, size, CFA[scene.cells])

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from moireaug.engine import pose
+from moireaug.scene.fields import bounds
 from moireaug.scene.shot import ShotRecord
 
 KEPT = 64  # scenes and sizes whose tables are cached
@@ -25,9 +26,27 @@ def distortion_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> tuple[np.nd
     return drawn["lens.k1"], drawn["lens.k2"]
 
 
-def homography_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
+def homography_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return the homography from image to ideal photo coordinates, about the centres, (B, 3, 3)
-    float64."""
+    float64, and how many photo pixels an image pixel in the middle takes before it is turned,
+    (B,)."""
     if shot.scene.view.pose != "camera":
-        return pose.centred(shot.matrix().detach().numpy(), shot.size)
+        matrix = pose.centred(shot.matrix().detach().numpy(), shot.size)
+        return matrix, np.ones(len(shot))
     return pose.camera_pose(drawn, shot.size, shot.scene.view.fit)
+
+
+def panel_scale_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
+    """Return `shot.panel_scale`."""
+    if bounds(shot.scene.panel.width)[1]:
+        return drawn["panel.width"] / max(shot.size)
+    return drawn["panel.scale"]
+
+
+def sensor_scale_of(
+    shot: ShotRecord, drawn: dict[str, np.ndarray], magnified: np.ndarray
+) -> np.ndarray:
+    """Return `shot.sensor_scale`, given the second result of `homography_of`."""
+    if not bounds(shot.scene.sensor.pitch)[1]:
+        return np.full(len(shot), shot.scene.sensor.scale)
+    return drawn["sensor.pitch"] * panel_scale_of(shot, drawn) / magnified

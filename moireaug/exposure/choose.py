@@ -7,6 +7,7 @@ import math
 
 from moireaug.exposure import extremes
 from moireaug.exposure.base import Exposure
+from moireaug.exposure.binned import Binned
 from moireaug.exposure.sampled import Point, Supersample
 from moireaug.exposure.smooth import Box, Mean, Spectral
 from moireaug.scene.fields import bounds
@@ -32,6 +33,8 @@ def exposure_of(scene: SceneRecord) -> Exposure:
     Raises:
         ValueError: "point" or "box" for a panel whose subpixels are not rectangles.
     """
+    if scene.is_binned:
+        return _binned(scene)
     method, _, n = scene.sensor.exposure.partition(":")
     slanted = [s for s in as_layout(scene.panel.layout).all() if not s.is_rectangle]
     if method in ("point", "box") and slanted:
@@ -53,6 +56,14 @@ def exposure_of(scene: SceneRecord) -> Exposure:
     if method == "auto" and endless and not slanted:
         return Box(taps)
     return Spectral(taps, tuple(pair for pair, _ in found), fine=extremes.narrowest(scene) < FINE)
+
+
+def _binned(scene: SceneRecord) -> Binned:
+    taps = taps_of(scene, whole_pixel=True)
+    if scene.sensor.exposure == "mean":
+        return Binned(taps, (), name="mean")
+    found = extremes.harmonics(scene)[:MOST_HARMONICS]
+    return Binned(taps, tuple(pair for pair, _ in found), name="spectral")
 
 
 def _is_cut(scene: SceneRecord, found: list[tuple[tuple[int, int], float]]) -> bool:

@@ -5,19 +5,22 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from moireaug.exposure.binned import INTERPOLATED
 from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import Optics
 from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
 from moireaug.geometry.grids import image_to_photo, jacobian
-from moireaug.geometry.homography import homography
+from moireaug.geometry.homography import homography, magnification
 from moireaug.panel.fourier import coefficient
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.layout import as_layout
+from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SceneRecord
 
 # height and width; what holds for these holds for most images
@@ -36,13 +39,20 @@ def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
     return sorted({*spread, *(m for m in marks if low < m < high)})
 
 
-@functools.lru_cache(maxsize=64)
-def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
+def views(scene: SceneRecord, zoom: float, *, usual: bool, magnified: bool = False) -> Tensor:
     """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
     picture, and where it reaches past the photo's corners also as far out as these, for the angles
     and lenses that a scene allows at this zoom: (N, 2, 2) float64. `usual` leaves out long
-    strips."""
-    v, lens = scene.view, scene.lens
+    strips; `magnified` gives them times the photo pixels that an image pixel in the middle takes
+    before it is turned, which no zoom changes."""
+    shapes = SHAPES if usual else SHAPES + STRIPS
+    return _views(scene.view, scene.lens, scene.sensor.scale, zoom, shapes, magnified)
+
+
+@functools.lru_cache(maxsize=64)
+def _views(
+    v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool
+) -> Tensor:
     turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
     poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
@@ -51,13 +61,15 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool) -> Tensor:
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
     fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
     found = []
-    for size in SHAPES if usual else SHAPES + STRIPS:
+    for size in shapes:
         h, w = size
-        m = homography(fields, k1, k2, size, scene.sensor.scale, pose=v.pose, fit=v.fit)
+        m = homography(fields, k1, k2, size, scale, pose=v.pose, fit=v.fit)
         picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **PRECISE)
         points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
         points = torch.cat([points, _in_the_photo(points, size)], 1)
         seen = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
+        if magnified:
+            seen = seen * magnification(fields, k1, k2, size, v.fit)[:, None, None, None, None]
         found.append(seen.flatten(0, 2))
     return torch.cat(found).unique(dim=0)
 
@@ -70,8 +82,16 @@ def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:
     return torch.where(radius > 1, centre + (points - centre) / radius, points)
 
 
-@functools.lru_cache(maxsize=64)
 def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
+    """Return the harmonics whose contrast at the sensor can exceed the tolerance, strongest first;
+    see `_harmonics`."""
+    if bounds(scene.sensor.pitch)[1]:  # however large the picture is shown
+        scene = replace(scene, panel=replace(scene.panel, width=0.0, scale=1.0))
+    return _harmonics(scene)
+
+
+@functools.lru_cache(maxsize=64)
+def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return the harmonics whose contrast in the raw reading can exceed the tolerance, strongest
     first.
 
@@ -146,8 +166,20 @@ def _through_lens(scene: SceneRecord, squared: Tensor) -> Tensor:
 def _steps(scene: SceneRecord) -> Tensor:
     """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that show the panel at
     its smallest, (N, 2, 2)."""
-    seen = views(scene, bounds(scene.view.zoom)[1], usual=False)
+    zoom, (_, pitch) = bounds(scene.view.zoom)[1], bounds(scene.sensor.pitch)
+    if pitch:
+        return views(scene, zoom, usual=False, magnified=True) / pitch
+    seen = views(scene, zoom, usual=False)
     return seen * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
+
+
+def least_sensor_scale(scene: SceneRecord, alpha: float) -> float:
+    """Return the fewest sensor pixels per photo pixel, for `alpha` panel pixels per image pixel."""
+    pitch = bounds(scene.sensor.pitch)[0]
+    if not pitch:
+        return scene.sensor.scale
+    zoom = bounds(scene.view.zoom)[1]  # a picture that fits is at most as large as the photo
+    return pitch * alpha / zoom
 
 
 def narrowest(scene: SceneRecord) -> float:
@@ -164,11 +196,17 @@ def footprints(
     sensor, lens = scene.sensor, scene.lens
     # as if the hand moved in every direction
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
-    blur = math.hypot(bounds(lens.blur)[1], motion)
-    widest = (bounds(sensor.fill)[1], blur, bounds(lens.olpf)[1], 0.0, 0.0)
+    blur, fill, olpf = math.hypot(bounds(lens.blur)[1], motion), bounds(sensor.fill)[1], lens.olpf
+    widest = (fill, blur, bounds(olpf)[1], 0.0, 0.0)
+    step = seen[None, :, None] * (alpha / sensor.scale)
+    if scene.is_binned:
+        # of photo pixels, on a panel of at most the picture's pixels
+        s = least_sensor_scale(scene, alpha)
+        spread = math.hypot(blur, bounds(olpf)[1] / 2, fill / 12**0.5, INTERPOLATED**0.5)
+        widest = (max(s, 1.0) / s, spread / s, 0.0, 0.0, 0.0)
+        step = seen[None, :, None] * min(alpha, 1.0)
     optics = Optics(*(torch.tensor([value], **PRECISE) for value in widest))
     lit = torch.ones(1, **PRECISE)
-    step = seen[None, :, None] * (alpha / sensor.scale)
     kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
     return footprints_of(kinds, step, (lit, lit), optics)
 
@@ -176,8 +214,7 @@ def footprints(
 def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
     """Return how many cells to each side a sensor pixel sees at most."""
     most = 0.0
-    for seen_along, width, _ in footprints(
-        scene, seen, bounds(scene.panel.scale)[1], whole_pixel=whole_pixel
-    ):
-        most = max(most, float(seen_along.reach().max()) + float(width) / 2)
+    for alpha in inside(scene.panel.scale, 1.0):
+        for along, width, _ in footprints(scene, seen, alpha, whole_pixel=whole_pixel):
+            most = max(most, float(along.reach().max()) + float(width) / 2)
     return most

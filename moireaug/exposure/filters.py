@@ -26,7 +26,7 @@ def crosstalk_matrix(share: Tensor) -> Tensor:
 def colours_seen(shot) -> str:
     """Return the filter cell, a key of `CFA`, of the colours that pixels see: all three if the
     filters' bands overlap, else their own."""
-    return "none" if "crosstalk" in shot.plan else shot.scene.sensor.cfa
+    return "none" if "crosstalk" in shot.plan else shot.scene.cells
 
 
 def through_filters(light: Tensor, shot) -> Tensor:
@@ -35,7 +35,7 @@ def through_filters(light: Tensor, shot) -> Tensor:
     if "crosstalk" not in shot.plan:
         return light
     mixed = mix_colours(crosstalk_matrix(shot.sensor.crosstalk), light)
-    cfa, planes = shot.scene.sensor.cfa, []
+    cfa, planes = shot.scene.cells, []
     for site in CFA[cfa]:
         for channel in site.channels:
             planes.append(mixed[:, channel, site.row :: cell(cfa), site.column :: cell(cfa)])

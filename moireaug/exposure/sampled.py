@@ -22,7 +22,7 @@ class Sampled(Exposure):
     """The mean of the panel's light at some points around each sensor pixel's centre."""
 
     def __call__(self, light: Tensor, shot) -> Tensor:
-        pixels, alpha = shot.sampled_pixels(), shot.panel.scale[:, None, None]
+        pixels, alpha = shot.sampled_pixels(), shot.panel_scale[:, None, None]
         rows, cols = (axis.positions(light.device) for axis in pixels)
         offsets = self.offsets(shot)
         down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
@@ -64,10 +64,10 @@ class Point(Sampled):
     reason = "the panel read at each sensor pixel's centre"
 
     def offsets(self, shot) -> Tensor:
-        return shot.panel.scale.new_zeros(len(shot), 2, 1)
+        return shot.panel_scale.new_zeros(len(shot), 2, 1)
 
     def read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
-        layout, alpha = as_layout(shot.scene.panel.layout), shot.panel.scale[:, None, None]
+        layout, alpha = as_layout(shot.scene.panel.layout), shot.panel_scale[:, None, None]
         width, height = emitting_share(shot.panel)
         ends: tuple = (None, None)
         if not shot.scene.develop.registered:
@@ -140,7 +140,7 @@ class Supersample(Sampled):
         self, plane: Tensor, s, x: Tensor, y: Tensor, width: Tensor, height: Tensor, shot
     ) -> Tensor:
         """Return what one kind of subpixel emits at panel points."""
-        alpha = shot.panel.scale[:, None, None]
+        alpha = shot.panel_scale[:, None, None]
         column, row = cell_of(s, x, y)
         px = (column * s.period[0] + s.pixel[0]) / alpha
         py = (row * s.period[1] + s.pixel[1]) / alpha

@@ -22,12 +22,15 @@ class Screen:
     The picture is put on the panel once, unless the panel has more pixels than are looked up.
     """
 
-    def __init__(self, light: Tensor, shot, taps: int) -> None:
-        self.light, self.taps, self.alpha = light, taps, shot.panel.scale[:, None, None]
-        most = bounds(shot.scene.panel.scale)[1]
+    def __init__(self, light: Tensor, shot, taps: int, alpha: Tensor | None = None) -> None:
+        """`alpha` (B,) is the number of pixels per image pixel of another panel than the shot's,
+        at most 1, whose cells are single pixels."""
+        self.light, self.taps = light, taps
+        self.alpha = (shot.panel_scale if alpha is None else alpha)[:, None, None]
+        most = bounds(shot.scene.at(shot.size).panel.scale)[1] if alpha is None else 1.0
         if len(light) and not is_transformed():
             most = float(self.alpha.detach().max())
-        px, py = as_layout(shot.scene.panel.layout).period
+        px, py = as_layout(shot.scene.panel.layout).period if alpha is None else (1, 1)
         # far enough past the picture for all taps to show its edge pixels
         self.margin = (taps * py, taps * px)
         height, width = shot.size

@@ -44,7 +44,7 @@ def look_at_panel(
     rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot
 ) -> Sight:
     """Return where the sensor pixels at photo coordinates rows x cols look on the panel."""
-    alpha = shot.panel.scale[:, None, None, None]
+    alpha = shot.panel_scale[:, None, None, None]
     points = grids.grid(rows, cols)
     position = grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha
     lens = shot.distortion and tuple(k.to(accuracy) for k in shot.distortion)
@@ -88,24 +88,43 @@ def footprints_of(
 
 def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen) -> AlongAxis:
     """Return one kind of subpixel along x (axis 0) or y (axis 1)."""
-    taps, dtype, period = screen.taps, screen.light.dtype, subpixel.period[axis]
-    cells = (sight.position[..., axis] - subpixel.centre[axis]) / period
-    nearest = cells.detach().round()
     across, down = emitting_share(shot.panel)
     if subpixel is WHOLE_PIXEL:
         across, down = torch.ones_like(across), torch.ones_like(down)
     seen, width = footprint_of(subpixel, axis, sight.step, (across, down), optics_of(shot))
+    place = Place(axis, subpixel.centre[axis], subpixel.period[axis], subpixel.pixel[axis])
+    return shares_along(place, sight.position[..., axis], seen, width, shot, screen)
+
+
+class Place(NamedTuple):
+    """Where one kind of subpixel lies along x (axis 0) or y (axis 1), in panel pixels: its centre
+    in its cell, the cell's period, and the middle of the panel pixel whose value it shows."""
+
+    axis: int
+    centre: float
+    period: int
+    pixel: float
+
+
+def shares_along(
+    place: Place, at: Tensor, seen: Footprint, width: Tensor, shot, screen: Screen
+) -> AlongAxis:
+    """Return one kind of subpixel along an axis, for sensor pixels at positions `at` (B, h, w) in
+    panel pixels; `seen` and `width` as from `footprint_of`."""
+    taps, dtype, period = screen.taps, screen.light.dtype, place.period
+    cells = (at - place.centre) / period
+    nearest = cells.detach().round()
     kept, lost = content.fitted(seen, width, taps)
     shares = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
     share = content.normalised(shares.to(dtype))
     lit = None
     if not shot.scene.develop.registered:
-        ends = shot.panel.scale[:, None, None] * shot.size[1 - axis]
-        pixel = nearest * period + subpixel.pixel[axis]
-        whole = _share_on_picture(sight.position[..., axis], seen, ends, period)
+        ends = screen.alpha * shot.size[1 - place.axis]
+        pixel = nearest * period + place.pixel
+        whole = _share_on_picture(at, seen, ends, period)
         # a narrowed view sees as much of the picture as the whole view does
-        at = pixel + period * content.around(taps, pixel)
-        alone = ((at >= 0) & (at < ends)).double()
+        tap = pixel + period * content.around(taps, pixel)
+        alone = ((tap >= 0) & (tap < ends)).double()
         lit = torch.where(lost > 0, whole, alone).to(dtype)
     return AlongAxis(cells, nearest, kept, width, share, lit)
 

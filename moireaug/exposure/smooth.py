@@ -95,11 +95,16 @@ class SmoothExposure(Exposure):
     def bands(self, light: Tensor, readings: int) -> int:
         """Return the number of bands of rows into which a site's readings of each image are cut, to
         bound memory."""
-        if torch.compiler.is_compiling():
-            return 1
-        each = max(self.taps**2, len(self.harmonics))  # numbers of the largest tensor
-        numbers = len(light) * readings * each
-        return min(MOST_BANDS, 1 + numbers // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
+        return bands_of(light, readings, max(self.taps**2, len(self.harmonics)))
+
+
+def bands_of(light: Tensor, readings: int, each: int) -> int:
+    """Return the number of bands of rows into which the readings of images are cut, to bound
+    memory; `each` numbers of the largest tensor belong to one reading."""
+    if torch.compiler.is_compiling():
+        return 1
+    numbers = len(light) * readings * each
+    return min(MOST_BANDS, 1 + numbers // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
 
 
 class BySubpixel(SmoothExposure):

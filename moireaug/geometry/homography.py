@@ -8,6 +8,7 @@ everything is float64 and differentiable in every field.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -48,13 +49,26 @@ def camera_pose(
     """Return the homography (B, 3, 3) of a pinhole camera, about the centres of image and photo.
     Arguments as in `homography`."""
     h, w = size
-    xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
-    diagonal = (h**2 + w**2) ** 0.5
-    f = diagonal / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
-    turned = _matrix([[xx, xy, 0.0], [yx, yy, 0.0], [zx / f, zy / f, 1.0]], f)
-    zoom = view["zoom"] * (_fitting_zoom(turned, k1, k2, size) if fit else 1.0)
+    zoom = magnification(view, k1, k2, size, fit)
     right, down = view["shift_x"] * w, view["shift_y"] * h
-    return _matrix([[zoom, 0, right], [0, zoom, down], [0, 0, 1.0]], zoom) @ turned
+    return _matrix([[zoom, 0, right], [0, zoom, down], [0, 0, 1.0]], zoom) @ _turned(view, size)
+
+
+def magnification(
+    view: dict[str, Tensor], k1: Tensor, k2: Tensor, size: tuple[int, int], fit: bool
+) -> Tensor:
+    """Return how many photo pixels an image pixel in the middle of the picture takes along each
+    axis before it is turned, (B,). Arguments as in `homography`."""
+    if not fit:
+        return view["zoom"]
+    return view["zoom"] * _fitting_zoom(_turned(view, size), k1, k2, size)
+
+
+def _turned(view: dict[str, Tensor], size: tuple[int, int]) -> Tensor:
+    """Return the homography (B, 3, 3) of a turned picture, as large in its middle as the photo."""
+    xx, xy, yx, yy, zx, zy = _rotation_columns(view["yaw"], view["pitch"], view["roll"])
+    f = math.hypot(*size) / 2 / torch.tan(torch.deg2rad(view["fov"]) / 2)
+    return _matrix([[xx, xy, 0.0], [yx, yy, 0.0], [zx / f, zy / f, 1.0]], f)
 
 
 def released_pose(view: dict[str, Tensor], size: tuple[int, int], scale: float) -> Tensor:

@@ -25,6 +25,7 @@ class Site(NamedTuple):
 CFA: dict[str, tuple[Site, ...]] = {
     "rggb": (Site(0, 0, (0,)), Site(0, 1, (1,)), Site(1, 0, (1,)), Site(1, 1, (2,))),
     "none": (Site(0, 0, (0, 1, 2)),),
+    "binned": (Site(0, 0, (0, 1, 1, 2)),),  # a whole cell for each photo pixel
 }
 
 
@@ -73,6 +74,12 @@ class SampledPixels:
     def positions(self, device: torch.device | str = "cpu") -> Tensor:
         """Return the photo coordinates of the pixels' centres, (len(index),) float64."""
         return (torch.tensor(self.index, dtype=torch.float64, device=device) + 0.5) / self.scale
+
+
+@functools.lru_cache(maxsize=512)
+def binned_pixels(size: int) -> SampledPixels:
+    """Return the cells along one axis of a binned reading: one for each photo pixel."""
+    return SampledPixels(tuple(range(size)), 1, 0, size, 1.0)
 
 
 @functools.lru_cache(maxsize=512)

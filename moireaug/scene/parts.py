@@ -16,6 +16,7 @@ CFAS = ("rggb", "none")
 DEMOSAICS = ("bilinear", "malvar")
 DENOISERS = ("nlm", "bilateral")
 RESIZES = ("area", "antialias", "point")
+READINGS = ("auto", "full", "binned")
 LEAST_SLOPE = 0.05  # of the radius in the photo over that in the view
 
 
@@ -24,6 +25,8 @@ class Panel(Part):
     """The screen.
 
     Args:
+        width: panel pixels across the picture's longer side, whatever the picture's size. A range;
+            0 leaves it to `scale`. Panel pixels are square, so the shorter side gets fewer.
         scale: panel pixels per image pixel, along each axis (the paper's alpha). A range. A panel
             of fewer pixels than the picture shows it antialiased.
         layout: arrangement of the subpixels in a panel pixel: a key of
@@ -43,7 +46,8 @@ class Panel(Part):
             lower edges. Ranges.
     """
 
-    scale: Range = ranged(1.0, 1e-3, 1000.0, "panel pixels per image pixel")
+    width: Range = ranged(0.0, 0.0, 1e5, "panel pixels")
+    scale: Range = ranged(1.0, 1e-4, 1e5, "panel pixels per image pixel")
     layout: str | Layout = "rgb_stripe"
     lit: Range = ranged(1.0, 1e-3, 1.0)
     lit_x: Range = ranged(1.0, 1e-3, 1.0)
@@ -58,6 +62,7 @@ class Panel(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        _check_stated("Panel.width", self.width, "Panel.scale", self.scale)
         if isinstance(self.layout, dict):
             object.__setattr__(self, "layout", as_layout(self.layout))
         if not isinstance(self.layout, Layout):
@@ -166,8 +171,14 @@ class Sensor(Part):
     """The sensor.
 
     Args:
-        scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of the
-            raw reading.
+        pitch: sensor pixels per panel pixel, in the picture's centre and before it is turned; for a
+            binned reading. A range; 0 leaves it to `scale`.
+        scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of a
+            full reading.
+        reading: "full", a value for each sensor pixel; or "binned", for each photo pixel the mean
+            of each colour's sensor pixels in it, interpolated bilinearly: the same photo, at a
+            price that does not depend on the number of sensor pixels; see
+            `moireaug.exposure.binning`. "auto" is binned where `Panel.width` or `pitch` is given.
         cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
         crosstalk: share of its light that a colour filter receives from its neighbours in the
             spectrum: red and blue from green, green from both. The colour matrix undoes it for
@@ -191,7 +202,9 @@ class Sensor(Part):
             through.
     """
 
+    pitch: Range = ranged(0.0, 0.0, 1e3, "sensor pixels per panel pixel")
     scale: float = 1.0
+    reading: str = "auto"
     cfa: str = "rggb"
     crosstalk: Range = ranged(0.0, 0.0, 0.3)
     fill: Range = ranged(1.0, 1e-3, 1.0)
@@ -208,12 +221,15 @@ class Sensor(Part):
         if isinstance(self.scale, (tuple, list)):
             raise ValueError(
                 "Sensor.scale must be one number, because it fixes the size of the raw reading of "
-                f"a whole batch; got {self.scale!r}. Vary Panel.scale or View.zoom instead."
+                f"a whole batch; got {self.scale!r}. Vary Sensor.pitch, Panel.scale or View.zoom "
+                "instead."
             )
         scale = check_number(
             "Sensor.scale", self.scale, 0.25, 64.0, "sensor pixels per photo pixel"
         )
         object.__setattr__(self, "scale", scale)
+        _check_stated("Sensor.pitch", self.pitch, "Sensor.scale", self.scale)
+        one_of("Sensor.reading", self.reading, READINGS)
         if str(self.exposure).startswith("supersample"):
             if not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
                 raise ValueError(
@@ -294,6 +310,23 @@ class Develop(Part):
         one_of("Develop.demosaic", self.demosaic, DEMOSAICS)
         if self.denoise is not None:
             one_of("Develop.denoise", self.denoise, DENOISERS)
+
+
+def _check_stated(name: str, value: Range, other: str, other_value: Range) -> None:
+    """Check a field of which 0 means that another field is read instead."""
+    if hasattr(value, "shape"):
+        return
+    low, high = bounds(value)
+    least = 1.0 if name == "Panel.width" else 1e-3
+    if high and low < least:
+        raise ValueError(
+            f"{name} must be at least {least:g}, or 0 to read {other} instead; got {value!r}."
+        )
+    if high and other_value != 1.0:
+        raise ValueError(
+            f"{name} and {other} say the same thing in two ways; got {value!r} and "
+            f"{other_value!r}. Leave one out: {other} = 1, or {name} = 0."
+        )
 
 
 PARTS: dict[str, type[Part]] = {

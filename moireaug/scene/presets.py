@@ -60,13 +60,10 @@ LCD = Panel(
 # OLEDs have no backlight; their subpixels are small.
 OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
 
-PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.65), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
-# Compared with photographs of LCDs, which are softer.
-SOFT_LENS = replace(PHONE_LENS, blur=(0.5, 0.85))
-PHONE_SENSOR = Sensor(scale=2.0, crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.001, 0.005))
+PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.55), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
+PHONE_SENSOR = Sensor(crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.003, 0.012))
 PHONE_PHOTO = Develop(
     linear_light=True,
-    demosaic="malvar",
     red=(0.92, 1.12),
     blue=(0.92, 1.08),
     saturation=(0.75, 1.4),
@@ -101,78 +98,74 @@ PRESETS: dict[str, SceneRecord] = {
     ),
     # The broad default of RandomMoire: a phone in front of an LCD, compared with photographs.
     "screen_photo": SceneRecord(
-        panel=replace(LCD, scale=(0.73, 1.08)),
+        panel=replace(LCD, width=(400.0, 1600.0)),
         view=BY_HAND,
-        lens=replace(SOFT_LENS, k1=(-0.03, 0.05)),
-        sensor=PHONE_SENSOR,
+        lens=replace(PHONE_LENS, k1=(-0.03, 0.05)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.8, 2.8)),
         develop=PHONE_PHOTO,
     ),
     # A phone in the hand, half a metre from a desk monitor.
     "phone_at_monitor": SceneRecord(
-        panel=replace(LCD, scale=(0.75, 1.35)),
+        panel=replace(LCD, width=(400.0, 1600.0)),
         view=replace(BY_HAND, roll=(-6.0, 6.0), fov=(30.0, 60.0)),
-        lens=SOFT_LENS,
-        sensor=PHONE_SENSOR,
+        lens=PHONE_LENS,
+        sensor=replace(PHONE_SENSOR, pitch=(1.2, 2.1)),
         develop=PHONE_PHOTO,
     ),
     # The same phone looking down at a laptop, whose rows lean right and left in turn.
     "phone_at_laptop": SceneRecord(
-        panel=replace(LCD, layout="chevron", scale=(0.8, 1.45)),
+        panel=replace(LCD, layout="chevron", width=(400.0, 1600.0)),
         view=replace(BY_HAND, yaw=(-15.0, 15.0), pitch=(0.0, 30.0), fov=(20.0, 45.0)),
-        lens=SOFT_LENS,
-        sensor=PHONE_SENSOR,
+        lens=PHONE_LENS,
+        sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone over another phone.
     "phone_at_phone": SceneRecord(
-        panel=replace(OLED, layout="pentile_diamond", scale=(0.76, 1.45)),
+        panel=replace(OLED, layout="pentile_diamond", width=(600.0, 1600.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, gain=(2.0, 4.0)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(2.0, 4.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone near an OLED television.
     "phone_at_television": SceneRecord(
-        panel=replace(OLED, layout="wrgb", scale=(0.76, 1.45)),
+        panel=replace(OLED, layout="wrgb", width=(600.0, 1600.0)),
         view=replace(BY_HAND, fov=(30.0, 60.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, gain=(1.0, 2.0)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.1, 2.1), gain=(1.0, 2.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone in front of an LED wall.
     "phone_at_led_wall": SceneRecord(
-        panel=Panel(layout="led", scale=(0.85, 1.6), lit=(0.4, 1.0)),
+        panel=Panel(layout="led", width=(128.0, 400.0), lit=(0.4, 1.0)),
         view=replace(BY_HAND, yaw=(-30.0, 30.0), fov=(20.0, 60.0)),
         lens=PHONE_LENS,
-        sensor=replace(PHONE_SENSOR, gain=(4.5, 9.0)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.0, 1.9), gain=(4.5, 9.0)),
         develop=PHONE_PHOTO,
     ),
     # A phone held in front of a webcam, as in an identity check.
     "webcam_at_phone": SceneRecord(
-        panel=replace(OLED, layout="pentile_diamond", scale=(0.76, 1.6)),
+        panel=replace(OLED, layout="pentile_diamond", width=(400.0, 1000.0)),
         view=replace(BY_HAND, roll=(-15.0, 15.0), fov=(30.0, 70.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.35, 0.7), motion_x=(-0.4, 0.4), motion_y=(-0.4, 0.4)),
-        sensor=replace(PHONE_SENSOR, gain=(2.0, 5.0), read_noise=(0.003, 0.012)),
-        develop=replace(
-            PHONE_PHOTO,
-            demosaic="bilinear",
-            jpeg=(40.0, 85.0),
-        ),
+        sensor=replace(PHONE_SENSOR, pitch=(1.0, 2.1), gain=(2.0, 5.0), read_noise=(0.006, 0.02)),
+        develop=replace(PHONE_PHOTO, jpeg=(40.0, 85.0)),
     ),
     # A tablet under a document camera, which looks straight down.
     "document_camera_at_tablet": SceneRecord(
-        panel=replace(LCD, layout="chevron", scale=(0.8, 1.5)),
+        panel=replace(LCD, layout="chevron", width=(600.0, 1600.0)),
         view=View(yaw=(-3.0, 3.0), pitch=(-3.0, 3.0), roll=(-10.0, 10.0), fov=(30.0, 60.0)),
         lens=Lens(k1=(-0.02, 0.04), blur=(0.3, 0.65)),
-        sensor=replace(PHONE_SENSOR, read_noise=(0.001, 0.006)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.05, 2.0), read_noise=(0.003, 0.012)),
         develop=replace(PHONE_PHOTO, jpeg=(75.0, 98.0)),
     ),
     # A car drives up to a full-colour LED sign.
     "dashcam_at_led_sign": SceneRecord(
-        panel=Panel(layout="led", scale=(0.85, 1.5), lit=(0.6, 1.0)),
+        panel=Panel(layout="led", width=(48.0, 256.0), lit=(0.6, 1.0)),
         view=View(yaw=(-30.0, 30.0), pitch=(-12.0, 0.0), roll=(-3.0, 3.0), fov=(5.0, 20.0)),
         lens=Lens(k1=(0.0, 0.06), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), motion_y=(-0.2, 0.2)),
-        sensor=replace(PHONE_SENSOR, gain=(3.0, 6.0), read_noise=(0.001, 0.006)),
+        sensor=replace(PHONE_SENSOR, pitch=(1.05, 1.9), gain=(3.0, 6.0), read_noise=(0.003, 0.012)),
         develop=PHONE_PHOTO,
     ),
 }

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from moireaug.scene.fields import check_number
+from moireaug.scene.fields import bounds, check_number
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
 
@@ -38,9 +38,80 @@ class SceneRecord:
                         f"{kind.__name__}.{field} of a scene must be a number or a (low, high) "
                         f"pair of numbers; got {value!r}."
                     )
+        self._check_reading()
         object.__setattr__(
             self, "tolerance", check_number("Scene.tolerance", self.tolerance, 0.0, 1.0, "")
         )
+
+    @property
+    def is_binned(self) -> bool:
+        """Whether the reading is binned: one cell of colours for each photo pixel."""
+        if self.sensor.reading != "auto":
+            return self.sensor.reading == "binned"
+        return bounds(self.sensor.pitch)[1] > 0 or bounds(self.panel.width)[1] > 0
+
+    @property
+    def cells(self) -> str:
+        """The key of `geometry.sensor.CFA` that says how the reading's planes lie."""
+        return "binned" if self.is_binned and self.sensor.cfa == "rggb" else self.sensor.cfa
+
+    def octave(self, size: tuple[int, int]) -> int:
+        """Return the power of 2 that pictures' longer side reaches, by which scenes with
+        `Panel.width` are planned; 0 for others, which do not differ by size."""
+        return max(size).bit_length() - 1 if bounds(self.panel.width)[1] else 0
+
+    def at(self, size: tuple[int, int]) -> SceneRecord:
+        """Return the scene for pictures of `size` (height, width), and of all sizes in the same
+        octave: with `Panel.scale` in place of `Panel.width`, and, where the reading is binned, as
+        such."""
+        low, high = bounds(self.panel.width)
+        if not high:
+            return self
+        shortest = 2 ** self.octave(size)
+        scale = low / (2 * shortest), high / shortest
+        panel = replace(self.panel, width=0.0, scale=scale)
+        reading = "binned" if self.is_binned else "full"
+        return SceneRecord(
+            panel=panel,
+            view=self.view,
+            lens=self.lens,
+            sensor=replace(self.sensor, reading=reading),
+            develop=self.develop,
+            tolerance=self.tolerance,
+        )
+
+    def _check_reading(self) -> None:
+        """Refuse a full reading of scenes that have no one number of sensor pixels, and what a
+        binned reading has no closed form for.
+
+        Raises:
+            ValueError: with what to do.
+        """
+        sensor, develop = self.sensor, self.develop
+        if not self.is_binned:
+            varies = isinstance(self.panel.width, tuple)
+            for name, value in (("Sensor.pitch", sensor.pitch), ("Panel.width", self.panel.width)):
+                if value and (name == "Sensor.pitch" or varies):
+                    raise ValueError(
+                        f"a full reading has one number of sensor pixels for a whole batch, which "
+                        f"{name} = {value!r} does not fix. Use Sensor(reading='binned'), or "
+                        "Panel.scale and Sensor.scale."
+                    )
+            return
+        only: tuple[tuple[str, object, tuple], ...] = (
+            ("Sensor.exposure", sensor.exposure, ("auto", "spectral", "mean")),
+            ("Develop.demosaic", develop.demosaic, ("bilinear",)),
+            ("Develop.resize", develop.resize, ("area",)),
+            ("Develop.denoise", develop.denoise, (None,)),
+            ("View.pose", self.view.pose, ("camera",)),
+        )
+        for name, got, allowed in only:
+            if got not in allowed:
+                raise ValueError(
+                    f"a binned reading has no single sensor pixels: {name} must be "
+                    f"{' or '.join(map(repr, allowed))}; got {got!r}. Change it, or use "
+                    "Sensor(reading='full') with Panel.scale and Sensor.scale."
+                )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers, strings and pairs, fit for JSON and YAML; `Scene.from_dict` is the

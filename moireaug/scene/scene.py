@@ -26,7 +26,8 @@ UNPLANNED = (
     "torch.compile cannot follow how a scene is planned: call shot.scene.plan() before, as "
     "Scene.sample does; copies and unpickled shots have no plan yet."
 )
-KEPT = ("_plan", "_text")  # the plan, and the scene as JSON, for a graph
+KEPT = ("_plans", "_text")  # plans by octave, and the scene as JSON, for a graph
+NOMINAL_SIZE = (224, 224)  # that a plan is for where none is given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,21 +59,23 @@ class Scene(SceneRecord):
         """
         return _PRESETS[one_of("a preset", name, PRESETS)]
 
-    def plan(self) -> Plan:
-        """Return the ordered effects that this scene calls for, each with its reason. Computed once
-        per scene.
+    def plan(self, size: tuple[int, int] = NOMINAL_SIZE) -> Plan:
+        """Return the ordered effects that this scene calls for in photos of `size` (height, width),
+        each with its reason. Only scenes with `Panel.width` differ by size: there a plan is for all
+        sizes between two powers of 2. Computed once.
 
         Raises:
             ValueError: the "point" exposure with a layout of slanted subpixels.
         """
-        found = getattr(self, "_plan", None)  # kept here so that torch.compile finds both ready
-        if found is None:
+        octave = self.octave(size)
+        plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
+        if octave not in plans:
             if torch.compiler.is_compiling():
                 raise RuntimeError(UNPLANNED)
-            found = make_plan(self)
-            object.__setattr__(self, "_plan", found)
+            plans = {**plans, octave: make_plan(self.at(size))}
+            object.__setattr__(self, "_plans", plans)
             object.__setattr__(self, "_text", json.dumps(self.to_dict()))
-        return found
+        return plans[octave]
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out of copies and pickles what `plan` keeps: another version may plan otherwise."""
@@ -89,9 +92,10 @@ class Scene(SceneRecord):
                 generator that is not on the CPU, or as in `plan`.
             TypeError: a generator that is not a torch.Generator.
         """
+        shot = draw(self, n, size, generator)
         # refuse a scene that cannot be photographed here, not in the middle of a batch
-        self.plan()
-        return draw(self, n, size, generator)
+        self.plan(shot.size)
+        return shot
 
     def capture(
         self, images: torch.Tensor, generator: torch.Generator | None = None

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from moireaug.geometry import grids
-from moireaug.geometry.homography import homography
-from moireaug.geometry.sensor import SampledPixels, sampled_pixels
+from moireaug.geometry.homography import homography, magnification
+from moireaug.geometry.sensor import CFA, SampledPixels, binned_pixels, cell, sampled_pixels
 from moireaug.numeric import as_dtype
 from moireaug.scene.by_name import by_part, parts_with, values_of
 from moireaug.scene.fields import bounds
@@ -28,7 +28,11 @@ REACH = {"bilinear": 1, "malvar": 2}
 
 
 def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels, SampledPixels]:
-    """Return which sensor rows and columns a photo of `size` (height, width) reads."""
+    """Return which sensor rows and columns a photo of `size` (height, width) reads; of a binned
+    reading, its cells."""
+    if scene.is_binned:
+        rows, cols = (binned_pixels(n) for n in size)
+        return rows, cols
     sensor, develop = scene.sensor, scene.develop
     reach = REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
     # denoisers and filters need every pixel of the sensor
@@ -99,8 +103,26 @@ class ShotRecord:
 
     @property
     def plan(self) -> Plan:
-        """The effects that its scene calls for."""
-        return self.scene.plan()
+        """The effects that its scene calls for at its size."""
+        return self.scene.plan(self.size)
+
+    @property
+    def panel_scale(self) -> Tensor:
+        """Panel pixels per image pixel, (B,) float64: `Panel.scale`, or from `Panel.width`."""
+        if bounds(self.scene.panel.width)[1]:
+            return self._drawn("panel", "width") / max(self.size)
+        return self._drawn("panel", "scale")
+
+    @property
+    def sensor_scale(self) -> Tensor:
+        """Sensor pixels per photo pixel along each axis, (B,) float64: `Sensor.scale`, or from
+        `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
+        if not bounds(self.scene.sensor.pitch)[1]:
+            return torch.full_like(self._drawn("panel", "scale"), self.scene.sensor.scale)
+        view = {k: getattr(self.view, k) for k in self.view.ranged}
+        k1, k2 = self._drawn("lens", "k1"), self._drawn("lens", "k2")
+        magnified = magnification(view, k1, k2, self.size, self.scene.view.fit)
+        return self._drawn("sensor", "pitch") * self.panel_scale / magnified
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
@@ -127,9 +149,11 @@ class ShotRecord:
 
     def raw_shape(self) -> tuple[int, int, int, int]:
         """Return the shape of the raw reading and of the attacker's noise: four Bayer planes
-        (B, 4, h / 2, w / 2), or three colours (B, 3, h, w)."""
+        (B, 4, h / 2, w / 2), or three colours (B, 3, h, w); of a binned reading, four planes or
+        three colours of the photo's size."""
         rows, cols = self.sampled_pixels()
-        planes, step = (4, 2) if self.scene.sensor.cfa == "rggb" else (3, 1)
+        cells = self.scene.cells
+        planes, step = sum(len(site.channels) for site in CFA[cells]), cell(cells)
         return len(self), planes, len(rows.index) // step, len(cols.index) // step
 
     @property

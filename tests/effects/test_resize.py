@@ -1,10 +1,11 @@
 """The resize of codes: means of windows, triangles, and points."""
 
+import numpy as np
 import pytest
 import torch
 
 from moireaug import Develop, Panel, Scene, Sensor, develop, pipeline
-from moireaug.effects.resize import resize, window_centres
+from moireaug.effects.resize import area_means, area_weights, resize, window_centres
 from moireaug.geometry.sensor import sampled_pixels
 
 
@@ -82,3 +83,17 @@ def test_no_photo_is_brighter_than_white_and_white_has_a_gradient(scale, how):
         assert photo.max() == 1 and photo.min() > 1 - 1e-6
         photo.sum().backward()
         assert raw.grad.sum().item() == pytest.approx(photo.numel(), rel=1e-4)
+
+
+@pytest.mark.parametrize(("n", "m"), [(7, 3), (10, 4), (101, 37), (5, 8), (241, 56)])
+def test_areas_that_do_not_divide_are_shared_exactly(n, m):
+    """Each pixel's light goes where its area lies: the mean is kept, and a ramp stays a ramp."""
+    start, shares = (np.array(values) for values in area_weights(n, m))
+    assert np.allclose(shares.sum(1), 1) and (shares >= 0).all()
+    given = np.zeros(n + shares.shape[1])
+    for first, row in zip(start, shares, strict=True):
+        given[first : first + len(row)] += row
+    assert np.allclose(given[:n], m / n) and np.allclose(given[n:], 0)
+    ramp = torch.arange(n, dtype=torch.float64)[None, None, :, None] + 0.5
+    middles = (torch.arange(m, dtype=torch.float64) + 0.5) * n / m
+    assert (area_means(ramp, m)[0, 0, :, 0] - middles).abs().max() < (0.5 if m > n else 0.13)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from moireaug import Scene, View, capture, develop, expose
+from moireaug import Develop, Scene, Sensor, View, capture, develop, expose
 from moireaug.engine import dispatch, explain, reference
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
@@ -41,8 +41,8 @@ def test_the_reference_is_forced_until_the_last_block_is_left():
     ],
 )
 def test_what_the_engine_leaves_to_the_reference_is_said(field, value, said):
-    how = dataclasses.replace(SHOT.scene.develop, **{field: value})
-    exposes, develops = explain(dataclasses.replace(SHOT.scene, develop=how)).splitlines()
+    scene = Scene(view=View(roll=3.0), sensor=Sensor(scale=2.0), develop=Develop(**{field: value}))
+    exposes, develops = explain(scene).splitlines()
     assert exposes.endswith("engine, on the CPU in float32")
     assert develops.endswith(said)
 
@@ -57,7 +57,9 @@ def test_a_reading_of_nan_has_no_jpeg():
 
 
 @pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
-@pytest.mark.parametrize("field", ["view.yaw", "panel.scale", "sensor.gain", "develop.red"])
+@pytest.mark.parametrize(
+    "field", ["view.yaw", "panel.width", "sensor.pitch", "sensor.gain", "develop.red"]
+)
 def test_forward_derivatives_in_a_shot_are_not_lost(field):
     part, name = field.split(".")
     held = getattr(SHOT, part)

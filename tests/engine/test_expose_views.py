@@ -25,7 +25,7 @@ STEEP = {
 def test_steep_views_that_fit_are_equal(name):
     scene, size = STEEP[name]
     shot = scene.sample(1, size, torch.Generator().manual_seed(3))
-    assert run.fits(lower_exposure(shot, decoded=False)).tolist() == [True]
+    assert run.fits(*lower_exposure(shot, decoded=False)).tolist() == [True]
     assert_equal(*readings(scene, size, n=1))
 
 
@@ -34,7 +34,7 @@ def test_a_view_of_the_horizon_does_not_fit():
     shot = scene.sample(2, (40, 40))
     view = dataclasses.replace(shot.view, yaw=torch.tensor([5.0, 85.0], dtype=torch.float64))
     shot = dataclasses.replace(shot, view=view)
-    assert run.fits(lower_exposure(shot, decoded=False)).tolist() == [True, False]
+    assert run.fits(*lower_exposure(shot, decoded=False)).tolist() == [True, False]
 
 
 def test_an_image_is_read_the_same_beside_one_that_does_not_fit():
@@ -43,7 +43,7 @@ def test_an_image_is_read_the_same_beside_one_that_does_not_fit():
     yaw = torch.tensor([5.0, 85.0, -5.0], dtype=torch.float64)
     shot = dataclasses.replace(shot, view=dataclasses.replace(shot.view, yaw=yaw))
     images = torch.rand(3, 3, 40, 40, generator=torch.Generator().manual_seed(1))
-    assert run.fits(lower_exposure(shot, decoded=False)).tolist() == [True, False, True]
+    assert run.fits(*lower_exposure(shot, decoded=False)).tolist() == [True, False, True]
     together, alone = (
         expose(images, shot),
         [expose(images[i : i + 1], shot[i : i + 1]) for i in range(3)],

@@ -1,0 +1,291 @@
+"""Binned readings: for each photo pixel, the mean of what the sensor pixels of each colour read in
+it. The content of the picture there, times the share that the subpixels fill as `binning` finds."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint
+
+from moireaug.exposure import content
+from moireaug.exposure.base import Exposure
+from moireaug.exposure.binning import Wave, alias_sums, in_plane, times
+from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.exposure.optics import Optics, optics_of
+from moireaug.exposure.screen import Screen
+from moireaug.exposure.seen import (
+    WHOLE_PIXEL,
+    AlongAxis,
+    Place,
+    Sight,
+    look_at_panel,
+    panel_pixels,
+    shares_along,
+)
+from moireaug.exposure.smooth import bands_of
+from moireaug.geometry.sensor import CFA
+from moireaug.numeric import is_transformed
+from moireaug.panel.fourier import coefficient, emitting_share, mean_light
+from moireaug.scene.layout import Layout, as_layout
+from moireaug.scene.subpixel import Subpixel
+
+# variance in squared sensor pixels that a reading adds by being held over a pixel, and on a Bayer
+# sensor by being interpolated: 1/2 for red and blue, 1/4 for green
+HELD, INTERPOLATED = 1 / 12, 1 / 12 + 5 / 12
+
+
+class Content(NamedTuple):
+    """What photo pixels see of a picture, on a panel of at most one pixel per image pixel.
+
+    Args:
+        scale: (B,) its panel pixels per image pixel. ratio: (B,) of which one is so many of the
+            real panel's.
+        optics: of a photo pixel, in photo pixels.
+        shift: (B, 3, 2) where a colour's subpixels lie from the middle of a pixel.
+        width: (B, 3, 2) of a colour's subpixels, in pixels. hold: (B,) variance, in squared pixels,
+            of the picture between the pixels of the finer panel.
+    """
+
+    scale: Tensor
+    ratio: Tensor
+    optics: Optics
+    shift: Tensor
+    width: Tensor
+    hold: Tensor
+
+
+def content_of(shot, alpha: Tensor, s: Tensor) -> Content:
+    """Return the Content of a shot of `alpha` panel pixels per image pixel and `s` sensor pixels
+    per photo pixel, (B,) each.
+
+    A panel of more pixels than the picture shows it interpolated: a photo pixel then sees image
+    pixels themselves, each a little wider.
+    """
+    ratio = alpha.clamp(min=1)
+    fine = 1 - 1 / ratio  # 0 for a panel of the picture's pixels, near 1 for a much finer one
+    optics = optics_of(shot)
+    extra = INTERPOLATED if shot.scene.cells == "binned" else HELD
+    spread = optics.blur.square() + optics.olpf.square() / 4 + optics.fill.square() / 12 + extra
+    seen = Optics(
+        s.clamp(min=1) / s,
+        spread.sqrt() / s,
+        torch.zeros_like(s),
+        optics.motion_x / s,
+        optics.motion_y / s,
+    )
+    layout = as_layout(shot.scene.panel.layout)
+    cells = [colour_cell(layout, channel, shot.panel) for channel in range(3)]
+    middle = [[x - 0.5, y - 0.5] for (x, y), _ in cells]
+    width = torch.stack([torch.stack(sides, -1) for _, sides in cells], 1)
+    return Content(
+        alpha.clamp(max=1),
+        ratio,
+        seen,
+        torch.tensor(middle, dtype=s.dtype, device=s.device) / ratio[:, None, None],
+        width + (1 - width) * fine[:, None, None],
+        fine / 12,
+    )
+
+
+def colour_cell(
+    layout: Layout, channel: int, panel
+) -> tuple[tuple[float, float], tuple[Tensor, Tensor]]:
+    """Return where in a panel pixel a channel's light comes from, and how wide along x and y, (B,)
+    each: its subpixel's, or if it has several, their middle and the whole pixel."""
+    subpixels, (lit_x, lit_y) = layout.of(channel), emitting_share(panel)
+    one = torch.ones_like(lit_x)
+    if len(subpixels) == 1 and subpixels[0].period == (1, 1):
+        (only,) = subpixels
+        sides = []
+        for axis in (0, 1):
+            across, down = abs(only.across[axis]) * lit_x, abs(only.down[axis]) * lit_y
+            sides.append(torch.maximum(across, down).clamp(max=1))
+        return only.centre, (sides[0], sides[1])
+    total = sum(s.density for s in subpixels) or 1.0
+    x, y = (
+        sum(s.density * (s.centre[axis] - s.pixel[axis] + 0.5) for s in subpixels) / total
+        for axis in (0, 1)
+    )
+    return (float(x), float(y)) if subpixels else (0.5, 0.5), (one, one)
+
+
+class Binned(Exposure):
+    """A binned reading, differentiable in the image and in every field of the shot.
+
+    Args:
+        taps: see `Exposure`.
+        harmonics: (k, l) in cycles per cell of the layout, conjugates and (0, 0) left out; none for
+            the panel's mean light alone.
+        name: "spectral" or "mean", as in `Sensor.exposure`.
+    """
+
+    differentiable_in_shot = True
+
+    def __init__(self, taps: int, harmonics: tuple[tuple[int, int], ...], *, name: str) -> None:
+        self.taps, self.harmonics, self.name = taps, harmonics, name
+        self.reason = "the panel's mean light alone, so no moiré"
+        if name == "spectral":
+            self.reason = "harmonics by their modulation transfer and their aliases"
+
+    def __call__(self, light: Tensor, shot) -> Tensor:
+        rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
+        inverse = torch.linalg.inv(shot.matrix())
+        seen = content_of(shot, shot.panel_scale, shot.sensor_scale)
+        screen = Screen(light, shot, self.taps, seen.scale)
+
+        def read(band: Tensor) -> Tensor:
+            return self.read(screen, seen, inverse, band, cols, shot)
+
+        recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
+        planes, each = [], max(self.taps**2, 4 * len(self.harmonics))
+        for band in rows.chunk(bands_of(light, len(rows) * len(cols), each)):
+            if recompute:  # a pose's gradient would keep kilobytes per reading
+                planes.append(checkpoint(read, band, use_reentrant=False, preserve_rng_state=False))
+            else:
+                planes.append(read(band))
+        (site,) = CFA[shot.scene.cells]
+        return torch.cat(planes, 2)[:, list(site.channels)]
+
+    def read(
+        self, screen: Screen, seen: Content, inverse: Tensor, rows: Tensor, cols: Tensor, shot
+    ) -> Tensor:
+        """Return what the pixels of each colour filter read at photo coordinates rows x cols:
+        (B, 3, h, w)."""
+        dtype, layout = screen.light.dtype, as_layout(shot.scene.panel.layout)
+        sight = look_at_panel(rows, cols, inverse, dtype, shot)
+        lit = emitting_share(shot.panel)
+        filled = self.modulation(sight, rows, cols, layout, shot)
+        filters = None
+        if "crosstalk" in shot.plan:
+            filters = crosstalk_matrix(shot.sensor.crosstalk).to(dtype)[..., None, None]
+        shown = [self.content(screen, seen, channel, sight, shot) for channel in range(3)]
+        planes = []
+        for plane in range(3):
+            total = torch.zeros_like(shown[0])
+            for channel in range(3):
+                if (filters is None and channel != plane) or abs(plane - channel) == 2:
+                    continue
+                mean = mean_light(layout, channel, *lit).to(dtype)[:, None, None]
+                through = mean + filled[plane][channel] if filled else mean
+                passed = shown[channel] * through
+                total = total + (passed if filters is None else filters[:, plane, channel] * passed)
+            planes.append(total)
+        return torch.stack(planes, 1)
+
+    def content(self, screen: Screen, seen: Content, channel: int, sight: Sight, shot) -> Tensor:
+        """Return the picture in one channel as photo pixels see it, (B, h, w)."""
+        dtype = sight.step.dtype
+
+        def along(axis: int) -> AlongAxis:
+            shift = seen.shift[:, channel, axis, None, None]
+            at = sight.position[..., axis] / seen.ratio[:, None, None] - shift
+            step = sight.step[..., axis, :] / seen.ratio.to(dtype)[:, None, None, None]
+            view = content.footprint(step, seen.optics)
+            variance = view.variance + seen.hold.to(dtype)[:, None, None]
+            width = seen.width[:, channel, axis, None, None].to(dtype)
+            place = Place(axis, 0.5, 1, 0.5)
+            whole = content.Footprint(view.box, variance)
+            return shares_along(place, at, whole, width, shot, screen)
+
+        return panel_pixels(screen, channel, along(0), along(1), WHOLE_PIXEL)
+
+    def modulation(
+        self, sight: Sight, rows: Tensor, cols: Tensor, layout: Layout, shot
+    ) -> list[list[Tensor]]:
+        """Return the sum of the harmonics of each channel's light, as the pixels of each colour
+        filter read them: (B, h, w) by filter and channel. Empty if there are none."""
+        if not self.harmonics:
+            return []
+        dtype, (px, py) = sight.step.dtype, layout.period
+        optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
+        scale = shot.sensor_scale[:, None, None]
+        orders = sight.position.new_tensor(self.harmonics).reshape(-1, 2, 1, 1, 1)
+        k, l = orders.unbind(1)
+        x, y = (sight.position[..., axis] for axis in (0, 1))
+        cycles = k * (x / px) + l * (y / py)
+        phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
+        step = sight.step / scale[..., None, None].to(dtype)
+        k, l = (k / px).to(dtype), (l / py).to(dtype)
+        u, v = (k * step[..., 0, axis] + l * step[..., 1, axis] for axis in (0, 1))
+        passed = optics.transfer(u, v)
+        carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
+        along_u = alias_sums(u, scale, scale * cols)
+        along_v = alias_sums(v, scale, scale * rows[:, None])
+        amplitudes = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
+        bayer, found = shot.scene.cells == "binned", []
+        for plane in range(3):
+            wave = times(carrier, in_plane(plane if bayer else None, along_u, along_v))
+            channels = []
+            for real, imaginary in amplitudes:
+                real, imaginary = (t.to(dtype)[..., None, None] for t in (real, imaginary))
+                channels.append((real * wave[0] - imaginary * wave[1]).sum(0))
+            found.append(channels)
+        return found
+
+    def pattern_variance(self, shot, scale: Tensor) -> Tensor:
+        """Return the variance of the panel's pattern that is averaged away in the middle of the
+        photo, as a share of the squared mean light, by colour filter: (B, 3); `scale` (B,) is
+        `shot.sensor_scale`."""
+        layout, (h, w) = as_layout(shot.scene.panel.layout), shot.size
+        if not self.harmonics:
+            return shot.panel_scale.new_zeros(len(shot), 3)
+        row, column = (shot.panel_scale.new_tensor([side / 2]) for side in (h, w))
+        inverse = torch.linalg.inv(shot.matrix())
+        step = look_at_panel(row, column, inverse, inverse.dtype, shot).step[:, 0, 0]
+        step = step / scale[:, None, None]
+        k, l = step.new_tensor(self.harmonics)[:, :, None].unbind(1)
+        k, l = k / layout.period[0], l / layout.period[1]
+        u, v = (k * step[:, 0, axis] + l * step[:, 1, axis] for axis in (0, 1))
+        power = optics_of(shot).transfer(u, v).square() / 2  # (K, B)
+        u, v = (f[..., None, None] for f in (u, v))
+        middle_u, middle_v = (scale[:, None, None] * side / 2 for side in (w, h))
+        along_u = alias_sums(u, scale[:, None, None], middle_u)
+        along_v = alias_sums(v, scale[:, None, None], middle_v)
+        bayer, lost = shot.scene.cells == "binned", []
+        for plane in range(3):
+            real, imaginary = in_plane(plane if bayer else None, along_u, along_v)
+            left = (real.square() + imaginary.square())[..., 0, 0]
+            lost.append(power * (1 - left).clamp(min=0))
+        filters = torch.eye(3, dtype=step.dtype, device=step.device).expand(len(shot), 3, 3)
+        if "crosstalk" in shot.plan:
+            filters = crosstalk_matrix(shot.sensor.crosstalk)
+        lit = emitting_share(shot.panel)
+        mean = torch.stack([mean_light(layout, c, *lit) for c in range(3)], -1)
+        parts = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
+        seen = [
+            torch.einsum("bpc,ckb->kbp", filters, torch.stack(p)) for p in zip(*parts, strict=True)
+        ]
+        total = (torch.stack(lost, -1) * (seen[0].square() + seen[1].square())).sum(0)
+        return total / (filters @ mean[..., None])[..., 0].square().clamp(min=1e-12)
+
+
+def amplitudes_of(
+    layout: Layout, channel: int, harmonics: tuple[tuple[int, int], ...], panel
+) -> Wave:
+    """Return twice the Fourier coefficients of one channel's light about the corner of the cell,
+    (K, B) float64 each, real and imaginary part."""
+    width, height = emitting_share(panel)
+    orders = width.new_tensor(harmonics).reshape(-1, 2, 1)
+    real = imaginary = width.new_zeros(len(harmonics), len(width))
+    for subpixel in layout.of(channel):
+        k, l, own = _own_orders(orders, subpixel, layout)
+        amplitude = 2 * own * coefficient(subpixel, k, l, width, height)
+        turns = k * (subpixel.centre[0] / subpixel.period[0])
+        turns = turns + l * (subpixel.centre[1] / subpixel.period[1])
+        real = real + amplitude * torch.cos(2 * math.pi * turns)
+        imaginary = imaginary - amplitude * torch.sin(2 * math.pi * turns)
+    return real, imaginary
+
+
+def _own_orders(
+    orders: Tensor, subpixel: Subpixel, layout: Layout
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return a layout's orders in cycles per cell of a subpixel, and 1 where it has them, else
+    0."""
+    across, down = (whole // own for whole, own in zip(layout.period, subpixel.period, strict=True))
+    k, l = orders[:, 0] / across, orders[:, 1] / down
+    own = ((k == k.round()) & (l == l.round())).to(k.dtype)
+    return k, l, own

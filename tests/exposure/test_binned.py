@@ -1,0 +1,176 @@
+"""Binned readings: the photo of a full reading, and beats of the period, strength and colour that
+follow from the pitch."""
+
+import dataclasses
+import math
+
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
+from moireaug.effects import sensor
+from moireaug.engine import dispatch
+from moireaug.scene.by_name import parts_with
+from moireaug.synthesis import without_moire
+from tests.engine.readings import assert_equal, readings
+
+TURNED = View(yaw=15.0, pitch=8.0, roll=3.0)
+SOFT = Lens(blur=0.4)
+
+
+def picture(h, w):
+    """A smooth picture with an edge, as pictures are."""
+    y, x = torch.meshgrid(torch.linspace(0, 1, h), torch.linspace(0, 1, w), indexing="ij")
+    waves = [torch.sin(2 * math.pi * (c + 1.5) * x + c) * torch.cos(5 * y - c) for c in range(3)]
+    shown = 0.5 + 0.4 * torch.stack(waves)
+    shown[:, h // 3 : h // 2, w // 4 : w // 2] = torch.tensor([0.9, 0.2, 0.4])[:, None, None]
+    return shown[None]
+
+
+def photo(reading, *, panel, sensor, view=TURNED, develop=None, lens=SOFT, size=(40, 48)):
+    sensor = Sensor(reading=reading, **sensor)
+    scene = Scene(panel=panel, view=view, lens=lens, sensor=sensor, develop=develop or Develop())
+    shot = scene.sample(1, size, torch.Generator().manual_seed(0))
+    shown = picture(*size)
+    return capture(shown, shot), capture(shown, without_moire(shot))
+
+
+def rms(difference):
+    return float(difference.square().mean().sqrt())
+
+
+CASES = {
+    "two": {"panel": Panel(scale=1.05), "sensor": {"scale": 2.0}},
+    "three": {"panel": Panel(scale=1.4), "sensor": {"scale": 3.0}},
+    "two and a half": {"panel": Panel(scale=1.2), "sensor": {"scale": 2.5}},
+    "six": {"panel": Panel(scale=2.9), "sensor": {"scale": 6.0}},
+    "nine, matrix": {"panel": Panel(scale=4.2, lit_y=0.6), "sensor": {"scale": 9.0}},
+    "frontal": {"panel": Panel(scale=2.1), "sensor": {"scale": 4.0}, "view": View()},
+    "crosstalk": {"panel": Panel(scale=1.9), "sensor": {"scale": 4.0, "crosstalk": 0.2}},
+    "PenTile": {"panel": Panel(scale=2.1, layout="pentile_diamond"), "sensor": {"scale": 4.0}},
+    "chevron": {"panel": Panel(scale=1.9, layout="chevron"), "sensor": {"scale": 4.0}},
+    "no colour filters": {"panel": Panel(scale=3.1), "sensor": {"scale": 3.0, "cfa": "none"}},
+    "coarse panel": {"panel": Panel(scale=0.45), "sensor": {"scale": 1.0}},
+    "camera's frame": {
+        "panel": Panel(scale=2.1),
+        "sensor": {"scale": 4.0},
+        "develop": Develop(registered=False),
+    },
+    "vignetting, flicker": {
+        "panel": Panel(scale=2.1, pwm=240.0, glare=0.02, glare_x=0.4),
+        "lens": Lens(blur=0.4, vignetting=0.4),
+        "sensor": {"scale": 4.0, "shutter": 0.002, "readout": 0.03},
+    },
+}
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_a_binned_photo_is_the_full_one(case):
+    full, twin = photo("full", **case)
+    binned, _ = photo("binned", **case)
+    assert rms(binned - full) < 0.008
+    assert rms(full - twin) > 2 * rms(binned - full)  # a negative control: there is moiré to miss
+
+
+def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
+    """Sensor pixels saturate one by one: the mean of clipped pixels is not their mean clipped."""
+    case = {"panel": Panel(scale=3.3), "sensor": {"scale": 8.0, "gain": 3.0}}
+    with dispatch.reference():
+        full, _ = photo("full", **case)
+        binned, _ = photo("binned", **case)
+        monkeypatch.setattr(sensor, "expected_clip", lambda raw, variance: raw.clamp(0, 1))
+        naive, _ = photo("binned", **case)
+    assert rms(binned - full) < 0.013 and rms(binned - full) < 0.6 * rms(naive - full)
+
+
+@pytest.mark.parametrize("pitch", [2.1, 1.9, 2.3])
+def test_beats_have_the_period_strength_and_colour_of_their_pitch(pitch):
+    """A white stripe panel seen head-on: its first harmonic, 1 / pitch cycles per sensor pixel, is
+    seen at g = 1 / pitch - 1 / 2 by red and blue, which read every second pixel, and not at all by
+    green, whose pixels lie on a quincunx."""
+    s, w = 4.0, 400
+    scene = Scene(panel=Panel(scale=s / pitch), lens=SOFT, sensor=Sensor(scale=s, reading="binned"))
+    shot = scene.sample(1, (3, w))
+    raw = pipeline.expose(torch.ones(1, 3, 3, w, dtype=torch.float64), shot)[0, :, 1]
+    f, g = 1 / pitch, 1 / pitch - 0.5
+    u = (torch.arange(w, dtype=torch.float64) + 0.5) * s
+    window = torch.hann_window(w, periodic=False, dtype=torch.float64)
+    beat = torch.exp(-2j * math.pi * g * u) * window
+    red, green, blue = (
+        2 * (beat * (raw[i] - raw[i].mean())).sum() / window.sum() for i in (0, 1, 3)
+    )
+
+    def sinc(x):
+        return math.sin(math.pi * x) / (math.pi * x)
+
+    first = math.sin(math.pi / 3) / math.pi  # of a stripe a third of a pixel wide
+    passed = sinc(f) * math.exp(-2 * math.pi**2 * 0.4**2 * f**2)
+    left = math.cos(math.pi * g) ** 2 * sinc(g) * sinc(s * g)
+    assert float(red.abs()) == pytest.approx(2 * first * passed * left, rel=0.03)
+    assert float(blue.abs()) == pytest.approx(float(red.abs()), rel=0.03)
+    assert green.abs() < 0.1 * red.abs()  # what is left of the first harmonic itself
+    # red stripes lie a third of a pixel before green ones, blue a third behind; blue pixels read
+    # one pixel later than red ones, which is half a turn of an alias of half a cycle per pixel
+    turn = 2 * math.pi * (1 / 6 - 5 / 6) + math.pi
+    assert torch.exp(1j * (blue.angle() - red.angle() - turn)).real > 0.999
+
+
+ENGINE = {
+    "screen": {"panel": Panel(width=(300.0, 500.0), lit_y=0.7)},
+    "fine screen": {"panel": Panel(width=1600.0)},
+    "LED wall": {"panel": Panel(width=(20.0, 60.0), layout="led", lit=0.5)},
+    "PenTile": {"panel": Panel(width=300.0, layout="pentile_diamond", lit=0.6)},
+    "camera's frame": {"panel": Panel(width=200.0), "develop": Develop(registered=False)},
+    "light": {"panel": Panel(width=200.0), "develop": Develop(linear_light=True)},
+}
+SENSORS = {
+    "Bayer": Sensor(pitch=(1.6, 2.4)),
+    "crosstalk": Sensor(pitch=(1.6, 2.4), crosstalk=0.2),
+    "no colour filters": Sensor(pitch=(0.8, 1.2), cfa="none"),
+    "noise": Sensor(pitch=2.0, gain=2.0, read_noise=0.02, shot_noise=0.03),
+}
+BENT = Lens(k1=(-0.03, 0.05), blur=(0.3, 0.6), motion_x=(-0.3, 0.3), olpf=(0.0, 0.5))
+MOVED = View(yaw=(-25.0, 25.0), pitch=(-15.0, 15.0), roll=(-12.0, 12.0))
+
+
+@pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS)
+@pytest.mark.parametrize("case", ENGINE.values(), ids=ENGINE)
+def test_the_engine_reads_bins_as_the_reference_does(case, sensor):
+    scene = Scene(view=MOVED, lens=BENT, sensor=sensor, **case)
+    assert_equal(*readings(scene, (37, 52)))
+
+
+def test_noise_is_that_of_the_pixels_that_a_bin_averages():
+    scene = Scene(panel=Panel(layout="even"), sensor=Sensor(scale=8.0, read_noise=0.1, gain=0.5))
+    binned = Scene(
+        panel=scene.panel,
+        sensor=Sensor(scale=8.0, read_noise=0.1, gain=0.5, reading="binned"),
+    )
+    grey = torch.full((4, 3, 64, 64), 0.9)
+    raw = expose(grey, binned.sample(4, (64, 64)))
+    assert raw.std(dim=(2, 3)).mean() == pytest.approx(0.1 / 4, rel=0.02)  # 16 pixels of a colour
+    full = expose(grey, scene.sample(4, (64, 64)))
+    means = torch.nn.functional.avg_pool2d(full, 4)  # 4 x 4 pixels of a colour are a photo pixel
+    assert means.std(dim=(2, 3)).mean() == pytest.approx(0.1 / 4, rel=0.02)
+
+
+def test_a_binned_photo_is_differentiable_in_image_and_shot():
+    scene = Scene(
+        panel=Panel(width=(30.0, 60.0), lit=(0.5, 0.9)),
+        view=View(yaw=(-20.0, 20.0), roll=(-5.0, 5.0)),
+        lens=Lens(blur=(0.3, 0.5)),
+        sensor=Sensor(pitch=(1.7, 2.3), crosstalk=0.1, gain=1.2),
+    )
+    shot = scene.sample(1, (4, 5), torch.Generator().manual_seed(1))
+    shown = torch.rand(1, 3, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
+    moved = ("panel.width", "sensor.pitch", "view.yaw", "view.roll", "lens.blur", "panel.lit")
+    numbers = shot.numbers()
+
+    def read(shown, *values):
+        drawn = parts_with(shot, numbers | dict(zip(moved, values, strict=True)))
+        return pipeline.expose(shown, dataclasses.replace(shot, **drawn))
+
+    values = [numbers[name].clone().requires_grad_() for name in moved]
+    assert torch.autograd.gradcheck(
+        read, (shown.requires_grad_(), *values), atol=1e-4, fast_mode=True
+    )

@@ -1,0 +1,105 @@
+"""What is left of a harmonic in a binned reading, against the mean over sensor pixels that are
+read, interpolated and averaged one by one."""
+
+import math
+
+import pytest
+import torch
+
+from moireaug.effects.demosaic import demosaic_bilinear
+from moireaug.exposure.binning import alias_sums, in_plane
+
+PIXELS = 6  # photo pixels along each axis, of which the outermost are not looked at
+# what is farther away than four aliases: the fewer sensor pixels a photo pixel has, the more
+NEAR = {1.0: 0.2, 1.5: 0.07, 2.0: 0.06, 2.5: 0.06, 3.7: 0.05, 6.2: 0.04, 9.0: 0.04, 16.0: 0.04}
+FREQUENCIES = [(0.0, 0.0), (0.03, 0.0), (0.5, 0.02), (0.45, 0.51), (0.98, 0.07), (-1.3, 0.4)]
+
+
+def wave(frequency, u, v):
+    """A harmonic at sensor coordinates (h,) and (w,), complex."""
+    fu, fv = frequency
+    return torch.exp(2j * math.pi * (fu * u[None, :] + fv * v[:, None]))
+
+
+def overlap(scale):
+    """The shares of the sensor pixels in each photo pixel, (PIXELS, sensor pixels)."""
+    n = math.ceil(scale * PIXELS)
+    edge = torch.arange(n, dtype=torch.float64)
+    first = torch.arange(PIXELS, dtype=torch.float64)[:, None] * scale
+    return ((edge + 1).minimum(first + scale) - edge.maximum(first)).clamp(min=0) / scale
+
+
+def brute_force(frequency, scale):
+    """The three colours of every photo pixel, by a Bayer sensor's own pixels."""
+    n = 2 * math.ceil(math.ceil(scale * PIXELS) / 2)
+    at = torch.arange(n, dtype=torch.float64) + 0.5
+    read = wave(frequency, at, at)
+    colours = [demosaic_bilinear(part[None])[0] for part in (read.real, read.imag)]
+    shares = overlap(scale)
+    shares = torch.nn.functional.pad(shares, (0, n - shares.shape[1]))
+    real, imaginary = (shares @ colour @ shares.mT for colour in colours)
+    return torch.complex(real, imaginary)[:, 1:-1, 1:-1]
+
+
+def closed_form(frequency, scale, colours=(0, 1, 2)):
+    middle = (torch.arange(PIXELS, dtype=torch.float64) + 0.5) * scale
+    s = torch.full((1, 1, 1), scale, dtype=torch.float64)
+    fu, fv = (torch.full((1, 1, PIXELS, PIXELS), f, dtype=torch.float64) for f in frequency)
+    u, v = alias_sums(fu, s, middle[None, None]), alias_sums(fv, s, middle[None, :, None])
+    found = []
+    for colour in colours:
+        real, imaginary = in_plane(colour, u, v)
+        found.append(torch.complex(real, imaginary)[0, 0] * wave(frequency, middle, middle))
+    return torch.stack(found)[:, 1:-1, 1:-1]
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+@pytest.mark.parametrize("scale", NEAR)
+def test_four_aliases_are_the_mean_of_interpolated_pixels(scale, frequency):
+    difference = closed_form(frequency, scale) - brute_force(frequency, scale)
+    assert difference.abs().square().mean().sqrt() < NEAR[scale]
+
+
+@pytest.mark.parametrize("scale", [4.0, 9.0])
+def test_a_wrong_plane_is_not_near(scale):
+    """A negative control: red's closed form is not what the pixels of blue read."""
+    frequency = (0.45, 0.02)
+    swapped = closed_form(frequency, scale, (2, 1, 0)) - brute_force(frequency, scale)
+    assert swapped.abs().square().mean(dim=(1, 2)).sqrt()[0] > 0.3
+
+
+@pytest.mark.parametrize("colour", [0, 1, 2, None])
+def test_flat_light_is_read_as_it_is(colour):
+    for scale in (0.01, 0.5, 1.0, 2.7, 150.0):
+        (flat,) = closed_form((0.0, 0.0), scale, (colour,))
+        assert torch.allclose(flat, torch.ones_like(flat), atol=1e-12)
+
+
+def test_without_colour_filters_a_wave_is_averaged_over_its_pixels():
+    """A slow wave, held over each pixel and averaged over s of them: sinc(f) sinc(s f)."""
+    f, s = 0.04, 5.0
+    (found,) = closed_form((f, 0.0), s, (None,))
+    middle = (torch.arange(PIXELS, dtype=torch.float64) + 0.5) * s
+    left = math.prod(math.sin(math.pi * x) / (math.pi * x) for x in (f, s * f))
+    expected = left * wave((f, 0.0), middle, middle)[1:-1, 1:-1]
+    assert torch.allclose(found, expected, atol=0.02)
+
+
+@pytest.mark.parametrize("s", [0.4, 1.0, 2.3, 7.7])
+def test_aliases_change_without_a_step(s):
+    """Where one of the four aliases gives way to the next, at twice a frequency that is whole."""
+    for whole in (-1.0, 0.0, 0.5, 1.0):
+        just_below, just_above = (closed_form((whole + d, 0.1), s) for d in (-1e-7, 1e-7))
+        assert (just_below - just_above).abs().max() < 1e-4
+
+
+def test_a_beat_of_frequency_zero_has_a_gradient():
+    f = torch.tensor([0.5, 0.0, 0.47], dtype=torch.float64, requires_grad=True)
+    s = torch.tensor([3.0], dtype=torch.float64, requires_grad=True)
+    at = torch.tensor([4.5], dtype=torch.float64)
+
+    def sums(f, s):
+        found = alias_sums(f.reshape(3, 1, 1, 1), s.reshape(1, 1, 1), at.reshape(1, 1, 1))
+        return tuple(part for sum_ in found for part in sum_)
+
+    assert torch.autograd.gradcheck(sums, (f, s))

@@ -1,0 +1,190 @@
+"""Scenes that are screens: as large and as finely photographed as they say, whatever the size of
+the picture."""
+
+import dataclasses
+
+import pytest
+import torch
+import torch.nn.functional as F
+
+from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
+from moireaug.effects.sensor import averaged_pixels
+from moireaug.engine import dispatch
+from moireaug.scene.presets import PRESETS
+from moireaug.synthesis import without_moire
+
+SCREEN = Scene(
+    panel=Panel(width=(150.0, 300.0)),
+    view=View(yaw=(-15.0, 15.0), roll=(-5.0, 5.0)),
+    lens=Lens(blur=0.4),
+    sensor=Sensor(pitch=(1.8, 2.4)),
+)
+SIZES = [(40, 64), (64, 40), (17, 17), (1, 1), (300, 500)]
+
+
+def rms(difference):
+    return float(difference.square().mean().sqrt())
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_screen_has_its_pixels_at_any_size(size):
+    shot = SCREEN.sample(3, size, torch.Generator().manual_seed(0))
+    assert torch.allclose(shot.panel_scale * max(size), shot.panel.width)
+    # of the picture's longer side, before it is turned, as the sensor sees it
+    shown = max(size) * shot.sensor_scale / shot.panel.width
+    frontal = dataclasses.replace(SCREEN, view=View(roll=SCREEN.view.roll, fit=False))
+    seen = frontal.sample(3, size, torch.Generator().manual_seed(0))
+    assert torch.allclose(seen.sensor_scale, seen.sensor.pitch * seen.panel_scale)
+    assert (shown >= shot.sensor.pitch - 1e-9).all()  # stepping back makes the picture smaller
+    assert shot.raw_shape() == (3, 4, *size)
+
+
+def test_stepping_back_and_zooming_in_keep_the_pitch():
+    """The pitch is that of the photo as taken: a picture half as large has half as many of the
+    sensor's pixels in a photo pixel."""
+    for zoom in (0.5, 1.0, 2.0):
+        scene = dataclasses.replace(SCREEN, view=View(zoom=zoom, fit=False))
+        shot = scene.sample(2, (30, 40), torch.Generator().manual_seed(1))
+        assert torch.allclose(shot.sensor_scale * zoom, shot.sensor.pitch * shot.panel_scale)
+
+
+SENTENCES = [
+    (lambda: Panel(width=100.0, scale=2.0), "Panel.width and Panel.scale say the same thing"),
+    (lambda: Sensor(pitch=2.0, scale=3.0), "Sensor.pitch and Sensor.scale say the same thing"),
+    (lambda: Panel(width=(0.0, 100.0)), "Panel.width must be at least 1"),
+    (lambda: Sensor(pitch=(0.0, 2.0)), "Sensor.pitch must be at least 0.001"),
+    (lambda: Sensor(reading="bined"), "Did you mean 'binned'"),
+    (
+        lambda: Scene(panel=Panel(width=(100.0, 200.0)), sensor=Sensor(reading="full")),
+        "a full reading has one number of sensor pixels",
+    ),
+    (
+        lambda: Scene(sensor=Sensor(pitch=2.0, reading="full")),
+        "Sensor.pitch = 2.0 does not fix. Use Sensor(reading='binned')",
+    ),
+    (
+        lambda: Scene(panel=Panel(width=99.0), sensor=Sensor(exposure="point")),
+        "Sensor.exposure must be 'auto' or 'spectral' or 'mean'; got 'point'",
+    ),
+    (
+        lambda: Scene(panel=Panel(width=99.0), develop=Develop(demosaic="malvar")),
+        "Develop.demosaic must be 'bilinear'",
+    ),
+    (
+        lambda: Scene(panel=Panel(width=99.0), develop=Develop(denoise="nlm")),
+        "Develop.denoise must be None",
+    ),
+    (
+        lambda: Scene(panel=Panel(width=99.0), develop=Develop(resize="point")),
+        "Develop.resize must be 'area'",
+    ),
+]
+
+
+@pytest.mark.parametrize(("make", "sentence"), SENTENCES, ids=range(len(SENTENCES)))
+def test_what_says_two_things_gets_a_sentence(make, sentence):
+    with pytest.raises(ValueError) as error:
+        make()
+    assert sentence in str(error.value)
+
+
+def test_a_reading_is_binned_where_a_screen_is_stated():
+    assert not Scene().is_binned
+    assert Scene(panel=Panel(width=200.0)).is_binned and Scene(sensor=Sensor(pitch=2.0)).is_binned
+    full = Scene(panel=Panel(width=200.0), sensor=Sensor(scale=2.0, reading="full"))
+    assert not full.is_binned
+    shot = full.sample(1, (10, 20))
+    assert shot.raw_shape() == (1, 4, 10, 20) and shot.panel_scale.tolist() == [10.0]
+
+
+@pytest.mark.parametrize("name", [n for n in PRESETS if not n.startswith("paper")])
+def test_every_preset_but_the_papers_is_a_screen(name):
+    scene = Scene.preset(name)
+    assert scene.is_binned and scene.panel.scale == 1.0 and scene.sensor.scale == 1.0
+    low, high = scene.panel.width
+    assert 48 <= low < high <= 1600
+
+
+def test_a_plan_is_that_of_a_size():
+    small, large = SCREEN.plan((48, 48)), SCREEN.plan((2000, 1500))
+    assert "prefilter" in large and "prefilter" not in small
+    assert "binned" in str(small) and SCREEN.plan((40, 33)) is small  # of the same octave
+    stamp = Scene()
+    assert stamp.plan((5, 5)) is stamp.plan((999, 3))
+
+
+def before_and_after(scene):
+    """The moiré, as photo less twin, of photos (8, 3, 48, 64): taken of a picture twice as large
+    and then made smaller, and taken of the picture made smaller first."""
+    smooth = torch.rand(8, 3, 3, 4, generator=torch.Generator().manual_seed(3))
+    large = F.interpolate(smooth, (96, 128), mode="bicubic").clamp(0, 1)
+    shot = scene.sample(8, (96, 128), torch.Generator().manual_seed(4))
+    small = dataclasses.replace(shot, size=(48, 64))
+    found = []
+    for one, picture in ((shot, large), (small, F.interpolate(large, (48, 64), mode="area"))):
+        with dispatch.reference():
+            moire = capture(picture, one) - capture(picture, without_moire(one))
+        found.append(F.interpolate(moire, (48, 64), mode="area"))
+    return found
+
+
+def test_a_transform_may_stand_before_or_after_a_resize():
+    """In the camera's frame, the moiré of each pixel is the same. Warped back to the image's, which
+    a small photo is by coarser pixels, it is as strong within a fifth."""
+    after, before = before_and_after(dataclasses.replace(SCREEN, develop=Develop(registered=False)))
+    assert rms(after - before) < 0.004 and rms(after - before) < rms(before) / 8
+    after, before = before_and_after(SCREEN)
+    assert rms(after) == pytest.approx(rms(before), rel=0.2)
+
+
+def test_a_panel_of_the_pictures_pixels_is_not_the_same_after_a_resize():
+    """A negative control: tied to the picture's pixels, the moiré is another one."""
+    stamp = dataclasses.replace(
+        SCREEN,
+        panel=Panel(scale=1.1),
+        sensor=Sensor(scale=2.0, reading="binned"),
+        develop=Develop(registered=False),
+    )
+    after, before = before_and_after(stamp)
+    assert rms(after - before) > rms(before) / 2
+
+
+HARD = {
+    "a hundredth of a sensor pixel": (Panel(width=1.0), Sensor(pitch=1.0), View(), (100, 100)),
+    "150 sensor pixels": (Panel(width=600.0), Sensor(pitch=2.0), View(roll=3.0), (8, 8)),
+    "a pixel": (Panel(width=1600.0), Sensor(pitch=2.2), View(yaw=20.0), (1, 1)),
+    "a row": (Panel(width=800.0), Sensor(pitch=2.2), View(yaw=20.0), (1, 300)),
+    "a small screen": (Panel(width=12.0), Sensor(pitch=1.7), View(roll=4.0), (64, 48)),
+    "a beat of frequency zero": (Panel(width=200.0), Sensor(pitch=2.0), View(), (40, 40)),
+    "grazing": (Panel(width=400.0), Sensor(pitch=2.0), View(yaw=80.0), (40, 40)),
+    "horizon": (Panel(width=300.0), Sensor(pitch=2.0), View(pitch=85.0, fit=False), (40, 40)),
+    "turned over": (Panel(width=300.0), Sensor(pitch=2.0), View(roll=90.0), (40, 30)),
+    "far away": (Panel(width=300.0), Sensor(pitch=2.0), View(zoom=0.02, fit=False), (40, 40)),
+    "a pitch of a thousand": (Panel(width=3.0), Sensor(pitch=1000.0), View(roll=1.0), (20, 20)),
+    "a pitch of a thousandth": (Panel(width=5000.0), Sensor(pitch=1e-3), View(), (20, 20)),
+}
+
+
+@pytest.mark.parametrize(("panel", "sensor", "view", "size"), HARD.values(), ids=HARD)
+def test_hard_cases_are_finite_and_near_their_float64_answer(panel, sensor, view, size):
+    scene = Scene(panel=panel, sensor=sensor, view=view, lens=Lens(blur=0.3))
+    shot = scene.sample(1, size, torch.Generator().manual_seed(0))
+    picture = torch.rand(1, 3, *size, generator=torch.Generator().manual_seed(1))
+    exact = pipeline.expose(picture.double(), shot)
+    assert exact.isfinite().all() and exact.min() > -3e-3 and exact.max() < 1.2
+    assert rms(expose(picture, shot) - exact) < 1e-3
+    assert capture(picture, shot).isfinite().all()
+
+
+@pytest.mark.parametrize("scale", [0.01, 0.5, 2.0, 3.0, 150.0])
+def test_a_value_averages_the_pixels_of_its_colour(scale):
+    shot = SCREEN.sample(1, (8, 8))
+    count = averaged_pixels(shot, torch.tensor([scale]))
+    assert count.item() == pytest.approx(max(1.0, scale**2 / 4))
+
+
+def test_a_colour_that_a_panel_lacks_is_dark_in_bins():
+    red = Layout(((0, 0, 0, 1, 1),))
+    shot = dataclasses.replace(SCREEN, panel=Panel(width=100.0, layout=red)).sample(1, (12, 12))
+    raw = expose(torch.ones(1, 3, 12, 12), shot)
+    assert raw[:, 1:].abs().max() < 1e-6 and raw[:, 0].min() > 0.1
