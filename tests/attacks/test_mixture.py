@@ -99,9 +99,7 @@ def test_an_expectation_is_over_draws_of_the_images_own_scene(model, batch):
     for rows, part in shot.by_scene():
         # without a range or noise, every draw of a scene is the same
         alone = MoireAttack(model, scene=part.scene, eot=2, **STEPS)
-        assert torch.equal(
-            result.images[rows], alone(images[rows], labels[rows], shot=part).images
-        )
+        assert torch.equal(result.images[rows], alone(images[rows], labels[rows], shot=part).images)
 
 
 def test_a_draw_follows_the_generator_and_a_list_of_one_is_that_scene(model, batch):
@@ -153,8 +151,14 @@ def test_no_images_are_no_images(model):
 
 STILL = Scene(panel=SCENE.panel)  # nothing in it varies but the phase of its light
 REFUSED = {
-    "labels": (lambda m, x, y: MoireAttack(m, scene=ALIKE)(x, y[:3]), "labels must have the shape (6,)"),
-    "targets": (lambda m, x, y: MoireAttack(m, scene=ALIKE)(x, y, y), "other classes than the labels"),
+    "labels": (
+        lambda m, x, y: MoireAttack(m, scene=ALIKE)(x, y[:3]),
+        "labels must have the shape (6,)",
+    ),
+    "targets": (
+        lambda m, x, y: MoireAttack(m, scene=ALIKE)(x, y, y),
+        "other classes than the labels",
+    ),
     "images": (lambda m, x, y: MoireAttack(m, scene=ALIKE)(255 * x, y), "look like 0 to 255"),
     "shot": (
         lambda m, x, y: MoireAttack(m)(x, y, shot=drawn(ALIKE, (x, y))[:4]),

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import itertools
 import pickle
 
 import pytest
@@ -108,7 +109,7 @@ def test_each_image_lies_in_its_scenes_ranges_and_fills_them():
                 assert values.mean() == pytest.approx((low + high) / 2, abs=0.1 * (high - low))
         assert drawn and len(part.seed.unique()) == len(part)
     # which scene says nothing of the numbers in it
-    for (_, one), (_, other) in zip(parts, parts[1:], strict=False):
+    for (_, one), (_, other) in itertools.pairwise(parts):
         assert not torch.isin(one.seed, other.seed).any()
 
 
@@ -177,7 +178,7 @@ def test_noise_is_a_tensor_where_readings_have_one_shape_and_else_a_list():
     assert torch.equal(capture(images, shot, list(noise)), photos)
 
     shot = UNLIKE.sample(8, SIZE, seeded())
-    with pytest.raises(ValueError, match="different shapes, .*by_scene"):
+    with pytest.raises(ValueError, match=r"different shapes, .*by_scene"):
         shot.raw_shape()
     shapes = {}
     for at, part in shot.by_scene():
