@@ -14,7 +14,7 @@ from tests.attacks.common import EPS, SCENE, predicted
 OTHER = dataclasses.replace(SCENE, lens=Lens(blur=0.3), sensor=Sensor(scale=2.0, gain=1.4))
 COLOURS = dataclasses.replace(SCENE, sensor=Sensor(scale=2.0, gain=2.0, cfa="none"))
 ALIKE, UNLIKE = [SCENE, OTHER], [SCENE, COLOURS]  # in the shape of their readings
-STEPS = {"eps": EPS, "steps": 3}
+STEPS = {"eps": EPS, "steps": 2}
 
 
 def drawn(scenes, batch, seed=1):
@@ -35,11 +35,17 @@ ATTACKS = {
 }
 
 
-@pytest.mark.parametrize("scenes", [ALIKE, UNLIKE], ids=["alike", "unlike"])
-@pytest.mark.parametrize("name", ATTACKS)
+# a pose takes seconds to search
+CASES = [(name, ALIKE) for name in ATTACKS if name != "both"]
+CASES += [(name, UNLIKE) for name in ATTACKS if name != "pose"]
+
+
+@pytest.mark.parametrize(("name", "scenes"), CASES)
 def test_every_scenes_images_are_attacked_as_if_alone(name, scenes, model, batch):
     images, labels = batch
-    shot = drawn(scenes, batch)
+    if name in ("pose", "both"):
+        images = images[:, :, :8, :8]
+    shot = drawn(scenes, (images, labels))
     result = ATTACKS[name](model, scenes)(images, labels, shot=shot)
     for rows, part in shot.by_scene():
         alone = ATTACKS[name](model, part.scene)(images[rows], labels[rows], shot=part)
@@ -63,7 +69,7 @@ def test_the_loss_is_the_mean_over_the_batch(model, batch):
     result = MoireAttack(model, scene=ALIKE, **STEPS)(images, labels, shot=shot)
     with attacks.evaluating(model), torch.no_grad():
         first = torch.nn.functional.cross_entropy(model(capture(images, shot)), labels)
-    assert result.loss.shape == (3,) and result.loss[0] == pytest.approx(first.item(), rel=1e-5)
+    assert result.loss.shape == (2,) and result.loss[0] == pytest.approx(first.item(), rel=1e-5)
 
 
 def test_a_target_and_a_class_to_steer_toward_are_the_images_own(model, batch):
@@ -117,13 +123,12 @@ def test_a_draw_follows_the_generator_and_a_list_of_one_is_that_scene(model, bat
 
 def test_a_shot_of_one_scene_is_attacked_in_that_scene(model, batch):
     shot = OTHER.sample(6, (16, 16), torch.Generator().manual_seed(0))
-    for eot in (1, 2):
-        found = []
-        for scene in (ALIKE, OTHER):
-            attack = MoireAttack(model, scene=scene, eot=eot, **STEPS)
-            generator = torch.Generator().manual_seed(0)
-            found.append(attack(*batch, shot=shot, generator=generator))
-        assert torch.equal(found[0].images, found[1].images)
+    found = []
+    for scene in (ALIKE, OTHER):
+        attack = MoireAttack(model, scene=scene, eot=2, **STEPS)
+        generator = torch.Generator().manual_seed(0)
+        found.append(attack(*batch, shot=shot, generator=generator))
+    assert torch.equal(found[0].images, found[1].images)
 
 
 def test_training_takes_the_last_step_of_every_scene(model, batch):
