@@ -91,7 +91,7 @@ def about(cfg: Config) -> Metrics:
     """Return what a report says about how it was run."""
     scene, settings = scene_of(cfg), runs.settings(cfg)
     return {
-        "scene_name": scene_name(cfg.scene),
+        "scene_name": scene_title(cfg.scene),
         "scene": scene.to_dict(),
         "plan": "\n\n".join(str(one.plan()) for one in scenes_of(scene)),
         "config": settings,
@@ -101,7 +101,7 @@ def about(cfg: Config) -> Metrics:
     }
 
 
-def scene_name(scene: Any) -> str:
+def scene_title(scene: Any) -> str:
     """Return the name of a scene, as in the schema, for a reader: those of its presets."""
     names = scene if isinstance(scene, (list, tuple)) else [scene]
     return ", ".join(names) if all(isinstance(name, str) for name in names) else "custom"

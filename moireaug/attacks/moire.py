@@ -69,7 +69,8 @@ class MoireAttack(Attack):
     Raises:
         ValueError: settings out of range or that exclude one another; an `optimise` that this
             scene, or the shot of a call, does not allow: an exposure without a gradient in the shot
-            ("spectral", "box" and "mean" have one), a pose in whole degrees, no range.
+            ("spectral", "box" and "mean" have one), a pose in whole degrees, no range. A model
+            without an answer to any of a batch's images; in a mixture, to any of a scene's.
     """
 
     scene: Scene | Mixture | str | dict | list | tuple = "screen_photo"

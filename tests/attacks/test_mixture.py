@@ -36,11 +36,11 @@ ATTACKS = {
 
 
 # a pose takes seconds to search
-CASES = [(name, ALIKE) for name in ATTACKS if name != "both"]
-CASES += [(name, UNLIKE) for name in ATTACKS if name != "pose"]
+CASES = {f"{name} alike": (name, ALIKE) for name in ATTACKS if name != "both"}
+CASES |= {f"{name} unlike": (name, UNLIKE) for name in ATTACKS if name != "pose"}
 
 
-@pytest.mark.parametrize(("name", "scenes"), CASES)
+@pytest.mark.parametrize(("name", "scenes"), CASES.values(), ids=CASES)
 def test_every_scenes_images_are_attacked_as_if_alone(name, scenes, model, batch):
     images, labels = batch
     if name in ("pose", "both"):

@@ -120,8 +120,8 @@ def test_a_command_takes_a_list_and_repeats_it():
     cfg = configured("recipe=moire_at", *TINY, given)
     assert cfg.scene == LISTED and scene_of(cfg) == as_scenes(LISTED)
     assert "scene=['phone_at_monitor','dashcam_at_led_sign']" in command_line(cfg)
-    assert results.scene_name(LISTED) == "phone_at_monitor, dashcam_at_led_sign"
-    assert results.scene_name([LISTED[0], WANTED]) == results.scene_name(WANTED) == "custom"
+    assert results.scene_title(LISTED) == "phone_at_monitor, dashcam_at_led_sign"
+    assert results.scene_title([LISTED[0], WANTED]) == results.scene_title(WANTED) == "custom"
     names = {reattack.scene_name(scene) for scene in (LISTED, LISTED[::-1], [*LISTED, "paper"])}
     assert len(names) == 3 and all(name.startswith("custom-") for name in names)
 
