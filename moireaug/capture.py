@@ -9,25 +9,41 @@ An attack computes g1, screen to raw, once, and g2, raw to photo, at every step.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
 from moireaug import pipeline
-from moireaug.checks import check_images, check_noise, check_raw, check_shape, check_shot
+from moireaug.checks import (
+    check_batch,
+    check_images,
+    check_noise,
+    check_raw,
+    check_rows_of_noise,
+    check_shape,
+    check_shot,
+)
 from moireaug.engine import dispatch
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.shot import ShotRecord
 
 
-def capture(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Tensor:
+def capture(
+    image: Tensor,
+    shot: ShotRecord | MixedShot,
+    noise: Tensor | Sequence[Tensor] | None = None,
+) -> Tensor:
     """Return the photo of `image` on a screen: the paper's g(x, delta, kappa).
 
     Args:
         image: (B, 3, H, W) float in [0, 1], sRGB codes. Values a little outside, by rounding,
             overshoot or noise, are clipped, with gradient 1 in [0, 1] and 0 outside;
             `moireaug.checks` says how much is allowed.
-        shot: one draw for B images of this size.
+        shot: one draw for B images of this size, from a scene or a mixture of scenes.
         noise: the attacker's delta, a tensor of shape `shot.raw_shape()`, in raw units; added to
-            the raw reading, in its dtype and on its device.
+            the raw reading, in its dtype and on its device. Of a mixture, also a list of one tensor
+            per image: the raw shapes of its scenes may differ.
 
     Returns:
         (B, 3, H, W) in [0, 1], of the image's dtype. Differentiable in image and noise, and, where
@@ -80,14 +96,35 @@ def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
         return pipeline.develop(light, shot).to(raw.dtype)
 
 
-def photo_of(image: Tensor, shot: ShotRecord, noise: Tensor | None = None) -> Tensor:
+def photo_of(
+    image: Tensor,
+    shot: ShotRecord | MixedShot,
+    noise: Tensor | Sequence[Tensor] | None = None,
+) -> Tensor:
     """Return the photo of `image`, of its reading's dtype; arguments as in `reading_of` and
     `capture`."""
+    if isinstance(shot, MixedShot):
+        return _mixed_photo_of(image, shot, noise)
     raw = reading_of(image, shot)
     if noise is not None:
-        check_noise(noise, raw)
-        raw = raw + noise.to(raw)
+        raw = raw + check_noise(noise, raw).to(raw)
     return _photo_of_reading(raw, shot)
+
+
+def _mixed_photo_of(
+    image: Tensor, shot: MixedShot, noise: Tensor | Sequence[Tensor] | None
+) -> Tensor:
+    """Return the photos of a mixture, those of each scene taken together; see `photo_of`."""
+    check_shape(image)
+    check_batch(image, shot)
+    if noise is not None:
+        check_rows_of_noise(noise, shot)
+
+    def photo(rows: Tensor, part: ShotRecord) -> Tensor:
+        own = None if noise is None else torch.stack([noise[row] for row in rows.tolist()])
+        return photo_of(image[rows.to(image.device)], part, own)
+
+    return shot.gathered(photo)
 
 
 def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:

@@ -27,6 +27,7 @@ from torch import Tensor
 
 from moireaug.numeric import clip, is_transformed
 from moireaug.scene.by_name import limits
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.parts import LEAST_SLOPE
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord
@@ -142,6 +143,14 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
     """
     check_is_shot(shot)
     _check_fields(shot)
+    check_batch(image, shot)
+    if not is_transformed():
+        _check_numbers(shot)
+
+
+def check_batch(image: Tensor, shot: ShotRecord | MixedShot) -> None:
+    """Refuse a batch (B, 3, H, W) of another number or size of images than a shot's, with a
+    ValueError."""
     n = len(shot)
     if n != len(image) or shot.size != tuple(image.shape[-2:]):
         raise ValueError(
@@ -149,12 +158,15 @@ def check_shot(image: Tensor, shot: ShotRecord) -> None:
             f"{len(image)} of {image.shape[-2]} x {image.shape[-1]}. Draw one with "
             "scene.sample(len(images), images.shape[-2:])."
         )
-    if not is_transformed():
-        _check_numbers(shot)
 
 
 def check_is_shot(shot: object) -> None:
     """Refuse what is not a shot, with a TypeError."""
+    if isinstance(shot, MixedShot):
+        raise TypeError(
+            "a shot must be of one scene here; got the draw of a mixture. Go through its scenes "
+            "by shot.by_scene()."
+        )
     if not isinstance(shot, ShotRecord):
         raise TypeError(
             f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
@@ -219,8 +231,26 @@ def _check_lens(k1: Tensor, k2: Tensor) -> None:
             )
 
 
-def check_noise(noise: Tensor, raw: Tensor) -> None:
-    """Refuse noise that is not a tensor of the raw reading's shape, or not finite.
+def check_rows_of_noise(noise: object, shot: MixedShot) -> None:
+    """Refuse noise of a mixture that is no tensor, nor a list of one tensor for each image.
+
+    Raises:
+        TypeError, ValueError: with what was got and what is allowed.
+    """
+    listed = isinstance(noise, (list, tuple)) and all(isinstance(row, Tensor) for row in noise)
+    if not listed and not isinstance(noise, Tensor):
+        raise TypeError(
+            "noise of a mixture must be a torch.Tensor or a list of one for each image; got "
+            f"{type(noise).__name__}."
+        )
+    if len(noise) != len(shot):  # type: ignore[arg-type]  # either of them has one
+        raise ValueError(
+            f"noise must be of the {len(shot)} images of the shot; got {len(noise)} rows."  # type: ignore[arg-type]
+        )
+
+
+def check_noise(noise: object, raw: Tensor) -> Tensor:
+    """Return noise that is a tensor of the raw reading's shape, and finite.
 
     Raises:
         TypeError: not a tensor.
@@ -240,6 +270,7 @@ def check_noise(noise: Tensor, raw: Tensor) -> None:
         raise ValueError(
             "noise must be finite; got NaN or infinity. Look for it in the attack's gradients."
         )
+    return noise
 
 
 def check_raw(raw: Tensor, shot: ShotRecord) -> None:

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from moireaug.attacks import PGD, Attack, MoireAttack
 from moireaug.capture import capture
 from moireaug.scene.fields import one_of
+from moireaug.scene.mixture import Mixture
 from moireaug.scene.scene import Scene
 from training.schema import Adversary
 
@@ -21,14 +22,14 @@ class Adversaries:
 
     Args:
         model: the model in training.
-        scene: the scene of the shots.
+        scene: the scene of the shots, or a mixture.
         cfg: the settings.
 
     Raises:
         ValueError: settings that do not go together.
     """
 
-    def __init__(self, model: nn.Module, scene: Scene, cfg: Adversary) -> None:
+    def __init__(self, model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> None:
         check(cfg)
         self.scene, self.cfg = scene, cfg
         self.attack = _attack(model, scene, cfg)
@@ -50,7 +51,7 @@ class Adversaries:
         return capture(images, self.scene.sample(len(images), size))
 
 
-def _attack(model: nn.Module, scene: Scene, cfg: Adversary) -> Attack | None:
+def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack | None:
     if cfg.kind == "moire_attack":
         return MoireAttack(model, scene=scene, eps=cfg.eps, steps=cfg.steps, random_start=1.0)
     if cfg.kind == "pgd":

@@ -20,6 +20,7 @@ from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.trust import checks, trust
 from moireaug.evaluation.visibility import LPIPS
+from moireaug.scene.mixture import Mixture
 from moireaug.scene.scene import Scene
 from training.eval_batches import EvalBatches
 from training.schema import Config, Reattack, Trainer, scene_of
@@ -34,7 +35,7 @@ class Protocol(NamedTuple):
     and whether LPIPS is measured."""
 
     batches: EvalBatches
-    scene: Scene
+    scene: Scene | Mixture
     settings: Reattack
     lpips: LPIPS | None = None
 

@@ -87,7 +87,7 @@ def calibrate(cfg: Config) -> list[Line]:
         ValueError: settings that do not go together, or files that cannot be read.
     """
     check(cfg)
-    scene, name = scenes.load(cfg.scene), Path(cfg.scene).stem
+    scene, name = scenes.load_one(cfg.scene), Path(cfg.scene).stem
     if cfg.pairs or cfg.picture:
         check_aligned(scene)
     out = Path(cfg.out) if cfg.out else folder_of(cfg, scene)

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from moireaug.attacks import NoAnswerError, predicted
 from moireaug.evaluation.statistics import mix
+from moireaug.scene.mixture import Mixture
 from moireaug.scene.scene import Scene
 from training.adversaries import STRONG, Adversaries, strengthened
 from training.augmentation import augment
@@ -58,7 +59,7 @@ class Classifier(L.LightningModule):
         model: nn.Module,
         train: Train,
         adversary: Adversary,
-        scene: Scene,
+        scene: Scene | Mixture,
         *,
         seed: int,
         augment: str = "none",

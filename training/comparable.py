@@ -44,8 +44,11 @@ def settings(metrics: Metrics) -> Metrics:
     for name, value in metrics["config"]["train"].items():
         if name not in _OWN:
             found[f"train.{name}"] = value
-    for name, value in metrics["scene"].items():
-        found[f"scene.{name}"] = value
+    scene = metrics["scene"]  # or, of a mixture, a list
+    for number, one in enumerate(scene if isinstance(scene, list) else [scene], 1):
+        mark = f"scene {number}" if isinstance(scene, list) else "scene"
+        for name, value in one.items():
+            found[f"{mark}.{name}"] = value
     return found
 
 

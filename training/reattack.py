@@ -39,7 +39,7 @@ from moireaug.evaluation import GROUPS, SUITES
 from moireaug.evaluation.tables import EPS
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.scene.fields import one_of
-from moireaug.scene.scene import as_scene
+from moireaug.scene.mixture import as_scenes
 from training import bounds, commands, overrides, runs, saved, scenes
 from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
 from training.augmentation import AUGMENT
@@ -238,7 +238,7 @@ def scene_name(scene: Any) -> str:
     """
     if isinstance(scene, str):
         return scene
-    return f"custom-{runs.fingerprint(as_scene(scene).to_dict())[:6]}"
+    return f"custom-{runs.fingerprint(as_scenes(scene).to_dict())[:6]}"
 
 
 @hydra.main(version_base="1.3", config_path=None, config_name="reattack")

@@ -15,6 +15,7 @@ from moireaug.evaluation.examples import run_examples, table_examples
 from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
 from moireaug.files import write_text
+from moireaug.scene.mixture import scenes_of
 from training import machine, runs
 from training.attacking import Attacked, Protocol
 from training.costs import with_totals
@@ -90,14 +91,20 @@ def about(cfg: Config) -> Metrics:
     """Return what a report says about how it was run."""
     scene, settings = scene_of(cfg), runs.settings(cfg)
     return {
-        "scene_name": cfg.scene if isinstance(cfg.scene, str) else "custom",
+        "scene_name": scene_title(cfg.scene),
         "scene": scene.to_dict(),
-        "plan": str(scene.plan()),
+        "plan": "\n\n".join(str(one.plan()) for one in scenes_of(scene)),
         "config": settings,
         "fingerprint": runs.fingerprint(settings),
         "environment": machine.environment(cfg.trainer.accelerator),
         "command": machine.command(),
     }
+
+
+def scene_title(scene: Any) -> str:
+    """Return the name of a scene, as in the schema, for a reader: those of its presets."""
+    names = scene if isinstance(scene, (list, tuple)) else [scene]
+    return ", ".join(names) if all(isinstance(name, str) for name in names) else "custom"
 
 
 def gains(ours: Mapping[str, str], theirs: Mapping[str, str]) -> Metrics:

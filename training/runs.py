@@ -46,7 +46,7 @@ def settings(cfg: DictConfig | RunConfig) -> dict[str, Any]:
     return values
 
 
-def fingerprint(values: Mapping[str, Any]) -> str:
+def fingerprint(values: Mapping[str, Any] | list[Any]) -> str:
     """Return twelve hex digits that change with any setting."""
     return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:12]
 

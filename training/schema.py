@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from moireaug.scene.scene import Scene, as_scene
+from moireaug.scene.mixture import Mixture, as_scenes
+from moireaug.scene.scene import Scene
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 Settings = TypeVar("Settings", bound="RunConfig")
@@ -120,8 +121,8 @@ class RunConfig:
     recipe: str = MISSING
     seed: int = 0
     runs: str = "runs"
-    # a preset's name, or a mapping of Scene's fields with an optional `preset`; on a command line
-    # also a YAML file of such a mapping
+    # a preset's name, or a mapping of Scene's fields with an optional `preset`, or a list of these,
+    # of which one is drawn per image; on a command line also a YAML file of such a mapping or list
     scene: Any = "screen_photo"
     model: str = MISSING
     weights: str | None = None  # a state_dict file, or torchvision's name of weights
@@ -202,12 +203,13 @@ SILENT = [
 ]
 
 
-def scene_of(cfg: Any) -> Scene:
-    """Return the scene that `cfg.scene` names or describes; `cfg` has such an attribute."""
+def scene_of(cfg: Any) -> Scene | Mixture:
+    """Return the scene, or the mixture, that `cfg.scene` names or describes; `cfg` has such an
+    attribute."""
     scene: Any = cfg.scene
     if OmegaConf.is_config(scene):
         scene = OmegaConf.to_container(scene, resolve=True)
-    return as_scene(scene)
+    return as_scenes(scene)
 
 
 def help_of(script: str) -> dict[str, dict[str, str]]:

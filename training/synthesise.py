@@ -64,7 +64,7 @@ class Config:
     images: str = MISSING  # a folder of pictures
     out: str = MISSING
     n: int = MISSING  # pairs, of all commands together
-    scene: str = "screen_photo"  # a preset's name, or a YAML file of a scene
+    scene: str = "screen_photo"  # a preset's name, or a YAML file of a scene or a list of them
     size: int = 512  # side of the crops, pixels
     twin: bool = False  # whether to add the same shot without moiré
     format: str = "webdataset"  # or imagefolder

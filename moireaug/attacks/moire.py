@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks.checks import check_count
+from moireaug.attacks.checks import check_count, check_goals
 from moireaug.attacks.loop import Attack
+from moireaug.attacks.mixed import as_one, by_scene, drawn_shot
 from moireaug.attacks.pose import aim, moved_fields, pose_of
-from moireaug.attacks.problem import Problem
+from moireaug.attacks.problem import Problem, Result, single
 from moireaug.capture import develop, expose
 from moireaug.numeric import clip
 from moireaug.scene.fields import one_of
-from moireaug.scene.scene import Scene, Shot, as_scene
+from moireaug.scene.mixed_shot import MixedShot, in_order
+from moireaug.scene.mixture import Mixture, as_scenes, scenes_of
+from moireaug.scene.scene import Scene, Shot
 from moireaug.scene.shot import ShotRecord
 
 Stage = Callable[[Tensor, ShotRecord], Tensor]
@@ -46,33 +50,37 @@ class MoireAttack(Attack):
     result.noise)` is its photo.
 
     Args:
-        scene: a Scene, a preset's name or a dict.
+        scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
+            photographed in one of them, and the images of each scene are attacked together, as a
+            batch of their own. `Result` says what is joined how.
         eot: shots per step; above 1, each step averages over that many fresh draws of the scene
-            (expectation over transformation), and the noise found is judged on `shot` alone. 1
-            attacks `shot` itself.
+            (expectation over transformation; of a mixture, of the image's own scene), and the noise
+            found is judged on `shot` alone. 1 attacks `shot` itself.
         noise_at: a key of `NOISE_AT`: "raw", or "photo", on the finished photo, which is then
             clipped to [0, 1]: the paper's Moiré + BIM (appendix E).
         optimise: what moves: "noise", and parts of the scene ("panel", "view", "lens", "sensor",
             "develop"), whose ranges are all searched within the scene's bounds by the same steps,
             with sizes in units of half a range's width. The search starts at the drawn shot, a
             restart at a fresh draw. ("view",) searches for the worst pose without noise. A field
-            that no effect of the plan reads stays where it is.
+            that no effect of the plan reads stays where it is. All scenes of a mixture must allow
+            it.
         others: see `Attack`.
 
     Raises:
         ValueError: settings out of range or that exclude one another; an `optimise` that this
             scene, or the shot of a call, does not allow: an exposure without a gradient in the shot
-            ("spectral", "box" and "mean" have one), a pose in whole degrees, no range.
+            ("spectral", "box" and "mean" have one), a pose in whole degrees, no range. A model
+            without an answer to any of a batch's images; in a mixture, to any of a scene's.
     """
 
-    scene: Scene | str | dict = "paper"
+    scene: Scene | Mixture | str | dict | list | tuple = "screen_photo"
     eot: int = 1
     noise_at: str = "raw"
     optimise: tuple[str, ...] = ("noise",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "scene", as_scene(self.scene))
+        object.__setattr__(self, "scene", as_scenes(self.scene))
         check_count("eot", self.eot, 1, "the shots per step")
         if self.until_fooled and self.eot > 1:
             raise ValueError(
@@ -86,19 +94,74 @@ class MoireAttack(Attack):
                 f"{self.optimise!r}."
             )
         object.__setattr__(self, "optimise", tuple(self.optimise))
-        moved_fields(as_scene(self.scene), self.optimise)
+        for one in scenes_of(as_scenes(self.scene)):
+            moved_fields(one, self.optimise)
         if self.rule == "printed" and (self.eot > 1 or self.optimise != ("noise",)):
             raise ValueError(
                 "the rule 'printed' adds to the reading of one shot: it needs eot = 1 and optimise "
                 f"= ('noise',); got eot = {self.eot} and optimise = {self.optimise!r}. Use 'sign'."
             )
 
+    def __call__(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        targets: Tensor | None = None,
+        *,
+        shot: Shot | MixedShot | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Result | list[Result]:
+        """Attack a batch; see `Attack`. A shot of one scene is attacked in that scene."""
+        attack = partial(super().__call__, generator=generator)
+        drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
+        if not isinstance(drawn, MixedShot):
+            return attack(images, labels, targets, shot=drawn)
+        goals = check_goals(images, labels, targets)
+        return as_one(drawn, by_scene(drawn, images, goals, attack), self.noise_at)
+
+    def toward(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        classes: Tensor,
+        *,
+        shot: Shot | MixedShot | None = None,
+        generator: torch.Generator | None = None,
+        problem: Problem | None = None,
+    ) -> Result:
+        """Attack a batch by steps toward one class per image; see `Attack.toward`."""
+        attack = partial(super().toward, generator=generator)
+        drawn = shot
+        if problem is None:
+            drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
+        if not isinstance(drawn, MixedShot):
+            return attack(images, labels, classes, shot=drawn, problem=problem)
+        goals = check_goals(images, labels, classes)
+        return single(as_one(drawn, by_scene(drawn, images, goals, attack), self.noise_at))
+
+    def last(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        *,
+        shot: Shot | MixedShot | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Tensor:
+        """Return the images after the last step; see `Attack.last`."""
+        attack = partial(super().last, generator=generator)
+        drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
+        if not isinstance(drawn, MixedShot):
+            return attack(images, labels, shot=drawn)
+        goals = check_goals(images, labels, None)[:1]
+        found = by_scene(drawn, images, goals, attack)
+        return in_order([rows for rows, _ in found], [photos for _, photos in found])
+
     def problem(
         self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
     ) -> Problem:
-        scene, size = as_scene(self.scene), (images.shape[-2], images.shape[-1])
         if shot is None:
-            shot = scene.sample(len(images), size, generator)
+            size = (images.shape[-2], images.shape[-1])
+            shot = self._scene_of(shot).sample(len(images), size, generator)
         with torch.no_grad():
             base = NOISE_AT[self.noise_at][0](images, shot)
         drawn = shot
@@ -107,12 +170,23 @@ class MoireAttack(Attack):
             drawn = shot._map(torch.clone).to(images.device)
         return self._drawn(images, drawn, base, generator)
 
+    def _scene_of(self, shot: Shot | None) -> Scene:
+        """Return the scene from which a shot, or fresh ones beside it, are drawn."""
+        scene = as_scenes(self.scene)
+        if isinstance(scene, Scene):
+            return scene
+        if shot is None:
+            raise ValueError(
+                "a mixture is attacked scene by scene: call the attack, or pass the shot of one."
+            )
+        return shot.scene
+
     def _drawn(
         self, images: Tensor, drawn: Shot, base: Tensor, generator: torch.Generator | None
     ) -> Problem:
         """Return the problem of a shot whose photos, or readings, are `base`."""
         before, after = NOISE_AT[self.noise_at]
-        scene, size = as_scene(self.scene), (images.shape[-2], images.shape[-1])
+        scene, size = self._scene_of(drawn), (images.shape[-2], images.shape[-1])
         fields = moved_fields(drawn.scene, self.optimise)
         several = self.eot > 1
 

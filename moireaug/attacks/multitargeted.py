@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -12,10 +13,14 @@ from moireaug.attacks.answers import predicted
 from moireaug.attacks.checks import check_answers, check_classes, check_count, check_goals
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import likeliest, loss_curve, margin
+from moireaug.attacks.mixed import as_one, by_scene, drawn_shot
 from moireaug.attacks.model import evaluating
-from moireaug.attacks.problem import Problem, Result
+from moireaug.attacks.moire import MoireAttack
+from moireaug.attacks.problem import Problem, Result, noise_tensor
 from moireaug.checks import check_images
 from moireaug.scene.by_name import parts_with
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.mixture import as_scenes
 from moireaug.scene.scene import Shot
 
 
@@ -54,7 +59,7 @@ class MultiTargeted:
         images: Tensor,
         labels: Tensor,
         *,
-        shot: Shot | None = None,
+        shot: Shot | MixedShot | None = None,
         generator: torch.Generator | None = None,
     ) -> Result | list[Result]:
         """Attack a batch; arguments, Result and errors as of `Attack`, without targets.
@@ -62,6 +67,25 @@ class MultiTargeted:
         Photos that are wrong without an attack are returned unchanged. `loss` in the Result is of
         the last class that was tried, over the images that were left.
         """
+        scene, noise_at = None, "raw"
+        if isinstance(self.attack, MoireAttack):
+            scene, noise_at = as_scenes(self.attack.scene), self.attack.noise_at
+        drawn = drawn_shot(scene, images, shot, generator)
+        if not isinstance(drawn, MixedShot):
+            return self._in_one(images, labels, shot=drawn, generator=generator)
+        goals = check_goals(images, labels, None)[:1]
+        in_one = partial(self._in_one, generator=generator)
+        return as_one(drawn, by_scene(drawn, images, goals, in_one), noise_at)
+
+    def _in_one(
+        self,
+        images: Tensor,
+        labels: Tensor,
+        *,
+        shot: Shot | None,
+        generator: torch.Generator | None,
+    ) -> Result | list[Result]:
+        """Attack a batch of one scene."""
         images = check_images(images)
         eps = self.attack.eps
         with evaluating(self.attack.model, images):
@@ -123,12 +147,12 @@ def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Resul
 def _with_rows(found: Result, rows: Tensor, other: Result, picked: Tensor) -> Result:
     """Replace `rows` of one result by those of another that the mask `picked` selects."""
     shot = found.shot
-    if shot is not None and other.shot is not None:
+    if isinstance(shot, Shot) and isinstance(other.shot, Shot):
         shot = _shot_with_rows(shot, rows.to(shot.device), other.shot[picked.to(other.shot.device)])
     return Result(
         found.images.index_copy(0, rows, other.images[picked]),
         found.success.index_copy(0, rows, other.success[picked]),
-        found.noise.index_copy(0, rows, other.noise[picked]),
+        noise_tensor(found).index_copy(0, rows, noise_tensor(other)[picked]),
         other.loss,
         found.eps,
         shot,

@@ -7,8 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
+from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.scene import Shot
 
 
@@ -21,23 +23,24 @@ class Result:
         success: (B,) bool; True where the label is not predicted or, in a targeted attack, the
             target is. Logits that are NaN or infinite predict nothing.
         noise: what was added: raw noise of `Shot.raw_shape()` for MoireAttack, or, where its noise
-            is at the photo, (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks.
+            is at the photo, (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks. In a mixture of
+            scenes whose raw shapes differ, a list of B tensors, one per image.
         loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
             the last restart; with `until_fooled`, over the images that took it, and shorter where
-            none was left.
+            none was left. In a mixture, the mean of the scenes' own, weighted by their images.
         eps: the L-infinity bound of the noise. Under the rule "printed" it bounds delta, and
             `noise` may exceed it; see `rules.Printed`. For `CW`, which has no bound, the largest
             absolute noise.
-        shot: the Shot of the photos; the one found, where a pose was searched; None for pixel
-            attacks.
+        shot: the Shot of the photos, in a mixture a `MixedShot`; the one found, where a pose was
+            searched; None for pixel attacks. `capture(images, shot, noise)` takes all of these.
     """
 
     images: Tensor
     success: Tensor
-    noise: Tensor
+    noise: Tensor | list[Tensor]
     loss: Tensor
     eps: float
-    shot: Shot | None = None
+    shot: Shot | MixedShot | None = None
 
     def __repr__(self) -> str:
         """Return one line that sums up what was found, without the tensors."""
@@ -87,6 +90,15 @@ class Problem(NamedTuple):
     pose: Tensor | None = None
     aim: Callable[[Tensor], Shot] | None = None
     still: tuple[str, ...] = ()
+
+
+def noise_tensor(result: Result) -> Tensor:
+    """Return a result's noise as one tensor, (B, ...).
+
+    Raises:
+        RuntimeError: noise of different shapes, in a mixture.
+    """
+    return result.noise if isinstance(result.noise, Tensor) else torch.stack(result.noise)
 
 
 def single(result: Result | list[Result]) -> Result:

@@ -17,6 +17,7 @@ from moireaug.defenses import Defended
 from moireaug.evaluation.conditions import Condition, EvalBatch, Model, codes
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.visibility import visibility
+from moireaug.scene.mixture import Mixture, scenes_of
 from moireaug.scene.scene import Scene
 
 DRAWS = 4  # of an expectation over shots, or over a randomised defence
@@ -216,12 +217,14 @@ def known_defence(knows: Judge | None) -> dict[str, str]:
     return {} if knows is None else {"knows": knows.identity}
 
 
-def turnable(scene: Scene) -> tuple[tuple[str, ...], str]:
-    """Return which of view and panel an attacker can move, and, where it is none, why."""
+def turnable(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
+    """Return which of view and panel an attacker can move, in every scene of a mixture, and, where
+    it is none, why."""
     found, why = [], ""
     for part in ("view", "panel"):
         try:
-            moved_fields(scene, (part,))
+            for one in scenes_of(scene):
+                moved_fields(one, (part,))
             found.append(part)
         except ValueError as error:
             why = why or str(error)

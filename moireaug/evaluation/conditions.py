@@ -20,6 +20,7 @@ from torch import Tensor, nn
 from moireaug.capture import capture, develop, expose
 from moireaug.evaluation.statistics import ratio_of_means
 from moireaug.numeric import clip
+from moireaug.scene.mixture import Mixture
 from moireaug.scene.scene import Scene, Shot
 from moireaug.synthesis.twins import without_moire
 
@@ -29,7 +30,8 @@ Defence = Callable[[Tensor], Tensor]
 
 @dataclass(frozen=True)
 class EvalBatch:
-    """One batch of an evaluation.
+    """One batch of an evaluation, of one scene: a condition is shown the images of each scene of a
+    mixture alone.
 
     Args:
         model: [0, 1] images to logits.
@@ -65,8 +67,8 @@ class Condition(ABC):
     Args:
         eps: bound of the noise, in [0, 1] units. targeted: whether being fooled means predicting
             the target's class.
-        scene: the scene of the photos; None is the evaluation's scene. Shots of one scene are drawn
-            alike, so that all conditions of a scene share theirs.
+        scene: the scene of the photos, or a mixture; None is the evaluation's scene. Shots of one
+            scene are drawn alike, so that all conditions of a scene share theirs.
         place: name of that scene, part of this condition's name.
     """
 
@@ -75,7 +77,7 @@ class Condition(ABC):
 
     eps: float = 0.0
     targeted: bool = False
-    scene: Scene | None = None
+    scene: Scene | Mixture | None = None
     place: str = ""
 
     @property
@@ -103,7 +105,7 @@ class Condition(ABC):
                 found[field.name] = getattr(self, field.name)
         return found
 
-    def at(self, place: str, scene: Scene) -> Condition:
+    def at(self, place: str, scene: Scene | Mixture) -> Condition:
         """Return the same condition in another scene."""
         return dataclasses.replace(self, place=place, scene=scene)
 

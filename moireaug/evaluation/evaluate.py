@@ -23,14 +23,15 @@ from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites import USES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, paper_defences
 from moireaug.evaluation.visibility import LPIPS
-from moireaug.scene.scene import Scene, as_scene
+from moireaug.scene.mixture import as_scenes
+from moireaug.scene.scene import Scene
 
 
 def evaluate(
     model: Model,
     loader: Iterable[tuple[Tensor, Tensor]],
     suite: str = "ladder",
-    scene: Scene | str | dict = "screen_photo",
+    scene: Scene | str | dict | list | tuple = "screen_photo",
     *,
     eps: float | Sequence[float] | None = None,
     steps: int = 20,
@@ -54,7 +55,8 @@ def evaluate(
         loader: batches of (images, labels), as a DataLoader yields them; uint8 images are divided
             by 255. Its order must not change where `folder` is given.
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
-        scene: a Scene, a preset's name or a dict; one shot is drawn per image.
+        scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
+            photographed in one of them, the same for all conditions. One shot is drawn per image.
         eps: bounds of the noise, in [0, 1] units: ladder, success, mean_normalised, budget and
             standard attack at each, the others at the middle one. None is 2, 4 and 8/255, or the
             suite's own: those that the paper prints, or 4 and 8/255 for standard. worst_case always
@@ -94,7 +96,7 @@ def evaluate(
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
     batches = gathered(loader, n)
     config = SuiteConfig(
-        scene=as_scene(scene),
+        scene=as_scenes(scene),
         eps=eps,
         steps=steps,
         targets=targets or {},

@@ -8,6 +8,7 @@ import time
 import typing
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -18,10 +19,13 @@ from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.identity import digest
 from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.parts import Part, joined, measured, shown_of
 from moireaug.evaluation.records import Record, Records, key_of
 from moireaug.evaluation.statistics import mix
 from moireaug.evaluation.tables import Table
 from moireaug.networks import device_of
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.mixture import Mixture
 from moireaug.scene.scene import Scene
 
 CLEAN = Clean()
@@ -72,7 +76,7 @@ class Runner:
     Args:
         model: [0, 1] images to logits; its state is restored.
         batches: the test images.
-        scene: one shot of it is drawn per image.
+        scene: one shot of it, or of one of a mixture's, is drawn per image.
         records: where finished pieces are kept; they are looked up before anything is computed.
         seed: of shots, targets, random starts and randomised judges. What is drawn depends only on
             the seed, the batch's index and the names of condition and judge, so that any process,
@@ -86,7 +90,7 @@ class Runner:
         self,
         model: Model,
         batches: Batches,
-        scene: Scene,
+        scene: Scene | Mixture,
         records: Records,
         *,
         seed: int = 0,
@@ -124,8 +128,8 @@ class Runner:
                 if open_judges:
                     if targets is None:
                         targets = self._targets(images, labels, index)
-                    batch = self._batch(images, labels, targets, index, job.condition)
-                    self.records.append(self._judged(batch, job.condition, open_judges, index))
+                    parts = self._parts(images, labels, targets, index, job.condition)
+                    self.records.append(self._judged(parts, job.condition, open_judges, index))
                 yield job
 
     def missing(self, jobs: Sequence[Job], indices: Iterable[int]) -> int:
@@ -174,49 +178,61 @@ class Runner:
         offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
         return (labels + offset.to(labels)) % classes
 
-    def _batch(
+    def _parts(
         self, images: Tensor, labels: Tensor, targets: Tensor, index: int, condition: Condition
-    ) -> EvalBatch:
+    ) -> list[Part]:
+        """Draw a shot for each image; a mixture's images are a batch for each of its scenes."""
         scene = self.scene if condition.scene is None else condition.scene
         draws = torch.Generator().manual_seed(mix(self.seed, index, 0))
         size = (images.shape[-2], images.shape[-1])
         shot = scene.sample(len(images), size, draws).to(images.device)
         own = torch.Generator().manual_seed(mix(self.seed, index, 2, _digits(condition.name)))
-        return EvalBatch(self.model, images, labels, targets, shot, own, self.lpips)
+        if isinstance(shot, MixedShot):
+            shots = shot.by_scene()
+        else:
+            shots = [(torch.arange(len(images), device=images.device), shot)]
+        parts = []
+        for rows, one in shots:
+            given = images[rows], labels[rows], targets[rows]
+            parts.append((rows, EvalBatch(self.model, *given, one, own, self.lpips)))
+        return parts
 
     def _judged(
         self,
-        batch: EvalBatch,
+        parts: list[Part],
         condition: Condition,
         judges: Sequence[Judge],
         index: int,
     ) -> list[Record]:
+        labels = joined(parts, lambda rows, part: part.labels)
+        targets = joined(parts, lambda rows, part: part.targets)
         # a randomised model or defence draws from the global generator: the same numbers
         # wherever this piece is computed
-        devices = [batch.images.device] if batch.images.is_cuda else []
+        devices = [labels.device] if labels.is_cuda else []
         with torch.random.fork_rng(devices), torch.no_grad():
             torch.manual_seed(mix(self.seed, index, 3, _digits(condition.name)))
             start = time.perf_counter()
-            shown = _shown(condition, batch)
+            shown = joined(parts, lambda rows, part: shown_of(condition, part))
             seconds_shown = _wait(shown, start)
-            measured = _measured(condition, batch, shown)
+            figures = measured(condition, parts, shown)
             found = []
             for judge in judges:
                 both = (_digits(condition.name), _digits(judge.name))
                 torch.manual_seed(mix(self.seed, index, 4, *both))
                 start = time.perf_counter()
-                logits = judge.logits(batch, shown)
-                check_classes(batch.labels, logits, 1)
+                logits = joined(parts, partial(_logits, judge, shown))
+                check_classes(labels, logits, 1)
                 answers = predicted(logits).tolist()  # which waits for the device
                 seconds = seconds_shown + time.perf_counter() - start
-                record = self._record(batch, condition, judge, index)
-                record |= {"predicted": answers, "measured": measured, "seconds": seconds}
+                record = self._record(condition, judge, index)
+                record |= {"labels": labels.tolist(), "targets": targets.tolist()}
+                record |= {"predicted": answers, "measured": figures, "seconds": seconds}
                 found.append(record)
         if index == 0:
             self.records.keep_picture(self.picture_name(condition), shown)
         return found
 
-    def _record(self, batch: EvalBatch, condition: Condition, judge: Judge, index: int) -> Record:
+    def _record(self, condition: Condition, judge: Judge, index: int) -> Record:
         return {
             "key": self.key(condition, judge, index),
             "model": self.name,
@@ -224,57 +240,17 @@ class Runner:
             "settings": condition.settings(),
             "judge": judge.name,
             "batch": index,
-            "labels": batch.labels.tolist(),
-            "targets": batch.targets.tolist(),
         }
+
+
+def _logits(judge: Judge, shown: Tensor, rows: Tensor, part: EvalBatch) -> Tensor:
+    return judge.logits(part, shown[rows])
 
 
 def _content(images: Tensor, labels: Tensor) -> str:
     sums = hashlib.sha256(images.detach().cpu().contiguous().numpy().tobytes())
     sums.update(str(labels.tolist()).encode())
     return sums.hexdigest()[:16]
-
-
-def _shown(condition: Condition, batch: EvalBatch) -> Tensor:
-    """Show the whole batch at once, or, where it does not fit the device's memory, in halves. The
-    halves then draw their random numbers one after the other: not those of the whole batch, but the
-    same each time."""
-    generators = _generators(batch)
-    states = [generator.get_state() for generator in generators]
-    try:
-        return condition.show(batch)
-    except torch.OutOfMemoryError:
-        if len(batch.images) == 1:
-            raise
-    for generator, state in zip(generators, states, strict=True):
-        generator.set_state(state)
-    torch.cuda.empty_cache()  # outside of the handler, whose traceback keeps the tensors alive
-    middle = len(batch.images) // 2
-    halves = [_shown(condition, batch[:middle]), _shown(condition, batch[middle:])]
-    return torch.cat(halves)
-
-
-def _generators(batch: EvalBatch) -> list[torch.Generator]:
-    """Return all that a condition may draw from: the batch's generator, and the global ones of the
-    CPU and of the images' device."""
-    found = [batch.generator, torch.default_generator]
-    if batch.images.is_cuda:
-        found.append(torch.cuda.default_generators[batch.images.device.index])
-    return found
-
-
-def _measured(condition: Condition, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-    """Measure the whole batch at once, or, where it does not fit the device's memory, in halves."""
-    try:
-        return condition.measure(batch, shown)
-    except torch.OutOfMemoryError:
-        if len(shown) == 1:
-            raise
-    torch.cuda.empty_cache()  # outside of the handler, as in `_shown`
-    middle = len(shown) // 2
-    first = _measured(condition, batch[:middle], shown[:middle])
-    second = _measured(condition, batch[middle:], shown[middle:])
-    return {name: first[name] + second[name] for name in first}
 
 
 def _wait(shown: Tensor, start: float) -> float:

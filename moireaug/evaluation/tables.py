@@ -11,6 +11,7 @@ from typing import Any
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.conditions import Condition, Defence, Model, codes
 from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.scene.mixture import Mixture
 from moireaug.scene.scene import Scene
 
 
@@ -80,7 +81,7 @@ class SuiteConfig:
     """What suites are built from.
 
     Args:
-        scene: the evaluation's scene.
+        scene: the evaluation's scene, or a mixture of scenes.
         eps: bounds of the noise, in [0, 1] units, of tables with a row or column each; the middle
             one is that of tables that compare at one bound. None leaves each suite its own.
         steps: gradient steps of every attack.
@@ -93,7 +94,7 @@ class SuiteConfig:
         ValueError: no or repeated bounds, or names that are taken.
     """
 
-    scene: Scene
+    scene: Scene | Mixture
     eps: tuple[float, ...] | None = None
     steps: int = 20
     targets: Mapping[str, Model | None] = field(default_factory=dict)

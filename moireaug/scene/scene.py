@@ -185,7 +185,7 @@ class Shot(ShotRecord):
         for part in PARTS:
             for name, given in _numbers_of(part, values[part], scene, len(seed)).items():
                 numbers[f"{part}.{name}"] = torch.tensor(given, dtype=torch.float64, device="cpu")
-        h, w = _checked_size(values["size"])
+        h, w = check_size(values["size"])
         seeds = torch.tensor(seed, dtype=torch.int64, device="cpu")
         return Shot(scene=scene, size=(h, w), seed=seeds, **parts_with(scene, numbers))
 
@@ -217,7 +217,7 @@ def _numbers_of(part: str, given: Any, scene: Scene, n: int) -> dict[str, list[f
     return checked
 
 
-def _checked_size(size: Any) -> tuple[int, int]:
+def check_size(size: Any) -> tuple[int, int]:
     """Return a size (height, width) in integers.
 
     Raises:
@@ -245,8 +245,18 @@ def draw(
     change the others' draws.
 
     Raises:
-        ValueError: an n that is no integer >= 0, a size that is not two positive integers, or a
-            generator that is not on the CPU.
+        ValueError, TypeError: as `random_numbers`, and a size that is not two positive integers.
+    """
+    h, w = check_size(size)
+    return shot_of(scene, (h, w), random_numbers(n, numbers_needed(scene), generator))
+
+
+def random_numbers(n: int, count: int, generator: torch.Generator | None) -> torch.Tensor:
+    """Return numbers in [0, 1) to draw from, `count` for each of `n` images: (n, count) float64, on
+    the CPU.
+
+    Raises:
+        ValueError: an n that is no integer >= 0, or a generator that is not on the CPU.
         TypeError: a generator that is not a torch.Generator.
     """
     if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
@@ -261,13 +271,23 @@ def draw(
             f"shots are drawn on the CPU, whatever device the images are on; got a generator on "
             f"{generator.device}. Pass torch.Generator().manual_seed(seed)."
         )
-    n, (h, w) = int(n), _checked_size(size)
+    return torch.rand(int(n), count, dtype=torch.float64, device="cpu", generator=generator)
+
+
+def numbers_needed(scene: Scene) -> int:
+    """Return how many random numbers a shot takes: one for each range, and one for the seed."""
+    ranges = map(bounds, values_of(scene).values())
+    return sum(low < high for low, high in ranges) + 1
+
+
+def shot_of(scene: Scene, size: tuple[int, int], u: torch.Tensor) -> Shot:
+    """Return the shots of images of `size` (height, width) that lie in the scene's ranges where `u`
+    (n, numbers_needed(scene)) says, from 0, the low end, to 1."""
     ranges = {name: bounds(value) for name, value in values_of(scene).items()}
     varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]
-    u = torch.rand(n, len(varied) + 1, dtype=torch.float64, device="cpu", generator=generator)
     given = torch.tensor(list(ranges.values()), dtype=torch.float64, device="cpu")
     low, high = given.mT[..., None]
-    values = low.repeat(1, n)
+    values = low.repeat(1, len(u))
     values[varied] = low[varied] + (high - low)[varied] * u[:, :-1].mT
     numbers = {}
     for name, row in zip(ranges, values, strict=True):
@@ -276,12 +296,12 @@ def draw(
         for angle in ANGLES:
             numbers[angle] = numbers[angle].floor()  # the released code turns by whole degrees
     seed = (u[:, -1] * 2**53).to(torch.int64)
-    return Shot(scene=scene, size=(h, w), seed=seed, **parts_with(scene, numbers))
+    return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, numbers))
 
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
-    """Return a Scene from a Scene, a preset's name or a mapping, such as a dict: what every public
-    `scene=` argument accepts.
+    """Return a Scene from a Scene, a preset's name or a mapping, such as a dict. Where several may
+    be given, see `mixture.as_scenes`.
 
     Raises:
         ValueError: an unknown name, or a file's.

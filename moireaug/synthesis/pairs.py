@@ -19,7 +19,8 @@ from torch import Tensor
 from torch.utils.data import IterableDataset, get_worker_info
 
 from moireaug.capture import capture
-from moireaug.scene.scene import Scene, Shot, as_scene
+from moireaug.scene.mixture import Mixture, as_scenes, sample_one, scenes_of
+from moireaug.scene.scene import Scene, Shot
 from moireaug.synthesis.pictures import Pictures, Source
 from moireaug.synthesis.twins import without_moire
 
@@ -81,7 +82,8 @@ class Pairs(IterableDataset):
     Args:
         images: a folder of pictures, searched recursively. Those that are damaged or have a side
             below `size` are skipped: others are drawn in their place.
-        scene: a Scene, a preset's name or a dict; its photos must be registered.
+        scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each pair is then
+            photographed in one of them. Its photos must be registered.
         size: side of the crops in pixels.
         twin: whether to photograph each crop again without moiré.
         seed: pair k is the same for the same seed, images, scene and size.
@@ -96,7 +98,7 @@ class Pairs(IterableDataset):
     def __init__(
         self,
         images: str | Path,
-        scene: Scene | str | dict[str, Any],
+        scene: Scene | str | dict[str, Any] | list | tuple,
         size: int,
         *,
         twin: bool = False,
@@ -104,7 +106,7 @@ class Pairs(IterableDataset):
         n: int | None = None,
     ) -> None:
         super().__init__()
-        self.scene, self.twin = as_scene(scene), twin
+        self.scene, self.twin = as_scenes(scene), twin
         self.size = _integer("size", size, *SIZES)
         self.seed = _integer("seed", seed, 0, SEEDS)
         self.n = None if n is None else _integer("n", n, 1, None)
@@ -134,12 +136,14 @@ class Pairs(IterableDataset):
             yield item
 
 
-def make_pair(k: int, pictures: Source, scene: Scene, size: int, *, twin: bool, seed: int) -> Pair:
+def make_pair(
+    k: int, pictures: Source, scene: Scene | Mixture, size: int, *, twin: bool, seed: int
+) -> Pair:
     """Return the pair of a number: a picture, a crop of it and a shot, all drawn from (seed, k).
 
     Args:
         k: its number, at least 0. pictures: where its picture comes from.
-        scene: one for which `check_aligned` holds. size: side of the crop in pixels.
+        scene: one for which `check_aligned` holds, or a mixture. size: side of the crop in pixels.
         twin: whether to photograph the crop again without moiré. seed: as of `Pairs`.
 
     Raises:
@@ -154,7 +158,7 @@ def make_pair(k: int, pictures: Source, scene: Scene, size: int, *, twin: bool, 
     # torch's generator keeps 32 bits of a seed: about a hundred of a million shots come twice,
     # of different crops
     generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
-    shot = scene.sample(1, (size, size), generator)
+    shot = sample_one(scene, (size, size), generator)
     photo = _photograph(original, shot)
     without = _photograph(original, without_moire(shot)) if twin else None
     return Pair(k, name, top, left, shot, original, photo, without)
@@ -177,18 +181,20 @@ def _share() -> tuple[int, int]:
     return rank * workers + worker, ranks * workers
 
 
-def check_aligned(scene: Scene) -> None:
-    """Refuse a scene whose photos do not lie on their originals, or cannot be taken.
+def check_aligned(scene: Scene | Mixture) -> None:
+    """Refuse a scene, or a mixture with one, whose photos do not lie on their originals, or cannot
+    be taken.
 
     Raises:
         ValueError: with what to pass instead.
     """
-    if not scene.develop.registered:
-        raise ValueError(
-            "pairs are aligned, and this scene leaves its photos in the camera's frame "
-            "(develop.registered is false): pass one with Develop(registered=True)."
-        )
-    scene.plan()  # refuses ranges that cannot be photographed
+    for one in scenes_of(scene):
+        if not one.develop.registered:
+            raise ValueError(
+                "pairs are aligned, and this scene leaves its photos in the camera's frame "
+                "(develop.registered is false): pass one with Develop(registered=True)."
+            )
+        one.plan()  # refuses ranges that cannot be photographed
 
 
 def _integer(name: str, value: Any, low: int, high: int | None) -> int:

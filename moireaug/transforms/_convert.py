@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from numbers import Real
+from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -14,8 +15,12 @@ from moireaug.capture import photo_of
 from moireaug.checks import channels_last, check_images
 from moireaug.engine import dispatch
 from moireaug.networks import in_evaluation_mode
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.mixture import Mixture
 from moireaug.scene.naming import changed_fields, preset_name
 from moireaug.scene.scene import Scene, Shot
+
+AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
 
 LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
 EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to a 256th of its rise
@@ -42,32 +47,34 @@ def check_adversary(model: object, eps: object) -> None:
         raise ValueError(f"eps must be one number here; got {eps!r}.")
 
 
-def moves(scene: Scene) -> bool:
-    """Return whether things lie elsewhere in this scene's photos than in its images; see
-    `Shot.moves`."""
+def moves(scene: Scene | Mixture) -> bool:
+    """Return whether things lie elsewhere in this scene's photos than in its images, in any of a
+    mixture's; see `Shot.moves`."""
     return scene.sample(0, (1, 1)).moves
 
 
-def at_size(shot: Shot, size: tuple[int, int]) -> Shot:
+def at_size(shot: AnyShot, size: tuple[int, int]) -> AnyShot:
     """Return the same shot of images of another size (height, width): every drawn number is
     relative to the picture."""
     h, w = size
     return shot if shot.size == (h, w) else dataclasses.replace(shot, size=(h, w))
 
 
-def shot_of_frames(shot: Shot, counts: Sequence[int]) -> Shot:
+def shot_of_frames(shot: AnyShot, counts: Sequence[int]) -> AnyShot:
     """Return row i of a shot for counts[i] frames of one scene, (sum of counts,): they share the
     draw and differ in sensor noise, frame k having the row's seed + k."""
     rows = [row for row, count in enumerate(counts) for _ in range(count)]
     frames = [frame for count in counts for frame in range(count)]
     chosen = shot[torch.tensor(rows, dtype=torch.int64, device=shot.device)]
     offsets = torch.tensor(frames, dtype=torch.int64, device=shot.device)
-    return dataclasses.replace(chosen, seed=chosen.seed + offsets)
+    return dataclasses.replace(chosen, seed=chosen.seed + offsets)  # type: ignore[return-value]
 
 
-def describe(scene: Scene) -> str:
+def describe(scene: Scene | Mixture) -> str:
     """Return a scene for a `repr`: its preset's name in quotes, or the fields in which it differs
-    from `Scene()`."""
+    from `Scene()`; of a mixture, the list of these."""
+    if isinstance(scene, Mixture):
+        return f"[{', '.join(map(describe, scene.scenes))}]"
     preset = preset_name(scene)
     if preset:
         return repr(preset)
@@ -159,14 +166,14 @@ def with_rows(images: Tensor, rows: Tensor, photos: Tensor) -> Tensor:
     return images.clone().index_copy_(0, rows, photos)
 
 
-def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tensor:
+def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = None) -> Tensor:
     """Return the photos of images of any accepted type, in that type.
 
     Args:
         images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned
             as the photo's luma; uint8, or floating point in [0, 1], where what lies a little
             outside is clipped, see `moireaug.checks`. Not modified.
-        shot: one draw for B images.
+        shot: one draw for B images, of a scene or a mixture.
         noise: an attacker's, on the raw reading; see `capture`.
 
     Returns:
@@ -184,7 +191,7 @@ def photograph(images: Tensor, shot: Shot, noise: Tensor | None = None) -> Tenso
     return as_given(photo_of(shown, shot, noise), images)
 
 
-def move_boxes(boxes: Tensor, shot: Shot) -> Tensor:
+def move_boxes(boxes: Tensor, shot: Shot | MixedShot) -> Tensor:
     """Return boxes (N, 4) of one image, x1, y1, x2, y2 in pixels, float, as those that enclose the
     same things in its photo.
 

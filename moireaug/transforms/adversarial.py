@@ -18,7 +18,8 @@ from torchvision.tv_tensors import Video
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import as_tensor, check_labels
-from moireaug.scene.scene import Scene, as_scene
+from moireaug.scene.mixture import as_scenes
+from moireaug.scene.scene import Scene
 from moireaug.transforms._convert import (
     as_given,
     as_model_takes,
@@ -48,7 +49,8 @@ class AdversarialMoire(v2.Transform):
     Args:
         model: [0, 1] images to logits; never changed: its mode, statistics and gradients are kept.
             Not a submodule.
-        scene: a Scene, a preset's name or a dict; one shot is drawn per image.
+        scene: a Scene, a preset's name or a dict, or a list of these, as in RandomMoire; one shot
+            is drawn per image.
         eps, steps, step_size, loss, random_start: as in `attacks.Attack`.
             `steps=1, random_start=2, step_size=1` is N-FGSM (de Jorge et al., 2022).
         labels_getter: as in `v2.MixUp`: "default" takes the second of several inputs or, in a dict,
@@ -78,7 +80,7 @@ class AdversarialMoire(v2.Transform):
     def __init__(
         self,
         model: nn.Module | Callable[[Tensor], Tensor],
-        scene: Scene | str | dict = "screen_photo",
+        scene: Scene | str | dict | list | tuple = "screen_photo",
         *,
         eps: float = 4 / 255,
         steps: int = 5,
@@ -122,7 +124,7 @@ class AdversarialMoire(v2.Transform):
 
     def _place_of_images(self, flat: list[Any], labels: Any) -> int:
         """Return which leaf of a sample is the batch of images."""
-        if moves(as_scene(self.attack.scene)) and any(isinstance(x, CARRIED) for x in flat):
+        if moves(as_scenes(self.attack.scene)) and any(isinstance(x, CARRIED) for x in flat):
             raise ValueError(
                 "masks, boxes and key points would not move with the images, because this scene's "
                 "photo stays in the camera's frame (Develop(registered=False)). Set "
@@ -162,7 +164,7 @@ class AdversarialMoire(v2.Transform):
     def extra_repr(self) -> str:
         a = self.attack
         return (
-            f"scene={describe(as_scene(a.scene))}, eps={a.eps}, steps={a.steps}, loss={a.loss!r}, "
+            f"scene={describe(as_scenes(a.scene))}, eps={a.eps}, steps={a.steps}, loss={a.loss!r}, "
             f"random_start={a.random_start}, p={self.p}"
         )
 

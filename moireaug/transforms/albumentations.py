@@ -7,7 +7,7 @@ import itertools
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 # albumentations asks a server for its newest version when it is imported, which hangs where there
 # is no network
@@ -17,9 +17,11 @@ import numpy as np
 import torch
 from albumentations.core.type_definitions import ALL_TARGETS
 
-from moireaug.attacks import MoireAttack, Result
+from moireaug.attacks import MoireAttack
+from moireaug.attacks.problem import noise_tensor, single
 from moireaug.networks import device_of
-from moireaug.scene.scene import Scene, Shot, as_scene
+from moireaug.scene.mixture import as_scenes, sample_one, scenes_of
+from moireaug.scene.scene import Scene, Shot
 from moireaug.transforms._arrays import (
     PICTURES,
     apply_shot,
@@ -54,9 +56,10 @@ class RandomMoire(SampledTransform):
         seed=0)
 
     Args:
-        scene: a Scene, a preset's name or a dict. The shot is drawn from the transform's own
-            generator: seed it with `Compose(seed=)`, and in a DataLoader with `seed_worker`,
-            without which workers repeat each other.
+        scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each call then
+            photographs in one of them. The shot is drawn from the transform's own generator: seed
+            it with `Compose(seed=)`, and in a DataLoader with `seed_worker`, without which workers
+            repeat each other.
         p: probability of a photo, in [0, 1].
 
     Targets:
@@ -89,12 +92,14 @@ class RandomMoire(SampledTransform):
 
     _targets = ALL_TARGETS
 
-    def __init__(self, scene: Scene | str | dict = "screen_photo", p: float = 0.5) -> None:
+    def __init__(
+        self, scene: Scene | str | dict | list | tuple = "screen_photo", p: float = 0.5
+    ) -> None:
         super().__init__(p=check_probability(p))
-        self.scene = as_scene(scene)
+        self.scene = as_scenes(scene)
         self._moves = moves(self.scene)
-        # to know its own scene by its plain numbers: building it again takes longer than a draw
-        self._known = self.scene, self.scene.to_dict()
+        # to know its own scenes by their plain numbers: building one again takes longer than a draw
+        self._known = [(one, one.to_dict()) for one in scenes_of(self.scene)]
 
     def get_transform_init_args(self) -> dict[str, Any]:
         return {"scene": self.scene.to_dict()}
@@ -109,13 +114,13 @@ class RandomMoire(SampledTransform):
     ) -> dict[str, Any]:
         """Return one shot for images of the size in `params`, as plain numbers."""
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
-        return {"shot": self.scene.sample(1, params["shape"][:2], generator).to_dict()}
+        return {"shot": sample_one(self.scene, params["shape"][:2], generator).to_dict()}
 
     def _shot(self, drawn: dict[str, Any]) -> Shot:
         """Return the Shot of plain numbers, which a replay may have from another transform."""
-        scene, values = self._known
-        if drawn.get("scene") == values:
-            drawn = {**drawn, "scene": scene}
+        for scene, values in self._known:
+            if drawn.get("scene") == values:
+                return Shot.from_dict({**drawn, "scene": scene})
         return Shot.from_dict(drawn)
 
     def apply(self, img: np.ndarray, shot: dict[str, Any], **params: Any) -> np.ndarray:
@@ -204,7 +209,7 @@ class AdversarialMoire(RandomMoire):
     def __init__(
         self,
         model: torch.nn.Module | Callable[[torch.Tensor], torch.Tensor],
-        scene: Scene | str | dict = "screen_photo",
+        scene: Scene | str | dict | list | tuple = "screen_photo",
         *,
         eps: float = 4 / 255,
         steps: int = 5,
@@ -279,10 +284,10 @@ class AdversarialMoire(RandomMoire):
         shown = torch.cat([as_shown(picture) for picture in given]).to(device_of(model))
         coloured = max(given, key=lambda picture: picture.shape[1])  # if any is
         attack = replace(self.attack, model=model_of_photos(model, coloured.to(shown.device)))
-        result = attack(  # of one eps
+        result = attack(
             as_model_takes(shown, model),
             torch.full((len(shown),), label, device="cpu"),
             shot=shot_of_frames(self._shot(drawn["shot"]).repeat(len(counts)), counts),
             generator=generator,
         )
-        return drawn | {"noise": cast(Result, result).noise.cpu().tolist(), "first": first}
+        return drawn | {"noise": noise_tensor(single(result)).cpu().tolist(), "first": first}

@@ -10,7 +10,9 @@ from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
 from moireaug.scene.by_name import parts_with, values_of
-from moireaug.scene.scene import Scene, Shot, as_scene
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.mixture import Mixture, as_scenes, scenes_of
+from moireaug.scene.scene import Scene, Shot
 from moireaug.transforms._convert import (
     check_format,
     check_probability,
@@ -29,7 +31,8 @@ class RandomMoire(IntensityAugmentationBase2D):
 
     Args:
         scene: a Scene, a preset's name or a dict, whose photos are brought back to the image's
-            frame (`Develop(registered=True)`, or neither pose nor lens).
+            frame (`Develop(registered=True)`, or neither pose nor lens); or a list of these, a
+            mixture: each image is then photographed in one of them.
         p: probability of a photo, in [0, 1].
         same_on_batch: all images share one draw, sensor noise included.
         keepdim: a (C, H, W) input comes back as (C, H, W), not as (1, C, H, W).
@@ -60,7 +63,7 @@ class RandomMoire(IntensityAugmentationBase2D):
 
     def __init__(
         self,
-        scene: Scene | str | dict = "screen_photo",
+        scene: Scene | str | dict | list | tuple = "screen_photo",
         p: float = 0.5,
         same_on_batch: bool = False,
         keepdim: bool = False,
@@ -69,7 +72,7 @@ class RandomMoire(IntensityAugmentationBase2D):
         super().__init__(p=check_probability(p), same_on_batch=same_on_batch, keepdim=keepdim)
         if not isinstance(images_only, bool):
             raise TypeError(f"images_only must be True or False; got {images_only!r}.")
-        self.scene = as_scene(scene)
+        self.scene = as_scenes(scene)
         self.images_only = images_only
         if moves(self.scene) and not images_only:
             raise ValueError(
@@ -153,16 +156,37 @@ def _refuse(what: str) -> NoReturn:
     )
 
 
-def to_params(shot: Shot) -> dict[str, Tensor]:
-    """Return a shot as (B,) tensors named part_field, and seed: what kornia keeps of a draw."""
+def to_params(shot: Shot | MixedShot) -> dict[str, Tensor]:
+    """Return a shot as (B,) tensors named part_field, seed and, of a mixture, scene: what kornia
+    keeps of a draw."""
     drawn = {_key(name): values for name, values in shot.numbers().items()}
+    if isinstance(shot, MixedShot):
+        drawn["scene"] = shot.which
     return {**drawn, "seed": shot.seed}
 
 
-def from_params(scene: Scene, size: tuple[int, int], params: dict[str, Tensor]) -> Shot:
-    """Return the inverse of `to_params`, for images of `size` (height, width)."""
-    drawn = {name: params[_key(name)] for name in values_of(scene)}
-    return Shot(scene=scene, size=size, seed=params["seed"], **parts_with(scene, drawn))
+def from_params(
+    scene: Scene | Mixture, size: tuple[int, int], params: dict[str, Tensor]
+) -> Shot | MixedShot:
+    """Return the inverse of `to_params`, for images of `size` (height, width).
+
+    Raises:
+        ValueError: parameters of a mixture for one scene, or of one scene for a mixture.
+    """
+    mixed = isinstance(scene, Mixture)
+    if mixed != ("scene" in params):
+        raise ValueError(
+            "these parameters were drawn by a transform of "
+            f"{'one scene' if mixed else 'a list of scenes'}; got a transform of {describe(scene)}."
+            " Replay them by one with the same scene."
+        )
+    drawn = {name: params[_key(name)] for name in values_of(scenes_of(scene)[0])}
+    seed = params["seed"]
+    if isinstance(scene, Mixture):
+        return MixedShot(
+            scenes=scene.scenes, which=params["scene"], size=size, drawn=drawn, seed=seed
+        )
+    return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, drawn))
 
 
 def _key(name: str) -> str:

@@ -16,7 +16,9 @@ from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
 from moireaug.numeric import as_dtype
-from moireaug.scene.scene import Scene, Shot, as_scene
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.mixture import as_scenes
+from moireaug.scene.scene import Scene, Shot
 from moireaug.transforms._convert import (
     at_size,
     check_format,
@@ -42,8 +44,9 @@ class RandomMoire(v2.Transform):
         v2.Normalize(mean, std)])
 
     Args:
-        scene: a Scene, a preset's name or a dict. One shot is drawn per image, from torch's global
-            generator: DataLoader workers differ, and `torch.manual_seed` makes draws reproducible.
+        scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
+            photographed in one of them. One shot is drawn per image, from torch's global generator:
+            DataLoader workers differ, and `torch.manual_seed` makes draws reproducible.
         p: probability of a photo, in [0, 1].
 
     Images are pure tensors and `tv_tensors.Image` ([B,] C, H, W), `tv_tensors.Video` ([B,] T, C, H,
@@ -57,8 +60,9 @@ class RandomMoire(v2.Transform):
     the draw. Images that are not chosen are returned unchanged. Differentiable in floating-point
     images.
 
-    Labels, masks, boxes and key points are returned as the same objects, unless the scene leaves
-    the photo in the camera's frame (`Develop(registered=False)` with a pose or a lens): then masks,
+    Labels, masks, boxes and key points are returned as the same objects, unless the scene, or one
+    of a list, leaves the photo in the camera's frame (`Develop(registered=False)` with a pose or a
+    lens): then masks,
     boxes, key points and a PIL image's alpha move with the picture. Boxes become those that enclose
     the moved ones, clamped to the canvas unless their `clamping_mode` is None; key points may leave
     the photo; both are in continuous coordinates, with pixel centres at half integers. Integer ones
@@ -71,9 +75,11 @@ class RandomMoire(v2.Transform):
             or key points that cannot be told apart by image.
     """
 
-    def __init__(self, scene: Scene | str | dict = "screen_photo", p: float = 0.5) -> None:
+    def __init__(
+        self, scene: Scene | str | dict | list | tuple = "screen_photo", p: float = 0.5
+    ) -> None:
         super().__init__()
-        self.scene = as_scene(scene)
+        self.scene = as_scenes(scene)
         self.p = check_probability(p)
         self._transformed_types = SHOWN + CARRIED if moves(self.scene) else SHOWN
 
@@ -120,7 +126,7 @@ class RandomMoire(v2.Transform):
         return f"p={self.p}, scene={describe(self.scene)}"
 
 
-def apply_shot(inpt: Any, shot: Shot) -> Any:
+def apply_shot(inpt: Any, shot: Shot | MixedShot) -> Any:
     """Return one leaf of a sample, an image or something carried with it, as it appears in the
     shot's photo.
 
@@ -145,7 +151,7 @@ def apply_shot(inpt: Any, shot: Shot) -> Any:
     return wrap(photograph(batch, shot).reshape(plain.shape), inpt)
 
 
-def _apply_to_pil(image: PIL.Image.Image, shot: Shot) -> PIL.Image.Image:
+def _apply_to_pil(image: PIL.Image.Image, shot: Shot | MixedShot) -> PIL.Image.Image:
     with torch.device("cpu"):
         planes = F.pil_to_tensor(image)[None]
     colours = 3 if image.mode.startswith("RGB") else 1
@@ -154,7 +160,7 @@ def _apply_to_pil(image: PIL.Image.Image, shot: Shot) -> PIL.Image.Image:
     return F.to_pil_image(torch.cat([photo, alpha], 1)[0], mode=image.mode)
 
 
-def _apply_to_boxes(plain: Tensor, boxes: BoundingBoxes, shot: Shot) -> Tensor:
+def _apply_to_boxes(plain: Tensor, boxes: BoundingBoxes, shot: Shot | MixedShot) -> Tensor:
     corners = F.convert_bounding_box_format(plain.double(), boxes.format, BoundingBoxFormat.XYXY)
     moved = move_boxes(corners, shot)
     if getattr(boxes, "clamping_mode", "soft") is not None:

@@ -233,3 +233,19 @@ def test_what_cannot_be_followed_is_refused(folder, tmp_path, monkeypatch, given
     (tmp_path / "empty/notes.txt").touch()
     with pytest.raises(ValueError, match=said):
         Pairs(**{"images": folder, "scene": "screen_photo", "size": SIZE} | given)
+
+
+def test_a_list_of_scenes_takes_each_pair_in_one_of_them(folder):
+    names = ["phone_at_monitor", "dashcam_at_led_sign"]
+    pairs, again = Pairs(folder, names, SIZE, twin=True), Pairs(folder, names, SIZE, twin=True)
+    found = [pairs.make_pair(k) for k in range(12)]
+    assert {pair.shot.scene for pair in found} == {Scene.preset(name) for name in names}
+    assert same(found[7], again.make_pair(7))
+    for pair in found[:4]:
+        shot = Shot.from_dict(json.loads(json.dumps(pair.to_dict()["shot"])))
+        photo = capture(pair.original[None].float() / 255, shot)[0]
+        assert torch.equal(pair.photo, (255 * photo).round().to(torch.uint8))
+    one = Pairs(folder, names[:1], SIZE, twin=True)
+    assert same(one.make_pair(3), Pairs(folder, names[0], SIZE, twin=True).make_pair(3))
+    with pytest.raises(ValueError, match="leaves its photos in the camera's frame"):
+        Pairs(folder, [names[0], "paper"], SIZE)

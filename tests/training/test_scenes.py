@@ -1,11 +1,15 @@
 """A scene's file: read in one place, checked, and kept in a run as the scene itself."""
 
 import pytest
+import torch
 
 from moireaug import Scene
+from moireaug.scene.mixture import as_scenes
 from tests.training.small import TINY, configured
-from training import fit, reattack, saved, scenes
-from training.schema import scene_of
+from training import comparable, fit, reattack, results, saved, scenes
+from training.adversaries import Adversaries
+from training.overrides import command_line
+from training.schema import Adversary, scene_of
 
 TEXT = "preset: phone_at_monitor\npanel: {lit: [0.6, 0.9]}\nview: {roll: [-3, 3]}\n"
 WANTED = {
@@ -38,7 +42,11 @@ def test_a_file_is_the_scene_that_it_describes(file):
     ("text", "said"),
     [
         ("panel: [", "could not be read as YAML"),
-        ("- panel", "it must be a YAML mapping"),
+        ("panel", "it must be a YAML mapping of its parts, or a list of scenes"),
+        ("- panel", "a preset must be one of"),
+        ("[]", "names no scene"),
+        ("- [paper, screen_photo]", "Put all scenes into one list"),
+        ("- paper\n- {lens: {blurr: 1}}", "Did you mean 'blur'"),
         ("pannel: {}", "Did you mean 'panel'"),
         ("panel: {lid: 1}", "Did you mean 'lit'"),
         ("panel: 3", "Scene.panel must be a mapping of its fields; got 3"),
@@ -88,3 +96,62 @@ def test_the_settings_of_a_run_name_no_file_that_is_read(file, tmp_path):
         saved.read_config(config)
     config.write_text("recipe: clean\nscene: screen_photo\ndata: {name: signs}\n")
     assert saved.read_config(config).scene == "screen_photo"
+
+
+LISTED = ["phone_at_monitor", "dashcam_at_led_sign"]
+
+
+def test_a_file_may_hold_a_list_and_a_list_may_name_files(tmp_path, file):
+    several = tmp_path / "several.yaml"
+    several.write_text("- phone_at_monitor\n- {preset: screen_photo, lens: {blur: 0.3}}\n")
+    blurred = {"preset": "screen_photo", "lens": {"blur": 0.3}}
+    assert scenes.inlined(str(several)) == ["phone_at_monitor", blurred]
+    assert scenes.load(str(several)) == as_scenes(["phone_at_monitor", blurred])
+    assert scenes.inlined(["paper", str(file)]) == ["paper", WANTED]
+    with pytest.raises(ValueError, match="holds a list of 2 scenes; this command takes one"):
+        scenes.load_one(str(several))
+    several.write_text("[phone_at_monitor]")
+    assert scenes.load_one(str(several)) == Scene.preset("phone_at_monitor")
+    assert scenes.load_one("paper") == Scene.preset("paper")
+
+
+def test_a_command_takes_a_list_and_repeats_it():
+    given = f"scene=[{','.join(LISTED)}]"
+    cfg = configured("recipe=moire_at", *TINY, given)
+    assert cfg.scene == LISTED and scene_of(cfg) == as_scenes(LISTED)
+    assert "scene=['phone_at_monitor','dashcam_at_led_sign']" in command_line(cfg)
+    assert results.scene_title(LISTED) == "phone_at_monitor, dashcam_at_led_sign"
+    assert results.scene_title([LISTED[0], WANTED]) == results.scene_title(WANTED) == "custom"
+    names = {reattack.scene_name(scene) for scene in (LISTED, LISTED[::-1], [*LISTED, "paper"])}
+    assert len(names) == 3 and all(name.startswith("custom-") for name in names)
+
+
+def test_a_run_tells_every_scene_of_a_list_and_runs_of_others_are_not_compared():
+    said = results.about(configured("recipe=clean", *TINY, f"scene=[{','.join(LISTED)}]"))
+    assert said["scene"] == as_scenes(LISTED).to_dict()
+    assert said["plan"].count("noise") >= 2 and said["plan"].startswith(
+        str(Scene.preset(LISTED[0]).plan())
+    )
+    metrics = said | {"model": "small", "config": said["config"] | {"data": {}, "train": {}}}
+    found = comparable.settings(metrics)
+    assert found["scene 2.panel"] == Scene.preset(LISTED[1]).to_dict()["panel"]
+    assert comparable.settings(metrics | {"scene": said["scene"][0]})["scene.panel"]
+    with pytest.raises(ValueError, match="runs with different scene"):
+        other = metrics | {"scene": said["scene"][:1] * 2}
+        comparable.same({"a": found, "b": found, "c": comparable.settings(other)}, "runs")
+
+
+@pytest.mark.parametrize("kind", ["none", "moire_attack"])
+def test_a_batch_is_trained_on_in_all_scenes_of_a_list(kind):
+    bright = [
+        {"panel": {"scale": 3.0}, "sensor": {"gain": gain, "scale": 4.0}} for gain in (0.5, 2.5)
+    ]
+    attack = {"share": 1.0, "eps": 1e-6, "steps": 1} if kind == "moire_attack" else {}
+    model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 64, 4))
+    adversary = Adversaries(model, as_scenes(bright), Adversary(kind=kind, **attack))
+    photos = adversary(torch.full((16, 3, 8, 8), 0.6), torch.zeros(16, dtype=torch.long))
+    levels = photos.mean((1, 2, 3))
+    # each photo is dark or bright, and both are there
+    dark = levels < levels.mean()
+    assert 0 < dark.sum() < 16
+    assert levels[dark].std() + levels[~dark].std() < 0.1 * (levels.max() - levels.min())

@@ -72,7 +72,7 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
         ConnectionError, FloatingPointError, OSError: as `train_network`.
     """
     cfg = absolute(as_config(cfg))
-    cfg = replace(cfg, scene=inlined(cfg.scene))
+    cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
     if cfg.demoire.vgg:
         cfg = replace(cfg, demoire=replace(cfg.demoire, vgg=os.path.abspath(cfg.demoire.vgg)))
     check(cfg)
@@ -85,14 +85,6 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
         if cfg.resume and is_first():
             runs.require_resumable(run)
         return one_run(cfg)
-
-
-def inlined(scene: Any) -> Any:
-    """Return a command line's scene, or list of scenes, with the content of YAML files in place of
-    their names."""
-    if isinstance(scene, (list, tuple)):
-        return [scenes.inlined(one) for one in scene]
-    return scenes.inlined(scene)
 
 
 def check(cfg: DemoireConfig) -> None:

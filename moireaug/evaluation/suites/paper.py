@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import (
@@ -17,6 +18,7 @@ from moireaug.evaluation.conditions import (
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, eps_row, row_of
 from moireaug.scene.fields import bounds
+from moireaug.scene.mixture import each, scenes_of
 from moireaug.scene.scene import Scene
 
 PRINTED_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
@@ -147,13 +149,12 @@ def factors(config: SuiteConfig) -> Table:
     screen."""
     scenes = {}
     for roll in ROLLS:
-        view = dataclasses.replace(config.scene.view, roll=float(roll))
-        scenes[f"roll_{roll}"] = dataclasses.replace(config.scene, view=view)
+        scenes[f"roll_{roll}"] = each(config.scene, partial(_rolled, roll=roll))
     # at odd multiples a point-sampled photo reads one sensor pixel, at even ones the mean of two,
     # which is a filter
-    alphas = (1, 3, 5) if config.scene.develop.resize == "point" else (1, 2, 3)
-    for alpha in alphas:
-        scenes[f"alpha_{alpha}"] = _enlarged(config.scene, alpha)
+    points = any(scene.develop.resize == "point" for scene in scenes_of(config.scene))
+    for alpha in (1, 3, 5) if points else (1, 2, 3):
+        scenes[f"alpha_{alpha}"] = each(config.scene, partial(_enlarged, alpha=alpha))
     columns: dict[str, Condition] = {
         "no_moire": PhotoWithoutMoire(),
         "moire": Photo(),
@@ -164,6 +165,11 @@ def factors(config: SuiteConfig) -> Table:
     for name, scene in scenes.items():
         cells += row_of(name, {key: c.at(name, scene) for key, c in columns.items()})
     return Table("factors", tuple(cells), pictures=tuple((name, "moire") for name in scenes))
+
+
+def _rolled(scene: Scene, roll: float) -> Scene:
+    view = dataclasses.replace(scene.view, roll=float(roll))
+    return dataclasses.replace(scene, view=view)
 
 
 def _enlarged(scene: Scene, alpha: float) -> Scene:

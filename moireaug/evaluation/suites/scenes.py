@@ -5,6 +5,7 @@ from __future__ import annotations
 from moireaug.evaluation import threat
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, row_of
+from moireaug.scene.mixture import Mixture, scenes_of
 from moireaug.scene.naming import preset_name
 from moireaug.scene.presets import PRESETS
 from moireaug.scene.scene import Scene
@@ -34,13 +35,13 @@ def natural(config: SuiteConfig) -> Table:
     return Table("threat", tuple(cells), pictures=tuple(shown))
 
 
-def other_scenes(scene: Scene) -> dict[str, Scene]:
+def other_scenes(scene: Scene | Mixture) -> dict[str, Scene]:
     """Return the presets that are another scene and bring the photo back to the image's frame: one
     that leaves the image turned, as the paper's does, changes the task as well as adding moiré."""
     found = {}
     for name in PRESETS:
         preset = Scene.preset(name)
-        if preset.develop.registered and preset != scene:
+        if preset.develop.registered and preset not in scenes_of(scene):
             found[name] = preset
     return found
 
@@ -52,5 +53,6 @@ def unseen(config: SuiteConfig) -> Table:
     for name, scene in other_scenes(config.scene).items():
         cells += row_of(name, {key: c.at(name, scene) for key, c in columns.items()})
     shown = [(cell.row, cell.column) for cell in cells if cell.column == "moire"]
-    own = preset_name(config.scene)
+    names = [preset_name(one) for one in scenes_of(config.scene)]
+    own = " or ".join(names) if all(names) else ""
     return Table("unseen", tuple(cells), pictures=tuple(shown), facts={"own": own})

@@ -10,23 +10,32 @@ from moireaug.evaluation.conditions import Clean, Condition, Photo, codes
 from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
 from moireaug.evaluation.suites.scenes import OWN, other_scenes
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
+from moireaug.scene.mixture import Mixture, each
 from moireaug.scene.scene import Scene
 
 UNATTACKED, ATTACKED = "unattacked", "attacked"
 QUALITY = 60  # of a photo saved as a JPEG file
 
 
-def scenes(own: Scene) -> dict[str, Scene]:
+def scenes(own: Scene | Mixture) -> dict[str, Scene | Mixture]:
     """Return the own scene, every other preset in the image's frame, and the own scene's photos as
     JPEG files and in the camera's frame, unless they already are."""
     found = {OWN: own, **other_scenes(own)}
-    if own.develop.jpeg == 0:
-        develop = dataclasses.replace(own.develop, jpeg=QUALITY)
-        found[f"photo_jpeg_{QUALITY}"] = dataclasses.replace(own, develop=develop)
-    if own.develop.registered:
-        develop = dataclasses.replace(own.develop, registered=False)
-        found["camera_frame"] = dataclasses.replace(own, develop=develop)
+    for name, change in {f"photo_jpeg_{QUALITY}": _saved, "camera_frame": _unregistered}.items():
+        changed = each(own, change)
+        if changed != own:
+            found[name] = changed
     return found
+
+
+def _saved(scene: Scene) -> Scene:
+    if scene.develop.jpeg != 0:
+        return scene
+    return dataclasses.replace(scene, develop=dataclasses.replace(scene.develop, jpeg=QUALITY))
+
+
+def _unregistered(scene: Scene) -> Scene:
+    return dataclasses.replace(scene, develop=dataclasses.replace(scene.develop, registered=False))
 
 
 def shifts(config: SuiteConfig) -> Table:

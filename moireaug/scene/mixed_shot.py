@@ -1,0 +1,173 @@
+"""One draw from a mixture of scenes for a batch of images, as data."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from numbers import Integral
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from moireaug.scene.by_name import parts_with
+
+if TYPE_CHECKING:
+    from moireaug.scene.scene import Scene, Shot
+
+UNFOLLOWED = (
+    "torch.compile cannot follow which image is in which scene: call the transform outside of the "
+    "compiled function, or give it one scene."
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MixedShot:
+    """What a `Mixture` draws for a batch: the scene of each image, and its numbers in that scene.
+
+    `capture` takes it as it takes a Shot. Index it like a batch; `by_scene` gives it as Shots.
+
+    Args:
+        scenes: of the mixture.
+        which: (B,) int64, the index of each image's scene.
+        size: height and width of the images.
+        drawn: the drawn numbers by name, such as "view.yaw", (B,) float64 each: all scenes have the
+            same fields.
+        seed: (B,) int64, the seeds of the sensor noise.
+    """
+
+    scenes: tuple[Scene, ...]
+    which: Tensor
+    size: tuple[int, int]
+    drawn: dict[str, Tensor]
+    seed: Tensor
+
+    @staticmethod
+    def joined(
+        scenes: tuple[Scene, ...], which: Tensor, shots: Sequence[tuple[Tensor, Shot]]
+    ) -> MixedShot:
+        """Return the inverse of `by_scene`: one or more shots and the rows of each, which together
+        are all rows of `which`."""
+        rows, every = [at for at, _ in shots], [shot for _, shot in shots]
+        numbers = [shot.numbers() for shot in every]
+        drawn = {name: in_order(rows, [one[name] for one in numbers]) for name in numbers[0]}
+        seed = in_order(rows, [shot.seed for shot in every])
+        size = every[0].size
+        return MixedShot(
+            scenes=scenes, which=which.to(seed.device), size=size, drawn=drawn, seed=seed
+        )
+
+    def __len__(self) -> int:
+        return len(self.seed)
+
+    @property
+    def device(self) -> torch.device:
+        return self.seed.device
+
+    def _map(self, f: Callable[[Tensor], Tensor]) -> MixedShot:
+        drawn = {name: f(values) for name, values in self.drawn.items()}
+        return dataclasses.replace(self, which=f(self.which), drawn=drawn, seed=f(self.seed))
+
+    def to(self, device: torch.device | str) -> MixedShot:
+        """Return the same draw on another device."""
+        return self if torch.device(device) == self.device else self._map(lambda t: t.to(device))
+
+    def __getitem__(self, rows: Any) -> MixedShot:
+        """Return the draws of some rows, as indexing a Shot does."""
+        if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
+            rows = [int(rows)]
+        return self._map(lambda t: t[rows])
+
+    def repeat(self, n: int) -> MixedShot:
+        """Return the whole batch n times, one after another."""
+        return self if n == 1 else self._map(lambda t: t.repeat(n))
+
+    def numbers(self) -> dict[str, Tensor]:
+        """Return the drawn numbers, (B,) each, by name."""
+        return dict(self.drawn)
+
+    def by_scene(self) -> list[tuple[Tensor, Shot]]:
+        """Return the rows (b,) of the images in each scene, ascending, and their Shot. Scenes
+        without an image are left out, but for the first where there is no image at all.
+
+        Raises:
+            ValueError: an image whose scene is none of the mixture's.
+            RuntimeError: within torch.compile.
+        """
+        if torch.compiler.is_compiling():
+            raise RuntimeError(UNFOLLOWED)
+        found = []
+        for k, scene in enumerate(self.scenes):
+            rows = (self.which == k).nonzero().flatten()
+            if len(rows):
+                found.append((rows, self._in(scene, rows)))
+        if sum(len(rows) for rows, _ in found) != len(self):
+            raise ValueError(
+                f"a mixture of {len(self.scenes)} scenes numbers them from 0 to "
+                f"{len(self.scenes) - 1}; got {self.which.tolist()}. Was it drawn by another one?"
+            )
+        return found or [(self.which, self._in(self.scenes[0], self.which))]
+
+    def _in(self, scene: Scene, rows: Tensor) -> Shot:
+        from moireaug.scene.scene import Shot  # which imports the capture, and that this module
+
+        numbers = {name: values[rows] for name, values in self.drawn.items()}
+        return Shot(scene=scene, size=self.size, seed=self.seed[rows], **parts_with(scene, numbers))
+
+    def gathered(self, f: Callable[[Tensor, Shot], Tensor]) -> Tensor:
+        """Return f(rows, shot) of each scene's images, (b, ...), in the order of the batch."""
+        parts = self.by_scene()
+        return in_order([rows for rows, _ in parts], [f(rows, shot) for rows, shot in parts])
+
+    @property
+    def moves(self) -> bool:
+        """Whether points may move from image to photo: in any of the mixture's scenes."""
+        return any(scene.sample(0, self.size).moves for scene in self.scenes)
+
+    def to_photo(self, points: Tensor) -> Tensor:
+        """Return where points (B, N, 2) of the image lie in the photo; see `Shot.to_photo`."""
+        self._check_rows(points, "points")
+        return self.gathered(lambda rows, shot: shot.to_photo(points[rows.to(points.device)]))
+
+    def to_photo_mask(self, mask: Tensor) -> Tensor:
+        """Return a mask (B, C, H, W) of the image as in the photo; see `Shot.to_photo_mask`."""
+        self._check_rows(mask, "a mask")
+        return self.gathered(lambda rows, shot: shot.to_photo_mask(mask[rows.to(mask.device)]))
+
+    def _check_rows(self, values: Tensor, what: str) -> None:
+        if values.ndim == 0 or len(values) != len(self):
+            raise ValueError(
+                f"{what} must have a row for each of the {len(self)} images of the shot; got the "
+                f"shape {tuple(values.shape)}."
+            )
+
+    def raw_shapes(self) -> set[tuple[int, ...]]:
+        """Return the shapes (planes, h, w) of a reading in the mixture's scenes."""
+        none = self.which[:0]
+        return {self._in(scene, none).raw_shape()[1:] for scene in self.scenes}
+
+    def raw_shape(self) -> tuple[int, ...]:
+        """Return the shape of the raw reading, (B, planes, h, w); see `Shot.raw_shape`.
+
+        Raises:
+            ValueError: scenes whose readings have different shapes.
+        """
+        shapes = self.raw_shapes()
+        if len(shapes) > 1:
+            raise ValueError(
+                f"the scenes of this mixture have raw readings of different shapes, "
+                f"{', '.join(map(str, sorted(shapes)))}, which no tensor holds: go through the "
+                "scenes by shot.by_scene()."
+            )
+        return len(self), *shapes.pop()
+
+
+def in_order(rows: Sequence[Tensor], parts: Sequence[Tensor]) -> Tensor:
+    """Return the rows of several tensors as one, each where it belongs.
+
+    Args:
+        rows: (b,) of each part, together every index from 0 once. parts: (b, ...) each.
+    """
+    order, joined = torch.cat(list(rows)).argsort(), torch.cat(list(parts))
+    return joined[order.to(joined.device)]

@@ -1,0 +1,107 @@
+"""Several scenes, of which each image is photographed in one: what a list of scenes stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from moireaug.scene.mixed_shot import MixedShot
+from moireaug.scene.scene import (
+    Scene,
+    Shot,
+    as_scene,
+    check_size,
+    numbers_needed,
+    random_numbers,
+    shot_of,
+)
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Two or more scenes, of which one is drawn per image, all alike; one that is named twice is
+    drawn twice as often. Immutable, hashable, no tensors. `as_scenes` makes it."""
+
+    scenes: tuple[Scene, ...]
+
+    def sample(
+        self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
+    ) -> MixedShot:
+        """Draw a scene and its ranges for each of `n` images of `size` (height, width); generator
+        and errors as of `Scene.sample`.
+
+        Every image takes the same number of random numbers, whichever its scene is, so the first
+        rows of a larger draw are those of a smaller one.
+        """
+        for scene in self.scenes:
+            scene.plan()
+        size = check_size(size)
+        needed = [numbers_needed(scene) for scene in self.scenes]
+        u = random_numbers(n, 1 + max(needed), generator)
+        which = (u[:, 0] * len(self.scenes)).long()
+        shots = []
+        for k, scene in enumerate(self.scenes):
+            rows = (which == k).nonzero().flatten()
+            shots.append((rows, shot_of(scene, size, u[rows, 1 : 1 + needed[k]])))
+        return MixedShot.joined(self.scenes, which, shots)
+
+    def to_dict(self) -> list[dict[str, Any]]:
+        """Return plain values, those of each scene; `as_scenes` is the inverse."""
+        return [scene.to_dict() for scene in self.scenes]
+
+
+def as_scenes(
+    scene: Scene | Mixture | str | Mapping[str, Any] | Sequence[Any],
+) -> Scene | Mixture:
+    """Return a Scene from a Scene, a preset's name or a mapping, such as a dict, and a Mixture from
+    a list or tuple of these: what every public `scene=` argument accepts. A list of one is that
+    scene.
+
+    Raises:
+        ValueError: an unknown name, a file's, or an empty list.
+        TypeError: anything else, such as a list in a list.
+    """
+    if isinstance(scene, Mixture):
+        return scene
+    if isinstance(scene, (list, tuple)):
+        if not scene:
+            raise ValueError("scene names no scene, []: name one, or several to draw from.")
+        found = tuple(as_scene(_single(one)) for one in scene)
+        return found[0] if len(found) == 1 else Mixture(found)
+    if not isinstance(scene, (Scene, str, Mapping)):
+        raise TypeError(
+            "scene must be a Scene, a preset's name or a dict, or a list of these; got "
+            f"{type(scene).__name__}."
+        )
+    return as_scene(scene)
+
+
+def _single(one: Any) -> Any:
+    """Refuse a mixture within a mixture, which could be drawn in two ways."""
+    if isinstance(one, (list, tuple, Mixture)):
+        raise TypeError(
+            "a list of scenes must hold Scenes, presets' names or dicts; got a "
+            f"{type(one).__name__} in it. Put all scenes into one list."
+        )
+    return one
+
+
+def scenes_of(scene: Scene | Mixture) -> tuple[Scene, ...]:
+    """Return the scenes of a mixture, or one scene alone."""
+    return scene.scenes if isinstance(scene, Mixture) else (scene,)
+
+
+def each(scene: Scene | Mixture, change: Callable[[Scene], Scene]) -> Scene | Mixture:
+    """Return the scene, or every scene of a mixture, changed."""
+    return as_scenes([change(one) for one in scenes_of(scene)])
+
+
+def sample_one(
+    scene: Scene | Mixture, size: tuple[int, int], generator: torch.Generator | None = None
+) -> Shot:
+    """Draw for one image; in a mixture it is in one of the scenes. Arguments as of `sample`."""
+    shot = scene.sample(1, size, generator)
+    return shot if isinstance(shot, Shot) else shot.by_scene()[0][1]

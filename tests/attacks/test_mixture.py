@@ -1,0 +1,200 @@
+"""Attacks on a list of scenes: each scene's images attacked as a batch of their own, the results
+put back where they belong."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from moireaug import Lens, Scene, Sensor, View, attacks, capture
+from moireaug.attacks import MoireAttack, MultiTargeted, SquareMoire
+from moireaug.scene.mixture import as_scenes
+from tests.attacks.common import EPS, SCENE, predicted
+
+OTHER = dataclasses.replace(SCENE, lens=Lens(blur=0.3), sensor=Sensor(scale=2.0, gain=1.4))
+COLOURS = dataclasses.replace(SCENE, sensor=Sensor(scale=2.0, gain=2.0, cfa="none"))
+ALIKE, UNLIKE = [SCENE, OTHER], [SCENE, COLOURS]  # in the shape of their readings
+STEPS = {"eps": EPS, "steps": 2}
+
+
+def drawn(scenes, batch, seed=1):
+    generator = torch.Generator().manual_seed(seed)
+    shot = as_scenes(scenes).sample(len(batch[0]), batch[0].shape[-2:], generator)
+    assert len(shot.by_scene()) == 2
+    return shot
+
+
+ATTACKS = {
+    "plain": lambda m, scene: MoireAttack(m, scene=scene, **STEPS),
+    "apgd": lambda m, scene: MoireAttack(m, scene=scene, rule="apgd", loss="margin", **STEPS),
+    "photo": lambda m, scene: MoireAttack(m, scene=scene, noise_at="photo", **STEPS),
+    "pose": lambda m, scene: MoireAttack(m, scene=scene, optimise=("view",), **STEPS),
+    "both": lambda m, scene: MoireAttack(m, scene=scene, optimise=("noise", "view"), **STEPS),
+    "fooled": lambda m, scene: MoireAttack(m, scene=scene, until_fooled=True, **STEPS),
+    "toward": lambda m, scene: MultiTargeted(MoireAttack(m, scene=scene, **STEPS), targets=2),
+}
+
+
+# a pose takes seconds to search
+CASES = {f"{name} alike": (name, ALIKE) for name in ATTACKS if name != "both"}
+CASES |= {f"{name} unlike": (name, UNLIKE) for name in ATTACKS if name != "pose"}
+
+
+@pytest.mark.parametrize(("name", "scenes"), CASES.values(), ids=CASES)
+def test_every_scenes_images_are_attacked_as_if_alone(name, scenes, model, batch):
+    images, labels = batch
+    if name in ("pose", "both"):
+        images = images[:, :, :8, :8]
+    shot = drawn(scenes, (images, labels))
+    result = ATTACKS[name](model, scenes)(images, labels, shot=shot)
+    for rows, part in shot.by_scene():
+        alone = ATTACKS[name](model, part.scene)(images[rows], labels[rows], shot=part)
+        assert torch.equal(result.images[rows], alone.images)
+        assert torch.equal(result.success[rows], alone.success)
+        for place, row in enumerate(rows.tolist()):
+            assert torch.equal(result.noise[row], alone.noise[place])
+        for key, values in alone.shot.numbers().items():
+            assert torch.equal(result.shot.numbers()[key][rows], values)
+    assert isinstance(result.noise, list) == (scenes is UNLIKE and name != "photo")
+    if name != "photo":
+        photos = capture(images, result.shot, result.noise)
+        assert torch.allclose(photos, result.images, atol=1e-6)
+    assert torch.equal(result.success, predicted(model, result.images) != labels)
+    assert f"of {len(labels)} images fooled" in repr(result)
+
+
+def test_the_loss_is_the_mean_over_the_batch(model, batch):
+    images, labels = batch
+    shot = drawn(ALIKE, batch)
+    result = MoireAttack(model, scene=ALIKE, **STEPS)(images, labels, shot=shot)
+    with attacks.evaluating(model), torch.no_grad():
+        first = torch.nn.functional.cross_entropy(model(capture(images, shot)), labels)
+    assert result.loss.shape == (2,) and result.loss[0] == pytest.approx(first.item(), rel=1e-5)
+
+
+def test_a_target_and_a_class_to_steer_toward_are_the_images_own(model, batch):
+    images, labels = batch
+    shot, goals = drawn(ALIKE, batch), (labels + 1 + torch.arange(6) % 3) % 5
+    attack = MoireAttack(model, scene=ALIKE, **STEPS)
+    reached = attack(images, labels, goals, shot=shot)
+    assert torch.equal(reached.success, predicted(model, reached.images) == goals)
+    steered = attack.toward(images, labels, goals, shot=shot)
+    for rows, part in shot.by_scene():
+        alone = attack.toward(images[rows], labels[rows], goals[rows], shot=part)
+        assert torch.equal(steered.images[rows], alone.images)
+        alone = attack(images[rows], labels[rows], goals[rows], shot=part)
+        assert torch.equal(reached.images[rows], alone.images)
+
+
+def test_several_bounds_give_a_result_each(model, batch):
+    images, labels = batch
+    shot = drawn(UNLIKE, batch)
+    results = MoireAttack(model, scene=UNLIKE, eps=[EPS, 2 * EPS], steps=2)(
+        images, labels, shot=shot
+    )
+    for result, eps in zip(results, (EPS, 2 * EPS), strict=True):
+        alone = MoireAttack(model, scene=UNLIKE, eps=eps, steps=2)(images, labels, shot=shot)
+        assert result.eps == eps and torch.equal(result.images, alone.images)
+
+
+def test_an_expectation_is_over_draws_of_the_images_own_scene(model, batch):
+    images, labels = batch
+    fixed = [dataclasses.replace(scene, view=View(roll=3.0)) for scene in ALIKE]
+    shot = drawn(fixed, batch)
+    result = MoireAttack(model, scene=fixed, eot=2, **STEPS)(images, labels, shot=shot)
+    for rows, part in shot.by_scene():
+        # without a range or noise, every draw of a scene is the same
+        alone = MoireAttack(model, scene=part.scene, eot=2, **STEPS)
+        assert torch.equal(result.images[rows], alone(images[rows], labels[rows], shot=part).images)
+
+
+def test_a_draw_follows_the_generator_and_a_list_of_one_is_that_scene(model, batch):
+    def attacked(scene, seed):
+        attack = MoireAttack(model, scene=scene, random_start=1.0, **STEPS)
+        return attack(*batch, generator=torch.Generator().manual_seed(seed))
+
+    first, again = attacked(ALIKE, 1), attacked(ALIKE, 1)
+    assert torch.equal(first.images, again.images)
+    assert torch.equal(first.shot.which, drawn(ALIKE, batch).which)
+    assert not torch.equal(first.images, attacked(ALIKE, 2).images)
+    assert torch.equal(attacked([SCENE], 1).images, attacked(SCENE, 1).images)
+    assert isinstance(attacked([SCENE], 1).shot, type(SCENE.sample(1, (4, 4))))
+
+
+def test_a_shot_of_one_scene_is_attacked_in_that_scene(model, batch):
+    shot = OTHER.sample(6, (16, 16), torch.Generator().manual_seed(0))
+    found = []
+    for scene in (ALIKE, OTHER):
+        attack = MoireAttack(model, scene=scene, eot=2, **STEPS)
+        generator = torch.Generator().manual_seed(0)
+        found.append(attack(*batch, shot=shot, generator=generator))
+    assert torch.equal(found[0].images, found[1].images)
+
+
+def test_training_takes_the_last_step_of_every_scene(model, batch):
+    images, labels = batch
+    shot = drawn(UNLIKE, batch)
+    photos = MoireAttack(model, scene=UNLIKE, **STEPS).last(images, labels, shot=shot)
+    for rows, part in shot.by_scene():
+        alone = MoireAttack(model, scene=part.scene, **STEPS)
+        assert torch.equal(photos[rows], alone.last(images[rows], labels[rows], shot=part))
+
+
+def test_a_search_without_gradients_takes_a_list(model, batch):
+    images, labels = batch
+    result = SquareMoire(model, scene=ALIKE, eps=8 / 255, steps=4)(images, labels)
+    assert torch.allclose(capture(images, result.shot, result.noise), result.images, atol=1e-6)
+    assert len(result.shot) == 6
+
+
+def test_no_images_are_no_images(model):
+    result = MoireAttack(model, scene=ALIKE, **STEPS)(
+        torch.rand(0, 3, 16, 16), torch.zeros(0, dtype=torch.long)
+    )
+    assert result.images.shape == (0, 3, 16, 16) and len(result.success) == len(result.noise) == 0
+
+
+STILL = Scene(panel=SCENE.panel)  # nothing in it varies but the phase of its light
+REFUSED = {
+    "labels": (
+        lambda m, x, y: MoireAttack(m, scene=ALIKE)(x, y[:3]),
+        "labels must have the shape (6,)",
+    ),
+    "targets": (
+        lambda m, x, y: MoireAttack(m, scene=ALIKE)(x, y, y),
+        "other classes than the labels",
+    ),
+    "images": (lambda m, x, y: MoireAttack(m, scene=ALIKE)(255 * x, y), "look like 0 to 255"),
+    "shot": (
+        lambda m, x, y: MoireAttack(m)(x, y, shot=drawn(ALIKE, (x, y))[:4]),
+        "the shot was drawn for 4 images",
+    ),
+    "no range": (
+        lambda m, x, y: MoireAttack(m, scene=[SCENE, STILL], optimise=("view",)),
+        "which has no range in this scene",
+    ),
+    "pixels": (
+        lambda m, x, y: attacks.PGD(m)(x, y, shot=drawn(ALIKE, (x, y))),
+        "shot",
+    ),
+    "pixels toward": (
+        lambda m, x, y: MultiTargeted(attacks.PGD(m))(x, y, shot=drawn(ALIKE, (x, y))),
+        "shot",
+    ),
+    "problem": (
+        lambda m, x, y: MoireAttack(m, scene=ALIKE).problem(x, None, None),
+        "scene by scene",
+    ),
+}
+
+
+@pytest.mark.parametrize(("call", "said"), REFUSED.values(), ids=REFUSED)
+def test_what_does_not_fit_is_refused(call, said, model, batch):
+    with pytest.raises(ValueError) as caught:
+        call(model, *batch)
+    assert said in str(caught.value)
+
+
+def test_what_is_attacked_by_default_is_what_every_other_door_shows(model):
+    preset = Scene.preset("screen_photo")
+    assert MoireAttack(model).scene == SquareMoire(model).scene == preset

@@ -1,0 +1,110 @@
+"""An evaluation in a list of scenes: every image in its own scene, the same for all conditions, and
+every figure in the place of its image."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from moireaug import Scene, capture
+from moireaug.attacks import MoireAttack
+from moireaug.evaluation import SUITES, SuiteConfig, evaluate, rates, tables_of
+from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
+from moireaug.evaluation.judges import UNDEFENDED
+from moireaug.evaluation.statistics import mix
+from moireaug.evaluation.suites.scenes import other_scenes
+from moireaug.evaluation.visibility import visibility
+from moireaug.scene.mixture import as_scenes
+from moireaug.synthesis import without_moire
+from tests.evaluation.haze import CONDITIONS, EPS, ran, results, table_of
+
+NAMES = ["screen_photo", "phone_at_laptop"]
+MIXTURE = as_scenes(NAMES)
+
+
+@pytest.fixture(scope="module")
+def shot(known):
+    images = known[1][0][0]
+    found = MIXTURE.sample(len(images), (16, 16), torch.Generator().manual_seed(mix(3, 0, 0)))
+    assert len(found.by_scene()) == 2
+    return found
+
+
+def test_each_condition_shows_every_image_in_its_scene(known, shot):
+    model, batches = known
+    images, labels = batches[0]
+    plain = torch.empty_like(images)
+    for rows, part in shot.by_scene():
+        plain[rows] = capture(images[rows], without_moire(part))
+    attack = MoireAttack(model, scene=MIXTURE, eps=EPS, steps=2, until_fooled=True)
+    attacked = attack(images, labels, shot=shot).images
+    table = table_of(Photo(), PhotoWithoutMoire(), CONDITIONS["ma"])
+    runner = ran(known, table, (0,), scene=MIXTURE)
+    expected = [capture(images, shot), plain, attacked]
+    for cell, shown in zip(table.cells, expected, strict=True):
+        (condition,) = cell.conditions
+        record = runner.record(condition, UNDEFENDED, 0)
+        assert torch.equal(runner.records.pictures[runner.picture_name(condition)], shown)
+        with torch.no_grad():
+            assert record["predicted"] == model(shown).argmax(1).tolist()
+        assert record["labels"] == labels.tolist()
+    for name, values in visibility(attacked, capture(images, shot)).items():
+        assert record["measured"][name] == pytest.approx(values, rel=1e-4)
+
+
+def test_the_same_seed_shows_the_same_and_the_list_is_part_of_every_key(known):
+    table = table_of(Photo(), CONDITIONS["random"])
+    runner = ran(known, table, (0,), scene=MIXTURE)
+    assert results(runner) == results(ran(known, table, (0,), scene=MIXTURE))
+    keys = {runner.key(Photo(), UNDEFENDED, 0)}
+    for other in (MIXTURE.scenes[0], as_scenes([*NAMES, "paper"]), as_scenes(NAMES[::-1])):
+        keys.add(ran(known, table, (), scene=other).key(Photo(), UNDEFENDED, 0))
+    assert len(keys) == 4
+
+
+def test_evaluate_takes_a_list_and_resumes(known, tmp_path):
+    model, batches = known
+    settings = {"suite": "success", "eps": 4 / 255, "steps": 1, "n": 6, "progress": False}
+    settings |= {"scene": NAMES, "folder": tmp_path}
+    frame = evaluate(model, batches, **settings)
+    assert frame["image"].nunique() == 6 and rates(frame)["n"].eq(6).all()
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    assert evaluate(model, batches, **settings).equals(frame)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_every_suite_is_laid_out(name):
+    several = tables_of(name, SuiteConfig(scene=MIXTURE, steps=1))
+    alone = tables_of(name, SuiteConfig(scene=MIXTURE.scenes[0], steps=1))
+    for table, other in zip(several, alone, strict=True):
+        assert table.columns == other.columns
+        own = [cell for cell in other.cells if cell.row != NAMES[1]]  # which is not unseen
+        assert [(c.row, c.column) for c in table.cells] == [(c.row, c.column) for c in own]
+
+
+def varied(suite, row):
+    (table,) = tables_of(suite, SuiteConfig(scene=MIXTURE))
+    (scene,) = {cell.conditions[0].scene for cell in table.cells if cell.row == row}
+    return scene.scenes
+
+
+def test_what_a_suite_changes_it_changes_in_every_scene():
+    assert [scene.view.roll for scene in varied("factors", "roll_15")] == [15, 15]
+    for enlarged, scene in zip(varied("factors", "alpha_3"), MIXTURE.scenes, strict=True):
+        assert enlarged.sensor.scale / scene.sensor.scale == pytest.approx(
+            enlarged.panel.scale[0] / scene.panel.scale[0]
+        )
+    assert [scene.develop.jpeg for scene in varied("shifts", "photo_jpeg_60")] == [60, 60]
+    assert not any(scene.develop.registered for scene in varied("shifts", "camera_frame"))
+    assert not set(NAMES) & other_scenes(MIXTURE).keys()
+    (unseen,) = tables_of("unseen", SuiteConfig(scene=MIXTURE))
+    assert unseen.facts["own"] == "screen_photo or phone_at_laptop"
+
+
+def test_the_camera_is_turned_only_where_every_scene_allows_it():
+    still = dataclasses.replace(MIXTURE.scenes[0], sensor=Scene.preset("paper").sensor)
+    for scene, turned in ((NAMES, True), ([NAMES[0], still], False)):
+        (table,) = tables_of("adaptive", SuiteConfig(scene=as_scenes(scene)))
+        assert ("turning" in table.columns) == turned
+        assert bool(table.facts["why_not_turned"]) != turned

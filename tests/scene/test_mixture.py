@@ -1,0 +1,262 @@
+"""A list of scenes: which scene each image gets, its numbers there, and its photo."""
+
+import copy
+import dataclasses
+import itertools
+import pickle
+
+import pytest
+import torch
+
+from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
+from moireaug.scene.fields import bounds
+from moireaug.scene.mixture import Mixture, as_scenes, each, sample_one, scenes_of
+from moireaug.scene.scene import as_scene
+
+NAMES = ["screen_photo", "dashcam_at_led_sign", "phone_at_laptop"]
+MIXTURE = as_scenes(NAMES)
+UNLIKE = as_scenes(["paper", "screen_photo"])  # whose readings differ in shape
+SIZE = (16, 20)
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def pictures(n, size=SIZE):
+    return torch.rand(n, 3, *size, generator=seeded(1))
+
+
+def same(a, b):
+    """Whether two draws of mixtures are bit for bit the same."""
+    ours, theirs = a.numbers(), b.numbers()
+    alike = all(torch.equal(ours[name], theirs[name]) for name in ours)
+    return alike and torch.equal(a.which, b.which) and torch.equal(a.seed, b.seed)
+
+
+def test_a_list_is_of_scenes_names_and_dicts_and_one_alone_is_itself():
+    own = Scene(lens=Lens(blur=0.5))
+    listed = as_scenes(["paper", {"preset": "screen_photo", "lens": {"k1": 0.01}}, own])
+    assert listed.scenes[0] == Scene.preset("paper") and listed.scenes[2] is own
+    assert listed.scenes[1].lens.k1 == 0.01
+    assert as_scenes(tuple(NAMES)) == MIXTURE and as_scenes(MIXTURE) is MIXTURE
+    assert as_scenes(MIXTURE.to_dict()) == MIXTURE
+    for one in ("paper", ["paper"], ("paper",), [Scene.preset("paper")]):
+        assert as_scenes(one) == Scene.preset("paper")
+    assert len({MIXTURE, as_scenes(NAMES), UNLIKE}) == 2
+    assert pickle.loads(pickle.dumps(MIXTURE)) == copy.deepcopy(MIXTURE) == MIXTURE
+    assert scenes_of(own) == (own,) and scenes_of(MIXTURE) == MIXTURE.scenes
+
+
+@pytest.mark.parametrize(
+    ("scene", "error", "said"),
+    [
+        ([], ValueError, "names no scene"),
+        ((), ValueError, "names no scene"),
+        (["paper", ["screen_photo"]], TypeError, "got a list in it. Put all scenes into one list"),
+        (["paper", MIXTURE], TypeError, "got a Mixture in it"),
+        (["paper", "papers"], ValueError, "Did you mean 'paper'"),
+        (["paper", "mine.yaml"], ValueError, "file is for the commands"),
+        (["paper", 3], TypeError, "got int"),
+        (3, TypeError, "a Scene, a preset's name or a dict, or a list of these; got int"),
+        ({"paper", "screen_photo"}, TypeError, "or a list of these; got set"),
+    ],
+)
+def test_what_is_no_list_of_scenes_is_refused(scene, error, said):
+    with pytest.raises(error, match=said):
+        as_scenes(scene)
+
+
+def test_a_shot_is_of_one_scene():
+    with pytest.raises(TypeError, match="got list"):
+        as_scene(NAMES)
+
+
+@pytest.mark.parametrize("n", [0, 1, 7])
+def test_the_first_rows_of_a_larger_draw_are_those_of_a_smaller_one(n):
+    larger = MIXTURE.sample(40, SIZE, seeded())
+    assert same(larger[:n], MIXTURE.sample(n, SIZE, seeded()))
+    assert not same(larger[:7], MIXTURE.sample(7, SIZE, seeded(1)))
+    torch.manual_seed(0)
+    assert same(larger[:n], MIXTURE.sample(n, SIZE))
+
+
+def test_scenes_are_drawn_alike_and_twice_as_often_where_named_twice():
+    n = 4000
+    for weights in ((1, 1, 1), (2, 1, 1)):
+        names = [name for name, weight in zip(NAMES, weights, strict=True) for _ in range(weight)]
+        shot = as_scenes(names).sample(n, SIZE, seeded())
+        for name, weight in zip(NAMES, weights, strict=True):
+            share = weight / sum(weights)
+            got = 0
+            for rows, part in shot.by_scene():
+                got += len(rows) * (part.scene == Scene.preset(name))
+            assert abs(got - share * n) < 4 * (n * share * (1 - share)) ** 0.5
+
+
+def test_each_image_lies_in_its_scenes_ranges_and_fills_them():
+    shot = MIXTURE.sample(3000, SIZE, seeded())
+    parts = shot.by_scene()
+    assert sorted(torch.cat([rows for rows, _ in parts]).tolist()) == list(range(3000))
+    for _, part in parts:
+        drawn = 0
+        for name, values in part.numbers().items():
+            section, field = name.split(".")
+            low, high = bounds(getattr(getattr(part.scene, section), field))
+            assert ((values >= low) & (values <= high)).all()
+            if low < high:
+                drawn += 1
+                assert values.mean() == pytest.approx((low + high) / 2, abs=0.1 * (high - low))
+        assert drawn and len(part.seed.unique()) == len(part)
+    # which scene says nothing of the numbers in it
+    for (_, one), (_, other) in itertools.pairwise(parts):
+        assert not torch.isin(one.seed, other.seed).any()
+
+
+def test_the_released_codes_whole_degrees_stay_whole():
+    shot = as_scenes(["paper_code", "screen_photo"]).sample(50, SIZE, seeded())
+    released = next(part for _, part in shot.by_scene() if part.scene.view.pose == "released")
+    assert torch.equal(released.view.yaw, released.view.yaw.floor())
+
+
+ROWS = {
+    "slice": slice(2, 7),
+    "mask": torch.arange(9) % 3 == 1,
+    "indices": torch.tensor([8, 0, 0, 3]),
+    "list": [5, 4],
+    "none": [],
+}
+
+
+@pytest.mark.parametrize("rows", ROWS.values(), ids=ROWS)
+@pytest.mark.parametrize("mixture", [MIXTURE, UNLIKE], ids=["alike", "unlike"])
+def test_a_draw_is_indexed_repeated_and_photographed_as_a_shot_is(mixture, rows):
+    shot, images = mixture.sample(9, SIZE, seeded()), pictures(9)
+    photos = capture(images, shot)
+    for at, part in shot.by_scene():
+        assert torch.equal(photos[at], capture(images[at], part))
+    assert torch.allclose(capture(images[rows], shot[rows]), photos[rows], atol=1e-6)
+    assert torch.allclose(
+        capture(images.repeat(2, 1, 1, 1), shot.repeat(2)), photos.repeat(2, 1, 1, 1), atol=1e-6
+    )
+    one = shot[4]
+    assert len(one) == 1 and torch.allclose(capture(images[4:5], one), photos[4:5], atol=1e-6)
+    assert shot.to("cpu") is shot and len(shot) == 9 and shot.device.type == "cpu"
+
+
+def test_one_image_has_a_plain_shot():
+    for k in range(6):
+        shot = sample_one(MIXTURE, SIZE, seeded(k))
+        mixed = MIXTURE.sample(1, SIZE, seeded(k))
+        assert shot.scene == MIXTURE.scenes[mixed.which.item()] and len(shot) == 1
+        assert torch.equal(shot.seed, mixed.seed) and shot.size == SIZE
+    plain = Scene.preset("paper")
+    assert torch.equal(
+        sample_one(plain, SIZE, seeded()).view.yaw, plain.sample(1, SIZE, seeded()).view.yaw
+    )
+
+
+def test_photos_are_differentiable_and_keep_their_dtype():
+    images = pictures(6).double().requires_grad_()
+    shot = MIXTURE.sample(6, SIZE, seeded())
+    photos = capture(images, shot)
+    (gradient,) = torch.autograd.grad(photos.sum(), images)
+    assert photos.dtype == torch.float64
+    for at, part in shot.by_scene():
+        alone = images[at].detach().requires_grad_()
+        (expected,) = torch.autograd.grad(capture(alone, part).sum(), alone)
+        assert torch.allclose(gradient[at], expected) and gradient[at].any()
+
+
+def test_noise_is_a_tensor_where_readings_have_one_shape_and_else_a_list():
+    images = pictures(8)
+    shot = MIXTURE.sample(8, SIZE, seeded())
+    noise = 0.1 * torch.rand(shot.raw_shape(), generator=seeded())
+    photos = capture(images, shot, noise)
+    for at, part in shot.by_scene():
+        assert torch.equal(photos[at], capture(images[at], part, noise[at]))
+    assert torch.equal(capture(images, shot, list(noise)), photos)
+
+    shot = UNLIKE.sample(8, SIZE, seeded())
+    with pytest.raises(ValueError, match=r"different shapes, .*by_scene"):
+        shot.raw_shape()
+    shapes = {}
+    for at, part in shot.by_scene():
+        shapes |= dict.fromkeys(at.tolist(), part.raw_shape()[1:])
+    noise = [0.1 * torch.rand(shapes[row], generator=seeded(row)) for row in range(8)]
+    photos = capture(images, shot, noise)
+    for at, part in shot.by_scene():
+        own = torch.stack([noise[row] for row in at.tolist()])
+        assert torch.equal(photos[at], capture(images[at], part, own))
+    assert shot.raw_shapes() == set(shapes.values()) and len(set(shapes.values())) == 2
+
+
+SHOT = MIXTURE.sample(4, SIZE, seeded())
+REFUSED = {
+    "other number": (lambda: capture(pictures(3), SHOT), ValueError, "drawn for 4 images"),
+    "other size": (lambda: capture(pictures(4, (8, 8)), SHOT), ValueError, "of 16 x 20; got"),
+    "one image": (lambda: capture(pictures(4)[0], SHOT), ValueError, "the shape (B, 3, H, W)"),
+    "noise rows": (
+        lambda: capture(pictures(4), SHOT, torch.zeros(5, 4, 16, 20)),
+        ValueError,
+        "of the 4 images of the shot; got 5",
+    ),
+    "noise shape": (
+        lambda: capture(pictures(4), SHOT, torch.zeros(4, 4, 3, 3)),
+        ValueError,
+        "the raw reading's shape",
+    ),
+    "a number": (lambda: capture(pictures(4), SHOT, 0.1), TypeError, "list of one for each image"),
+    "expose": (lambda: expose(pictures(4), SHOT), TypeError, "shot.by_scene()"),
+    "develop": (lambda: develop(torch.zeros(4, 4, 16, 20), SHOT), TypeError, "shot.by_scene()"),
+    "points": (lambda: SHOT.to_photo(torch.zeros(3, 1, 2)), ValueError, "each of the 4 images"),
+    "mask": (lambda: SHOT.to_photo_mask(torch.zeros(5, 1, 16, 20)), ValueError, "each of the 4"),
+    "strange": (
+        lambda: dataclasses.replace(SHOT, which=SHOT.which + 2).by_scene(),
+        ValueError,
+        "numbers them from 0 to 2; got",
+    ),
+    "count": (lambda: MIXTURE.sample(2.5, SIZE), ValueError, "a whole number n >= 0"),
+    "size": (lambda: MIXTURE.sample(2, (0, 4)), ValueError, "at least 1 x 1"),
+    "generator": (lambda: MIXTURE.sample(2, SIZE, 3), TypeError, "must be a torch.Generator"),
+}
+
+
+@pytest.mark.parametrize(("call", "error", "said"), REFUSED.values(), ids=REFUSED)
+def test_what_a_draw_does_not_fit_is_refused(call, error, said):
+    with pytest.raises(error) as caught:
+        call()
+    assert said in str(caught.value)
+
+
+def test_torch_compile_is_told_what_it_cannot_follow():
+    images = pictures(4)
+    compiled = torch.compile(lambda x: capture(x, SHOT), backend="eager", fullgraph=True)
+    with pytest.raises(Exception, match="cannot follow which image is in which scene"):
+        compiled(images)
+
+
+def test_points_and_masks_move_where_their_own_scene_moves():
+    still = Scene(view=View(roll=30.0))
+    moving = dataclasses.replace(
+        still, develop=dataclasses.replace(still.develop, registered=False)
+    )
+    shot = as_scenes([still, moving]).sample(12, SIZE, seeded())
+    points = torch.rand(12, 5, 2, generator=seeded()) * 10
+    masks = (torch.rand(12, 2, *SIZE, generator=seeded()) > 0.5).to(torch.uint8)
+    moved, carried = shot.to_photo(points), shot.to_photo_mask(masks)
+    for rows, part in shot.by_scene():
+        assert torch.equal(moved[rows], part.to_photo(points[rows]))
+        assert torch.equal(carried[rows], part.to_photo_mask(masks[rows]))
+        assert torch.equal(moved[rows], points[rows]) == (part.scene == still)
+    assert shot.moves and not as_scenes([still, "screen_photo"]).sample(1, SIZE).moves
+
+
+def test_every_scene_is_changed():
+    def brightened(scene):
+        return dataclasses.replace(scene, sensor=Sensor(gain=9.0))
+
+    changed = each(MIXTURE, brightened)
+    assert isinstance(changed, Mixture) and len(changed.scenes) == 3
+    assert all(one.sensor.gain == 9 for one in changed.scenes)
+    assert each(MIXTURE.scenes[0], brightened) == changed.scenes[0]

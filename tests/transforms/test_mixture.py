@@ -1,0 +1,221 @@
+"""Doors with a list of scenes: each image is photographed in one of them, everything else stays as
+with one scene."""
+
+import albumentations as A
+import numpy as np
+import pytest
+import torch
+from kornia.augmentation import AugmentationSequential
+from torchvision import tv_tensors
+
+from moireaug import Develop, Panel, Scene, Sensor, View, capture
+from moireaug.attacks import MoireAttack
+from moireaug.scene.mixture import as_scenes
+from moireaug.transforms import AdversarialMoire, RandomMoire, albumentations, kornia
+
+# no range and no noise, so that each image has one photo in each
+DARK = Scene(panel=Panel(scale=1.2), view=View(roll=10.0), sensor=Sensor(gain=1.5))
+BRIGHT = Scene(panel=Panel(scale=0.9), sensor=Sensor(gain=3.0))
+TURNED = Scene(view=View(roll=20.0), develop=Develop(registered=False))
+LISTED = [DARK, BRIGHT]
+
+
+def which(photos, images, scenes=LISTED):
+    """Index of the scene that each photo is taken in, exactly; -1 for the image itself."""
+    found, taken = [], [images, *(scene.capture(images) for scene in scenes)]
+    for row, photo in enumerate(photos):
+        near = [k - 1 for k, one in enumerate(taken) if torch.allclose(photo, one[row], atol=1e-6)]
+        assert len(near) == 1
+        found += near
+    return found
+
+
+DOORS = {"torchvision": RandomMoire, "kornia": kornia.RandomMoire}
+
+
+@pytest.fixture
+def many():
+    return torch.rand(16, 3, 16, 20, generator=torch.Generator().manual_seed(1))
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
+def test_each_chosen_image_of_a_batch_is_in_one_of_the_scenes(door, p, many):
+    transform = DOORS[door](LISTED, p=p)
+    seen = set()
+    for seed in range(3):
+        torch.manual_seed(seed)
+        found = which(transform(many), many)
+        torch.manual_seed(seed)
+        assert which(transform(many), many) == found
+        seen |= set(found)
+    assert seen == {0.0: {-1}, 0.5: {-1, 0, 1}, 1.0: {0, 1}}[p]
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_a_list_of_one_is_that_scene(door, many):
+    photos = []
+    for scene in ("screen_photo", ["screen_photo"]):
+        torch.manual_seed(0)
+        photos.append(DOORS[door](scene, p=0.7)(many))
+    assert torch.equal(*photos)
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_what_is_printed_names_every_scene(door):
+    said = repr(DOORS[door](["screen_photo", {"preset": "phone_at_laptop", "tolerance": 0}]))
+    assert "scene=['screen_photo', Scene(" in said and "tolerance=0.0" in said
+
+
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32, torch.float64])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_type_channels_and_layout_are_kept(dtype, channels, many):
+    images = many[:, :channels]
+    images = (255 * images).round().to(dtype) if dtype == torch.uint8 else images.to(dtype)
+    images = images.contiguous(memory_format=torch.channels_last)
+    photos = RandomMoire(LISTED, p=1)(images)
+    assert photos.dtype == dtype and photos.shape == images.shape
+    if channels == 3:
+        assert photos.is_contiguous(memory_format=torch.channels_last)
+    plain = [RandomMoire(scene, p=1)(images[:1]).double() for scene in LISTED]
+    assert any(torch.allclose(photos[:1].double(), photo, atol=1e-5) for photo in plain)
+
+
+def test_a_videos_frames_share_their_scene(many):
+    video = tv_tensors.Video(many.reshape(4, 4, 3, 16, 20))
+    found = which(RandomMoire(LISTED, p=1)(video).reshape(16, 3, 16, 20), many)
+    assert [len(set(found[k : k + 4])) for k in range(0, 16, 4)] == [1] * 4
+
+
+def test_boxes_and_masks_move_with_their_own_scene():
+    images = torch.rand(12, 3, 24, 24, generator=torch.Generator().manual_seed(2))
+    masks = tv_tensors.Mask(torch.ones(12, 1, 24, 24, dtype=torch.uint8))
+    transform = RandomMoire([BRIGHT, TURNED], p=1)
+    torch.manual_seed(1)
+    photos, moved = transform(images, masks)
+    turned = torch.tensor(which(photos, images, [BRIGHT, TURNED])) == 1
+    assert 0 < turned.sum() < 12
+    # a turned picture leaves the photo's corners dark
+    assert torch.equal((moved == 0).flatten(1).any(1), turned)
+
+    box = tv_tensors.BoundingBoxes([[4.0, 4, 12, 12]], format="XYXY", canvas_size=(24, 24))
+    seen = set()
+    for seed in range(6):
+        torch.manual_seed(seed)
+        photo, carried = transform(images[0], box)
+        (scene,) = which(photo[None], images[:1], [BRIGHT, TURNED])
+        assert torch.equal(carried, box) == (scene == 0)
+        seen.add(scene)
+    assert seen == {0, 1}
+
+
+def test_kornia_refuses_a_list_with_a_scene_in_the_cameras_frame():
+    with pytest.raises(ValueError, match="registered=True"):
+        kornia.RandomMoire([BRIGHT, TURNED])
+    assert kornia.RandomMoire([BRIGHT, TURNED], images_only=True).images_only
+
+
+def test_kornia_replays_a_draw_bit_for_bit(many):
+    names = ["screen_photo", "dashcam_at_led_sign"]
+    chain = AugmentationSequential(kornia.RandomMoire(names, p=0.7), data_keys=["input"])
+    photos = chain(many)
+    assert torch.equal(chain(many, params=chain._params), photos)
+    (params,) = chain._params
+    assert set(params.data["scene"].tolist()) == {0, 1}
+
+
+def test_kornia_shares_one_scene_on_the_batch(many):
+    transform = kornia.RandomMoire(LISTED, p=1, same_on_batch=True)
+    found = [which(transform(many[:4]), many[:4]) for _ in range(8)]
+    assert all(len(set(one)) == 1 for one in found) and {one[0] for one in found} == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("drawn", "replayed", "said"),
+    [
+        ("screen_photo", LISTED, "drawn by a transform of one scene"),
+        (LISTED, "screen_photo", "drawn by a transform of a list of scenes"),
+    ],
+)
+def test_kornia_replays_no_draw_of_another_kind(drawn, replayed, said, many):
+    params = kornia.RandomMoire(drawn, p=1).forward_parameters(many.shape)
+    with pytest.raises(ValueError, match=said):
+        kornia.RandomMoire(replayed, p=1)(many, params=params)
+
+
+def test_albumentations_draws_a_scene_for_each_call():
+    image = np.random.default_rng(0).random((16, 20, 3), np.float32)
+    batch = torch.from_numpy(image).permute(2, 0, 1)[None]
+    transform = A.Compose([albumentations.RandomMoire(LISTED, p=1)], seed=3)
+    found = []
+    for _ in range(8):
+        photo = torch.from_numpy(transform(image=image)["image"]).permute(2, 0, 1)[None]
+        found += which(photo, batch)
+    assert set(found) == {0, 1}
+    # all pictures of one call are in one scene
+    stacked = transform(images=np.stack([image] * 3))["images"]
+    assert np.allclose(stacked[0], stacked[1]) and np.allclose(stacked[0], stacked[2])
+
+
+def test_albumentations_writes_and_replays_a_list():
+    image = np.random.default_rng(0).random((16, 20, 3), np.float32)
+    moire = albumentations.RandomMoire(["screen_photo", "phone_at_laptop"], p=1)
+    assert "scene=['screen_photo', 'phone_at_laptop']" in repr(moire)
+    written = A.from_dict(A.to_dict(A.Compose([moire])))
+    assert written.transforms[0].scene == moire.scene
+    chain = A.ReplayCompose([moire])
+    for _ in range(4):
+        photo = chain(image=image)
+        again = A.ReplayCompose.replay(photo["replay"], image=image)["image"]
+        assert np.array_equal(again, photo["image"])
+
+
+class Slopes(torch.nn.Module):
+    """Two classes by a fixed pattern: every noise that helps helps more where it is greater."""
+
+    def forward(self, x):
+        pattern = torch.linspace(-1, 1, x[0].numel()).sin().reshape(x[0].shape)
+        score = (x * pattern).sum((1, 2, 3))
+        return torch.stack([score, -score], 1)
+
+
+def test_adversarial_moire_attacks_each_image_in_its_scene(many):
+    labels = torch.arange(16) % 2
+    settings = {"eps": 8 / 255, "steps": 2, "random_start": 0.0}
+    adversarial = AdversarialMoire(Slopes(), LISTED, **settings)
+    photos, given = adversarial(many, labels, generator=torch.Generator().manual_seed(0))
+    assert given is labels
+    g = torch.Generator().manual_seed(0)
+    torch.rand(16, generator=g)  # which images are chosen
+    shot = as_scenes(LISTED).sample(16, (16, 20), g)
+    for rows, part in shot.by_scene():
+        attack = MoireAttack(Slopes(), scene=part.scene, **settings)
+        expected = attack.last(many[rows], labels[rows], shot=part)
+        assert torch.equal(photos[rows], expected)
+        assert not torch.allclose(photos[rows], capture(many[rows], part))
+    assert len(shot.by_scene()) == 2 and "scene=[Scene(" in repr(adversarial)
+    with pytest.raises(ValueError, match="would not move with the images"):
+        mask = tv_tensors.Mask(torch.ones(16, 16, 20))
+        AdversarialMoire(Slopes(), [BRIGHT, TURNED])({"x": many, "m": mask, "labels": labels})
+
+
+def test_adversarial_moire_of_albumentations_attacks_in_the_scene_it_drew():
+    image = np.random.default_rng(0).random((16, 20, 3), np.float32)
+    batch = torch.from_numpy(image).permute(2, 0, 1)[None]
+    settings = {"eps": 8 / 255, "steps": 2, "random_start": 0.0}
+    moire = albumentations.AdversarialMoire(Slopes(), LISTED, p=1, **settings)
+    chain = A.ReplayCompose([moire])
+    chain.set_random_seed(1)
+    expected = [
+        MoireAttack(Slopes(), scene=scene, **settings)(batch, torch.tensor([1])).images
+        for scene in LISTED
+    ]
+    found = set()
+    for _ in range(6):
+        attacked = chain(image=image, label=1)
+        photo = torch.from_numpy(attacked["image"]).permute(2, 0, 1)[None]
+        (near,) = [k for k in (0, 1) if torch.allclose(photo, expected[k], atol=1e-5)]
+        found.add(near)
+        again = A.ReplayCompose.replay(attacked["replay"], image=image)["image"]
+        assert np.allclose(again, attacked["image"], atol=1e-6)
+    assert found == {0, 1}
