@@ -127,7 +127,9 @@ def beats_fit(e, b):
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = _camera(b.cameras[i])
-        across, down = beats.node_counts(e.sites, camera, b.scale[i], b.period, b.orders)
+        across, down = beats.node_counts(
+            e.sites, camera, b.scale[i], b.period, b.orders, b.strength[i]
+        )
         out[i] = max(across, down) <= beats.MOST_NODES
     return out
 
@@ -148,7 +150,7 @@ def expose_binned(raw, shown, e, b, first, last, top, bottom):
             cell,
             nodes.prepare(camera, cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites),
             e.sites,
-            beats.prepare(b, i, seen, e.size, e.sites),
+            beats.prepare(b, i, seen, e.filters[i], e.size, e.sites),
             Given(
                 e.filters[i],
                 np.ones((3, 3)),
@@ -159,7 +161,6 @@ def expose_binned(raw, shown, e, b, first, last, top, bottom):
                 b.coefficients[i],
                 b.mean[i],
                 b.away[i],
-                b.pattern[i],
                 b.bayer,
             ),
             e.seeds[i],

@@ -17,8 +17,9 @@ from moireaug.engine.nodes import SAMPLES, bracket, cubics, line_of, sample
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import jacobian
 
-FAINT_BEAT = 1e-4  # of full scale: terms that nowhere exceed it in a reading are left out
+FAINT_BEAT = 2e-4  # of full scale: terms that nowhere exceed it in a reading are left out
 LOBE = 0.2  # how much a beat's frequency may change between two nodes, in cycles per photo pixel
+BRIGHT = 0.3  # amplitude of a harmonic in a reading for which LOBE is made
 MOST_NODES = 192
 STEPS, PER_LOBE, MOST_STEPS = 256, 32, 2**14  # of the table of what is left of an alias
 HALF, ONE, TWO, ZERO = np.float32(0.5), np.float32(1), np.float32(2), np.float32(0)
@@ -49,32 +50,72 @@ def _sampled(rows, cols, camera, period, orders):
     return out
 
 
-@loop
-def _node_count(frequency, scale, axis, fewest, pixels):
-    """Return how many nodes the amplitudes need along u (0) or v (1), MOST_NODES + 1 where they
-    need more than MOST_NODES; no more than pixels, at which they then lie."""
+@inner
+def _fastest(frequency, amplitude, axis):
+    """Return how many times the nodes' step the amplitudes change along u (0) or v (1), if they do
+    so over the whole photo as where they change fastest, for one lobe per photo pixel's cycle.
+
+    amplitude: (K,), of harmonics in a reading. The error of a cubic grows with the fourth power of
+    the step: fainter ones need fewer nodes.
+    """
     most = 0.0
-    for i in range(SAMPLES):
-        for j in range(SAMPLES - 1):
-            for h in range(frequency.shape[2]):
+    for h in range(frequency.shape[2]):
+        if amplitude[h] < FAINT_BEAT:
+            continue
+        weight = min(amplitude[h] / BRIGHT, 1.0) ** 0.25
+        for i in range(SAMPLES):
+            for j in range(SAMPLES - 1):
                 for k in range(2):
                     here, there = frequency[i, j, h, k], frequency[i, j + 1, h, k]
                     if axis == 1:
                         here, there = frequency[j, i, h, k], frequency[j + 1, i, h, k]
-                    most = max(most, abs(there - here))
-    lobes = most * (SAMPLES - 1) * max(scale, 1.0)
-    if lobes < 1e-6:
+                    most = max(most, weight * abs(there - here))
+    return most * (SAMPLES - 1)
+
+
+@inner
+def _node_count(change, fewest, pixels):
+    """Return how many nodes a change needs, MOST_NODES + 1 if more than MOST_NODES; no more than
+    pixels, at which they then lie."""
+    if change < 1e-6:
         return 4
-    return int(min(max(lobes / LOBE + 2, fewest), max(pixels, 4), MOST_NODES + 1))
+    return int(min(max(change / LOBE + 2, fewest), max(pixels, 4), MOST_NODES + 1))
 
 
 @loop
-def node_counts(sites, camera, scale, period, orders):
+def _amplitudes(frequency, strength, table, steps, camera):
+    """Return the most that each harmonic makes of a reading, (K,)."""
+    out = np.empty(len(strength), np.float64)
+    for h in range(len(strength)):
+        passed = _most_transmitted(frequency, h, table, steps, camera)
+        out[h] = strength[h] * passed * max(camera.gain, 1.0)
+    return out
+
+
+@loop
+def _table_of(frequency, camera):
+    """Return the modulation transfer for frequencies up to a little more than those sampled, and
+    how many of its steps a cycle per sensor pixel is."""
+    most = 1e-9
+    for r in range(SAMPLES):
+        for c in range(SAMPLES):
+            for h in range(frequency.shape[2]):
+                most = max(most, abs(frequency[r, c, h, 0]), abs(frequency[r, c, h, 1]))
+    most *= 1.25
+    count = min(max(optics.STEPS, int(optics.PER_CYCLE * most)), optics.MOST_STEPS)
+    return optics.transfer_table(camera, most, count), count / most
+
+
+@loop
+def node_counts(sites, camera, scale, period, orders, strength):
     """Return how many nodes the amplitudes need along u and v."""
     frequency = _sampled(sites.rows, sites.cols, camera, period, orders)
+    table, steps = _table_of(frequency, camera)
+    amplitude = _amplitudes(frequency, strength, table, steps, camera)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
-    across = _node_count(frequency, scale, 0, fewest, len(sites.cols))
-    return across, _node_count(frequency, scale, 1, fewest, len(sites.rows))
+    wide = max(scale, 1.0)
+    across = _node_count(wide * _fastest(frequency, amplitude, 0), fewest, len(sites.cols))
+    return across, _node_count(wide * _fastest(frequency, amplitude, 1), fewest, len(sites.rows))
 
 
 @inner
@@ -130,9 +171,9 @@ def _most_transmitted(frequency, h, table, steps, camera):
 
 
 @loop
-def _candidates(frequency, strength, table, steps, camera, scale):
+def _candidates(frequency, amplitude, scale):
     """Return the terms (T, 3) int64, harmonic and alias along both axes, that may exceed
-    FAINT_BEAT; strength: (K,), of each harmonic in its strongest colour.
+    FAINT_BEAT; amplitude: from `_amplitudes`.
 
     frequency: from `_sampled`, so that its ends are about those over the photo.
     """
@@ -140,8 +181,7 @@ def _candidates(frequency, strength, table, steps, camera, scale):
     out = np.empty((64, 3), np.int64)
     for h in range(n):
         (low_u, high_u), (low_v, high_v) = _range_of(frequency, h, 0), _range_of(frequency, h, 1)
-        passed = _most_transmitted(frequency, h, table, steps, camera)
-        least = FAINT_BEAT / max(camera.gain, 1.0) / max(strength[h] * passed, 1e-30)
+        least = FAINT_BEAT / max(amplitude[h], 1e-30)
         for m_u in range(math.floor(2 * low_u) - 1, math.floor(2 * high_u) + 3):
             left = _envelope(low_u, high_u, m_u, scale)
             if left <= least:
@@ -168,39 +208,43 @@ def _left_table(scale, steps):
 
 
 @inner
-def _axis(frequency, m, table):
-    """Return what is left of an alias along one axis without interpolation, and the factor of
-    interpolation."""
-    g, steps = abs(frequency - m / 2), len(table) - 2
-    if g >= 1:
-        return 0.0, 0.0
-    c = math.cos(math.pi * g)
-    return optics.transfer(table, g * steps), c * c
+def _left(frequency, m, table):
+    """Return what is left of an alias along one axis without interpolation."""
+    g = abs(frequency - m / 2)
+    return optics.transfer(table, g * (len(table) - 2)) if g < 1 else 0.0
+
+
+@inner
+def _interpolated(even, m):
+    """Return what interpolation leaves of an alias, from what it leaves of even ones."""
+    return even if m % 2 == 0 else 1 - even
 
 
 @loop
 def _fill_amplitudes(out, frequency, terms, left, table, steps, camera, bayer):
     """Fill out (rows, cols, T, 2) float32 with each term's amplitude at nodes, as the planes of red
-    and blue, and of green, read it; without colour filters, as all do."""
+    and blue, and of green, read it; without colour filters, as all do. Terms are sorted."""
     rows, cols, n = out.shape[:3]
     for r in range(rows):
         for c in range(cols):
-            last, passed = -1, 0.0
+            last, last_u, fu, fv, passed, even_u, even_v, u = -1, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for t in range(n):
-                h = terms[t, 0]
-                fu, fv = frequency[r, c, h, 0], frequency[r, c, h, 1]
+                h, m_u, m_v = terms[t, 0], terms[t, 1], terms[t, 2]
                 if h != last:
-                    last, passed = h, _transmitted(fu, fv, table, steps, camera)
-                u, in_u = _axis(fu, terms[t, 1], left)
-                v, in_v = _axis(fv, terms[t, 2], left)
-                seen = passed * u * v
-                even = (terms[t, 1] + terms[t, 2]) % 2 == 0
+                    fu, fv = frequency[r, c, h, 0], frequency[r, c, h, 1]
+                    passed = _transmitted(fu, fv, table, steps, camera)
+                    even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
+                if h != last or m_u != last_u:
+                    u = passed * _left(fu, m_u, left)
+                last, last_u = h, m_u
+                seen = u * _left(fv, m_v, left)
+                in_u, in_v = _interpolated(even_u, m_u), _interpolated(even_v, m_v)
+                even = (m_u + m_v) % 2 == 0
                 if bayer:
                     out[r, c, t, 0] = seen * in_u * in_v
                     out[r, c, t, 1] = seen * (in_u + in_v) / 2 if even else 0.0
                 else:
-                    whole = even and terms[t, 1] % 2 == 0
-                    out[r, c, t, 0] = seen if whole else 0.0
+                    out[r, c, t, 0] = seen if even and m_u % 2 == 0 else 0.0
                     out[r, c, t, 1] = 0.0
 
 
@@ -262,21 +306,58 @@ def _fill_waves(wave, sign, terms, kept, orders, period, ratio, scale, sites, si
         sign[t, 1] = ONE if m_u % 2 == 0 else -ONE
 
 
+@inner
+def _left_of_power(fu, fv, plane, bayer, left):
+    """Return which share of a harmonic's power the pixels of a plane keep in a bin, on average over
+    where the bin lies."""
+    total = 0.0
+    even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
+    for j in range(4):
+        m_u = math.floor(2 * fu) - 1 + j
+        u, in_u = _left(fu, m_u, left), _interpolated(even_u, m_u)
+        for k in range(4):
+            m_v = math.floor(2 * fv) - 1 + k
+            seen, in_v = u * _left(fv, m_v, left), _interpolated(even_v, m_v)
+            even = (m_u + m_v) % 2 == 0
+            if not bayer:
+                seen = seen if even and m_u % 2 == 0 else 0.0
+            elif plane == 1:
+                seen = seen * (in_u + in_v) / 2 if even else 0.0
+            else:
+                seen *= in_u * in_v
+            total += seen * seen
+    return min(total, 1.0)
+
+
+@loop
+def _fill_pattern(out, b, i, frequency, filters, left, table, steps, camera):
+    """Fill out (3,) with the variance of the panel's pattern that is averaged away in the middle of
+    the photo, as a share of the squared mean light, by colour filter; frequency: (K, 2)."""
+    for plane in range(3):
+        light, power = 0.0, 0.0
+        for channel in range(3):
+            light += filters[plane, channel] * b.mean[i, channel]
+        for h in range(len(frequency)):
+            real = imaginary = 0.0
+            for channel in range(3):
+                real += filters[plane, channel] * b.coefficients[i, channel, h, 0]
+                imaginary += filters[plane, channel] * b.coefficients[i, channel, h, 1]
+            fu, fv = frequency[h, 0], frequency[h, 1]
+            passed = _transmitted(fu, fv, table, steps, camera)
+            lost = 1 - _left_of_power(fu, fv, plane, b.bayer, left)
+            power += passed * passed / 2 * lost * (real * real + imaginary * imaginary)
+        out[plane] = power / max(light * light, 1e-12)
+
+
 @part
-def prepare(b, i, camera, size, sites):
+def prepare(b, i, camera, filters, size, sites):
     """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor."""
     scale, period, orders, strength = b.scale[i], b.period, b.orders, b.strength[i]
     rough = _sampled(sites.rows, sites.cols, camera, period, orders)
-    most = 1e-9
-    for r in range(SAMPLES):
-        for c in range(SAMPLES):
-            for h in range(len(orders)):
-                most = max(most, abs(rough[r, c, h, 0]), abs(rough[r, c, h, 1]))
-    most *= 1.25  # nodes may see a little more than the samples
-    count = min(max(optics.STEPS, int(optics.PER_CYCLE * most)), optics.MOST_STEPS)
-    table, steps = optics.transfer_table(camera, most, count), count / most
-    terms = _candidates(rough, strength, table, steps, camera, scale)
-    n_u, n_v = node_counts(sites, camera, scale, period, orders)
+    table, steps = _table_of(rough, camera)
+    brightest = _amplitudes(rough, strength, table, steps, camera)
+    terms = _candidates(rough, brightest, scale)
+    n_u, n_v = node_counts(sites, camera, scale, period, orders, strength)
     us, step_u = line_of(sites.cols, n_u)
     vs, step_v = line_of(sites.rows, n_v)
     frequency = np.empty((n_v, n_u, len(orders), 2), np.float64)
@@ -297,7 +378,12 @@ def prepare(b, i, camera, size, sites):
     _fill_lines(lines, peak, amplitude, kept, ends, weight, shown)
     wave, sign = np.empty((len(kept), 5), np.float64), np.empty((len(kept), 2), np.float32)
     _fill_waves(wave, sign, terms, kept, orders, period, b.ratio[i], scale, sites, size)
-    return Terms(harmonic, wave, sign, lines, peak, step_v)
+    pattern = np.empty(3, np.float32)
+    middle = np.zeros(1, np.float64)
+    centre = np.empty((1, 1, len(orders), 2), np.float64)
+    _fill_frequencies(centre, middle, middle, camera, period, orders)
+    _fill_pattern(pattern, b, i, centre[0, 0], filters, left, table, steps, camera)
+    return Terms(harmonic, wave, sign, lines, peak, step_v, pattern)
 
 
 @inner

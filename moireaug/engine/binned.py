@@ -65,7 +65,7 @@ def _expose(
             out, start = raw[plane, r], (plane * h + r) * w
             read(out, light, camera, start, given.noise, noise_keys, numbers, bits, False)
             if given.clips:
-                clip_mean(out, given.away[0], given.away[1], given.pattern[colour])
+                clip_mean(out, given.away[0], given.away[1], terms.pattern[colour])
 
 
 @part

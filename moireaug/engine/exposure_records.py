@@ -160,8 +160,7 @@ class Beats(NamedTuple):
         coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
             part. strength: (B, K) float64, the greatest of a harmonic. mean: (B, 3) float64, share
             of the panel's area that emits each channel.
-        away: (B, 2) float32, variance of the noise that was averaged away. pattern: (B, 3) float32,
-            that of the panel's pattern; see `sensor.clip_mean`.
+        away: (B, 2) float32, variance of the noise that was averaged away; see `sensor.clip_mean`.
         bayer: whether the sensor has colour filters.
     """
 
@@ -175,7 +174,6 @@ class Beats(NamedTuple):
     strength: np.ndarray
     mean: np.ndarray
     away: np.ndarray
-    pattern: np.ndarray
     bayer: bool
 
 
@@ -188,6 +186,8 @@ class Terms(NamedTuple):
         lines: (rows of nodes, T * 2 * w) float32, each term's amplitude at each pixel of a row, as
             the planes of red and blue, and of green, read it. peak: (rows, T) float32, the greatest
             of a row. step_v: from one row of nodes to the next.
+        pattern: (3,) float32, variance of the panel's pattern that is averaged away, by colour
+            filter; see `sensor.clip_mean`.
     """
 
     harmonic: np.ndarray
@@ -196,6 +196,7 @@ class Terms(NamedTuple):
     lines: np.ndarray
     peak: np.ndarray
     step_v: float
+    pattern: np.ndarray
 
 
 class Given(NamedTuple):
@@ -211,7 +212,6 @@ class Given(NamedTuple):
     coefficients: np.ndarray
     mean: np.ndarray
     away: np.ndarray
-    pattern: np.ndarray
     bayer: bool
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import torch
 
 from moireaug.effects.sensor import averaged_pixels
 from moireaug.engine import lowering
 from moireaug.engine.exposure_records import Beats, Camera, Cell
-from moireaug.exposure.binned import Binned, Content, amplitudes_of, content_of
+from moireaug.exposure.binned import Content, amplitudes_of, content_of
 from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.layout import as_layout
 from moireaug.scene.shot import ShotRecord
@@ -47,12 +49,13 @@ def shapes_in_bins(seen: Content) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.ones((len(hold), 3, 1, 1)), np.ascontiguousarray(width), skew
 
 
-def cell_in_bins(shot: ShotRecord) -> Cell:
-    """Return the Cell of a panel that shows one pixel of each colour; its centres differ by
-    image."""
+@functools.lru_cache(maxsize=8)
+def cell_in_bins(taps: int) -> Cell:
+    """Return the Cell of a panel that shows one pixel of each colour, of which `taps` are looked at
+    along each axis; its centres differ by image."""
     none = np.empty((2, 0), np.int64)
     subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
-    cell = lowering.lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, shot.plan.method.taps // 2)
+    cell = lowering.lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, taps // 2)
     # none at the same height: centres differ
     return cell._replace(height=np.arange(3), row=np.arange(3))
 
@@ -84,7 +87,6 @@ def lower_beats(
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
         mean=mean,
         away=_noise_away(shot, scale),
-        pattern=_pattern(shot, scale),
         bayer=shot.scene.cells == "binned",
     )
 
@@ -124,13 +126,3 @@ def _noise_away(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
         for i, name in enumerate(("sensor.read_noise", "sensor.shot_noise")):
             out[:, i] = away * drawn[name].detach().numpy() ** 2
     return out
-
-
-def _pattern(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
-    """Return the variance of the panel's pattern that is averaged away, (B, 3) float32, as a share
-    of the squared reading; zeros where nothing is clipped."""
-    method = shot.plan.method
-    if "saturate" not in shot.plan or not isinstance(method, Binned):
-        return np.zeros((len(shot), 3), np.float32)
-    pattern = method.pattern_variance(shot, torch.from_numpy(scale)).detach()
-    return pattern.numpy().astype(np.float32)

@@ -53,7 +53,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         scale = sensor_scale_of(shot, drawn, magnified)
         seen = content_in_bins(shot, alpha, scale)
         fields |= fields_in_bins(shot, seen, scale)
-        cell, (coefficients, widths, skew) = cell_in_bins(shot), shapes_in_bins(seen)
+        cell, (coefficients, widths, skew) = cell_in_bins(plan.method.taps), shapes_in_bins(seen)
     else:
         cell, (coefficients, widths, skew) = _cell(shot.scene), _shapes_of(shot)
     rows, cols = shot.sampled_pixels()

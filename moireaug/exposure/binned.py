@@ -12,7 +12,7 @@ from torch.utils.checkpoint import checkpoint
 
 from moireaug.exposure import content
 from moireaug.exposure.base import Exposure
-from moireaug.exposure.binning import Wave, alias_sums, in_plane, times
+from moireaug.exposure.binning import Wave, alias_sums, in_plane, power_left, times
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
@@ -240,15 +240,10 @@ class Binned(Exposure):
         k, l = k / layout.period[0], l / layout.period[1]
         u, v = (k * step[:, 0, axis] + l * step[:, 1, axis] for axis in (0, 1))
         power = optics_of(shot).transfer(u, v).square() / 2  # (K, B)
-        u, v = (f[..., None, None] for f in (u, v))
-        middle_u, middle_v = (scale[:, None, None] * side / 2 for side in (w, h))
-        along_u = alias_sums(u, scale[:, None, None], middle_u)
-        along_v = alias_sums(v, scale[:, None, None], middle_v)
         bayer, lost = shot.scene.cells == "binned", []
         for plane in range(3):
-            real, imaginary = in_plane(plane if bayer else None, along_u, along_v)
-            left = (real.square() + imaginary.square())[..., 0, 0]
-            lost.append(power * (1 - left).clamp(min=0))
+            kept = power_left(u, v, scale, plane if bayer else None)
+            lost.append(power * (1 - kept).clamp(min=0))
         filters = torch.eye(3, dtype=step.dtype, device=step.device).expand(len(shot), 3, 3)
         if "crosstalk" in shot.plan:
             filters = crosstalk_matrix(shot.sensor.crosstalk)

@@ -83,6 +83,27 @@ def in_plane(colour: int | None, u: AliasSums, v: AliasSums) -> Wave:
     return _mean(upper, lower)
 
 
+def power_left(u: Tensor, v: Tensor, scale: Tensor, colour: int | None) -> Tensor:
+    """Return which share of the power of harmonics of frequencies u and v (K, B) is left in a
+    colour's plane, on average over where a bin lies: (K, B). Arguments as in `alias_sums` and
+    `in_plane`."""
+    found, wide = [], scale.clamp(min=1)
+    steps = torch.arange(ALIASES, dtype=u.dtype, device=u.device)[:, None, None] - 1
+    for frequency in (u, v):
+        m = (2 * frequency.detach()).floor() + steps
+        g = frequency - m / 2
+        found.append((m, sinc(g) * sinc(wide * g), torch.cos(math.pi * g).square()))
+    (m_u, bare_u, in_u), (m_v, bare_v, in_v) = found
+    seen, even = bare_u[:, None] * bare_v, (m_u[:, None] + m_v) % 2 == 0
+    if colour is None:
+        seen = seen * (even & (m_v % 2 == 0))
+    elif colour == 1:
+        seen = seen * even * (in_u[:, None] + in_v) / 2
+    else:
+        seen = seen * in_u[:, None] * in_v
+    return seen.square().sum((0, 1))
+
+
 def times(a: Wave, b: Wave) -> Wave:
     """Return the product of two complex numbers."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
