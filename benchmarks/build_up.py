@@ -12,6 +12,7 @@ from benchmarks import measure
 from benchmarks.executions import EXECUTIONS, in_both, taking
 from benchmarks.problems import images
 from moireaug import Scene, Sensor
+from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 
 
@@ -26,7 +27,7 @@ def rows_of(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
     times = in_both(calls, settings, len(shown))
     rows = []
     for i, (added, stage) in enumerate(stages):
-        plan = stage.plan()
+        plan = stage.plan((shown.shape[-2], shown.shape[-1]))
         row = {"added": added, "effects": [step.name for step in plan], "exposure": plan.exposure}
         rows.append(
             row | {execution: times[execution][str(i)]._asdict() for execution in EXECUTIONS}
@@ -35,10 +36,12 @@ def rows_of(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def growing(scene: Scene) -> Iterator[tuple[dict[str, Any], Scene]]:
-    """Yield what is added, and the scene with it and all before: from the sensor's scale alone to
-    the whole scene."""
-    built = Scene(sensor=Sensor(scale=scene.sensor.scale), tolerance=scene.tolerance)
-    yield {"sensor.scale": scene.sensor.scale}, built
+    """Yield what is added, and the scene with it and all before: from the sensor's pitch, or its
+    scale where no pitch is stated, to the whole scene."""
+    first = "pitch" if bounds(scene.sensor.pitch)[1] else "scale"
+    stated = {first: getattr(scene.sensor, first)}
+    built = Scene(sensor=Sensor(**stated), tolerance=scene.tolerance)
+    yield {f"sensor.{first}": stated[first]}, built
     waiting: dict[str, dict[str, Any]] = {}
     for part in PARTS:
         for field in fields(getattr(scene, part)):

@@ -8,7 +8,7 @@ above a quarter. The last rows are what every scene pays for: the exposure of a 
 without subpixels, and its development.
 
 Then every preset is built up field by field, in the order in which light meets them, from a frontal
-screen at the preset's sensor scale; fields that a scene accepts only together are added
+screen at the preset's pitch or sensor scale; fields that a scene accepts only together are added
 together.
 
 Writes results/effects_cost.json. Times are of `moireaug.capture` in float32 without gradients,
@@ -67,7 +67,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "chroma_blur, sharpen": {"develop.chroma_blur": 0.0, "develop.sharpen": 0.0},
     "register": {"develop.registered": False},
 }
-# and changes that add others
+# and changes that add others; a binned photo has no bits, no denoiser, and one way to be resized
 WITH: dict[str, dict[str, Any]] = {
     "layout of a black matrix": {"panel.lit": 0.6},
     "layout pentile": {"panel.layout": "pentile"},
@@ -75,11 +75,7 @@ WITH: dict[str, dict[str, Any]] = {
     "vignetting": {"lens.vignetting": 0.3},
     "flicker": {"panel.pwm": 240.0, "sensor.shutter": 1 / 500, "sensor.readout": 1 / 60},
     "noise of photons": {"sensor.shot_noise": 0.01},
-    "bits": {"sensor.bits": 8},
-    "demosaic bilinear": {"develop.demosaic": "bilinear"},
     "brighten": {"develop.brighten": 0.05},
-    "resize antialias": {"develop.resize": "antialias"},
-    "denoise bilateral": {"develop.denoise": "bilateral"},
     "jpeg": {"develop.jpeg": 80.0},
 }
 ALWAYS = ("exposure alone", "demosaic, resize")  # with all of `WITHOUT` left out

@@ -23,7 +23,8 @@ def panels(size: Size) -> Iterator[Row]:
         calls[name] = running(expose, scene, images)
     times = timed_together(calls, size.repeats)
     for name, scene in scenes.items():
-        what = f"{name}: {scene.plan().exposure}, {len(scene.plan().harmonics)} harmonics"
+        plan = scene.plan((size.side, size.side))
+        what = f"{name}: {plan.exposure}, {len(plan.harmonics)} harmonics"
         yield in_ms(what, times[name], "rgb_stripe, lit 1", times["plain"], bar=1.3)
     calls = {
         "default": running(capture, default, images),
@@ -50,9 +51,7 @@ def without_lattice() -> Scene:
     """Return the default scene with pixels that shine evenly, right up to the next."""
     default = Scene.preset("screen_photo")
     panel = replace(default.panel, layout="even", lit=1.0, lit_x=1.0, lit_y=1.0)
-    # no colour filters, and so no need of more pixels
-    sensor = replace(default.sensor, cfa="none", scale=1)
-    return replace(default, panel=panel, sensor=sensor)
+    return replace(default, panel=panel, sensor=replace(default.sensor, cfa="none"))
 
 
 def running(stage: Callable, scene: Scene, images: Tensor) -> Callable[[], Tensor]:

@@ -17,6 +17,9 @@ no pictures. For each scene:
 - cleaned, with --images, a folder of clean pictures: a small network is trained on simulated pairs
   of these alone, and cleans the real photos. Their PSNR before and after, each after its best
   global colour map onto the original, says whether what it learned carries over to reality.
+- agreement, with --classifiers, a folder of torchvision's ImageNet weights: on what share of the
+  pictures each classifier gives the same answer for the photo as for the original, for the real
+  photos and for the scene's of the whole pictures.
 
 Writes results/reality.json, or with --only results/reality-PART.json.
 """
@@ -26,7 +29,8 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +39,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from anywher
 import torch
 from torch import Tensor
 
-from benchmarks import cleaned, measure, told_apart
+from benchmarks import agreement, cleaned, measure, told_apart
 from moireaug import Scene
 from moireaug.evaluation.report.terminal import plain
 from moireaug.synthesis.tone import ColourMap
@@ -49,6 +53,7 @@ FULL: dict[str, Any] = {
     "shots": 3,
     "apart": told_apart.Effort(),
     "cleaned": cleaned.Effort(),
+    "agreement": agreement.Sizes(),
 }
 QUICK: dict[str, Any] = {
     "side": 48,
@@ -56,9 +61,15 @@ QUICK: dict[str, Any] = {
     "shots": 1,
     "apart": told_apart.Effort(steps=2, batch=4, side=32, judged=8),
     "cleaned": cleaned.Effort(steps=2, batch=2, side=32, shown=64),
+    "agreement": agreement.Sizes(judged=64, shrunk=(48, 32)),
 }
 CONTROLS = ("the real photos", "the originals")
-PARTS = ("statistics", "apart", "cleaned")
+OF_CROPS = ("statistics", "apart")
+READ = {
+    "cleaned": ("images", "trains on clean pictures"),
+    "agreement": ("classifiers", "asks ImageNet classifiers"),
+}
+PARTS = (*OF_CROPS, *READ)
 
 
 def simulated(scene: Scene, crops: Crops, shots: int) -> Tensor:
@@ -139,12 +150,41 @@ def clean(
     return rows
 
 
+def of_crops(
+    crops: Crops,
+    chosen: dict[str, Scene],
+    args: Namespace,
+    parts: Sequence[str],
+    settings: dict[str, Any],
+) -> dict[str, Any]:
+    """Return the measures that compare crops of the real photos with the scenes' photos of them."""
+    shots = settings["shots"]
+    photos = {name: simulated(scene, crops, shots) for name, scene in chosen.items()}
+    found: dict[str, Any] = {}
+    if "statistics" in parts:
+        found["statistics"] = statistics(crops, photos)
+    if "apart" in parts:
+        others: dict[str, Tensor] = {}
+        if args.controls:
+            others = dict(zip(CONTROLS, (crops.photos[None], crops.originals[None]), strict=True))
+        found["told_apart"] = tell(crops, others | photos, settings["apart"])
+    return found
+
+
+def require_folders(parser: ArgumentParser, args: Namespace) -> None:
+    """Refuse parts that are asked for without the folder that they read."""
+    for part, (option, use) in READ.items():
+        if part in (args.only or ()) and not getattr(args, option):
+            parser.error(f"--only {part} {use}: pass their folder, --{option} DIR.")
+
+
 def main() -> None:
     parser = measure.arguments(__doc__)
     parser.add_argument("pairs", type=Path, help="a CSV file with the columns photo and original")
     parser.add_argument("scenes", nargs="+", help="presets or YAML files")
     parser.add_argument("--controls", action="store_true", help="also tell the two controls apart")
     parser.add_argument("--images", type=Path, help="a folder of clean pictures to train on")
+    parser.add_argument("--classifiers", type=Path, help="a folder of files such as resnet18.pth")
     parser.add_argument("--target", nargs="+", choices=cleaned.TARGETS, default=["twin"])
     parser.add_argument("--steps", type=int, help="of training each network")
     parser.add_argument(
@@ -152,8 +192,7 @@ def main() -> None:
     )
     args = parser.parse_args()
     parts = args.only or PARTS
-    if args.only and "cleaned" in args.only and not args.images:
-        parser.error("--only cleaned trains on clean pictures: pass their folder, --images DIR.")
+    require_folders(parser, args)
     torch.set_num_threads(args.threads)
     facts = measure.metadata()
     settings = dict(QUICK if args.quick else FULL)
@@ -168,21 +207,23 @@ def main() -> None:
                 f"{args.pairs} holds one pair, and telling photos apart needs at least two, as one "
                 "is left out at a time. Add pairs, or pass --only statistics."
             )
-        crops = cut(read_pairs(pairs), settings["side"], settings["each"])
+        crops = None
+        if set(OF_CROPS) & set(parts):
+            crops = cut(read_pairs(pairs), settings["side"], settings["each"])
+        classifiers = None
+        if "agreement" in parts and args.classifiers:
+            classifiers = agreement.read_classifiers(args.classifiers)
     except (ValueError, OSError) as error:
         parser.error(str(error))
     print(measure.told(facts), end="\n\n")
-    photos = {name: simulated(scene, crops, settings["shots"]) for name, scene in chosen.items()}
     found: dict[str, Any] = {"metadata": facts}
-    if "statistics" in parts:
-        found["statistics"] = statistics(crops, photos)
-    if "apart" in parts:
-        others: dict[str, Tensor] = {}
-        if args.controls:
-            others = dict(zip(CONTROLS, (crops.photos[None], crops.originals[None]), strict=True))
-        found["told_apart"] = tell(crops, others | photos, settings["apart"])
+    if crops:
+        found |= of_crops(crops, chosen, args, parts, settings)
     if "cleaned" in parts and args.images:
         found["cleaned"] = clean(chosen, args, settings["cleaned"])
+    if classifiers:
+        sizes = settings["agreement"]
+        found["agreement"] = agreement.agree(classifiers, read_pairs(pairs), chosen, sizes)
     name = "-".join(["reality", *(args.only or [])])
     measure.write_json(measure.results(args) / f"{name}.json", found)
 

@@ -1,6 +1,6 @@
-"""Draw docs/gallery.png (every preset on signs and on a grey screen), docs/banner.png (some of
-them), docs/effects.png (every effect by itself) and docs/effects/*.png (those that physics.md
-explains).
+"""Draw docs/gallery.png (every preset on a photograph, a sign and a grey screen, with details at
+the photo's own pixels), docs/banner.png (some of them), docs/effects.png (every effect by itself)
+and docs/effects/*.png (those that physics.md explains).
 
 Run it as `python docs/gallery.py`.
 """
@@ -15,16 +15,19 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
 import torch
+from matplotlib import cbook
 from matplotlib.figure import Figure
+from PIL import Image
 from torch import Tensor
-from torchvision.transforms.v2.functional import to_pil_image
+from torchvision.transforms.v2.functional import pil_to_tensor, to_pil_image
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View
 from moireaug.scene.layout import LAYOUTS
 from moireaug.scene.presets import PRESETS
 from training import signs
 
-SIZE, COLUMNS = 160, 5
+SIZE = 160  # of the effects' picture
+LARGE, DETAIL = 288, 72  # of the presets' pictures, and of the part that is shown magnified
 
 # A sharp camera in front of a panel whose stripes it resolves badly: moiré without anything else.
 MOIRE = Scene(
@@ -166,29 +169,46 @@ def show(axis, photo: Tensor) -> None:
     axis.imshow(photo.permute(1, 2, 0).numpy(), interpolation="nearest", vmin=0, vmax=1)
 
 
-def draw_presets(images: Tensor) -> None:
-    rows = {"shown on the screen": images}
+def photograph() -> Tensor:
+    """Return matplotlib's sample photograph, a portrait in the public domain, (3, LARGE, LARGE)."""
+    with cbook.get_sample_data("grace_hopper.jpg") as file:
+        picture = Image.open(file).convert("RGB").crop((0, 0, 512, 512))
+    return pil_to_tensor(picture.resize((LARGE, LARGE), Image.Resampling.LANCZOS)) / 255
+
+
+def seen_in(pictures: Tensor) -> dict[str, Tensor]:
+    """Return the pictures, and their photos in every preset."""
+    seen = {"shown on the screen": pictures}
     for name in PRESETS:
-        rows[name] = Scene.preset(name).capture(images, torch.Generator().manual_seed(3))
-    figure, axes = grid(len(rows), COLUMNS, 1.94, 1.6)
-    for line, (name, photos) in zip(axes, rows.items(), strict=True):
-        for axis, photo in zip(line, photos, strict=True):
-            show(axis, photo)
+        seen[name] = Scene.preset(name).capture(pictures, torch.Generator().manual_seed(3))
+    return seen
+
+
+def detail(photo: Tensor) -> Tensor:
+    """Return a part of a photo, from above its middle."""
+    top, left = LARGE // 4, LARGE // 2 - DETAIL // 2
+    return photo[:, top : top + DETAIL, left : left + DETAIL]
+
+
+def draw_presets(seen: dict[str, Tensor]) -> None:
+    figure, axes = grid(len(seen), 2 * len(seen["paper"]), 1.94, 2.0)
+    for line, (name, photos) in zip(axes, seen.items(), strict=True):
+        for i, photo in enumerate(photos):
+            show(line[2 * i], photo)
+            show(line[2 * i + 1], detail(photo))
         line[0].set_ylabel(
             name.replace("_at_", "\nat ").replace("_", " "), rotation=0, ha="right", va="center"
         )
     figure.savefig(HERE / "gallery.png", pil_kwargs={"optimize": True})
 
 
-def draw_banner(images: Tensor) -> None:
-    figure, axes = grid(len(images), 1 + len(BANNER), 2.05, 2.15)
-    columns = {"shown on the screen": images}
-    for name in BANNER:
-        columns[name] = Scene.preset(name).capture(images, torch.Generator().manual_seed(3))
-    for column, (name, photos) in enumerate(columns.items()):
+def draw_banner(seen: dict[str, Tensor]) -> None:
+    names = ["shown on the screen", *BANNER]
+    figure, axes = grid(2, len(names), 2.05, 2.15)
+    for column, name in enumerate(names):
         axes[0, column].set_title(name, fontsize=10)
-        for row, photo in enumerate(photos):
-            show(axes[row, column], photo)
+        show(axes[0, column], seen[name][0])
+        show(axes[1, column], detail(seen[name][0]))
     figure.savefig(HERE / "banner.png", pil_kwargs={"optimize": True})
 
 
@@ -213,9 +233,11 @@ def save(photo: Tensor, path: Path) -> None:
 
 def main() -> None:
     drawn, _ = signs.make("test", 32, size=SIZE, seed=4)
-    grey = torch.full((1, 3, SIZE, SIZE), 0.75)
-    draw_presets(torch.cat([drawn[[3, 9, 17, 24]].float() / 255, grey]))
-    draw_banner(torch.cat([drawn[[24]].float() / 255, grey]))
+    large, _ = signs.make("test", 32, size=LARGE, seed=4)
+    grey = torch.full((3, LARGE, LARGE), 0.75)
+    seen = seen_in(torch.stack([photograph(), large[24].float() / 255, grey]))
+    draw_presets(seen)
+    draw_banner(seen)
     draw_effects(drawn[9].float() / 255)
 
 

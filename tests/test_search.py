@@ -37,6 +37,7 @@ CHOICES = {
     ],
     ("view", "pose"): ["camera", "released"],
     ("view", "fit"): [True, False],
+    ("sensor", "reading"): ["auto", "full", "binned"],
     ("sensor", "scale"): [0.25, 0.5, 1.0, 1.5, 2.0, 2.7, 3.0, 5.0],
     ("sensor", "cfa"): ["rggb", "none"],
     ("sensor", "exposure"): ["auto", "spectral", "box", "mean", "point", "supersample:2"],
@@ -72,7 +73,27 @@ def built(cls, **given):
         for angle in ("yaw", "pitch", "roll"):
             ends = [float(round(end)) for end in bounds(given[angle])]
             given[angle] = ends[0] if ends[0] == ends[1] else tuple(ends)
+    for stated, least in (("width", 1.0), ("pitch", 1e-3)):
+        if stated in given and "scale" in given and bounds(given[stated])[1]:
+            low, high = (max(end, least) for end in bounds(given[stated]))
+            given[stated] = low if low == high else (low, high)
+            given["scale"] = 1.0
     return cls(**given)
+
+
+def a_scene(*, sensor, **parts):
+    """A scene; a full reading takes no screen, and a binned one no single sensor pixels."""
+    stated = bounds(parts["panel"].width)[1] or bounds(sensor.pitch)[1]
+    if stated and sensor.reading == "full":
+        sensor = dataclasses.replace(sensor, reading="auto")
+    if stated or sensor.reading == "binned":
+        if sensor.exposure not in ("spectral", "mean"):
+            sensor = dataclasses.replace(sensor, exposure="auto")
+        parts["view"] = dataclasses.replace(parts["view"], pose="camera")
+        parts["develop"] = dataclasses.replace(
+            parts["develop"], demosaic="bilinear", resize="area", denoise=None
+        )
+    return Scene(sensor=sensor, **parts)
 
 
 def a_part(part):
@@ -81,7 +102,7 @@ def a_part(part):
 
 
 SCENES = st.builds(
-    Scene,
+    a_scene,
     **{part: a_part(part) for part in PARTS},
     tolerance=st.sampled_from([1 / 512, 1 / 512, 0.0, 1e-6, 1.0]),
 )

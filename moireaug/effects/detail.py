@@ -101,8 +101,10 @@ def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
 
 def in_photo(shot, sigma: Tensor) -> Tensor:
     """Return standard deviations in sensor pixels (B,) as those of kernels in the pixels that are
-    developed: in photo pixels of a binned reading."""
-    return kernel_sigma(sigma / shot.sensor_scale) if shot.scene.is_binned else sigma
+    developed: in photo pixels of a binned reading, and at most the photo's longer side."""
+    if not shot.scene.is_binned:
+        return sigma
+    return kernel_sigma((sigma / shot.sensor_scale).clamp(max=max(shot.size)))
 
 
 def kernel_sigma(sigma: Tensor) -> Tensor:
@@ -126,7 +128,7 @@ def photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> Range:
     if not scene.is_binned:
         return value
     alpha = bounds(scene.at(size).panel.scale)[0]
-    return bounds(value)[1] / least_sensor_scale(scene, alpha)
+    return min(bounds(value)[1] / least_sensor_scale(scene, alpha), float(max(size)))
 
 
 def kernel_size(sigma: Range) -> int:

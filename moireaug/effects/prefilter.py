@@ -39,7 +39,7 @@ class Prefilter(Effect):
         variance = most_variance(scene)
         if 2 * bounds(scene.sensor.gain)[1] * variance <= scene.tolerance:
             return left_out(
-                "the panel has the picture's pixels, and a sensor pixel sees few of them"
+                "the panel is as fine as the picture, and a sensor pixel sees few of its pixels"
             )
         return called(
             f"the picture blurred by up to {variance**0.5:.2g} image pixels before it is looked up"

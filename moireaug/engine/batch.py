@@ -127,10 +127,7 @@ def beats_fit(e, b):
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = _camera(b.cameras[i])
-        across, down = beats.node_counts(
-            e.sites, camera, b.scale[i], b.period, b.orders, b.strength[i]
-        )
-        out[i] = max(across, down) <= beats.MOST_NODES
+        out[i] = beats.fits(e.sites, camera, b.scale[i], b.period, b.orders, b.strength[i])
     return out
 
 

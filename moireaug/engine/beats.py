@@ -20,7 +20,7 @@ from moireaug.engine.view import jacobian
 FAINT_BEAT = 2e-4  # of full scale: terms that nowhere exceed it in a reading are left out
 LOBE = 0.2  # how much a beat's frequency may change between two nodes, in cycles per photo pixel
 BRIGHT = 0.3  # amplitude of a harmonic in a reading for which LOBE is made
-MOST_NODES = 192
+MOST_NODES, MOST_TERMS = 192, 1024
 STEPS, PER_LOBE, MOST_STEPS = 256, 32, 2**14  # of the table of what is left of an alias
 HALF, ONE, TWO, ZERO = np.float32(0.5), np.float32(1), np.float32(2), np.float32(0)
 
@@ -107,6 +107,18 @@ def _table_of(frequency, camera):
 
 
 @loop
+def fits(sites, camera, scale, period, orders, strength):
+    """Return whether the kernels can follow a view: not one whose beats change too fast, or are too
+    many."""
+    frequency = _sampled(sites.rows, sites.cols, camera, period, orders)
+    table, steps = _table_of(frequency, camera)
+    amplitude = _amplitudes(frequency, strength, table, steps, camera)
+    across, down = node_counts(sites, camera, scale, period, orders, strength)
+    few = len(_candidates(frequency, amplitude, scale)) < MOST_TERMS
+    return few and max(across, down) <= MOST_NODES
+
+
+@loop
 def node_counts(sites, camera, scale, period, orders, strength):
     """Return how many nodes the amplitudes need along u and v."""
     frequency = _sampled(sites.rows, sites.cols, camera, period, orders)
@@ -189,6 +201,8 @@ def _candidates(frequency, amplitude, scale):
             for m_v in range(math.floor(2 * low_v) - 1, math.floor(2 * high_v) + 3):
                 if left * _envelope(low_v, high_v, m_v, scale) <= least:
                     continue
+                if count == MOST_TERMS:
+                    return out
                 if count == len(out):
                     out = _doubled(out)
                 out[count, 0], out[count, 1], out[count, 2] = h, m_u, m_v

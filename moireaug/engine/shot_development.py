@@ -103,7 +103,7 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
         sharp_size = kernel_size(photo_sigma(shot.scene, "sharpen_radius", shot.size))
     if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
         scale = sensor_scale_of(shot, drawn, homography_of(shot, drawn)[1])
-        both = torch.from_numpy(np.stack([chroma, sharp]) / scale)
+        both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, max(shot.size)))
         chroma, sharp = kernel_sigma(both).numpy()
     return Detail(
         (_kept(rows), _kept(cols)),

@@ -1,9 +1,12 @@
 """Named scenes, and where their figures come from.
 
-The pitch of a panel in sensor pixels is f * p / d: focal length f in sensor pixels, panel pixel p
-and distance d in mm. A scene's pitch is `Sensor.scale * zoom / Panel.scale`. Stepping back until a
-turned picture fits the photo scales its centre by 0.77 to 1 at the angles below, so
-`Panel.scale = 0.8 * Sensor.scale / pitch`, and pitches are as accurate as that.
+A scene is a screen, whatever the picture's size. `Sensor.pitch` is f * p / d: focal length f in
+sensor pixels, panel pixel p and distance d in mm. `Panel.width` is how much of the panel the
+picture takes, in a window or full screen: 400 to 1600 panel pixels on monitors and laptops, 600 to
+1600 on phones, tablets and televisions (400 to 1000 before a webcam), 128 to 400 on LED walls, 48
+to 256 on message signs. Width * pitch has to fit on the sensor: 4032, 1920 (webcam), 3264 (document
+camera) or 2560 (dashcam) px. In 2 % of the draws of screen_photo and 1 % of the webcam's it does
+not; in 8 and 10 %, once the camera has stepped back until a turned picture fits the photo.
 
 Screens:
 - Monitors: 27 inch 3840 x 2160 (AOC U27P1U, the paper's appendix C) 0.155 mm; 27 inch 2560 x 1440
@@ -17,8 +20,7 @@ Screens:
 - LED walls: 1.5 to 2.5 mm between pixels, as indoor walls are sold, at 2.4 to 7.5 m: pitch 1 to
   1.9.
 - LED signs: 10 to 20 mm between pixels, as full-colour road and street displays are sold; three
-  dies on one package. 10 mm at 4 to 7 m, 20 mm at 8 to 14 m: pitch 1.05 to 1.9. Farther away,
-  nothing is left to alias; nearer, single LEDs are visible.
+  dies on one package. 10 mm at 4 to 7 m, 20 mm at 8 to 14 m: pitch 1.05 to 1.9.
 - Tablet: 264 pixels per inch (iPad, Apple's specifications), 0.096 mm.
 - Black matrix: LCDs of these sizes emit from about half to three quarters of a pixel. No data sheet
   says how much along either axis; rows are the wider gaps, because transistors lie there.
@@ -34,11 +36,10 @@ Cameras:
 - Dashcam: 2560 px across a 120 degree lens, 740 px focal length in the middle, barrel distorted.
 
 What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): the
-phone's blur and motion, crosstalk, exposure, white balance, tone, colour smoothing and sharpening.
-Its JPEG is of a larger picture and leaves no blocks in this one. Its exposure leaves a white
-screen at a quarter to half of full scale; its tone curve lifts the middle and rolls off the
-highlights, as the curves of photographs do. The other cameras differ in what is known of them: a
-webcam is noisier and compresses more, a dashcam is turned farther from the sign.
+phone's blur (0.3 to 0.55 px), noise and motion, screen_photo's pitch (1.8 to 2.8), crosstalk,
+exposure, white balance, tone, colour smoothing and sharpening. Its JPEG is of a larger picture and
+leaves no blocks in this one. Its exposure leaves a white screen at a quarter to half of full scale;
+its tone curve lifts the middle and rolls off the highlights, as the curves of photographs do.
 """
 
 from __future__ import annotations

@@ -40,5 +40,7 @@ def test_what_is_added_is_not_in_the_default_photo(name):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_built_up_whole(name):
-    *_, (added, last) = build_up.growing(Scene.preset(name))
+    (start, first), *_, (added, last) = build_up.growing(Scene.preset(name))
     assert last == Scene.preset(name) and len(added) == 1
+    assert start.keys() == {"sensor.scale" if name.startswith("paper") else "sensor.pitch"}
+    assert first.is_binned == last.is_binned

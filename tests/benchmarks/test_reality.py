@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import torchvision
 from PIL import Image
 
 from benchmarks import cleaned, told_apart
@@ -64,6 +65,8 @@ def test_the_benchmark_writes_figures(tmp_path, monkeypatch, capsys):
     [
         (1, ["screen_photo"], "holds one pair, and telling photos apart needs at least two"),
         (2, ["screen_photo", "--only", "cleaned"], "pass their folder, --images DIR"),
+        (2, ["screen_photo", "--only", "agreement"], "pass their folder, --classifiers DIR"),
+        (2, ["screen_photo", "--classifiers", "none"], "there are no classifiers in none"),
         (2, ["none.yaml"], "none.yaml could not be read"),
     ],
 )
@@ -73,6 +76,20 @@ def test_what_cannot_be_measured_is_refused(tmp_path, monkeypatch, capsys, pairs
         run(tmp_path, monkeypatch, *given)
     assert said in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "reality.json").exists()
+
+
+def test_the_benchmark_asks_classifiers(tmp_path, monkeypatch, capsys):
+    write_pairs(tmp_path, 1)
+    network = torchvision.models.squeezenet1_1(weights=None)
+    torch.save(network.state_dict(), tmp_path / "squeezenet1_1.pth")
+    given = ["screen_photo", "--only", "agreement", "--classifiers", str(tmp_path)]
+    run(tmp_path, monkeypatch, *given)
+    assert "Answers kept, of 1 pictures" in capsys.readouterr().out
+    rows = json.loads((tmp_path / "reality-agreement.json").read_text())["agreement"]
+    shrunk = ["shrunk to 48 px", "shrunk to 32 px"]
+    own = ["its own size", "its own size, no moiré"]
+    assert [row["shown"] for row in rows] == ["a screen", *shrunk, *own, *shrunk]
+    assert {row["classifier"] for row in rows} == {"squeezenet1_1"}
 
 
 def test_one_pair_has_statistics(tmp_path, monkeypatch):

@@ -1,8 +1,6 @@
 """An evaluation in a list of scenes: every image in its own scene, the same for all conditions, and
 every figure in the place of its image."""
 
-import dataclasses
-
 import pytest
 import torch
 
@@ -92,9 +90,7 @@ def varied(suite, row):
 def test_what_a_suite_changes_it_changes_in_every_scene():
     assert [scene.view.roll for scene in varied("factors", "roll_15")] == [15, 15]
     for enlarged, scene in zip(varied("factors", "alpha_3"), MIXTURE.scenes, strict=True):
-        assert enlarged.sensor.scale / scene.sensor.scale == pytest.approx(
-            enlarged.panel.scale[0] / scene.panel.scale[0]
-        )
+        assert enlarged.panel.width == pytest.approx(tuple(1.5 * w for w in scene.panel.width))
     assert [scene.develop.jpeg for scene in varied("shifts", "photo_jpeg_60")] == [60, 60]
     assert not any(scene.develop.registered for scene in varied("shifts", "camera_frame"))
     assert not set(NAMES) & other_scenes(MIXTURE).keys()
@@ -103,7 +99,7 @@ def test_what_a_suite_changes_it_changes_in_every_scene():
 
 
 def test_the_camera_is_turned_only_where_every_scene_allows_it():
-    still = dataclasses.replace(MIXTURE.scenes[0], sensor=Scene.preset("paper").sensor)
+    still = Scene.preset("paper")
     for scene, turned in ((NAMES, True), ([NAMES[0], still], False)):
         (table,) = tables_of("adaptive", SuiteConfig(scene=as_scenes(scene)))
         assert ("turning" in table.columns) == turned

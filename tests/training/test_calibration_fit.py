@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from moireaug import Lens, Scene, Sensor
+from moireaug import Lens, Panel, Scene, Sensor
 from tests.training.screens import PLAIN, picture
 from training import calibrate, scenes
 from training.calibration import fit as fitting
@@ -90,13 +90,55 @@ def test_a_scene_that_fits_the_shots_of_the_search_alone_is_not_taken(monkeypatc
 def test_every_searched_field_is_a_range_of_a_scene():
     for name in ("screen_photo", "dashcam_at_led_sign", "paper"):
         scene = Scene.preset(name)
-        limits = tuple(fitting._widened(scene, one) for one in fitting.SEARCHED)
+        limits = tuple(fitting._widened(scene, one) for one in fitting.searched_of(scene))
         again = fitting.decode(scene, limits, fitting.encode(scene, limits))
         for field, low, high in limits:
             for ours, theirs in zip(
                 fitting.get(again, field), fitting.get(scene, field), strict=True
             ):
                 assert ours == pytest.approx(theirs, abs=0.021 * (high - low)), field
+
+
+def test_a_screen_is_searched_by_its_width_and_pitch():
+    """As far as the scene states them: 0 is no width, and a scale says the same in another way."""
+    screen, pitch = Panel(width=(300.0, 500.0)), Sensor(pitch=(1.8, 2.4))
+    given = [
+        (Scene.preset("phone_at_monitor"), ["panel.width", "sensor.pitch"]),
+        (Scene(panel=screen, sensor=Sensor(reading="binned", scale=2.0)), ["panel.width"]),
+        (Scene(panel=Panel(scale=1.2), sensor=pitch), ["sensor.pitch", "panel.scale"]),
+        (Scene(panel=Panel(width=99.0), sensor=Sensor(reading="full")), []),
+        (Scene.preset("paper"), ["panel.scale"]),
+    ]
+    for scene, fields in given:
+        searched = fitting.searched_of(scene)
+        assert [one.field for one in searched[: len(fields)]] == fields
+        assert searched[len(fields) :] == fitting.SEARCHED
+        limits = tuple(fitting._widened(scene, one) for one in searched)
+        for share in (0.02, 0.5, 0.98):  # no point of the search is refused for its size
+            point = fitting.encode(scene, limits)
+            point[: 2 * len(fields)] = share
+            assert fitting.decode(scene, limits, point) is not None
+
+
+def test_a_fit_finds_how_large_a_picture_was_shown():
+    side = 48
+    shown = [torch.from_numpy(picture(s, side, side)).permute(2, 0, 1) for s in range(6)]
+    screen = replace(PLAIN, sensor=Sensor(pitch=(2.0, 2.1), gain=2.8))
+    hidden = replace(screen, panel=Panel(width=(45.0, 50.0)))
+    crops = torch.stack(shown)
+    photos = photographed(hidden, crops, 1)
+    found = fit(
+        replace(screen, panel=Panel(width=(14.0, 15.0))),
+        Crops(photos, crops, torch.arange(6), tuple("abcdef")),
+        measured(photos, crops),
+        48,
+        math.inf,
+        0,
+        lambda line: None,
+        (Searched("panel.width", 10.0, 100.0),),
+    )
+    assert found.searched_after < 0.5 * found.searched_before and found.after < found.before
+    assert sum(found.scene.panel.width) / 2 == pytest.approx(47.5, rel=0.2)
 
 
 def test_the_distance_of_a_fit_is_that_of_the_scene_that_is_written(hidden, tmp_path):

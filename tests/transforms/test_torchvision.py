@@ -225,7 +225,7 @@ def test_neither_default_device_nor_default_dtype_changes_a_photo(camera):
         # planned anew
         scene = dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor))
         torch.manual_seed(0)
-        for cached in (extremes.views, extremes.harmonics, exposure_of, most_lost):
+        for cached in (extremes._views, extremes._harmonics, exposure_of, most_lost):
             cached.cache_clear()
         return RandomMoire(scene, p=0.9)(video)
 

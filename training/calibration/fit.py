@@ -41,7 +41,6 @@ class Searched(NamedTuple):
 # A new field takes one line. A scene whose own range is wider widens these limits. JPEG quality is
 # not searched: 0 is no JPEG and 1 the worst one, a jump that no search crosses.
 SEARCHED = (
-    Searched("panel.scale", 0.4, 2.0),
     Searched("panel.lit", 0.3, 1.0),
     Searched("panel.black", 0.0, 0.05),
     Searched("panel.glare", 0.0, 0.2),
@@ -60,6 +59,18 @@ SEARCHED = (
     Searched("develop.chroma_blur", 0.0, 3.0),
     Searched("develop.sharpen", 0.0, 2.0),
 )
+# of a screen, as far as a scene states them; else the scale is searched
+SCREEN = (Searched("panel.width", 64.0, 2500.0), Searched("sensor.pitch", 1.0, 3.5))
+SCALE = Searched("panel.scale", 0.4, 2.0)
+
+
+def searched_of(scene: Scene) -> tuple[Searched, ...]:
+    """Return the fields that are searched in a scene. Width and pitch of a screen are ranges in a
+    binned reading alone."""
+    stated = [one for one in SCREEN if scene.is_binned and get(scene, one.field)[1]]
+    if not get(scene, "panel.width")[1]:
+        stated.append(SCALE)
+    return (*stated, *SEARCHED)
 
 
 @dataclass(frozen=True)
@@ -118,7 +129,7 @@ def fit(
     seconds: float,
     seed: int,
     tell: Callable[[str], None],
-    searched: Sequence[Searched] = SEARCHED,
+    searched: Sequence[Searched] | None = None,
 ) -> Fitted:
     """Search the ranges of a scene, from its own on; Ctrl-C ends the search, and the best so far is
     judged.
@@ -130,7 +141,7 @@ def fit(
             them.
         seed: of the shots that judge. The search and its shots have the next one.
         tell: takes a line of progress.
-        searched: the fields.
+        searched: the fields; None is `searched_of` the scene.
 
     Raises:
         ValueError: crops without originals.
@@ -147,7 +158,7 @@ def fit(
     originals = crops.originals[torch.from_numpy(chosen)]
     wanted = [real[i] for i in chosen]
 
-    limits = tuple(_widened(start, one) for one in searched)
+    limits = tuple(_widened(start, one) for one in searched or searched_of(start))
     first = apart(start, originals, wanted, seed + 1)
     best, least, count = start, first, 1
     tell(f"fit: distance {first:.3f} at the start")

@@ -17,6 +17,7 @@ from moireaug.scene.scene import Scene
 
 # of sliders, where the range that a field allows is too wide for one
 LIMITS: dict[str, tuple[float, float]] = {
+    "panel.width": (20.0, 2000.0),
     "panel.scale": (0.2, 4.0),
     "panel.lit": (0.05, 1.0),
     "panel.lit_x": (0.05, 1.0),
@@ -38,6 +39,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "lens.motion_x": (-4.0, 4.0),
     "lens.motion_y": (-4.0, 4.0),
     "lens.olpf": (0.0, 2.0),
+    "sensor.pitch": (0.8, 4.0),
     "sensor.scale": (0.5, 12.0),
     "sensor.fill": (0.05, 1.0),
     "sensor.gain": (0.1, 10.0),
@@ -56,6 +58,7 @@ LIMITS: dict[str, tuple[float, float]] = {
 CHOICES: dict[str, tuple[Any, ...]] = {
     "panel.layout": tuple(LAYOUTS),
     "view.pose": parts.POSES,
+    "sensor.reading": parts.READINGS,
     "sensor.cfa": parts.CFAS,
     "sensor.exposure": parts.EXPOSURES,
     "sensor.bits": (None, *range(1, 17)),
@@ -63,6 +66,9 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "develop.denoise": (None, *parts.DENOISERS),
     "develop.resize": parts.RESIZES,
 }
+# what is said in one of two ways: a scene that states the first has no control of the second
+EITHER = {"panel.width": "panel.scale", "sensor.pitch": "sensor.scale"}
+WIDTH_STEP = 4.0  # panel pixels
 
 
 class Control(NamedTuple):
@@ -95,9 +101,21 @@ class Control(NamedTuple):
         """Return how many values it takes."""
         return 2 if self.kind == "range" else 1
 
+    def is_for(self, scene: Scene) -> bool:
+        """Return whether a scene has this control: all but one of each two in `EITHER`."""
+        for stated, other in EITHER.items():
+            if self.name in (stated, other):
+                part, field = stated.split(".")
+                is_stated = bounds(getattr(getattr(scene, part), field))[1] > 0
+                return is_stated == (self.name == stated)
+        return True
+
     def read(self, scene: Scene) -> list[Any]:
-        """Return the values that this control shows of a scene."""
+        """Return the values that this control shows of a scene; its lowest where the scene does not
+        state the field."""
         value = getattr(getattr(scene, self.part), self.field)
+        if self.name in EITHER and not self.is_for(scene):
+            value = self.low
         return list(bounds(value)) if self.kind == "range" else [value]
 
     def value(self, shown: Sequence[Any]) -> Any:
@@ -131,6 +149,8 @@ def _control(part: str, field: dataclasses.Field[Any], about: str) -> Control:
     allowed = field.metadata
     low, high = LIMITS[name] if name in LIMITS else (allowed["low"], allowed["high"])
     step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # 100 to 1000 positions
+    if name == "panel.width":
+        step = WIDTH_STEP
     kind = "range" if "low" in allowed else "number"
     return Control(part, field.name, kind, about, low, high, step)
 
@@ -158,8 +178,11 @@ def shown(scene: Scene) -> list[Any]:
     return values
 
 
-def scene_of(values: Sequence[Any]) -> Scene:
+def scene_of(values: Sequence[Any], like: Scene) -> Scene:
     """Return the scene that the values of all controls describe; the inverse of `shown`.
+
+    Args:
+        like: a scene with the same controls, such as the preset that they started from.
 
     Raises:
         ValueError, TypeError: a scene does not allow the values; the message says what it allows.
@@ -168,5 +191,6 @@ def scene_of(values: Sequence[Any]) -> Scene:
     rest = list(values)
     for control in CONTROLS:
         own, rest = rest[: control.width], rest[control.width :]
-        given[control.part][control.field] = control.value(own)
+        if control.is_for(like):
+            given[control.part][control.field] = control.value(own)
     return Scene.from_dict(given)

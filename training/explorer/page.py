@@ -97,7 +97,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
             with gr.Row():
                 seed = gr.Number(0, label="Shot number", precision=0, minimum=0, min_width=100)
                 another = gr.Button("Another shot", min_width=100)
-            widgets = controls(Scene.preset(DEFAULT))
+            widgets, groups = controls(Scene.preset(DEFAULT))
         with gr.Column(scale=3, min_width=320, elem_id="results"):
             told = gr.Markdown(elem_id="told")
             view = {"interactive": False, "format": "png", "buttons": ["fullscreen"]}
@@ -140,7 +140,7 @@ def photograph_tab(blocks: gr.Blocks) -> None:
     inputs = [preset, sample, file, seed, *widgets]
     turned = [widget.input for widget in widgets]
     chosen = [sample.input, file.upload, file.clear, seed.input]
-    named = preset.input(lambda name: shown(Scene.preset(name)), preset, widgets)
+    named = preset.input(chosen_preset, preset, [*widgets, *groups])
     counted = another.click(lambda number: (number or 0) + 1, seed, seed)
     last = {"show_progress": "hidden", "trigger_mode": "always_last"}
     results = [told, taken, crop, spectrum, plan, python, yaml]
@@ -153,16 +153,30 @@ def photograph_tab(blocks: gr.Blocks) -> None:
     taken.select(cropped, taken, crop, show_progress="hidden")
 
 
-def controls(scene: Scene) -> list[Any]:
-    """Lay out a group of controls for each part of a scene; return them in the order of
-    `shown`."""
+def controls(scene: Scene) -> tuple[list[Any], list[Any]]:
+    """Lay out the controls of a scene, part by part. Return their widgets in the order of `shown`,
+    and the group that each lies in, which is hidden where the scene does not have it."""
     widgets: list[Any] = []
+    groups: list[Any] = []
     for part in PARTS:
         with gr.Accordion(TITLES[part], open=part == "panel", elem_id=part):
             for control in CONTROLS:
                 if control.part == part:
-                    widgets += widgets_of(control, control.read(scene))
-    return widgets
+                    with gr.Column(visible=visible(control, scene)) as group:
+                        widgets += widgets_of(control, control.read(scene))
+                    groups.append(group)
+    return widgets, groups
+
+
+def visible(control: Control, scene: Scene) -> Any:
+    """Return Gradio's word for whether a scene has a control. Hidden ones keep their values."""
+    return True if control.is_for(scene) else "hidden"
+
+
+def chosen_preset(name: str) -> list[Any]:
+    """Return the values of all widgets for a preset, and which groups are visible."""
+    scene = Scene.preset(name)
+    return [*shown(scene), *(gr.update(visible=visible(one, scene)) for one in CONTROLS)]
 
 
 def widgets_of(control: Control, values: list[Any]) -> list[Any]:
@@ -198,7 +212,7 @@ def photographed(
     """Return all that the first tab shows; if the settings are refused, return the reason and
     leave the rest unchanged."""
     try:
-        scene = scene_of(values)
+        scene = scene_of(values, Scene.preset(preset))
         picture = picture_of(sample, file)
         taken = photo.photograph(photo.as_batch(picture), scene, shot_number(seed))
     except EXPECTED as error:
@@ -211,7 +225,7 @@ def photographed(
         image,
         photo.magnify(image),
         photo.spectrum(image),
-        str(scene.plan()),
+        str(taken.shot.plan),
         as_python(scene, preset),
         as_yaml(scene, preset),
     )
@@ -221,7 +235,8 @@ def timed(preset: str, sample: str, file: str | None, seed: float | None, *value
     """Return the table of milliseconds; leave it unchanged if the settings are refused."""
     try:
         batch = photo.as_batch(picture_of(sample, file))
-        found = photo.milliseconds(batch, scene_of(values), shot_number(seed))
+        scene = scene_of(values, Scene.preset(preset))
+        found = photo.milliseconds(batch, scene, shot_number(seed))
     except EXPECTED:
         return gr.skip()
     return [[name, "in the exposure" if ms is None else f"{ms:.2f}"] for name, ms in found]

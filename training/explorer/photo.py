@@ -145,7 +145,7 @@ def milliseconds(shown: Tensor, scene: Scene, seed: int) -> list[tuple[str, floa
     crop = shown[..., top : top + height, left : left + width]
     shot = scene.sample(1, (height, width), torch.Generator().manual_seed(seed))
     taken: dict[str, list[float]] = {}
-    plan = scene.plan()
+    plan = shot.plan
     for _ in range(REPEATS):
         light = crop
         for effect in (*plan.exposing, *plan.developing):

@@ -174,7 +174,12 @@ def _rolled(scene: Scene, roll: float) -> Scene:
 
 def _enlarged(scene: Scene, alpha: float) -> Scene:
     """Return a scene that shows each image pixel `alpha` panel pixels wide. The sensor grows too,
-    so that a panel pixel stays as many sensor pixels wide."""
+    so that a panel pixel stays as many sensor pixels wide. A scene that states its width whatever
+    the image's size is shown `alpha` / 2 times as wide."""
+    low, high = bounds(scene.panel.width)
+    if high:
+        panel = dataclasses.replace(scene.panel, width=(low * alpha / 2, high * alpha / 2))
+        return dataclasses.replace(scene, panel=panel)
     low, high = bounds(scene.panel.scale)
     factor = alpha / ((low + high) / 2)
     panel = dataclasses.replace(scene.panel, scale=(low * factor, high * factor))

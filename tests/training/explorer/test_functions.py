@@ -33,7 +33,7 @@ def test_every_field_of_a_scene_has_one_control_that_says_what_it_is():
 def test_controls_show_every_preset_and_give_it_back(preset):
     scene = Scene.preset(preset)
     values = shown(scene)
-    assert scene_of(values) == scene
+    assert scene_of(values, scene) == scene
     for control in CONTROLS:
         own, values = values[: control.width], values[control.width :]
         if control.kind in ("range", "number"):
@@ -60,7 +60,16 @@ def test_the_ends_of_a_range_come_in_any_order():
     values = shown(Scene())
     at = shown(Scene()).index(40.0)  # view.fov
     values[at : at + 2] = [60.0, 20.0]
-    assert bounds(scene_of(values).view.fov) == (20.0, 60.0)
+    assert bounds(scene_of(values, Scene()).view.fov) == (20.0, 60.0)
+
+
+def test_a_screen_has_width_and_pitch_and_no_scales():
+    """A full reading has scales instead; what a scene does not state is not read."""
+    wide = dataclasses.replace(Scene.preset("screen_photo"), panel=Panel(width=(20.0, 2000.0)))
+    for scene, own in ((wide, ["width", "pitch"]), (Scene.preset("paper"), ["scale", "scale"])):
+        named = [c for c in CONTROLS if c.field in ("width", "scale", "pitch") and c.part != "view"]
+        assert [c.field for c in named if c.is_for(scene)] == own
+        assert scene_of(shown(scene), scene) == scene
 
 
 def test_a_field_is_described_by_the_first_sentence_of_its_documentation():
@@ -118,10 +127,11 @@ def test_a_crop_is_magnified_where_it_was_asked_for_and_stays_inside():
 
 
 def test_a_number_that_was_deleted_is_named():
-    values = shown(Scene.preset("screen_photo"))
+    scene = Scene.preset("screen_photo")
+    values = shown(scene)
     values[0] = None
     with pytest.raises(ValueError, match=rf"^{CONTROLS[0].name} is empty: enter a number"):
-        scene_of(values)
+        scene_of(values, scene)
 
 
 def test_the_spectrum_of_stripes_is_two_points_at_their_frequency():
@@ -136,8 +146,9 @@ def test_the_spectrum_of_stripes_is_two_points_at_their_frequency():
 def test_every_planned_effect_is_timed_or_within_the_exposure():
     scene = Scene.preset("screen_photo")
     found = dict(photo.milliseconds(torch.rand(1, 3, 20, 300), scene, 0))
-    assert list(found) == [step.name for step in scene.plan()]
-    within = {e.name for e in scene.plan().exposing if isinstance(e, WithinExposure)}
+    plan = scene.plan((20, 128))
+    assert list(found) == [step.name for step in plan]
+    within = {e.name for e in plan.exposing if isinstance(e, WithinExposure)}
     assert {name for name, spent in found.items() if spent is None} == within
     assert all(spent > 0 for spent in found.values() if spent is not None)
 

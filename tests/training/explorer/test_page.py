@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from moireaug import Scene
-from training.explorer.controls import shown
+from training.explorer.controls import CONTROLS, shown
 
 # Gradio and its imports issue warnings of their own
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -35,7 +35,7 @@ def test_an_event_returns_all_that_the_page_shows():
     told, photo, crop, spectrum, plan, python, yaml = page.photographed(*settings)
     assert told.startswith("256 x 256 pixels, photographed in ")
     assert photo.shape == (256, 256, 3) and crop.shape == spectrum.shape == (384, 384, 3)
-    assert plan == str(Scene.preset("screen_photo").plan())
+    assert plan == str(Scene.preset("screen_photo").plan((256, 256)))
     assert ["pose", "in the exposure"] in page.timed(*settings)
     assert 'Scene.preset("screen_photo")' in python and yaml == "preset: screen_photo\n"
 
@@ -56,6 +56,20 @@ def test_what_is_refused_is_a_sentence_and_leaves_the_rest_as_it_was(tmp_path):
         assert told.startswith("**Not possible:**") and said in told
         assert len(rest) == 6 and all(one == gradio.skip() for one in rest)
         assert page.timed("screen_photo", "cat", file, seed, *values) == gradio.skip()
+
+
+def test_a_preset_has_the_controls_of_what_it_states():
+    settings = ("grey screen", None, 0)
+    for name, hidden in (
+        ("screen_photo", {"panel.scale", "sensor.scale"}),
+        ("paper", {"panel.width", "sensor.pitch"}),
+    ):
+        values = page.chosen_preset(name)[: len(VALUES)]
+        groups = page.chosen_preset(name)[len(VALUES) :]
+        told = {c.name: group["visible"] for c, group in zip(CONTROLS, groups, strict=True)}
+        assert {key for key, visible in told.items() if visible == "hidden"} == hidden
+        *_, yaml = page.photographed(name, *settings, *values)
+        assert yaml == f"preset: {name}\n"  # of the hidden ones, nothing is read
 
 
 def test_a_cleared_shot_number_is_the_first_shot():

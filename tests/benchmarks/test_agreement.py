@@ -1,0 +1,101 @@
+"""How many answers of classifiers are kept: of networks whose answers for each photo are known."""
+
+import dataclasses
+import math
+
+import pytest
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from benchmarks.agreement import (
+    CONTROL,
+    REAL,
+    Kind,
+    Sizes,
+    agree,
+    answers_kept,
+    phi_coefficient,
+    rows_of,
+)
+from moireaug import Lens, Panel, Scene, Sensor
+from training.calibration.pairs import Shown
+
+SIZES = Sizes(judged=48, shrunk=(32,))
+SCREEN = Scene(panel=Panel(width=110.0), lens=Lens(blur=0.3), sensor=Sensor(pitch=2.1, gain=3.0))
+DARK = dataclasses.replace(SCREEN, sensor=Sensor(pitch=2.1, gain=0.5))
+FROM = ("its own size", "its own size, no moiré", "shrunk to 32 px")
+
+
+class IsBright(nn.Module):
+    """Answers 1 for pictures brighter than 0.4."""
+
+    def forward(self, images):
+        return torch.stack([torch.full((len(images),), 0.4), images.mean((1, 2, 3))], 1)
+
+
+class IsStriped(nn.Module):
+    """Answers 1 for pictures with detail of more than a hundredth."""
+
+    def forward(self, images):
+        detail = (images - F.avg_pool2d(images, 9, 1, 4, count_include_pad=False)).std((1, 2, 3))
+        return torch.stack([torch.full((len(images),), 0.01), detail], 1)
+
+
+def flat(code):
+    return torch.full((3, 64, 80), code, dtype=torch.uint8)
+
+
+def shown(*pairs):
+    """Pairs of flat pictures, by the codes of photo and original."""
+    return [Shown(str(i), flat(photo), flat(original)) for i, (photo, original) in enumerate(pairs)]
+
+
+def test_answers_are_those_for_the_simulated_photos():
+    chosen = {"bright": SCREEN, "dark": DARK}
+    found = answers_kept({"net": IsBright()}, shown((180, 180), (180, 180)), chosen, SIZES)
+    assert found.pop(("net", REAL)) == [True, True]
+    assert found.pop(("net", Kind(CONTROL, "shrunk to 32 px"))) == [True, True]
+    assert found == {
+        ("net", Kind(scene, shown)): [scene == "bright"] * 2 for scene in chosen for shown in FROM
+    }
+
+
+def test_moire_alone_changes_the_answers_of_a_network_that_sees_stripes():
+    found = answers_kept({"net": IsStriped()}, shown((180, 180)), {"screen": SCREEN}, SIZES)
+    kept = {kind: all(answers) for (_, kind), answers in found.items() if kind.scene != CONTROL}
+    assert {kind.shown: is_kept for kind, is_kept in kept.items()} == {
+        "a screen": True,
+        "its own size": False,
+        "its own size, no moiré": True,
+        "shrunk to 32 px": False,
+    }
+
+
+def test_the_correlation_is_picture_by_picture():
+    """Dark pictures stay dark in a dark scene; the real photos do the same, or the opposite."""
+    for real, phi in (((60, 60, 60), 1.0), ((180, 180, 180), -1.0)):
+        pairs = shown(*zip(real, (180, 180, 60), strict=True))
+        rows = agree({"net": IsBright()}, pairs, {"dark": DARK}, SIZES)
+        assert rows[0]["scene"] == REAL.scene and rows[0]["phi"] is None
+        assert rows[1]["scene"] == CONTROL and rows[1]["kept"] == 3 and rows[1]["phi"] is None
+        assert [(row["kept"], row["pictures"]) for row in rows[2:]] == [(1, 3)] * 3
+        assert [row["phi"] for row in rows[2:]] == [pytest.approx(phi)] * 3
+
+
+def test_shares_have_their_interval_and_stand_by_classifier():
+    kept = [True] * 8 + [False] * 2
+    rows = rows_of({("b", REAL): kept, ("a", REAL): [True] * 10})
+    assert [row["classifier"] for row in rows] == ["a", "b"]
+    assert rows[1]["share"] == 0.8 and rows[1]["kept"] == 8
+    assert rows[1]["low"] == pytest.approx(0.490, abs=1e-3)  # Wilson's of 8 in 10
+    assert rows[1]["high"] == pytest.approx(0.943, abs=1e-3)
+
+
+def test_phi_is_that_of_a_table_of_four_counts():
+    ours = [True] * 5 + [False] * 5
+    theirs = [True] * 4 + [False] * 4 + [True] * 2
+    both, ours_alone, theirs_alone, neither = 4, 1, 2, 3
+    expected = (both * neither - ours_alone * theirs_alone) / math.sqrt(5 * 5 * 6 * 4)
+    assert phi_coefficient(ours, theirs) == pytest.approx(expected)
+    assert phi_coefficient(ours, [True] * 10) is None
