@@ -114,7 +114,7 @@ def kernel_sigma(sigma: Tensor) -> Tensor:
     variance = sigma.square().clamp(min=SMALLEST**2)
     small = variance.clamp(max=NARROW)
     w = small / (2 * (1 - small))  # of the next pixel, by Newton steps from that of three pixels
-    for _ in range(4):
+    for _ in range(3):
         total, moment = 1 + 2 * w + 2 * w**4, 2 * w + 8 * w**4
         slope = ((2 + 32 * w**3) * total - moment * (2 + 8 * w**3)) / total.square()
         w = w - (moment / total - small) / slope
@@ -127,7 +127,7 @@ def photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> Range:
     value = getattr(scene.develop, name)
     if not scene.is_binned:
         return value
-    alpha = bounds(scene.at(size).panel.scale)[0]
+    alpha, _ = scene.panel_scales(size)
     return min(bounds(value)[1] / least_sensor_scale(scene, alpha), float(max(size)))
 
 

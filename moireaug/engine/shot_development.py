@@ -53,7 +53,9 @@ def lower_development(shot: ShotRecord) -> Development:
         contrast[:] = drawn["develop.contrast"]
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
-    denoises, detail = "denoise" in plan, _detail_of(shot, drawn)
+    homography, magnified = homography_of(shot, drawn)
+    scale = sensor_scale_of(shot, drawn, magnified)
+    denoises, detail = "denoise" in plan, _detail_of(shot, drawn, scale)
     levels = np.float32(0)
     if "bits" in plan and sensor.bits is not None:
         levels = np.float32(2**sensor.bits - 1)
@@ -78,20 +80,23 @@ def lower_development(shot: ShotRecord) -> Development:
         finishes=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
         detail=detail,
         registers="register" in plan and not denoises,
-        registration=_registration_of(shot, drawn),
+        registration=_registration_of(shot, drawn, homography),
     )
 
 
-def _registration_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Registration:
+def _registration_of(
+    shot: ShotRecord, drawn: dict[str, np.ndarray], homography: np.ndarray
+) -> Registration:
     views, lens = np.empty((0, 3, 3)), np.empty((0, 2))
     if "register" in shot.plan:
-        views, _ = homography_of(shot, drawn)
+        views = homography
         lens = np.stack(distortion_of(shot, drawn), 1)
     return Registration(views, lens)
 
 
-def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
-    """Return a shot's Detail; neutral values for effects that are not planned."""
+def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray) -> Detail:
+    """Return a shot's Detail, given `shot.sensor_scale`; neutral values for effects that are not
+    planned."""
     plan, how = shot.plan, shot.scene.develop
     rows, cols = shot.sampled_pixels()
     amount, chroma_size, sharp_size = np.zeros(len(shot), np.float32), 1, 1
@@ -102,7 +107,6 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> Detail:
         amount[:] = drawn["develop.sharpen"]
         sharp_size = kernel_size(photo_sigma(shot.scene, "sharpen_radius", shot.size))
     if shot.scene.is_binned and max(chroma_size, sharp_size) > 1:
-        scale = sensor_scale_of(shot, drawn, homography_of(shot, drawn)[1])
         both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, max(shot.size)))
         chroma, sharp = kernel_sigma(both).numpy()
     return Detail(

@@ -53,7 +53,7 @@ def alias_sums(frequency: Tensor, scale: Tensor, at: Tensor) -> AliasSums:
     """
     dtype, wide = frequency.dtype, scale.clamp(min=1).to(frequency.dtype)
     first = (2 * frequency.detach()).floor() - 1
-    found: list[list[Tensor]] = [[], [], [], [], [], [], [], []]
+    sums: list[Wave] = []
     for j in range(ALIASES):
         m = first + j
         g = frequency - m / 2
@@ -62,11 +62,11 @@ def alias_sums(frequency: Tensor, scale: Tensor, at: Tensor) -> AliasSums:
         cycles = m.double() * ((0.5 - at) / 2)
         phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
         cos, sin, sign = torch.cos(phase), torch.sin(phase), 1 - 2 * m.remainder(2)
-        for i, weight in enumerate((interpolated, interpolated * sign, bare, bare * sign)):
-            found[2 * i].append(weight * cos)
-            found[2 * i + 1].append(weight * sin)
-    sums = [a + b + (c + d) for a, b, c, d in found]
-    return AliasSums(*zip(sums[::2], sums[1::2], strict=True))
+        alias = []
+        for weight in (interpolated, interpolated * sign, bare, bare * sign):
+            alias.append((weight * cos, weight * sin))
+        sums = [plus(*pair) for pair in zip(sums, alias, strict=True)] if sums else alias
+    return AliasSums(*sums)
 
 
 def in_plane(colour: int | None, u: AliasSums, v: AliasSums) -> Wave:
@@ -107,6 +107,11 @@ def power_left(u: Tensor, v: Tensor, scale: Tensor, colour: int | None) -> Tenso
 def times(a: Wave, b: Wave) -> Wave:
     """Return the product of two complex numbers."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+
+def plus(a: Wave, b: Wave) -> Wave:
+    """Return the sum of two complex numbers."""
+    return a[0] + b[0], a[1] + b[1]
 
 
 def _mean(a: Wave, b: Wave) -> Wave:

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from moireaug.geometry import grids
 from moireaug.numeric import is_transformed
-from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 
 LOOKS = 1  # the panel is built if it has at most this many pixels per look-up
@@ -27,7 +26,7 @@ class Screen:
         at most 1, whose cells are single pixels."""
         self.light, self.taps = light, taps
         self.alpha = (shot.panel_scale if alpha is None else alpha)[:, None, None]
-        most = bounds(shot.scene.at(shot.size).panel.scale)[1] if alpha is None else 1.0
+        most = shot.scene.panel_scales(shot.size)[1] if alpha is None else 1.0
         if len(light) and not is_transformed():
             most = float(self.alpha.detach().max())
         px, py = as_layout(shot.scene.panel.layout).period if alpha is None else (1, 1)

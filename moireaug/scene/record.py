@@ -60,16 +60,22 @@ class SceneRecord:
         `Panel.width` are planned; 0 for others, which do not differ by size."""
         return max(size).bit_length() - 1 if bounds(self.panel.width)[1] else 0
 
+    def panel_scales(self, size: tuple[int, int]) -> tuple[float, float]:
+        """Return the least and the greatest panel pixels per image pixel, for pictures of `size`
+        (height, width), and of all sizes in the same octave."""
+        low, high = bounds(self.panel.width)
+        if not high:
+            return bounds(self.panel.scale)
+        shortest = 2 ** self.octave(size)
+        return low / (2 * shortest), high / shortest
+
     def at(self, size: tuple[int, int]) -> SceneRecord:
         """Return the scene for pictures of `size` (height, width), and of all sizes in the same
         octave: with `Panel.scale` in place of `Panel.width`, and, where the reading is binned, as
         such."""
-        low, high = bounds(self.panel.width)
-        if not high:
+        if not bounds(self.panel.width)[1]:
             return self
-        shortest = 2 ** self.octave(size)
-        scale = low / (2 * shortest), high / shortest
-        panel = replace(self.panel, width=0.0, scale=scale)
+        panel = replace(self.panel, width=0.0, scale=self.panel_scales(size))
         reading = "binned" if self.is_binned else "full"
         return SceneRecord(
             panel=panel,
