@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
 from moireaug.effects.sensor import averaged_pixels
 from moireaug.engine import dispatch
+from moireaug.exposure import extremes
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
 
@@ -111,6 +112,22 @@ def test_a_plan_is_that_of_a_size():
     assert "binned" in str(small) and SCREEN.plan((40, 33)) is small  # of the same octave
     stamp = Scene()
     assert stamp.plan((5, 5)) is stamp.plan((999, 3))
+
+
+def test_contrast_is_judged_in_the_photo():
+    """Harmonics that every bin averages away are left out, within the tolerance."""
+    panel = Panel(width=800.0, lit_y=0.6)
+    screen = Scene(panel=panel, lens=Lens(blur=0.3), sensor=Sensor(pitch=2.6))
+    planned = screen.plan((64, 64)).harmonics
+    at_sensor = extremes.harmonics(screen.at((64, 64)))
+    assert 0 < len(planned) < len(at_sensor)
+    grey = torch.full((1, 3, 64, 64), 0.7, dtype=torch.float64)
+    exact = dataclasses.replace(screen, tolerance=1e-6)
+    difference = [pipeline.expose(grey, one.sample(1, (64, 64))) for one in (screen, exact)]
+    assert (difference[0] - difference[1]).abs().max() < 2 * screen.tolerance
+    # sensor pixels that saturate do so by what is averaged away, too
+    bright = dataclasses.replace(screen, sensor=Sensor(pitch=2.6, gain=2.0))
+    assert len(bright.plan((64, 64)).harmonics) >= len(at_sensor)
 
 
 def before_and_after(scene):

@@ -34,9 +34,12 @@ class Subpixels(WithinExposure):
             pitch = show((scene.sensor.scale / high, scene.sensor.scale / low))
             return called(f"{name}, {pitch} sensor pixels a panel pixel when frontal")
         if not method.harmonics:
-            least = f"no contrast above {scene.tolerance:.2g} is left at the sensor"
+            where = "in the photo" if scene.is_binned else "at the sensor"
+            least = f"no contrast above {scene.tolerance:.2g} is left {where}"
             return left_out(f"{name} gives its mean light alone: {least}")
-        (pair, top), n = extremes.harmonics(scene)[0], len(method.harmonics)
+        contrast = dict(extremes.harmonics(scene))
+        pair, n = method.harmonics[0], len(method.harmonics)
+        top = contrast[pair]
         counted = "1 harmonic" if n == 1 else f"{n} harmonics"
         return called(
             f"{name}: {counted} above {scene.tolerance:.2g}, the strongest {pair} up to {top:.2g}"
@@ -98,6 +101,9 @@ class Exposed(Effect):
         reason = f"{method.name}: {method.reason}"
         if method.name == "point":
             return called(reason)
+        if scene.is_binned:
+            least = extremes.least_sensor_scale(scene, bounds(scene.panel.scale)[0])
+            reason += f", in bins of {least:.2g} sensor pixels a side or more"
         reason += f"; aperture {show(scene.sensor.fill)}, spread {show(lens.blur)}"
         if varies(lens.motion_x) or varies(lens.motion_y):
             reason += f", motion {show(lens.motion_x)} and {show(lens.motion_y)}"

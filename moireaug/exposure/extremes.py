@@ -123,6 +123,35 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     return sorted(found, key=lambda item: -item[1])
 
 
+@functools.lru_cache(maxsize=64)
+def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
+    """Return those harmonics whose contrast can exceed the tolerance in a binned reading, strongest
+    first: as their slowest alias can be in any view, of any pitch, in the smallest bin."""
+    layout, step = as_layout(scene.panel.layout), _steps(scene)
+    low, high = bounds(scene.sensor.pitch)
+    s = least_sensor_scale(scene, bounds(scene.panel.scale)[0])
+    apart = 0.5 if scene.cells == "binned" else 1.0
+    found = []
+    for (k, l), strength in harmonics(scene):
+        frequency = step[:, 0] * (k / layout.period[0]) + step[:, 1] * (l / layout.period[1])
+        seen = torch.cat([frequency, frequency * (high / low if low else 1.0)])
+        ends = zip(seen.amin(0).tolist(), seen.amax(0).tolist(), strict=True)
+        left = math.prod(_most_left(least, most, s, apart) for least, most in ends)
+        if strength * left > scene.tolerance:
+            found.append(((k, l), strength * left))
+    return sorted(found, key=lambda item: -item[1])
+
+
+def _most_left(low: float, high: float, s: float, apart: float) -> float:
+    """Return the most that a bin of s sensor pixels leaves of frequencies from `low` to `high`
+    along one axis, by the envelope of sinc(s g); aliases lie `apart`."""
+    nearest = 1.0
+    for m in range(math.floor(low / apart) - 1, math.floor(high / apart) + 3):
+        least, most = low - m * apart, high - m * apart
+        nearest = min(nearest, 0.0 if least <= 0 <= most else min(abs(least), abs(most)))
+    return min(1.0, 1 / (math.pi * max(s, 1.0) * nearest)) if nearest else 1.0
+
+
 def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
     """Return k and l of every harmonic of a cell but the mean, one of each conjugate pair."""
     k = torch.arange(HIGHEST * px + 1, **PRECISE)
