@@ -13,7 +13,8 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure import content, extremes
-from moireaug.exposure.binned import Binned, content_of
+from moireaug.exposure.bin_content import content_of
+from moireaug.exposure.binned import Binned
 from moireaug.exposure.choose import exposure_of
 from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import optics_of

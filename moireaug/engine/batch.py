@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine import beats, finish, nodes, panel, picture
+from moireaug.engine import beat_terms, beats, finish, nodes, panel, picture
 from moireaug.engine.binned import expose as expose_bins
 from moireaug.engine.compiling import fill, kernel, loop, part
 from moireaug.engine.develop import develop as develop_image
@@ -127,7 +127,7 @@ def beats_fit(e, b):
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = _camera(b.cameras[i])
-        out[i] = beats.fits(e.sites, camera, b.scale[i], b.period, b.orders, b.strength[i])
+        out[i] = beat_terms.fits(e.sites, camera, b.scale[i], b.period, b.orders, b.strength[i])
     return out
 
 

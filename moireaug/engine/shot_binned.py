@@ -10,8 +10,8 @@ import torch
 from moireaug.effects.sensor import averaged_pixels
 from moireaug.engine import lowering
 from moireaug.engine.exposure_records import Beats, Camera, Cell
-from moireaug.exposure.binned import Content, amplitudes_of, content_of
-from moireaug.panel.fourier import emitting_share, mean_light
+from moireaug.exposure.bin_content import Content, content_of
+from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import as_layout
 from moireaug.scene.shot import ShotRecord
 

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from moireaug.exposure.binned import INTERPOLATED
+from moireaug.exposure.bin_content import INTERPOLATED
 from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import Optics
 from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import TypeVar
 
@@ -54,3 +55,32 @@ def emitting_share(panel) -> tuple[Tensor, Tensor]:
     """Return the shares of a subpixel's two edges that emit: (B,) each, for a drawn Panel."""
     side = panel.lit.sqrt()
     return side * panel.lit_x, side * panel.lit_y
+
+
+def amplitudes_of(
+    layout: Layout, channel: int, harmonics: tuple[tuple[int, int], ...], panel
+) -> tuple[Tensor, Tensor]:
+    """Return twice the Fourier coefficients of one channel's light about the corner of the cell,
+    (K, B) float64 each, real and imaginary part."""
+    width, height = emitting_share(panel)
+    orders = width.new_tensor(harmonics).reshape(-1, 2, 1)
+    real = imaginary = width.new_zeros(len(harmonics), len(width))
+    for subpixel in layout.of(channel):
+        k, l, own = _own_orders(orders, subpixel, layout)
+        amplitude = 2 * own * coefficient(subpixel, k, l, width, height)
+        turns = k * (subpixel.centre[0] / subpixel.period[0])
+        turns = turns + l * (subpixel.centre[1] / subpixel.period[1])
+        real = real + amplitude * torch.cos(2 * math.pi * turns)
+        imaginary = imaginary - amplitude * torch.sin(2 * math.pi * turns)
+    return real, imaginary
+
+
+def _own_orders(
+    orders: Tensor, subpixel: Subpixel, layout: Layout
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return a layout's orders in cycles per cell of a subpixel, and 1 where it has them, else
+    0."""
+    across, down = (whole // own for whole, own in zip(layout.period, subpixel.period, strict=True))
+    k, l = orders[:, 0] / across, orders[:, 1] / down
+    own = ((k == k.round()) & (l == l.round())).to(k.dtype)
+    return k, l, own
