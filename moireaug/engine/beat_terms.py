@@ -18,6 +18,7 @@ from moireaug.engine.view import jacobian
 FAINT_BEAT = 2e-4  # of full scale: terms that nowhere exceed it in a reading are left out
 LOBE = 0.2  # how much a beat's frequency may change between two nodes, in cycles per photo pixel
 BRIGHT = 0.3  # amplitude of a harmonic in a reading for which LOBE is made
+SAFETY = 1.2  # how much more of a harmonic may pass between the samples
 MOST_NODES, MOST_TERMS = 192, 1024
 STEPS, PER_LOBE, MOST_STEPS = 256, 32, 2**14  # of the table of what is left of an alias
 ZERO = np.float32(0)
@@ -111,17 +112,15 @@ def fits(sites, camera, scale, period, orders, strength):
     frequency = sampled_frequencies(sites.rows, sites.cols, camera, period, orders)
     table, steps = transfer_of(frequency, camera)
     amplitude = brightest(frequency, strength, table, steps, camera)
-    across, down = node_counts(sites, camera, scale, period, orders, strength)
+    across, down = node_counts(frequency, amplitude, sites, camera, scale)
     few = len(candidates(frequency, amplitude, scale)) < MOST_TERMS
     return few and max(across, down) <= MOST_NODES
 
 
 @loop
-def node_counts(sites, camera, scale, period, orders, strength):
-    """Return how many nodes the amplitudes need along u and v."""
-    frequency = sampled_frequencies(sites.rows, sites.cols, camera, period, orders)
-    table, steps = transfer_of(frequency, camera)
-    amplitude = brightest(frequency, strength, table, steps, camera)
+def node_counts(frequency, amplitude, sites, camera, scale):
+    """Return how many nodes the amplitudes need along u and v; frequency: from
+    `sampled_frequencies`, amplitude: from `brightest`."""
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
     wide = max(scale, 1.0)
     across = _node_count(wide * _fastest(frequency, amplitude, 0), fewest, len(sites.cols))
@@ -171,13 +170,13 @@ def _range_of(frequency, h, axis):
 
 @inner
 def _most_transmitted(frequency, h, table, steps, camera):
-    """Return the most that aperture and lens leave of a harmonic."""
+    """Return about the most that aperture and lens leave of a harmonic, at every fourth sample."""
     most = 0.0
-    for i in range(SAMPLES):
-        for j in range(SAMPLES):
+    for i in range(0, SAMPLES, 4):
+        for j in range(0, SAMPLES, 4):
             fu, fv = frequency[i, j, h, 0], frequency[i, j, h, 1]
             most = max(most, abs(transmitted(fu, fv, table, steps, camera)))
-    return most
+    return min(SAFETY * most, 1.0)
 
 
 @loop
@@ -209,6 +208,18 @@ def candidates(frequency, amplitude, scale):
 
 
 @loop
+def harmonics_of(terms):
+    """Return the harmonics of sorted terms, (H,), and number the terms' own by their places."""
+    out, count = np.empty(len(terms), np.int64), 0
+    for t in range(len(terms)):
+        if count == 0 or terms[t, 0] != out[count - 1]:
+            out[count] = terms[t, 0]
+            count += 1
+        terms[t, 0] = count - 1
+    return out[:count]
+
+
+@loop
 def left_table(scale, steps):
     """Return what is left of an alias g without interpolation, sinc(g) sinc(s g), at steps + 2
     values of |g| from 0 to 1 and one step beyond."""
@@ -233,36 +244,41 @@ def interpolated(even, m):
 
 
 @loop
-def fill_amplitudes(out, frequency, terms, left, table, steps, camera, bayer):
+def fill_amplitudes(out, frequency, terms, least, left, table, steps, camera, bayer):
     """Fill out (rows, cols, T, 2) float32 with each term's amplitude at nodes, as the planes of red
-    and blue, and of green, read it; without colour filters, as all do. Terms are sorted."""
+    and blue, and of green, read it; without colour filters, as all do. Terms are sorted; of those
+    of a harmonic that are below `least` (H,), some are 0."""
     rows, cols, n = out.shape[:3]
     for r in range(rows):
         for c in range(cols):
-            last, last_u, fu, fv, passed, even_u, even_v, u = -1, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            last, last_u, fu, fv, passed, even_u, even_v, u = -1, 0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0
             for t in range(n):
                 h, m_u, m_v = terms[t, 0], terms[t, 1], terms[t, 2]
                 if h != last:
-                    fu, fv = frequency[r, c, h, 0], frequency[r, c, h, 1]
-                    passed = transmitted(fu, fv, table, steps, camera)
-                    even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
+                    fu, fv, passed = frequency[r, c, h, 0], frequency[r, c, h, 1], -1.0
                 if h != last or m_u != last_u:
-                    u = passed * left_of(fu, m_u, left)
+                    u = left_of(fu, m_u, left)
                 last, last_u = h, m_u
-                seen = u * left_of(fv, m_v, left)
+                out[r, c, t, 0] = out[r, c, t, 1] = ZERO
+                if abs(u) < least[h]:
+                    continue
+                if passed < 0:
+                    passed = max(transmitted(fu, fv, table, steps, camera), 0.0)
+                    even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
+                seen = passed * u * left_of(fv, m_v, left)
                 in_u, in_v = interpolated(even_u, m_u), interpolated(even_v, m_v)
                 even = (m_u + m_v) % 2 == 0
                 if bayer:
                     out[r, c, t, 0] = seen * in_u * in_v
                     out[r, c, t, 1] = seen * (in_u + in_v) / 2 if even else 0.0
-                else:
-                    out[r, c, t, 0] = seen if even and m_u % 2 == 0 else 0.0
-                    out[r, c, t, 1] = 0.0
+                elif even and m_u % 2 == 0:
+                    out[r, c, t, 0] = seen
 
 
 @loop
-def strong(amplitude, terms, strength, gain):
-    """Return which terms exceed FAINT_BEAT at any node."""
+def strong(amplitude, terms, strength):
+    """Return which terms exceed FAINT_BEAT at any node; strength: (H,), of harmonics in a
+    reading."""
     rows, cols, n, _ = amplitude.shape
     out, count = np.empty(n, np.int64), 0
     for t in range(n):
@@ -270,7 +286,7 @@ def strong(amplitude, terms, strength, gain):
         for r in range(rows):
             for c in range(cols):
                 most = max(most, abs(amplitude[r, c, t, 0]), abs(amplitude[r, c, t, 1]))
-        if most * strength[terms[t, 0]] * max(gain, 1.0) > FAINT_BEAT:
+        if most * strength[terms[t, 0]] > FAINT_BEAT:
             out[count] = t
             count += 1
     return out[:count]

@@ -20,6 +20,7 @@ from moireaug.engine.beat_terms import (
     candidates,
     fill_amplitudes,
     fill_frequencies,
+    harmonics_of,
     interpolated,
     left_of,
     left_table,
@@ -125,20 +126,27 @@ def _fill_pattern(out, b, i, frequency, filters, left, table, steps, camera):
 @part
 def prepare(b, i, camera, filters, size, sites):
     """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor."""
-    scale, period, orders, strength = b.scale[i], b.period, b.orders, b.strength[i]
+    scale, period, orders = b.scale[i], b.period, b.orders
     rough = sampled_frequencies(sites.rows, sites.cols, camera, period, orders)
     table, steps = transfer_of(rough, camera)
-    most = brightest(rough, strength, table, steps, camera)
+    most = brightest(rough, b.strength[i], table, steps, camera)
     terms = candidates(rough, most, scale)
-    n_u, n_v = node_counts(sites, camera, scale, period, orders, strength)
+    used = harmonics_of(terms)
+    own, strength = np.empty((len(used), 2), np.int64), np.empty(len(used), np.float64)
+    least = np.empty(len(used), np.float64)
+    for h in range(len(used)):
+        own[h, 0], own[h, 1] = orders[used[h], 0], orders[used[h], 1]
+        strength[h] = b.strength[i, used[h]] * max(camera.gain, 1.0)
+        least[h] = FAINT_BEAT / 8 / strength[h]
+    n_u, n_v = node_counts(rough, most, sites, camera, scale)
     us, step_u = line_of(sites.cols, n_u)
     vs, step_v = line_of(sites.rows, n_v)
-    frequency = np.empty((n_v, n_u, len(orders), 2), np.float64)
-    fill_frequencies(frequency, us, vs, camera, period, orders)
+    frequency = np.empty((n_v, n_u, len(used), 2), np.float64)
+    fill_frequencies(frequency, us, vs, camera, period, own)
     left = left_table(scale, min(max(STEPS, int(PER_LOBE * scale)), MOST_STEPS))
     amplitude = np.empty((n_v, n_u, len(terms), 2), np.float32)
-    fill_amplitudes(amplitude, frequency, terms, left, table, steps, camera, b.bayer)
-    kept = strong(amplitude, terms, strength, camera.gain)
+    fill_amplitudes(amplitude, frequency, terms, least, left, table, steps, camera, b.bayer)
+    kept = strong(amplitude, terms, strength)
     w = len(sites.cols)
     ends, weight = np.empty(n_u - 2, np.int64), np.empty((4, w), np.float32)
     cubics(ends, weight, sites.cols, us[0], step_u)
@@ -146,11 +154,11 @@ def prepare(b, i, camera, filters, size, sites):
     peak = np.empty((n_v, len(kept)), np.float32)
     harmonic, shown = np.empty(len(kept), np.int64), np.empty(len(kept), np.float32)
     for t in range(len(kept)):
-        harmonic[t] = terms[kept[t], 0]
-        shown[t] = strength[harmonic[t]] * max(camera.gain, 1.0)
+        harmonic[t] = used[terms[kept[t], 0]]
+        shown[t] = strength[terms[kept[t], 0]]
     _fill_lines(lines, peak, amplitude, kept, ends, weight, shown)
     wave, sign = np.empty((len(kept), 5), np.float64), np.empty((len(kept), 2), np.float32)
-    _fill_waves(wave, sign, terms, kept, orders, period, b.ratio[i], scale, sites, size)
+    _fill_waves(wave, sign, terms, kept, own, period, b.ratio[i], scale, sites, size)
     pattern = np.empty(3, np.float32)
     middle = np.zeros(1, np.float64)
     centre = np.empty((1, 1, len(orders), 2), np.float64)
