@@ -15,9 +15,10 @@ from moireaug.engine.compiling import inner, loop
 from moireaug.engine.nodes import SAMPLES, sample
 from moireaug.engine.view import jacobian
 
-FAINT_BEAT = 2e-4  # of full scale: terms that nowhere exceed it in a reading are left out
+FAINT_BEAT = 1e-4  # of full scale: terms that nowhere exceed it in a reading are left out
 LOBE = 0.2  # how much a beat's frequency may change between two nodes, in cycles per photo pixel
 BRIGHT = 0.3  # amplitude of a harmonic in a reading for which LOBE is made
+UNKNOWN = 2.0  # no transfer is
 SAFETY = 1.2  # how much more of a harmonic may pass between the samples
 MOST_NODES, MOST_TERMS = 192, 1024
 STEPS, PER_LOBE, MOST_STEPS = 256, 32, 2**14  # of the table of what is left of an alias
@@ -182,14 +183,18 @@ def _most_transmitted(frequency, h, table, steps, camera):
 @loop
 def candidates(frequency, amplitude, scale):
     """Return the terms (T, 3) int64, harmonic and alias along both axes, that may exceed
-    FAINT_BEAT; amplitude: from `brightest`.
+    FAINT_BEAT, MOST_TERMS where there are as many or more; amplitude: from `brightest`.
 
     frequency: from `sampled_frequencies`, so that its ends are about those over the photo.
     """
     count, n = 0, frequency.shape[2]
     out = np.empty((64, 3), np.int64)
     for h in range(n):
+        if amplitude[h] <= FAINT_BEAT:
+            continue
         (low_u, high_u), (low_v, high_v) = _range_of(frequency, h, 0), _range_of(frequency, h, 1)
+        if max(high_u - low_u, high_v - low_v) > MOST_TERMS / 2:
+            return np.zeros((MOST_TERMS, 3), np.int64)
         least = FAINT_BEAT / max(amplitude[h], 1e-30)
         for m_u in range(math.floor(2 * low_u) - 1, math.floor(2 * high_u) + 3):
             left = _envelope(low_u, high_u, m_u, scale)
@@ -251,19 +256,28 @@ def fill_amplitudes(out, frequency, terms, least, left, table, steps, camera, ba
     rows, cols, n = out.shape[:3]
     for r in range(rows):
         for c in range(cols):
-            last, last_u, fu, fv, passed, even_u, even_v, u = -1, 0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0
+            last, last_u, fu, fv, passed, even_u, even_v, u = (
+                -1,
+                0,
+                0.0,
+                0.0,
+                UNKNOWN,
+                0.0,
+                0.0,
+                0.0,
+            )
             for t in range(n):
                 h, m_u, m_v = terms[t, 0], terms[t, 1], terms[t, 2]
                 if h != last:
-                    fu, fv, passed = frequency[r, c, h, 0], frequency[r, c, h, 1], -1.0
+                    fu, fv, passed = frequency[r, c, h, 0], frequency[r, c, h, 1], UNKNOWN
                 if h != last or m_u != last_u:
                     u = left_of(fu, m_u, left)
                 last, last_u = h, m_u
                 out[r, c, t, 0] = out[r, c, t, 1] = ZERO
                 if abs(u) < least[h]:
                     continue
-                if passed < 0:
-                    passed = max(transmitted(fu, fv, table, steps, camera), 0.0)
+                if passed == UNKNOWN:
+                    passed = transmitted(fu, fv, table, steps, camera)
                     even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
                 seen = passed * u * left_of(fv, m_v, left)
                 in_u, in_v = interpolated(even_u, m_u), interpolated(even_v, m_v)
