@@ -145,8 +145,10 @@ def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]
 def _most_left(low: float, high: float, s: float, apart: float) -> float:
     """Return the most that a bin of s sensor pixels leaves of frequencies from `low` to `high`
     along one axis, by the envelope of sinc(s g); aliases lie `apart`."""
+    if high - low >= apart:  # an alias of one of them stands still
+        return 1.0
     nearest = 1.0
-    for m in range(math.floor(low / apart) - 1, math.floor(high / apart) + 3):
+    for m in range(math.floor(low / apart), math.floor(high / apart) + 2):
         least, most = low - m * apart, high - m * apart
         nearest = min(nearest, 0.0 if least <= 0 <= most else min(abs(least), abs(most)))
     return min(1.0, 1 / (math.pi * max(s, 1.0) * nearest)) if nearest else 1.0
