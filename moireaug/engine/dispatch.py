@@ -82,19 +82,20 @@ def reasons(scene: Scene) -> dict[str, str]:
     """Return why the reference runs each stage, "expose" and "develop", of a scene's capture; ""
     where the engine does."""
     off = _unavailable()
-    return {"expose": off or _no_exposing(scene), "develop": off or _no_developing(scene)}
+    plan = scene.plan()
+    return {"expose": off or _no_exposing(plan), "develop": off or _no_developing(plan)}
 
 
 def exposes(light: Tensor, shot: ShotRecord) -> bool:
     """Return whether the engine can expose these images (B, 3, H, W)."""
     asks = torch.is_grad_enabled() and (light.requires_grad or shot.requires_grad)
-    return not asks and _runs(light) and not _no_exposing(shot.scene) and not _is_dual(shot)
+    return not asks and _runs(light) and not _no_exposing(shot.plan) and not _is_dual(shot)
 
 
 def develops(raw: Tensor, shot: ShotRecord) -> bool:
     """Return whether the engine can develop these readings."""
     asks = torch.is_grad_enabled() and shot.requires_grad
-    return not asks and _runs(raw) and not _no_developing(shot.scene) and not _is_dual(shot)
+    return not asks and _runs(raw) and not _no_developing(shot.plan) and not _is_dual(shot)
 
 
 @torch.no_grad()
@@ -226,16 +227,16 @@ def _is_jit_disabled() -> bool:
         return False
 
 
-def _no_exposing(scene: Scene) -> str:
-    method = scene.plan().method
-    if "exposure" not in scene.plan():
+def _no_exposing(plan: pipeline.Plan) -> str:
+    method = plan.method
+    if "exposure" not in plan:
         return "nothing is exposed"
     if method.name not in EXPOSURES:
         return f"the engine has no exposure {method.name!r}"
     return ""
 
 
-def _no_developing(scene: Scene) -> str:
-    if not any(step in scene.plan() for step in ("demosaic", "resize", "register", "encode")):
+def _no_developing(plan: pipeline.Plan) -> str:
+    if not any(step in plan for step in ("demosaic", "resize", "register", "encode")):
         return "the engine would be no faster"
     return ""

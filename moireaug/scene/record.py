@@ -58,7 +58,12 @@ class SceneRecord:
     def octave(self, size: tuple[int, int]) -> int:
         """Return the power of 2 that pictures' longer side reaches, by which scenes with
         `Panel.width` are planned; 0 for others, which do not differ by size."""
-        return max(size).bit_length() - 1 if bounds(self.panel.width)[1] else 0
+        octave = 0
+        if bounds(self.panel.width)[1]:
+            # compared, so that torch.compile, to which a size may be a symbol, guards what it finds
+            while max(size) >= 2 ** (octave + 1):
+                octave += 1
+        return octave
 
     def panel_scales(self, size: tuple[int, int]) -> tuple[float, float]:
         """Return the least and the greatest panel pixels per image pixel, for pictures of `size`
