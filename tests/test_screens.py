@@ -13,6 +13,7 @@ from moireaug.engine import dispatch
 from moireaug.exposure import extremes
 from moireaug.scene.presets import PRESETS
 from moireaug.synthesis import without_moire
+from tests.engine.readings import assert_equal, readings
 
 SCREEN = Scene(
     panel=Panel(width=(150.0, 300.0)),
@@ -112,6 +113,18 @@ def test_a_plan_is_that_of_a_size():
     assert "binned" in str(small) and SCREEN.plan((40, 33)) is small  # of the same octave
     stamp = Scene()
     assert stamp.plan((5, 5)) is stamp.plan((999, 3))
+
+
+def test_the_engine_sums_the_harmonics_of_the_pictures_size():
+    """Of a full reading of a screen, seen closer in a large picture than in a small one."""
+    full = Scene(
+        panel=Panel(width=40.0),
+        view=View(yaw=10.0, roll=3.0),
+        lens=Lens(blur=0.25),
+        sensor=Sensor(scale=2.0, reading="full"),
+    )
+    assert len(full.plan((300, 200)).harmonics) > len(full.plan().harmonics)
+    assert_equal(*readings(full, (300, 200), n=1))
 
 
 def test_contrast_is_judged_in_the_photo():

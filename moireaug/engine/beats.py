@@ -39,12 +39,6 @@ ONE, ZERO = np.float32(1), np.float32(0)
 
 
 @inner
-def _add_scaled(out, weight, value):
-    for i in range(len(out)):
-        poke(out, i, out[i] + peek(weight, i) * value)
-
-
-@inner
 def _fill_lines(lines, peak, amplitude, kept, ends, weight, strength):
     """Fill lines (rows, T * 2 * w) with the kept terms' amplitudes at the pixels of each row of
     nodes, and peak (rows, T) with what the greatest makes of a reading; strength: (T,)."""
@@ -61,7 +55,7 @@ def _fill_lines(lines, peak, amplitude, kept, ends, weight, strength):
                     for i in range(4):
                         value = amplitude[r, j + i, kept[t], plane]
                         peak[r, t] = max(peak[r, t], abs(value) * strength[t])
-                        _add_scaled(line[low:high], weight[i, low:high], value)
+                        harmonics.add_scaled(line[low:high], weight[i, low:high], value)
 
 
 @inner

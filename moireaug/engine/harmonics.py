@@ -77,7 +77,8 @@ def terms_of(amplitude, gain):
 
 
 @inner
-def _add_scaled(out, weight, value):
+def add_scaled(out, weight, value):
+    """Add a row (n,) times a value to out (n,)."""
     for i in range(len(out)):
         poke(out, i, out[i] + peek(weight, i) * value)
 
@@ -102,7 +103,7 @@ def along_row(out, amplitude, terms, ends, weight):
                 low, high = ends[j], ends[j + 1]
                 for i in range(4):
                     value = amplitude[r, j + i, kind, k, l]
-                    _add_scaled(line[low:high], weight[i, low:high], value)
+                    add_scaled(line[low:high], weight[i, low:high], value)
 
 
 @inner

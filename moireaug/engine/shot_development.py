@@ -130,7 +130,7 @@ def _resampling(scene: Scene, size: tuple[int, int]) -> tuple[Stencil, Resize, R
     if mosaic:
         demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
     stencil = lower_stencil(demosaic, len(cols.index) // 2)
-    whole = any(name in scene.plan() for name in ("denoise", "chroma_blur", "sharpen"))
+    whole = any(name in scene.plan(size) for name in ("denoise", "chroma_blur", "sharpen"))
     return (
         stencil,
         _resize(rows, how.resize, reach, 1, whole=whole),

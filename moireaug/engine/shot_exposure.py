@@ -4,7 +4,6 @@ the rest changes with every photo, and is mostly computed in numpy."""
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -28,6 +27,7 @@ from moireaug.engine.shot_numbers import (
     panel_scale_of,
     sensor_scale_of,
 )
+from moireaug.exposure.base import Exposure as Method
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA
 from moireaug.panel.fourier import emitting_share, mean_light, own_orders
@@ -35,9 +35,6 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 from moireaug.scene.shot import ShotRecord, sampled_by
 from moireaug.scene.subpixel import Subpixel
-
-if TYPE_CHECKING:
-    from moireaug.scene.scene import Scene
 
 
 def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats | None]:
@@ -55,7 +52,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         fields |= fields_in_bins(shot, seen, scale)
         cell, (coefficients, widths, skew) = cell_in_bins(plan.method.taps), shapes_in_bins(seen)
     else:
-        cell, (coefficients, widths, skew) = _cell(shot.scene), _shapes_of(shot)
+        cell, (coefficients, widths, skew) = _cell(shot.scene, plan.method), _shapes_of(shot)
     rows, cols = shot.sampled_pixels()
     back = pose.inverse(homography, shot.size)
     cameras = lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
@@ -127,7 +124,7 @@ def _shapes_of(shot: ShotRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     edges = np.array([(s.across, s.down) for s in kinds])
     shares = np.stack([width, height], 1)[:, None, :, None]  # of the edges across and down
     periods = [s.period for s in kinds]
-    return lowering.lower_shapes(edges * shares, periods, _orders(shot.scene))
+    return lowering.lower_shapes(edges * shares, periods, _orders(shot.scene, shot.plan.method))
 
 
 def _point_of(shot: ShotRecord) -> Point:
@@ -179,12 +176,11 @@ def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _orders(scene: Scene) -> list[np.ndarray]:
+def _orders(scene: SceneRecord, method: Method) -> list[np.ndarray]:
     """Return the k and l of each kind of subpixel's harmonics, (2, n) int64."""
-    layout, harmonics = as_layout(scene.panel.layout), scene.plan().method.harmonics
-    found = []
+    layout, found = as_layout(scene.panel.layout), []
     for subpixel in _kinds(scene).values():
-        orders = np.array(own_orders(subpixel, layout, harmonics), np.int64)
+        orders = np.array(own_orders(subpixel, layout, method.harmonics), np.int64)
         found.append(orders.reshape(-1, 2).T.copy())
     return found
 
@@ -197,15 +193,14 @@ def _subpixels(scene: SceneRecord) -> list[Subpixel]:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _cell(scene: Scene) -> Cell:
-    method = scene.plan().method
+def _cell(scene: SceneRecord, method: Method) -> Cell:
     if method.name == "mean":
         subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
         none = np.empty((2, 0), np.int64)
         return lowering.lower_cell(subpixels, [(1, 1)] * 3, [none] * 3, method.taps // 2)
     subpixels = [(s.channel, s.centre, _kind(scene, s)) for s in _subpixels(scene)]
     periods = [s.period for s in _kinds(scene).values()]
-    return lowering.lower_cell(subpixels, periods, _orders(scene), method.taps // 2)
+    return lowering.lower_cell(subpixels, periods, _orders(scene, method), method.taps // 2)
 
 
 @functools.lru_cache(maxsize=KEPT)

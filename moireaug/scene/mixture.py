@@ -36,9 +36,9 @@ class Mixture:
         Every image takes the same number of random numbers, whichever its scene is, so the first
         rows of a larger draw are those of a smaller one.
         """
-        for scene in self.scenes:
-            scene.plan()
         size = check_size(size)
+        for scene in self.scenes:
+            scene.plan(size)
         needed = [numbers_needed(scene) for scene in self.scenes]
         u = random_numbers(n, 1 + max(needed), generator)
         which = (u[:, 0] * len(self.scenes)).long()

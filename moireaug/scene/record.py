@@ -100,14 +100,15 @@ class SceneRecord:
         """
         sensor, develop = self.sensor, self.develop
         if not self.is_binned:
-            varies = isinstance(self.panel.width, tuple)
-            for name, value in (("Sensor.pitch", sensor.pitch), ("Panel.width", self.panel.width)):
-                if value and (name == "Sensor.pitch" or varies):
-                    raise ValueError(
-                        f"a full reading has one number of sensor pixels for a whole batch, which "
-                        f"{name} = {value!r} does not fix. Use Sensor(reading='binned'), or "
-                        "Panel.scale and Sensor.scale."
-                    )
+            unfixed = f"Sensor.pitch = {sensor.pitch!r}" if sensor.pitch else ""
+            if isinstance(self.panel.width, tuple):
+                unfixed = f"Panel.width = {self.panel.width!r}"
+            if unfixed:
+                raise ValueError(
+                    f"a full reading has one number of sensor pixels for a whole batch, which "
+                    f"{unfixed} does not fix. Use Sensor(reading='binned'), or Panel.scale and "
+                    "Sensor.scale."
+                )
             return
         only: tuple[tuple[str, object, tuple], ...] = (
             ("Sensor.exposure", sensor.exposure, ("auto", "spectral", "mean")),
