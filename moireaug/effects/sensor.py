@@ -76,8 +76,8 @@ class FullWell(Effect):
         pattern = pattern[:, :, None, None]
         if raw.shape[1] == 4:
             pattern = pattern[:, [0, 1, 1, 2]]
-        variance = raw.square() * pattern + (read + photons * raw.clamp(min=DARK))
-        return expected_clip(raw, variance)
+        noise = read + photons * raw.clamp(min=DARK)
+        return expected_clip(raw, noise, raw.square() * pattern)
 
 
 class Saturation(Effect):
@@ -161,18 +161,21 @@ def averaged_away(shot) -> tuple[Tensor, Tensor, Tensor]:
     return read, photons, pattern
 
 
-def expected_clip(raw: Tensor, variance: Tensor) -> Tensor:
-    """Return the mean of normally distributed readings clipped to [0, 1], by their mean and
-    variance."""
+def expected_clip(raw: Tensor, noise: Tensor, pattern: Tensor) -> Tensor:
+    """Return the mean of readings clipped to [0, 1], by their mean and the variances of noise and
+    of the panel's pattern, both taken as normally distributed. A pattern is light, and never below
+    0: noise alone is clipped there."""
+    above = _mean_excess(raw - 1, noise + pattern)
+    return raw + _mean_excess(-raw, noise) - above
+
+
+def _mean_excess(mean: Tensor, variance: Tensor) -> Tensor:
+    """Return the mean of max(x, 0) of normally distributed x."""
     some = variance > LEAST_VARIANCE
     sigma = torch.where(some, variance, 1.0).sqrt()
-    above, below = _mean_excess((raw - 1) / sigma), _mean_excess(-raw / sigma)
-    return torch.where(some, raw + sigma * (below - above), clip(raw))
-
-
-def _mean_excess(z: Tensor) -> Tensor:
-    """Return the mean of max(x + z, 0) of standard normal x."""
-    return z * torch.special.ndtr(z) + torch.exp(-z * z / 2) / (2 * torch.pi) ** 0.5
+    z = mean / sigma
+    spread = mean * torch.special.ndtr(z) + sigma * torch.exp(-z * z / 2) / (2 * torch.pi) ** 0.5
+    return torch.where(some, spread, torch.where(mean > 0, mean, torch.zeros_like(mean)))
 
 
 def quantise(raw: Tensor, bits: int) -> Tensor:

@@ -158,6 +158,7 @@ def expose_binned(raw, shown, e, b, first, last, top, bottom):
                 b.coefficients[i],
                 b.mean[i],
                 b.away[i],
+                b.saturates,
                 b.bayer,
             ),
             e.seeds[i],

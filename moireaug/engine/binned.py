@@ -65,7 +65,8 @@ def _expose(
             out, start = raw[plane, r], (plane * h + r) * w
             read(out, light, camera, start, given.noise, noise_keys, numbers, bits, False)
             if given.clips:
-                clip_mean(out, given.away[0], given.away[1], terms.pattern[colour])
+                pattern = terms.pattern[colour] if given.saturates else ZERO
+                clip_mean(out, given.away[0], given.away[1], pattern)
 
 
 @part

@@ -161,7 +161,8 @@ class Beats(NamedTuple):
             part. strength: (B, K) float64, the greatest of a harmonic. mean: (B, 3) float64, share
             of the panel's area that emits each channel.
         away: (B, 2) float32, variance of the noise that was averaged away; see `sensor.clip_mean`.
-        bayer: whether the sensor has colour filters.
+        saturates: whether the pattern can fill a sensor pixel's well. bayer: whether the sensor has
+            colour filters.
     """
 
     cameras: np.ndarray
@@ -174,6 +175,7 @@ class Beats(NamedTuple):
     strength: np.ndarray
     mean: np.ndarray
     away: np.ndarray
+    saturates: bool
     bayer: bool
 
 
@@ -212,6 +214,7 @@ class Given(NamedTuple):
     coefficients: np.ndarray
     mean: np.ndarray
     away: np.ndarray
+    saturates: bool
     bayer: bool
 
 

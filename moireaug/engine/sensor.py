@@ -52,6 +52,14 @@ def _add_noise(line, numbers, read, shot):
 
 
 @inner
+def _mean_excess(mean, variance):
+    """Return the mean of max(x, 0) of normally distributed x."""
+    if variance <= LEAST_VARIANCE or mean * mean > FARTHEST * FARTHEST * variance:
+        return max(mean, 0.0)
+    return integral(mean, math.sqrt(variance))
+
+
+@inner
 def clip_mean(line, read, shot, pattern):
     """Replace a row of readings by the mean of their sensor pixels, clipped to [0, 1], as
     `effects.sensor.expected_clip` does.
@@ -61,18 +69,9 @@ def clip_mean(line, read, shot, pattern):
     """
     for i in range(len(line)):
         value = line[i]
-        variance = value * value * pattern + (read + shot * max(value, DARK32))
-        if variance <= LEAST_VARIANCE:
-            line[i] = min(max(value, ZERO), ONE)
-            continue
-        near = FARTHEST * FARTHEST * variance
-        over, under = ONE - value, value
-        if (over > ZERO and over * over > near) and (under > ZERO and under * under > near):
-            continue
-        sigma = math.sqrt(variance)
-        line[i] = np.float32(
-            value - integral(float(value) - 1.0, sigma) + integral(-float(value), sigma)
-        )
+        noise = read + shot * max(value, DARK32)
+        above = _mean_excess(float(value) - 1.0, noise + value * value * pattern)
+        line[i] = np.float32(value + _mean_excess(-float(value), noise) - above)
 
 
 @inner

@@ -87,6 +87,7 @@ def lower_beats(
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
         mean=mean,
         away=_noise_away(shot, scale),
+        saturates="saturate" in shot.plan,
         bayer=shot.scene.cells == "binned",
     )
 

@@ -78,9 +78,19 @@ def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
     with dispatch.reference():
         full, _ = photo("full", **case)
         binned, _ = photo("binned", **case)
-        monkeypatch.setattr(sensor, "expected_clip", lambda raw, variance: raw.clamp(0, 1))
+        monkeypatch.setattr(sensor, "expected_clip", lambda raw, noise, pattern: raw.clamp(0, 1))
         naive, _ = photo("binned", **case)
     assert rms(binned - full) < 0.013 and rms(binned - full) < 0.6 * rms(naive - full)
+
+
+def test_a_pattern_is_never_darker_than_black():
+    """Noise is clipped at 0, and lightens the dark; a panel's pattern is light, and does not."""
+    raw = torch.tensor([0.0, 0.01, 0.1], dtype=torch.float64)
+    none = torch.zeros_like(raw)
+    assert torch.allclose(sensor.expected_clip(raw, none, raw.square()), raw)
+    noisy = sensor.expected_clip(raw, none + 1e-4, none)
+    drawn = raw + 0.01 * torch.randn(200_000, 1, dtype=torch.float64)
+    assert torch.allclose(noisy, drawn.clamp(0, 1).mean(0), atol=2e-4) and noisy[0] > 0.003
 
 
 @pytest.mark.parametrize("pitch", [2.1, 1.9, 2.3])
