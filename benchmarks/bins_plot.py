@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from benchmarks.plots import FAINT, INK, LINE
+from benchmarks.plots import FAINT, INK, LINE, legend_above
 
 COLUMNS = 3
 STYLE = {"full": ("#0072B2", "o"), "binned": ("#D55E00", "D")}  # told apart in print, too
@@ -94,15 +94,8 @@ def legend(figure: Figure, rows: Sequence[dict[str, Any]]) -> None:
         label = f"{reading}, tolerance {dial} from large to small"
         handles.append(Line2D([], [], color=colour, marker=marker, linewidth=0.8, label=label))
     handles.append(Line2D([], [], color=LINE, linestyle=(0, (4, 2)), label="the moiré itself"))
-    figure.legend(
-        handles=handles,
-        loc="outside upper left",
-        ncols=3,
-        frameon=False,
-        fontsize=9,
-        labelcolor=INK,
-        title="Medians over pitches, views and layouts; bars span the quartiles. Errors are "
-        f"against a full reading of tolerance 1/8192; those below {LEAST:g} are drawn there",
-        title_fontsize=9,
-        alignment="left",
+    title = (
+        "Medians over pitches, views and layouts; bars span the quartiles. Errors are against a "
+        f"full reading of tolerance 1/8192; those below {LEAST:g} are drawn there"
     )
+    legend_above(figure, handles, title)

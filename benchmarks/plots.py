@@ -165,6 +165,11 @@ def legend(figure: Figure, found: Sequence[dict[str, Any]]) -> None:
         "picture, panel layout, pitch in sensor pixels a panel pixel, view; bars span the "
         "quartiles of time"
     )
+    legend_above(figure, handles, f"Each plot is one problem: {note}")
+
+
+def legend_above(figure: Figure, handles: list[Line2D], title: str) -> None:
+    """Draw a legend of three columns above a figure's plots, under a line that explains them."""
     figure.legend(
         handles=handles,
         loc="outside upper left",
@@ -172,7 +177,7 @@ def legend(figure: Figure, found: Sequence[dict[str, Any]]) -> None:
         frameon=False,
         fontsize=9,
         labelcolor=INK,
-        title=f"Each plot is one problem: {note}",
+        title=title,
         title_fontsize=9,
         alignment="left",
     )

@@ -37,9 +37,8 @@ class Subpixels(WithinExposure):
             where = "in the photo" if scene.is_binned else "at the sensor"
             least = f"no contrast above {scene.tolerance:.2g} is left {where}"
             return left_out(f"{name} gives its mean light alone: {least}")
-        contrast = dict(extremes.harmonics(scene))
-        pair, n = method.harmonics[0], len(method.harmonics)
-        top = contrast[pair]
+        judged = extremes.harmonics_in_bins if scene.is_binned else extremes.harmonics
+        (pair, top), n = judged(scene)[0], len(method.harmonics)
         counted = "1 harmonic" if n == 1 else f"{n} harmonics"
         return called(
             f"{name}: {counted} above {scene.tolerance:.2g}, the strongest {pair} up to {top:.2g}"

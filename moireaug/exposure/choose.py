@@ -62,10 +62,7 @@ def _binned(scene: SceneRecord) -> Binned:
     taps = taps_of(scene, whole_pixel=True)
     if scene.sensor.exposure == "mean":
         return Binned(taps, (), name="mean")
-    found = extremes.harmonics_in_bins(scene)
-    if bounds(scene.sensor.gain)[1] > 1:  # sensor pixels may saturate by what bins average away
-        found = extremes.harmonics(scene)
-    found = found[:MOST_HARMONICS]
+    found = extremes.harmonics_in_bins(scene)[:MOST_HARMONICS]
     return Binned(taps, tuple(pair for pair, _ in found), name="spectral")
 
 
