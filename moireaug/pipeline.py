@@ -18,7 +18,7 @@ from moireaug.effects.display import BlackLevel, Glare
 from moireaug.effects.exposing import Crosstalk, Distortion, Exposed, Pose, Subpixels
 from moireaug.effects.flicker import Flicker
 from moireaug.effects.jpeg import Jpeg
-from moireaug.effects.prefilter import Prefilter, most_lost, most_variance
+from moireaug.effects.prefilter import Prefilter, most_lost
 from moireaug.effects.registration import Registration
 from moireaug.effects.resize import Resize
 from moireaug.effects.sensor import FullWell, Gain, Noise, Quantisation, Saturation
@@ -33,7 +33,7 @@ from moireaug.scene.shot import ShotRecord
 EXPOSE: tuple[Effect, ...] = (
     Decode(),  # codes to light
     BlackLevel(),
-    Prefilter(),  # what is too fine for the panel, or too far away
+    Prefilter(),  # what is too far away
     Subpixels(),  # the next four are integrated by the exposure
     Pose(),
     Distortion(),
@@ -104,7 +104,6 @@ class Plan:
         method: the exposure method, "auto" resolved.
         prefilter: the most variance by which the picture is blurred before it is looked up, in
             squared image pixels.
-        narrows: whether part of that is for views of more panel pixels than are summed one by one.
     """
 
     steps: tuple[Step, ...]
@@ -112,7 +111,6 @@ class Plan:
     developing: tuple[Effect, ...]
     method: Exposure
     prefilter: float
-    narrows: bool
     _called: frozenset[str] = field(init=False, repr=False)  # a photo asks for dozens of names
 
     def __post_init__(self) -> None:
@@ -184,8 +182,7 @@ def make_plan(scene: SceneRecord) -> Plan:
         exposing,
         developing,
         exposure_of(scene),
-        most_variance(scene),
-        most_lost(scene) > 0,
+        most_lost(scene),
     )
 
 

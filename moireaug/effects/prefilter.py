@@ -1,5 +1,5 @@
-"""A low-pass on the picture before it is looked up: where the panel has fewer pixels than the
-picture, or a sensor pixel sees more panel pixels than are summed one by one."""
+"""A low-pass on the picture before it is looked up: where a sensor pixel sees more panel pixels
+than are summed one by one."""
 
 from __future__ import annotations
 
@@ -37,11 +37,9 @@ class Prefilter(Effect):
     name = "prefilter"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        variance = most_variance(scene)
+        variance = most_lost(scene)
         if 2 * bounds(scene.sensor.gain)[1] * variance <= scene.tolerance:
-            return left_out(
-                "the panel is as fine as the picture, and a sensor pixel sees few of its pixels"
-            )
+            return left_out("a sensor pixel sees few of the panel's pixels")
         return called(
             f"the picture blurred by up to {variance**0.5:.2g} image pixels before it is looked up"
         )
@@ -59,19 +57,10 @@ def _middle(shot) -> tuple[Tensor, Tensor]:
     return shot.panel_scale.new_tensor([h / 2]), shot.panel_scale.new_tensor([w / 2])
 
 
-def coarseness(alpha: Tensor) -> Tensor:
-    """Return the variance, in squared image pixels, of the blur for a panel of `alpha` panel pixels
-    per image pixel; 0 from 1 on."""
-    return (1 / alpha.square() - 1).clamp(min=0) / 6
-
-
 def variance_at(points: Tensor, shot) -> Tensor:
     """Return the blur that the picture needs at image points (1, h, w, 2), in squared image pixels:
     (B, h, w)."""
     alpha, method = shot.panel_scale[:, None, None], shot.plan.method
-    coarse = coarseness(alpha).expand(-1, *points.shape[1:3])
-    if not shot.plan.narrows:
-        return coarse
     points = points.expand(len(alpha), -1, -1, -1)
     seen = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(
         points.shape
@@ -86,7 +75,7 @@ def variance_at(points: Tensor, shot) -> Tensor:
     step = step * (alpha[..., None, None] / shot.sampled_pixels()[0].scale)
     lit = torch.ones_like(shot.panel_scale)
     footprints = footprints_of(kinds, step, (lit, lit), optics)
-    return coarse + lost_variance(footprints, alpha, method.taps)
+    return lost_variance(footprints, alpha, method.taps)
 
 
 def lost_variance(
@@ -99,13 +88,6 @@ def lost_variance(
     for seen, width, period in footprints:
         lost.append(content.fitted(seen, width, taps)[1] * (period / alpha) ** 2)
     return torch.stack(lost).amax(0)
-
-
-def most_variance(scene: SceneRecord) -> float:
-    """Return the most variance that a scene's ranges need, in squared image pixels."""
-    alphas = extremes.inside(scene.panel.scale, points=3)
-    drawn = torch.tensor(alphas, dtype=torch.float64, device="cpu")
-    return float(coarseness(drawn).max()) + most_lost(scene)
 
 
 @functools.lru_cache(maxsize=64)
@@ -132,8 +114,6 @@ def levels(variance: float) -> int:
 def share_at_centre(shot) -> Tensor:
     """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the
     variance that the middle of the picture needs, in squared image pixels, up to 1/2."""
-    if not shot.plan.narrows:
-        return coarseness(shot.panel_scale).clamp(max=SMALL)
     return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=SMALL)
 
 

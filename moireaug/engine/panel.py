@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import inner, part
-from moireaug.engine.vectors import peek, poke
+from moireaug.engine.compiling import fill, inner, loop, part
+from moireaug.engine.vectors import add, peek, poke
 
+ZERO = np.float32(0)
 AROUND = 5  # cells of margin beyond the cell's `radius`: half of the widest window, and one
 
 
@@ -39,18 +40,21 @@ def _period_of(cell, channel):
 
 
 @inner
-def _axis(n, size, alpha, period, lead, first, share, seen):
-    """Find where each of n panel pixels lies between two picture pixels, and whether it is on the
-    picture.
-
-    period: of the cells whose first pixels are stored as neighbours, then their second, and so on.
-    lead: panel pixels ahead of the picture.
-    """
+def _pixel_at(i, n, period):
+    """Return the place of the panel pixel that is stored as number i of n: the first pixels of
+    cells of so many, then their second, and so on."""
     cells = n // period
+    return i % cells * period + i // cells
+
+
+@inner
+def _axis(n, size, alpha, period, lead, first, share):
+    """Find where each of n panel pixels lies between two picture pixels.
+
+    period: see `_pixel_at`. lead: panel pixels ahead of the picture.
+    """
     for i in range(n):
-        pixel = i % cells * period + i // cells
-        at = (pixel - lead + 0.5) / alpha
-        seen[i] = 0 <= at < size
+        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
         at = min(max(at - 0.5, 0.0), size - 1.0)
         first[i] = np.int32(at)
         share[i] = at - first[i]
@@ -73,26 +77,93 @@ def _across(out, row, first, share):
         poke(out, i, low + peek(share, i) * (peek(row, np.int32(x + np.int32(1))) - low))
 
 
+@loop
+def _enlarge(panel, light, alpha, period, ahead, above):
+    """Fill panel (n, m), of one colour, from its light (h, w): bilinear between pixel centres."""
+    (h, w), (n, m) = light.shape, panel.shape
+    x, fx = np.empty(m, np.int32), np.empty(m, np.float32)
+    y, fy = np.empty(n, np.int32), np.empty(n, np.float32)
+    _axis(n, h, alpha, 1, above, y, fy)
+    _axis(m, w, alpha, period, ahead, x, fx)
+    row = np.empty(w + 1, np.float32)
+    for i in range(n):
+        low = np.int64(y[i])
+        _between(row, light[low], light[min(low + 1, h - 1)], fy[i])
+        _across(panel[i], row, x, fx)
+
+
+@inner
+def _triangles(pixel, weight, size, alpha, period, lead):
+    """Find which picture pixels each panel pixel shows, (taps, n) int32, and how much of each,
+    (taps, n) float32; the rest as in `_axis`."""
+    taps, n = pixel.shape
+    for i in range(n):
+        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        first, total = math.ceil(at - 1 / alpha - 0.5), 0.0
+        for tap in range(taps):
+            total += max(0.0, 1 - abs(first + tap + 0.5 - at) * alpha)
+        for tap in range(taps):
+            share = max(0.0, 1 - abs(first + tap + 0.5 - at) * alpha)
+            weight[tap, i] = share / total
+            pixel[tap, i] = min(max(first + tap, 0), size - 1)
+
+
+@inner
+def _add_across(out, row, pixel, weight):
+    for i in range(len(out)):
+        poke(out, i, out[i] + peek(weight, i) * peek(row, peek(pixel, i)))
+
+
+@loop
+def shrink(panel, light, alpha, period, ahead, above):
+    """Fill panel (n, m), of one colour and fewer pixels than the picture, from its light (h, w):
+    each with the mean under a triangle that ends one panel pixel from its centre, along each axis.
+
+    Args:
+        period: see `_pixel_at`. ahead, above: panel pixels ahead of the picture.
+    """
+    (h, w), (n, m) = light.shape, panel.shape
+    taps = math.ceil(2 / alpha)  # picture pixels under a triangle
+    x, across = np.empty((taps, m), np.int32), np.empty((taps, m), np.float32)
+    y, down = np.empty((taps, n), np.int32), np.empty((taps, n), np.float32)
+    _triangles(x, across, w, alpha, period, ahead)
+    _triangles(y, down, h, alpha, 1, above)
+    row = np.empty(w, np.float32)
+    for i in range(n):
+        fill(row, ZERO)
+        for tap in range(taps):
+            if down[tap, i] != 0:
+                add(row, light[y[tap, i]], down[tap, i])
+        fill(panel[i], ZERO)
+        for tap in range(taps):
+            _add_across(panel[i], row, x[tap], across[tap])
+
+
+@inner
+def _blacken(panel, size, alpha, period, ahead, above):
+    """Blacken what lies beyond the picture, on one colour's panel (n, m)."""
+    n, m = panel.shape
+    for i in range(n):
+        seen = 0 <= (i - above + 0.5) / alpha < size[0]
+        for j in range(m):
+            at = (_pixel_at(j, m, period) - ahead + 0.5) / alpha
+            if not (seen and 0 <= at < size[1]):
+                panel[i, j] = 0
+
+
 @part
 def show(panel, light, alpha, cell, dark):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
 
     A row holds the first pixel of each of its colour's cells, then the second, and so on, so that
-    look-ups read contiguous memory. Bilinear between pixel centres; beyond the border the outermost
-    pixel or, if `dark`, black.
+    look-ups read contiguous memory. Beyond the border the outermost pixel or, if `dark`, black.
     """
-    (h, w), (_, n, m) = light.shape[1:], panel.shape
-    x, fx, seen_x = np.empty(m, np.int32), np.empty(m, np.float32), np.empty(m, np.bool_)
-    y, fy, seen_y = np.empty(n, np.int32), np.empty(n, np.float32), np.empty(n, np.bool_)
-    _axis(n, h, alpha, 1, margin(cell, 1), y, fy, seen_y)
-    row = np.empty(w + 1, np.float32)
+    ahead, above = margin(cell, 0), margin(cell, 1)
     for c in range(3):
-        _axis(m, w, alpha, _period_of(cell, c), margin(cell, 0), x, fx, seen_x)
-        for i in range(n):
-            low = np.int64(y[i])
-            _between(row, light[c, low], light[c, min(low + 1, h - 1)], fy[i])
-            _across(panel[c, i], row, x, fx)
-            if dark:
-                for j in range(m):
-                    if not (seen_y[i] and seen_x[j]):
-                        panel[c, i, j] = 0
+        period = _period_of(cell, c)
+        if alpha < 1:
+            shrink(panel[c], light[c], alpha, period, ahead, above)
+        else:
+            _enlarge(panel[c], light[c], alpha, period, ahead, above)
+        if dark:
+            _blacken(panel[c], light.shape[1:], alpha, period, ahead, above)

@@ -3,14 +3,18 @@ image per call."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from moireaug.engine.compiling import copy, fill, inner, loop
+from moireaug.engine.panel import shrink
 from moireaug.engine.random_numbers import keys
 from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import look
 
+AHEAD = 2  # panel pixels ahead of a picture, and behind it, until all is its edge pixels
 LEAST = 1e-12
 ZERO = np.float32(0)
 ONE32 = np.int32(1)
@@ -29,13 +33,15 @@ def _lies_in(column, low, high, around):
 
 
 @inner
-def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
+def _raster(light, first, share, at, low, high, n, period, axis, dark):
     """Along one axis, find the light at panel coordinates `at` that comes from a rectangle, `low`
     to `high` in panel pixels, interpolated between the two nearest of n raster subpixels per panel
-    pixel; and where on the picture it comes from.
+    pixel; and where on what is shown it comes from.
+
+    axis: from `_axis`.
     """
-    whole = high - low >= period
-    low, high, around, end = low * n, high * n, n * period, alpha * size
+    whole, (ratio, ahead, size, end) = high - low >= period, axis
+    low, high, around = low * n, high * n, n * period
     for i in range(len(light)):
         place = peek(at, i) * n - 0.5
         left = np.floor(place)
@@ -51,7 +57,7 @@ def _raster(light, first, share, at, low, high, n, period, alpha, size, dark):
             first_light *= 1.0 if (here >= 0) & (here < end) else 0.0
             second *= 1.0 if (there >= 0) & (there < end) else 0.0
         total = first_light + second
-        x = (here + (there - here) * second / max(total, LEAST)) / alpha - 0.5
+        x = (here + (there - here) * second / max(total, LEAST)) / ratio + ahead - 0.5
         x = min(max(x, 0.0), size - 1.0)
         pixel = np.int32(x)
         poke(light, i, total)
@@ -72,6 +78,18 @@ def _add_content(out, picture, left, fx, across, top, fy, down, width, lit):
         poke(out, i, out[i] + content * peek(across, i) * peek(down, i) * lit)
 
 
+@inner
+def _axis(size, alpha):
+    """Return what is shown of a picture along an axis: panel pixels per pixel shown, those shown
+    ahead of the picture, all of them, and how many panel pixels the picture takes.
+
+    As `exposure.shown.Shown`, on a panel of at most the picture's pixels.
+    """
+    if alpha < 1:
+        return 1.0, AHEAD, math.ceil(alpha * size) + 2 * AHEAD, alpha * size
+    return alpha, 0, size, alpha * size
+
+
 @loop
 def expose_point(
     raw, light, camera, filters, white, cell, point, lit, sites, flicker, noise, seed, clips, dark
@@ -84,11 +102,16 @@ def expose_point(
         filters, white, dark: see `exposure_records.Exposure`. The rest as in `expose.expose`.
     """
     planes, h, w = raw.shape
-    height, width = light.shape[1], light.shape[2]
+    rows, columns = _axis(light.shape[1], camera.alpha), _axis(light.shape[2], camera.alpha)
+    height, width = rows[2], columns[2]
     # a bilinear look-up's right or lower pixel may lie beyond the last, where its share is 0
     shown = np.zeros((3, height * width + width + 1), np.float32)
     for c in range(3):
-        copy(shown[c], light[c].reshape(-1))
+        if camera.alpha < 1:
+            panel = shown[c, : height * width].reshape(height, width)
+            shrink(panel, light[c], camera.alpha, 1, AHEAD, AHEAD)
+        else:
+            copy(shown[c], light[c].reshape(-1))
     x, y, u = np.empty(w), np.empty(w), np.empty(w)
     left, top = np.empty(w, np.int32), np.empty(w, np.int32)
     fx, fy = np.empty(w, np.float32), np.empty(w, np.float32)
@@ -107,15 +130,15 @@ def expose_point(
                 u[i] = sites.cols[sites.col[plane] + i * step]
             look(x, y, u, v, camera)
             fill(line, ZERO)
-            channel, n, alpha = sites.channel[plane], float(point.raster), camera.alpha
+            channel, n = sites.channel[plane], float(point.raster)
             for i in range(len(point.rectangles)):
                 passed = filters[channel, cell.channel[i]] * pulse
                 if passed == 0:
                     continue
                 x0, y0, x1, y1 = point.rectangles[i]
                 px, py = cell.period[cell.kind[i]]
-                _raster(across, left, fx, x, x0, x1, n, float(px), alpha, float(width), dark)
-                _raster(down, top, fy, y, y0, y1, n, float(py), alpha, float(height), dark)
+                _raster(across, left, fx, x, x0, x1, n, float(px), columns, dark)
+                _raster(down, top, fy, y, y0, y1, n, float(py), rows, dark)
                 _add_content(
                     line,
                     shown[cell.channel[i]],

@@ -11,11 +11,13 @@ from torch import Tensor
 from moireaug.exposure.base import Exposure
 from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import optics_of
+from moireaug.exposure.shown import Shown
 from moireaug.geometry import grids
 from moireaug.geometry.sensor import CFA, cell
 from moireaug.panel.fourier import emitting_share
 from moireaug.panel.mask import cell_of, emits
 from moireaug.scene.layout import as_layout
+from moireaug.scene.subpixel import Subpixel
 
 
 class Sampled(Exposure):
@@ -24,7 +26,7 @@ class Sampled(Exposure):
     def __call__(self, light: Tensor, shot) -> Tensor:
         pixels, alpha = shot.sampled_pixels(), shot.panel_scale[:, None, None]
         rows, cols = (axis.positions(light.device) for axis in pixels)
-        offsets = self.offsets(shot)
+        shown, offsets = Shown(light, shot), self.offsets(shot)
         down, across = offsets[:, 0] / pixels[0].scale, offsets[:, 1] / pixels[1].scale
         inverse, cfa = torch.linalg.inv(shot.matrix()), colours_seen(shot)
         planes = []
@@ -36,7 +38,7 @@ class Sampled(Exposure):
                 points = grids.grid(v, u)
                 seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
                 x, y = (seen * alpha[..., None]).unbind(-1)
-                readings = [self.read(light, x, y, shot, channel) for channel in site.channels]
+                readings = [self.read(shown, x, y, shot, channel) for channel in site.channels]
                 total = total + torch.stack(readings, 1)
             planes.append(total / offsets.shape[2])
         return through_filters(torch.cat(planes, 1), shot)
@@ -47,7 +49,7 @@ class Sampled(Exposure):
         centre in sensor pixels."""
 
     @abstractmethod
-    def read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+    def read(self, shown: Shown, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
         """Return one channel's light at panel positions x, y (B, h, w): (B, h, w)."""
 
 
@@ -66,20 +68,20 @@ class Point(Sampled):
     def offsets(self, shot) -> Tensor:
         return shot.panel_scale.new_zeros(len(shot), 2, 1)
 
-    def read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+    def read(self, shown: Shown, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
         layout, alpha = as_layout(shot.scene.panel.layout), shot.panel_scale[:, None, None]
         width, height = emitting_share(shot.panel)
         ends: tuple = (None, None)
         if not shot.scene.develop.registered:
             ends = (alpha * shot.size[1], alpha * shot.size[0])
-        plane = torch.zeros_like(x, dtype=light.dtype)
+        plane = torch.zeros_like(x, dtype=shown.light.dtype)
         for s in layout.of(channel):
             left, top, right, bottom = s.box()
             across, px = _raster(x, left, right, layout.raster, s.period[0], ends[0])
             down, py = _raster(y, top, bottom, layout.raster, s.period[1], ends[1])
-            content = grids.look_up(light[:, channel, None], px / alpha, py / alpha)[:, 0]
-            plane = plane + content * (across * down).to(light.dtype)
-        return plane * (width * height).to(light.dtype)[:, None, None]
+            content = shown.look_up(px, py, channel)[:, 0]
+            plane = plane + content * (across * down).to(plane.dtype)
+        return plane * (width * height).to(plane.dtype)[:, None, None]
 
 
 def _raster(
@@ -129,23 +131,21 @@ class Supersample(Sampled):
     def offsets(self, shot) -> Tensor:
         return optics_of(shot).offsets(self.n)
 
-    def read(self, light: Tensor, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+    def read(self, shown: Shown, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
         width, height = (t[:, None, None] for t in emitting_share(shot.panel))
-        total = torch.zeros_like(x, dtype=light.dtype)
+        total = torch.zeros_like(x, dtype=shown.light.dtype)
         for s in as_layout(shot.scene.panel.layout).of(channel):
-            total = total + self._emitted(light[:, channel], s, x, y, width, height, shot)
+            lit = emits(s, x, y, width, height).to(total.dtype)
+            total = total + self._content(shown, s, x, y, shot) * lit
         return total
 
-    def _emitted(
-        self, plane: Tensor, s, x: Tensor, y: Tensor, width: Tensor, height: Tensor, shot
-    ) -> Tensor:
-        """Return what one kind of subpixel emits at panel points."""
+    def _content(self, shown: Shown, s: Subpixel, x: Tensor, y: Tensor, shot) -> Tensor:
+        """Return what the nearest copies of a subpixel show, at panel points."""
         alpha = shot.panel_scale[:, None, None]
         column, row = cell_of(s, x, y)
-        px = (column * s.period[0] + s.pixel[0]) / alpha
-        py = (row * s.period[1] + s.pixel[1]) / alpha
-        lit = emits(s, x, y, width, height).to(plane.dtype)
-        light = grids.look_up(plane[:, None], px, py)[:, 0] * lit
+        px, py = column * s.period[0] + s.pixel[0], row * s.period[1] + s.pixel[1]
+        light = shown.look_up(px, py, s.channel)[:, 0]
         if shot.scene.develop.registered:
             return light
+        px, py = px / alpha, py / alpha
         return light * ((px >= 0) & (px < shot.size[1]) & (py >= 0) & (py < shot.size[0]))

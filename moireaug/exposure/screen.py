@@ -7,8 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.geometry import grids
-from moireaug.numeric import is_transformed
+from moireaug.exposure.shown import Shown
 from moireaug.scene.layout import as_layout
 
 LOOKS = 1  # the panel is built if it has at most this many pixels per look-up
@@ -25,22 +24,20 @@ class Screen:
         """`alpha` (B,) is the number of pixels per image pixel of another panel than the shot's,
         at most 1, whose cells are single pixels."""
         self.light, self.taps = light, taps
-        self.alpha = (shot.panel_scale if alpha is None else alpha)[:, None, None]
-        most = shot.scene.panel_scales(shot.size)[1] if alpha is None else 1.0
-        if len(light) and not is_transformed():
-            most = float(self.alpha.detach().max())
+        self.shown = Shown(light, shot, alpha)
+        self.alpha = self.shown.alpha
         px, py = as_layout(shot.scene.panel.layout).period if alpha is None else (1, 1)
         # far enough past the picture for all taps to show its edge pixels
         self.margin = (taps * py, taps * px)
         height, width = shot.size
         self.size = (
-            math.ceil(most * height) + 2 * taps * py,
-            math.ceil(most * width) + 2 * taps * px,
+            math.ceil(self.shown.most * height) + 2 * taps * py,
+            math.ceil(self.shown.most * width) + 2 * taps * px,
         )
         self.panel = None
         readings = math.prod(shot.raw_shape()[-2:])
         if math.prod(self.size) <= LOOKS * taps**2 * readings:
-            self.panel = on_panel(light, self.size, self.margin, self.alpha).flatten(2).unbind(1)
+            self.panel = on_panel(self.shown, self.size, self.margin).flatten(2).unbind(1)
 
     def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> Tensor:
         """Return what panel pixels show from (B, h, w) columns and rows on, one per period, `taps`
@@ -62,11 +59,10 @@ class Screen:
     ) -> Tensor:
         """Look up panel pixels in the picture itself; arguments and result as in `look`."""
         tap = torch.arange(self.taps, dtype=row.dtype, device=row.device)[:, None, None, None]
-        x = (column + (tap * period[0] + 0.5)) / self.alpha
-        y = (row + (tap * period[1] + 0.5)) / self.alpha
+        x, y = column + (tap * period[0] + 0.5), row + (tap * period[1] + 0.5)
         # one look-up for all taps, as rows of one picture: (B, taps * taps * h, w)
         x, y = (t.movedim(2, 0).flatten(1, 3) for t in torch.broadcast_tensors(x, y[:, None]))
-        found = grids.look_up(self.light[:, channel, None], x, y)[:, 0]
+        found = self.shown.look_up(x, y, channel)[:, 0]
         return found.unflatten(1, (self.taps, self.taps, -1)).movedim(0, 2)
 
 
@@ -103,13 +99,11 @@ class Gather(torch.autograd.Function):
         return along.expand(len(steps), -1, -1).gather(2, first + steps[:, None, None])
 
 
-def on_panel(
-    light: Tensor, size: tuple[int, int], margin: tuple[int, int], alpha: Tensor
-) -> Tensor:
-    """Return what the panel's pixels show of a picture (B, 3, H, W): its values at their centres,
-    (B, 3, h, w), starting a margin before the picture, where its edge pixels are repeated."""
+def on_panel(shown: Shown, size: tuple[int, int], margin: tuple[int, int]) -> Tensor:
+    """Return what the panel's pixels show of a picture, (B, 3, h, w), starting a margin before the
+    picture."""
     (height, width), (above, before) = size, margin
-    y = torch.arange(height, dtype=alpha.dtype, device=alpha.device) + (0.5 - above)
-    x = torch.arange(width, dtype=alpha.dtype, device=alpha.device) + (0.5 - before)
-    x, y = torch.broadcast_tensors(x / alpha, y[:, None] / alpha)
-    return grids.look_up(light, x, y)
+    device = shown.light.device
+    y = torch.arange(height, dtype=torch.float64, device=device) + (0.5 - above)
+    x = torch.arange(width, dtype=torch.float64, device=device) + (0.5 - before)
+    return shown.look_up(*torch.broadcast_tensors(x[None, None], y[None, :, None]))

@@ -1,0 +1,72 @@
+"""The picture as a panel shows it: interpolated between image pixels or, where the panel has fewer
+pixels than the picture, averaged over them."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from moireaug.geometry import grids
+from moireaug.numeric import is_transformed
+
+AHEAD = 2  # panel pixels ahead of a picture, and behind it, until all is its edge pixels
+
+
+class Shown:
+    """What panels show of a picture (B, 3, H, W), and its edge pixels past it.
+
+    A panel pixel shows the mean under a triangle, along each axis, which ends one panel pixel or
+    one image pixel from its centre, whichever is more. For a panel of at least the picture's
+    pixels, this is bilinear interpolation.
+
+    Args:
+        alpha: (B,), panel pixels per image pixel, if not the shot's; at most 1.
+    """
+
+    def __init__(self, light: Tensor, shot, alpha: Tensor | None = None) -> None:
+        least, most = shot.scene.panel_scales(shot.size)
+        if alpha is None:
+            alpha = shot.panel_scale
+        else:
+            least, most = min(least, 1.0), 1.0
+        if len(light) and not is_transformed():
+            least, most = torch.stack(torch.aminmax(alpha.detach())).tolist()
+        self.most = most  # panel pixels per image pixel, of the finest panel
+        self.alpha = alpha[:, None, None]
+        self.light, self._ratio, self._ahead = light, self.alpha, 0
+        if least < 1:
+            # on panels of at most the picture's pixels; finer ones show what lies between these
+            self.light = shrink(light, alpha.clamp(max=1), least, min(most, 1.0))
+            self._ratio, self._ahead = self.alpha.clamp(min=1), AHEAD
+
+    def look_up(self, x: Tensor, y: Tensor, channel: int | None = None) -> Tensor:
+        """Return what is shown at panel coordinates x, y (B, h, w), of all channels or of one:
+        (B, 3 or 1, h, w). Between the pixels of a coarse panel, it is interpolated."""
+        light = self.light if channel is None else self.light[:, channel, None]
+        return grids.look_up(light, x / self._ratio + self._ahead, y / self._ratio + self._ahead)
+
+
+def shrink(light: Tensor, alpha: Tensor, least: float, most: float) -> Tensor:
+    """Return what panels of alpha (B,) pixels per image pixel, from `least` to `most`, at most 1,
+    show of a picture (B, C, H, W): (B, C, h, w), from `AHEAD` panel pixels before the picture on.
+    """
+    taps = math.ceil(2 / least)  # image pixels under the widest triangle
+    return _shrink_rows(_shrink_rows(light, alpha, taps, most).mT, alpha, taps, most).mT
+
+
+def _shrink_rows(light: Tensor, alpha: Tensor, taps: int, most: float) -> Tensor:
+    """Return a picture (B, C, H, W) with the rows of a panel: (B, C, h, W)."""
+    _, channels, height, width = light.shape
+    row = torch.arange(math.ceil(most * height) + 2 * AHEAD, dtype=alpha.dtype, device=alpha.device)
+    centre, half = (row + 0.5 - AHEAD) / alpha[:, None], 1 / alpha[:, None]  # in image pixels
+    first = (centre - half - 0.5).detach().ceil()
+    out, total = light.new_zeros(()), torch.zeros_like(centre)
+    for tap in range(taps):
+        pixel = first + tap
+        weight = (1 - (pixel + 0.5 - centre).abs() / half).clamp(min=0)
+        place = pixel.clamp(0, height - 1).long()[:, None, :, None]
+        seen = light.gather(2, place.expand(-1, channels, -1, width))
+        out, total = out + weight.to(light.dtype)[:, None, :, None] * seen, total + weight
+    return out / total.to(light.dtype)[:, None, :, None]
