@@ -27,8 +27,6 @@ CALLED = [
         {"panel": Panel(layout="even", black=0.001), "develop": Develop(linear_light=True)},
     ),
     ("black_level", {"panel": Panel(layout="even", black=(0.0, 0.01))}),
-    ("prefilter", {"panel": Panel(layout="even", scale=0.8)}),
-    ("prefilter", {"panel": Panel(layout="even", scale=0.8), "sensor": colour(exposure="point")}),
     ("prefilter", {"lens": Lens(blur=3.0)}),
     ("prefilter", {"view": View(zoom=0.1)}),
     ("prefilter", {"view": View(yaw=80.0)}),
@@ -111,6 +109,9 @@ NOT_CALLED = [
     # the slope of a light that is not there, the radius of a mask that is not applied
     ("glare", {"panel": Panel(layout="even", glare_x=0.5, glare_y=-0.5)}),
     ("sharpen", {"develop": Develop(sharpen_radius=5.0)}),
+    # a coarse panel shows the picture averaged
+    ("prefilter", {"panel": Panel(layout="even", scale=0.1)}),
+    ("prefilter", {"panel": Panel(layout="even", scale=0.1), "sensor": colour(exposure="point")}),
     # the exposure counts the panel pixels that it spreads over
     ("prefilter", {"lens": Lens(blur=0.6)}),
     ("prefilter", {"view": View(zoom=0.1), "sensor": colour(exposure="supersample:2")}),

@@ -39,8 +39,8 @@ DROPPED = [  # effect, too small to matter, and not so
     ("exposure", {"lens": Lens(olpf=0.0024)}, {"lens": Lens(olpf=0.5)}),
     (
         "prefilter",
-        {"panel": Panel(layout="even", scale=0.9975)},
-        {"panel": Panel(layout="even", scale=0.8)},
+        {"view": View(zoom=0.16664, fit=False)},  # a little more than the seven pixels in view
+        {"view": View(zoom=0.155, fit=False)},
     ),
     ("vignetting", {"lens": Lens(vignetting=0.0019)}, {"lens": Lens(vignetting=0.3)}),
     ("flicker", BRIGHT, BANDS),

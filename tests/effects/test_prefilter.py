@@ -6,7 +6,7 @@ import dataclasses
 import pytest
 import torch
 
-from moireaug import Lens, Panel, Scene, Sensor, View, expose
+from moireaug import Lens, Panel, Scene, Sensor, View
 from moireaug.effects.prefilter import halved, levels, mipmap, spread, variance_at
 from moireaug.geometry import grids
 
@@ -117,14 +117,3 @@ def test_the_plan_names_the_blur_that_a_shot_gets(layout):
     points = grids.pixel_centres((8, 8), torch.device("cpu"))
     variance = variance_at(points, scene.sample(1, (8, 8)))
     assert variance.flatten().tolist() == pytest.approx([scene.plan().prefilter] * 64)
-
-
-@pytest.mark.parametrize("exposure", ["spectral", "point", "supersample:2"])
-def test_a_coarse_panel_shows_no_detail_of_its_own(exposure):
-    """Half as many panel pixels as image pixels: stripes of one pixel are nearly grey, whatever the
-    method."""
-    stripes = (torch.arange(40) % 2).double().expand(1, 3, 40, 40)
-    sensor = Sensor(cfa="none", exposure=exposure)
-    scene = Scene(panel=Panel(layout="even", scale=0.5), sensor=sensor)
-    raw = expose(stripes, scene.sample(1, (40, 40)))
-    assert (raw - 0.5)[..., 4:-4, 4:-4].abs().max() < 0.01

@@ -28,6 +28,13 @@ SCENES = {
         develop=Develop(linear_light=True),
     ),
     "camera's frame": Scene(view=TURNED, sensor=POINT, develop=Develop(registered=False)),
+    "coarse": Scene(panel=Panel(scale=0.3, layout="pentile"), view=TURNED, sensor=POINT),
+    "coarse and fine, camera's frame": Scene(
+        panel=Panel(scale=(0.3, 1.7)),
+        view=TURNED,
+        sensor=POINT,
+        develop=Develop(registered=False),
+    ),
 }
 
 

@@ -1,0 +1,189 @@
+"""The picture as a panel shows it, in the reference and in the engine, against a matrix of
+weights."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
+from moireaug.engine import batch, panel
+from moireaug.engine.shot_exposure import lower_exposure
+from moireaug.exposure.screen import on_panel
+from moireaug.exposure.shown import Shown
+from tests.engine.readings import assert_equal, readings
+
+ALPHAS = (0.01, 0.3, 0.73, 1.0, 1.7, 3.0)
+SIZES = [(20, 27), (1, 1), (1, 9), (8, 1)]
+MARGIN = (11, 10)
+MIXED = Panel(scale=(0.2, 2.0))
+SHOT, ONES = Scene(panel=MIXED).sample(2, (6, 7)), torch.ones(2, dtype=torch.float64)
+
+
+def triangle(size, count, alpha, ahead):
+    """How much each of `count` panel pixels, the first `ahead` before the picture, shows of each
+    image pixel: a triangle around its centre, one panel or image pixel to each side."""
+    half, weights = max(1.0, 1 / alpha), np.zeros((count, size))
+    for i in range(count):
+        centre = (i - ahead + 0.5) / alpha
+        for pixel in range(math.floor(centre - half) - 1, math.ceil(centre + half) + 1):
+            nearest = min(max(pixel, 0), size - 1)
+            weights[i, nearest] += max(0.0, 1 - abs(pixel + 0.5 - centre) / half)
+    return torch.from_numpy(weights / weights.sum(1, keepdims=True))
+
+
+def by_matrix(picture, alpha, size, margin):
+    """What a panel of `size` pixels, a margin included, shows of a picture (3, H, W)."""
+    (height, width), (h, w) = picture.shape[1:], size
+    down = triangle(height, h, alpha, margin[0])
+    return down @ picture @ triangle(width, w, alpha, margin[1]).T
+
+
+def panel_size(alpha, size):
+    return tuple(math.ceil(alpha * n) + 2 * ahead for n, ahead in zip(size, MARGIN, strict=True))
+
+
+def shown_by(alpha, picture):
+    """What the reference shows of a picture (B, 3, H, W)."""
+    size = tuple(picture.shape[2:])
+    shot = Scene(panel=Panel(scale=alpha)).sample(len(picture), size)
+    return on_panel(Shown(picture, shot), panel_size(alpha, size), MARGIN)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_a_panel_pixel_shows_the_mean_under_a_triangle(alpha, size):
+    picture = torch.rand(2, 3, *size, dtype=torch.float64)
+    for seen, of in zip(shown_by(alpha, picture), picture, strict=True):
+        expected = by_matrix(of, alpha, panel_size(alpha, size), MARGIN)
+        assert torch.allclose(seen, expected, atol=1e-12)
+
+
+def test_each_image_of_a_batch_has_its_own_panel():
+    picture = torch.rand(6, 3, 12, 15, dtype=torch.float64)
+    shot = Scene(panel=MIXED).sample(6, (12, 15), torch.Generator().manual_seed(0))
+    alphas = shot.panel_scale.tolist()
+    assert min(alphas) < 1 < max(alphas)
+    size = panel_size(max(alphas), (12, 15))
+    seen = on_panel(Shown(picture, shot), size, MARGIN)
+    for shown, of, alpha in zip(seen, picture, alphas, strict=True):
+        assert torch.allclose(shown, by_matrix(of, alpha, size, MARGIN), atol=1e-12)
+
+
+def engine_shows(scene, picture):
+    """What the engine's panel shows of a picture (1, 3, H, W): red, whose cells are stored a first
+    pixel after another, in order; and the margin."""
+    exposure, _ = lower_exposure(scene.sample(1, tuple(picture.shape[2:])), decoded=False)
+    shown = np.empty((1, batch.panel_size(exposure)), np.float32)
+    light = np.empty(picture.shape[1:], np.float32)
+    batch.show(shown, light, picture.numpy(), exposure, 0, 1)
+    cell, alpha = exposure.cell, float(scene.panel.scale)
+    h, w = panel.shape.py_func(exposure.size, alpha, cell)
+    period = int(cell.period[cell.kind[cell.channel.tolist().index(0)], 0])
+    red = torch.from_numpy(shown).reshape(3, h, period, w // period)[0]
+    return red.mT.reshape(h, w), tuple(panel.margin.py_func(cell, axis) for axis in (1, 0))
+
+
+@pytest.mark.parametrize("layout", ["rgb_stripe", "pentile"])
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_the_engines_panel_shows_the_same(alpha, size, layout):
+    picture = torch.rand(1, 3, *size)
+    seen, margin = engine_shows(Scene(panel=Panel(scale=alpha, layout=layout)), picture)
+    expected = by_matrix(picture[0].double(), alpha, tuple(seen.shape), margin)[0]
+    assert (seen - expected).abs().max() < 1e-5
+
+
+@pytest.mark.parametrize("alpha", [0.3, 0.73, 1.7])
+def test_the_engines_panel_is_black_past_the_picture(alpha):
+    scene = Scene(panel=Panel(scale=alpha), develop=Develop(registered=False))
+    seen, margin = engine_shows(scene, torch.full((1, 3, 12, 15), 0.7))
+    on = []
+    for count, ahead, size in zip(seen.shape, margin, (12, 15), strict=True):
+        centre = (torch.arange(count).double() - ahead + 0.5) / alpha
+        on.append((centre >= 0) & (centre < size))
+    assert torch.allclose(seen, 0.7 * (on[0][:, None] & on[1]), atol=1e-6)
+
+
+@pytest.mark.parametrize("n", [3, 5])
+@pytest.mark.parametrize("frequency", [1 / 8, 1 / 5, 1 / 3, 1 / 2])
+def test_a_wave_fades_on_a_coarse_panel_as_under_a_box_twice(n, frequency):
+    """A triangle over whole image pixels is a mean of n, twice."""
+    x, columns = torch.arange(80 * n) + 0.5, (torch.arange(80) + 0.5) * n
+    wave = torch.cos(2 * math.pi * frequency * x.double()).expand(1, 3, 40, -1)
+    box = math.sin(math.pi * n * frequency) / (n * math.sin(math.pi * frequency))
+    seen = shown_by(1 / n, wave)[0, 0, MARGIN[0] + 4, MARGIN[1] : MARGIN[1] + 80]
+    expected = box**2 * torch.cos(2 * math.pi * frequency * columns.double())
+    assert torch.allclose(seen[3:-3], expected[3:-3], atol=1e-12)
+
+
+@pytest.mark.parametrize("exposure", ["spectral", "box", "mean", "point", "supersample:2"])
+def test_a_coarse_panel_shows_no_detail_of_its_own(exposure):
+    """Half as many panel pixels as image pixels: stripes of one pixel are grey, whatever the
+    method."""
+    stripes = (torch.arange(40) % 2).double().expand(1, 3, 40, 40)
+    sensor = Sensor(cfa="none", exposure=exposure)
+    scene = Scene(panel=Panel(layout="even", scale=0.5), sensor=sensor)
+    raw = expose(stripes, scene.sample(1, (40, 40)))
+    assert (raw - 0.5)[..., 4:-4, 4:-4].abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("alpha", [0.37, 0.8, 1.3])
+def test_what_a_panel_shows_has_its_slope(alpha):
+    """In the picture and in the panel's width."""
+    picture = torch.rand(2, 3, 6, 7, dtype=torch.float64, requires_grad=True)
+    width = torch.full((2,), 7 * alpha, dtype=torch.float64, requires_grad=True)
+    shot = Scene(panel=Panel(width=7 * alpha)).sample(2, (6, 7))
+
+    def show(picture, width):
+        drawn = dataclasses.replace(shot, panel=dataclasses.replace(shot.panel, width=width))
+        return on_panel(Shown(picture, drawn), panel_size(alpha, (6, 7)), MARGIN)
+
+    assert torch.autograd.gradcheck(show, (picture, width), fast_mode=True)
+    assert torch.autograd.gradgradcheck(show, (picture, width), fast_mode=True)
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script:FutureWarning")  # PyTorch's own call
+@pytest.mark.parametrize("alpha", [0.37, 0.8])
+def test_a_slope_forward_is_the_slope_backward(alpha):
+    picture = torch.rand(2, 3, 6, 7, dtype=torch.float64)
+    given, along = (picture, torch.full((2,), alpha).double()), (torch.rand_like(picture), ONES)
+
+    def show(picture, alpha):
+        return on_panel(Shown(picture, SHOT, alpha), panel_size(1, (6, 7)), MARGIN).square().sum()
+
+    _, forward = torch.func.jvp(show, given, along)
+    backward = torch.func.grad(show, argnums=(0, 1))(*given)
+    total = sum((slope * step).sum() for slope, step in zip(backward, along, strict=True))
+    assert forward.item() == pytest.approx(total.item(), rel=1e-9)
+
+
+@pytest.mark.parametrize("exposure", ["auto", "mean", "point", "supersample:2"])
+def test_images_are_read_alike_alone_and_in_a_transform(exposure):
+    """Of panels coarser and finer than the picture."""
+    sensor = Sensor(scale=2.0, exposure=exposure)
+    scene = Scene(panel=MIXED, view=View(roll=4.0), lens=Lens(blur=0.3), sensor=sensor)
+    shot = scene.sample(4, (12, 15), torch.Generator().manual_seed(1))
+    assert shot.panel_scale.min() < 1 < shot.panel_scale.max()
+    images = torch.rand(4, 3, 12, 15, dtype=torch.float64)
+    together = pipeline.expose(images, shot)
+    alone = torch.cat([pipeline.expose(images[i : i + 1], shot[i]) for i in range(4)])
+    assert torch.allclose(together, alone, atol=1e-12)
+    mapped = torch.func.vmap(lambda x: pipeline.expose(x, shot))(torch.stack([images, images]))
+    assert torch.allclose(mapped, together.expand(2, -1, -1, -1, -1), atol=1e-12)
+
+
+@pytest.mark.parametrize("registered", [True, False])
+@pytest.mark.parametrize("exposure", ["spectral", "mean"])
+@pytest.mark.parametrize("layout", ["rgb_stripe", "pentile"])
+def test_the_engine_reads_mixed_panels_as_the_reference_does(layout, exposure, registered):
+    scene = Scene(
+        panel=Panel(scale=(0.1, 1.5), layout=layout),
+        view=View(yaw=(-20.0, 20.0), roll=(-10.0, 10.0)),
+        lens=Lens(blur=0.3),
+        sensor=Sensor(scale=2.0, exposure=exposure),
+        develop=Develop(registered=registered),
+    )
+    assert_equal(*readings(scene, (40, 52), n=6))
