@@ -140,14 +140,24 @@ def shrink(panel, light, alpha, period, ahead, above):
 
 
 @inner
+def _ends(seen, size, alpha, period, lead):
+    """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `_axis`."""
+    n = len(seen)
+    for i in range(n):
+        at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
+        seen[i] = 0 <= at < size
+
+
+@loop
 def _blacken(panel, size, alpha, period, ahead, above):
     """Blacken what lies beyond the picture, on one colour's panel (n, m)."""
     n, m = panel.shape
+    x, y = np.empty(m, np.bool_), np.empty(n, np.bool_)
+    _ends(x, size[1], alpha, period, ahead)
+    _ends(y, size[0], alpha, 1, above)
     for i in range(n):
-        seen = 0 <= (i - above + 0.5) / alpha < size[0]
         for j in range(m):
-            at = (_pixel_at(j, m, period) - ahead + 0.5) / alpha
-            if not (seen and 0 <= at < size[1]):
+            if not (y[i] and x[j]):
                 panel[i, j] = 0
 
 
