@@ -65,7 +65,6 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "balance": {"develop.red": 1.0, "develop.blue": 1.0},
     "tone_curve": {"develop.contrast": 0.0, "develop.shoulder": 0.0},
     "chroma_blur, sharpen": {"develop.chroma_blur": 0.0, "develop.sharpen": 0.0},
-    "register": {"develop.registered": False},
 }
 # and changes that add others; a binned photo has no bits, no denoiser, and one way to be resized
 WITH: dict[str, dict[str, Any]] = {
@@ -166,7 +165,7 @@ def run_by(scene: Scene) -> str:
     """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
     taken = [stage for stage, reason in dispatch.reasons(scene).items() if not reason]
     found = " and ".join(taken) or "nothing"
-    rest = dispatch.finishing(scene.plan())
+    rest = dispatch.finishing(scene.plan(), rectified=scene.is_rectified)
     if "develop" in taken and rest:
         found += f"; reference from {rest[0].name!r} on"
     return found

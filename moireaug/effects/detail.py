@@ -10,7 +10,7 @@ from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
-from moireaug.exposure.extremes import least_sensor_scale
+from moireaug.exposure.extremes import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord
@@ -104,7 +104,7 @@ def in_photo(shot, sigma: Tensor) -> Tensor:
     developed: in photo pixels of a binned reading, and at most the photo's longer side."""
     if not shot.scene.is_binned:
         return sigma
-    return kernel_sigma((sigma / shot.sensor_scale).clamp(max=max(shot.size)))
+    return kernel_sigma((sigma / shot.bin_scale).clamp(max=max(shot.size)))
 
 
 def kernel_sigma(sigma: Tensor) -> Tensor:
@@ -128,7 +128,7 @@ def photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> Range:
     if not scene.is_binned:
         return value
     alpha, _ = scene.panel_scales(size)
-    return min(bounds(value)[1] / least_sensor_scale(scene, alpha), float(max(size)))
+    return min(bounds(value)[1] / least_bin_scale(scene, alpha), float(max(size)))
 
 
 def kernel_size(sigma: Range) -> int:

@@ -6,9 +6,10 @@ import torch
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, judged, off, show
+from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.effects.srgb import in_codes
 from moireaug.exposure.filters import crosstalk_matrix
-from moireaug.geometry.sensor import CFA, cell
+from moireaug.geometry.sensor import CFA
 from moireaug.numeric import per_image
 from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.fields import bounds
@@ -43,17 +44,9 @@ class Glare(Effect):
         return judged(in_codes(change, scene), scene, why, "the glass reflects nothing")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
-        rows, cols = (pixels.positions(raw.device) for pixels in shot.sampled_pixels())
-        lattices, cells = [], shot.scene.cells
-        for site in CFA[cells]:
-            lattice = rows[site.row :: cell(cells)], cols[site.column :: cell(cells)]
-            lattices += [lattice] * len(site.channels)
-        planes = []
-        white = white_readings(shot)
-        for plane, (down, across) in enumerate(lattices):
-            share = reflected(down, across, shot.size, shot.panel)
-            planes.append(share * white[:, plane, None, None])
-        return raw + torch.stack(planes, 1).to(raw.dtype)
+        share = reflected(*photo_coordinates(shot, raw.device), shot.size, shot.panel)
+        white = white_readings(shot).to(raw.dtype)[..., None, None]
+        return raw + in_planes(share, raw, shot) * white
 
 
 def most_reflected(scene: SceneRecord) -> float:
@@ -62,13 +55,13 @@ def most_reflected(scene: SceneRecord) -> float:
     return bounds(panel.glare)[1] * (1 + off(panel.glare_x, 0) + off(panel.glare_y, 0))
 
 
-def reflected(rows: Tensor, cols: Tensor, size: tuple[int, int], panel) -> Tensor:
+def reflected(u: Tensor, v: Tensor, size: tuple[int, int], panel) -> Tensor:
     """Return the light that a drawn Panel's glass reflects, as a share of a white screen's: (B, h,
-    w) at photo coordinates (h,) and (w,)."""
-    right = cols / size[1] * 2 - 1
-    down = rows / size[0] * 2 - 1
+    w) at photo coordinates that broadcast to (h, w) or (B, h, w)."""
+    right = u / size[1] * 2 - 1
+    down = v / size[0] * 2 - 1
     across = panel.glare_x[:, None, None] * right
-    along = panel.glare_y[:, None, None] * down[:, None]
+    along = panel.glare_y[:, None, None] * down
     return panel.glare[:, None, None] * (1 + across + along)
 
 

@@ -101,7 +101,7 @@ class Exposed(Effect):
         if method.name == "point":
             return called(reason)
         if scene.is_binned:
-            least = extremes.least_sensor_scale(scene, bounds(scene.panel.scale)[0])
+            least = extremes.least_bin_scale(scene, bounds(scene.panel.scale)[0])
             reason += f", in bins of {least:.2g} sensor pixels a side or more"
         reason += f"; aperture {show(scene.sensor.fill)}, spread {show(lens.blur)}"
         if varies(lens.motion_x) or varies(lens.motion_y):

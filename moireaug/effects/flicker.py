@@ -6,11 +6,12 @@ import torch
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, judged, show
-from moireaug.effects.readings import over_sensor
+from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
 ROWS_OF_A_BIN = 8  # whose light a binned reading's flicker is the mean of
+BANDS_PER_ROW = 4  # of the photo, between which the engine takes a bin's flicker as linear
 
 
 class Flicker(Effect):
@@ -27,20 +28,23 @@ class Flicker(Effect):
         )
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
-        return over_sensor(raw, bands_of(shot)[:, :, None], shot)
+        _, v = photo_coordinates(shot, raw.device)
+        light = light_of_rows(v.flatten(-2), shot).unflatten(1, v.shape[-2:])
+        return raw * in_planes(light, raw, shot)
 
 
-def bands_of(shot) -> Tensor:
-    """Return the light of each row of a shot's reading relative to the panel's mean, (B, h)
-    float64; of a binned reading, of the rows that it averages."""
+def light_of_rows(rows: Tensor, shot) -> Tensor:
+    """Return the light at photo coordinates (n,) or (B, n) along the sensor's columns relative to
+    the panel's mean, (B, n) float64; of a binned reading, the mean of a bin's rows there."""
     panel, sensor = shot.panel, shot.sensor
-    rows = shot.sampled_pixels()[0].positions(shot.device)
-    parts = ROWS_OF_A_BIN if shot.scene.is_binned else 1
-    within = (torch.arange(parts, dtype=rows.dtype, device=rows.device) + 0.5) / parts - 0.5
-    rows = ((rows[:, None] + within) / shot.size[0]).flatten()
     pulses = panel.pwm, panel.duty, panel.phase
-    bands = flicker(rows, *pulses, sensor.shutter, sensor.readout)
-    return bands.unflatten(1, (-1, parts)).mean(2)
+    if not shot.scene.is_binned:
+        return flicker(rows / shot.size[0], *pulses, sensor.shutter, sensor.readout)
+    parts = torch.arange(ROWS_OF_A_BIN, dtype=rows.dtype, device=rows.device) + 0.5
+    wide = (shot.bin_scale / shot.sensor_scale)[:, None, None]
+    rows = rows[..., None] + wide * (parts / ROWS_OF_A_BIN - 0.5)
+    bands = flicker(rows.flatten(1) / shot.size[0], *pulses, sensor.shutter, sensor.readout)
+    return bands.unflatten(1, (-1, ROWS_OF_A_BIN)).mean(2)
 
 
 def depth(scene: SceneRecord) -> float:

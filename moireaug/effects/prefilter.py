@@ -15,6 +15,7 @@ from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.exposure import content, extremes
 from moireaug.exposure.bin_content import content_of
 from moireaug.exposure.binned import Binned
+from moireaug.exposure.bins import bins_on_image
 from moireaug.exposure.choose import exposure_of
 from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import optics_of
@@ -62,20 +63,28 @@ def variance_at(points: Tensor, shot) -> Tensor:
     (B, h, w)."""
     alpha, method = shot.panel_scale[:, None, None], shot.plan.method
     points = points.expand(len(alpha), -1, -1, -1)
+    if isinstance(method, Binned):
+        return _lost_by_bins(points, shot)
     seen = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(
         points.shape
     )
     step = grids.jacobian(seen, torch.linalg.inv(shot.matrix()), shot.size, None)
     kinds, optics = as_layout(shot.scene.panel.layout).all(), optics_of(shot)
-    if isinstance(method, (Mean, Binned)):
+    if isinstance(method, Mean):
         kinds = (WHOLE_PIXEL,)
-    if isinstance(method, Binned):
-        view = content_of(shot, shot.panel_scale, shot.sensor_scale)
-        alpha, optics = view.scale[:, None, None], view.optics
     step = step * (alpha[..., None, None] / shot.sampled_pixels()[0].scale)
     lit = torch.ones_like(shot.panel_scale)
     footprints = footprints_of(kinds, step, (lit, lit), optics)
     return lost_variance(footprints, alpha, method.taps)
+
+
+def _lost_by_bins(points: Tensor, shot) -> Tensor:
+    """Return the variance that bins lose at image points (B, h, w, 2); see `variance_at`."""
+    shown, bins = content_of(shot), bins_on_image(points, shot)
+    step = bins.step / shown.ratio[:, None, None, None, None]
+    one = torch.ones_like(shot.panel_scale)[:, None, None]
+    seen = [(shown.footprint(axis, step, bins.sides), one, 1) for axis in (0, 1)]
+    return lost_variance(seen, shown.scale[:, None, None], shot.plan.method.taps)
 
 
 def lost_variance(

@@ -1,16 +1,26 @@
-"""Raw readings, packed as in `geometry.sensor`."""
+"""Raw readings, packed as in `geometry.sensor`, and where they lie on the photo."""
 
 from __future__ import annotations
 
 from torch import Tensor
 
+from moireaug.exposure.bins import pixels_on_photo
 from moireaug.geometry.sensor import pack
 
 
-def over_sensor(raw: Tensor, factor: Tensor, shot) -> Tensor:
-    """Return readings times a factor (B, h or 1, w or 1) that differs over the sensor."""
+def photo_coordinates(shot, device) -> tuple[Tensor, Tensor]:
+    """Return the photo coordinates u and v of the sensor's pixels, (w,) and (h, 1); of a binned
+    reading in the image's frame, (B, h, w) each."""
+    if shot.scene.is_rectified:
+        u, v = pixels_on_photo(shot)[0].unbind(-1)
+        return u, v
+    rows, cols = (pixels.positions(device) for pixels in shot.sampled_pixels())
+    return cols, rows[:, None]
+
+
+def in_planes(values: Tensor, raw: Tensor, shot) -> Tensor:
+    """Return values (B, h or 1, w or 1) that differ over the sensor, for the planes of a raw
+    reading: (B, 4 or 1, ...), of its dtype."""
     rows, cols = (len(pixels.index) for pixels in shot.sampled_pixels())
-    factor = factor.to(raw.dtype).expand(-1, rows, cols)
-    if shot.scene.cells != "rggb":
-        return raw * factor[:, None]
-    return raw * pack(factor)
+    values = values.to(raw.dtype).expand(-1, rows, cols)
+    return pack(values) if shot.scene.cells == "rggb" else values[:, None]

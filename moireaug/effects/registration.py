@@ -1,4 +1,4 @@
-"""Registration: the photo warped back to the frame of the image that was shown."""
+"""Registration: the photo in the frame of the image that was shown."""
 
 from __future__ import annotations
 
@@ -6,25 +6,43 @@ from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.effects.exposing import is_bent, is_posed
+from moireaug.exposure.bins import pixels_on_photo
 from moireaug.geometry import grids
 from moireaug.numeric import bounded
+from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
 
 class Registration(Effect):
-    """Warps the photo back to the image's frame, so that labels, boxes and masks stay valid."""
+    """Warps the photo back to the image's frame, so that labels, boxes and masks stay valid. Binned
+    readings lie there already; what the photo does not show of the image is blackened."""
 
     name = "register"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         if not scene.develop.registered:
             return left_out("the photo stays in the camera's frame")
-        if is_posed(scene) or is_bent(scene):
+        if not (is_posed(scene) or is_bent(scene)):
+            return left_out("the photo is in the image's frame already")
+        if not scene.is_rectified:
             return called("back to the image's frame")
-        return left_out("the photo is in the image's frame already")
+        if is_shown_whole(scene):
+            return left_out("bins are read in the image's frame")
+        return called("black where the photo does not show the image; bins are read in its frame")
 
     def __call__(self, photo: Tensor, shot) -> Tensor:
+        if shot.scene.is_rectified:
+            _, shown = pixels_on_photo(shot)
+            return photo * shown.to(photo.dtype)[:, None]
         return register(photo, shot.matrix(), shot.distortion)
+
+
+def is_shown_whole(scene: SceneRecord) -> bool:
+    """Whether the photo always shows all of the image: one that fits, is not enlarged and not
+    moved."""
+    view = scene.view
+    still = not any(any(bounds(shift)) for shift in (view.shift_x, view.shift_y))
+    return view.fit and bounds(view.zoom)[1] <= 1 and still
 
 
 def register(photo: Tensor, matrix: Tensor, lens: grids.Lens | None) -> Tensor:

@@ -49,7 +49,7 @@ class Noise(Effect):
     def __call__(self, raw: Tensor, shot) -> Tensor:
         read, photons = shot.sensor.read_noise, shot.sensor.shot_noise
         if shot.scene.is_binned:
-            root = averaged_pixels(shot, shot.sensor_scale).sqrt()
+            root = averaged_pixels(shot, shot.bin_scale).sqrt()
             read, photons = read / root, photons / root
         return add_noise(raw, read, photons, shot.seed)
 
@@ -140,7 +140,7 @@ torch.library.register_fake(
 
 def averaged_pixels(shot, scale: Tensor) -> Tensor:
     """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
-    `scale` (B,) sensor pixels per photo pixel."""
+    `shot.bin_scale`."""
     share = 4 if shot.scene.cells == "binned" else 1
     return (scale.square() / share).clamp(min=1)
 
@@ -149,15 +149,14 @@ def averaged_away(shot) -> tuple[Tensor, Tensor, Tensor]:
     """Return the variance of sensor pixels that a binned reading has averaged away: of read noise
     and of photon noise at full scale, (B, 1, 1, 1) each, and of the panel's pattern, as a share of
     the squared reading, (B, 3)."""
-    scale = shot.sensor_scale
-    away = 1 - 1 / averaged_pixels(shot, scale)
+    away = 1 - 1 / averaged_pixels(shot, shot.bin_scale)
     read, photons = shot.sensor.read_noise.square(), shot.sensor.shot_noise.square()
     if "noise" not in shot.plan:
         read, photons = torch.zeros_like(read), torch.zeros_like(read)
     read, photons = ((away * t)[:, None, None, None] for t in (read, photons))
     pattern = torch.zeros_like(away)[:, None].expand(-1, 3)
     if "saturate" in shot.plan:
-        pattern = shot.plan.method.pattern_variance(shot, scale)
+        pattern = shot.plan.method.pattern_variance(shot)
     return read, photons, pattern
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, judged, show
-from moireaug.effects.readings import over_sensor
+from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
@@ -23,20 +23,19 @@ class Vignetting(Effect):
         )
 
     def __call__(self, raw: Tensor, shot) -> Tensor:
-        rows, cols = (pixels.positions(raw.device) for pixels in shot.sampled_pixels())
-        return over_sensor(raw, falloff(rows, cols, shot.size, shot.lens.vignetting), shot)
+        u, v = photo_coordinates(shot, raw.device)
+        return raw * in_planes(falloff(u, v, shot.size, shot.lens.vignetting), raw, shot)
 
 
-def falloff(rows: Tensor, cols: Tensor, size: tuple[int, int], loss: Tensor) -> Tensor:
+def falloff(u: Tensor, v: Tensor, size: tuple[int, int], loss: Tensor) -> Tensor:
     """Return the share of light that is left, (B, h, w): 1 in the photo's centre and 1 - `loss`
     (B,) in its corners. The loss lies in [0, 1).
 
     Args:
-        rows, cols: (h,) and (w,) photo coordinates. size: height and width of the photo.
+        u, v: photo coordinates that broadcast to (h, w) or (B, h, w). size: height and width of the
+            photo.
     """
     h, w = size
-    r2 = ((rows - h / 2).square()[:, None] + (cols - w / 2).square()[None, :]) * (
-        4 / (h * h + w * w)
-    )
+    r2 = ((u - w / 2).square() + (v - h / 2).square()) * (4 / (h * h + w * w))
     steep = ((1 - loss) ** -0.5 - 1)[:, None, None]  # the squared tangent of the corner's ray
     return (1 + steep * r2) ** -2

@@ -13,7 +13,7 @@ from moireaug.engine.compiling import fill, kernel, loop, part
 from moireaug.engine.develop import develop as develop_image
 from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
-from moireaug.engine.exposure_records import Camera, Cell, Given
+from moireaug.engine.exposure_records import BinnedImage, Camera, Cell, Given
 from moireaug.engine.point import expose_point
 from moireaug.engine.register import looked_at, register, register_back, room
 
@@ -29,7 +29,7 @@ def _camera(row):
     return Camera(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10],
         row[11], row[12], row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
-        row[21], row[22], row[23], row[24], row[25], row[26],
+        row[21], row[22], row[23], row[24], row[25], row[26], row[27],
     )  # fmt: skip
 
 
@@ -46,7 +46,7 @@ def fits(e):
         camera = _camera(e.cameras[i])
         h, w = panel.shape(e.size, camera.alpha, e.cell)
         out[i] = h * w <= most and nodes.fits(
-            camera, e.cell, e.widths[i], e.skew[i], e.sites, e.dark
+            camera, _camera(e.lenses[i]), e.cell, e.widths[i], e.skew[i], e.sites, e.dark
         )
     return out
 
@@ -87,6 +87,13 @@ def show(shown, light, pictures, e, first, last):
         panel.show(_panel(shown[i - first], alpha, e), light, alpha, e.cell, e.dark)
 
 
+@part
+def _nodes(camera, cell, e, i):
+    """Return the Nodes of image i."""
+    lens, shapes = _camera(e.lenses[i]), (e.coefficients[i], e.widths[i], e.skew[i])
+    return nodes.prepare(camera, lens, cell, shapes[0], shapes[1], shapes[2], e.sites)
+
+
 @kernel
 def expose(raw, shown, e, first, last, top, bottom):
     """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the
@@ -101,7 +108,7 @@ def expose(raw, shown, e, first, last, top, bottom):
             e.filters[i],
             e.white[i],
             e.cell,
-            nodes.prepare(camera, e.cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites),
+            _nodes(camera, e.cell, e, i),
             e.sites,
             e.flicker[i],
             e.noise,
@@ -127,7 +134,7 @@ def beats_fit(e, b):
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = _camera(b.cameras[i])
-        out[i] = beat_terms.fits(e.sites, camera, b.scale[i], b.period, b.orders, b.strength[i])
+        out[i] = beat_terms.fits(e.sites, camera, b.wide[i], b.period, b.orders, b.strength[i])
     return out
 
 
@@ -138,29 +145,17 @@ def expose_binned(raw, shown, e, b, first, last, top, bottom):
     `exposure_records.Beats`."""
     for i in range(first, last):
         camera, cell = _camera(e.cameras[i]), _cell_of(e.cell, b.centres[i])
-        seen = _camera(b.cameras[i])
+        sensor = _camera(b.cameras[i])
+        given = Given(
+            e.filters[i], np.ones((3, 3)), e.white[i], e.flicker[i], e.noise, e.clips,
+            b.coefficients[i], b.mean[i], b.away[i], b.saturates, b.bayer,
+        )  # fmt: skip
+        terms = beats.prepare(b, i, sensor, e.filters[i], e.size, e.sites)
         expose_bins(
             raw[i],
             _panel(shown[i - first], camera.alpha, e),
             (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
-            camera,
-            cell,
-            nodes.prepare(camera, cell, e.coefficients[i], e.widths[i], e.skew[i], e.sites),
-            e.sites,
-            beats.prepare(b, i, seen, e.filters[i], e.size, e.sites),
-            Given(
-                e.filters[i],
-                np.ones((3, 3)),
-                e.white[i],
-                e.flicker[i],
-                e.noise,
-                e.clips,
-                b.coefficients[i],
-                b.mean[i],
-                b.away[i],
-                b.saturates,
-                b.bayer,
-            ),
+            BinnedImage(camera, sensor, cell, _nodes(camera, cell, e, i), e.sites, terms, given),
             e.seeds[i],
             top,
             bottom,

@@ -71,7 +71,7 @@ def explain(scene: Scene) -> str:
     lines = []
     for stage, reason in reasons(scene).items():
         line = f"reference: {reason}" if reason else "engine, on the CPU in float32"
-        rest = finishing(scene.plan())
+        rest = finishing(scene.plan(), rectified=scene.is_rectified)
         if stage == "develop" and rest and not reason:
             line += f"; reference from {rest[0].name!r} on"
         lines.append(f"{stage:8} {line}")
@@ -139,7 +139,7 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     if shot.scene.cells == "binned":
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)
-    rest = finishing(shot.plan)
+    rest = finishing(shot.plan, rectified=shot.scene.is_rectified)
     first = shot.plan.developing[: len(shot.plan.developing) - len(rest)]
     if shot.scene.cells == "binned":
         first = tuple(effect for effect in first if effect.name not in ("saturate", "demosaic"))
@@ -150,11 +150,11 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     return pipeline.apply(rest, run.develop(raw, lower_development(shot), reference), shot)
 
 
-def finishing(plan: pipeline.Plan) -> tuple[Effect, ...]:
-    """Return the effects that the engine has no kernel for: the denoiser, all that follows it, and
-    JPEG."""
+def finishing(plan: pipeline.Plan, *, rectified: bool) -> tuple[Effect, ...]:
+    """Return the effects that the engine has no kernel for: the denoiser, all that follows it, JPEG
+    and, of bins in the image's frame, what the photo does not show."""
     names = [effect.name for effect in plan.developing]
-    for name in ("denoise", "jpeg"):
+    for name in ("denoise", "register", "jpeg") if rectified else ("denoise", "jpeg"):
         if name in names:
             return plan.developing[names.index(name) :]
     return ()

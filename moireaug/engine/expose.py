@@ -9,7 +9,7 @@ from moireaug.engine.compiling import fill, inner, once, part
 from moireaug.engine.glow import glow
 from moireaug.engine.nodes import bracket
 from moireaug.engine.random_numbers import keys
-from moireaug.engine.rows import BITS, LIGHT, NUMBERS, places_of, row_of
+from moireaug.engine.rows import BITS, LIGHT, NUMBERS, V, places_of, row_of
 from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.shares import sizes
 from moireaug.engine.vectors import add
@@ -47,6 +47,7 @@ def _expose(
             end = min(start + band, len(rows)) - 1
             middle = (rows[start] + rows[end]) / 2
             cell_weights(row.weights, nodes, middle, rows[0])
+        fill(row.at[V], v)
         pulse = flicker[r] if len(flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
@@ -58,8 +59,8 @@ def _expose(
                 passed = filters[sites.channel[plane], colour] * pulse
                 add(light, row.glow[colour], np.float32(passed))
             u = places.u[plane]
-            reflect(light, u, v, white[plane], camera)
-            attenuate(light, u, v, camera)
+            reflect(light, u, row.at[V], white[plane], camera)
+            attenuate(light, u, row.at[V], camera)
             start = (plane * h + r // step) * w
             out = raw[plane, r // step]
             read(out, light, camera, start, noise, noise_keys, numbers, bits, clips)

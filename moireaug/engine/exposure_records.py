@@ -42,6 +42,7 @@ class Camera(NamedTuple):
     glare: float  # light that the glass reflects, as a share of a white screen's
     glare_u: float  # and what a photo pixel to the right, and down, adds to it
     glare_v: float
+    rectified: float  # 1 if pixels lie in the image's frame; then h is about both centres
 
 
 class Cell(NamedTuple):
@@ -109,7 +110,8 @@ class Exposure(NamedTuple):
 
     Args:
         size: height and width of the pictures.
-        cameras: (B, fields) float64, those of one `Camera` per image.
+        cameras: (B, fields) float64, those of one `Camera` per image, of pixels. lenses: likewise,
+            of what blurs them: the same, or of a binned reading, those of sensor pixels.
         filters: (B, 3, 3) float64, what each filter passes of red, green and blue light.
         white: (B, planes) float64, what each plane reads of a white screen on average.
         black: (B,) float32, light of a black pixel as a share of a white one's.
@@ -129,6 +131,7 @@ class Exposure(NamedTuple):
 
     size: tuple[int, int]
     cameras: np.ndarray
+    lenses: np.ndarray
     filters: np.ndarray
     white: np.ndarray
     black: np.ndarray
@@ -153,8 +156,8 @@ class Beats(NamedTuple):
 
     Args:
         cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
-        scale: (B,) float64, sensor pixels per photo pixel. ratio: (B,) float64, panel pixels per
-            pixel of the panel that is shown.
+        wide: (B,) float64, by how much bins are enlarged to be as large as a sensor pixel. ratio:
+            (B,) float64, panel pixels per pixel of the panel that is shown.
         centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
         period: (2,) int64, of the layout. orders: (K, 2) int64, its harmonics.
         coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
@@ -166,7 +169,7 @@ class Beats(NamedTuple):
     """
 
     cameras: np.ndarray
-    scale: np.ndarray
+    wide: np.ndarray
     ratio: np.ndarray
     centres: np.ndarray
     period: np.ndarray
@@ -239,3 +242,16 @@ class Nodes(NamedTuple):
     columns: int
     step_uw: float
     step_vw: float
+
+
+class BinnedImage(NamedTuple):
+    """What one image's binned reading is computed from: `camera` of photo pixels, `sensor` of
+    sensor pixels."""
+
+    camera: Camera
+    sensor: Camera
+    cell: Cell
+    nodes: Nodes
+    sites: Sites
+    terms: Terms
+    given: Given

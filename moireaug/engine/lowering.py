@@ -15,7 +15,7 @@ HOMOGRAPHY = [f"h{row}{column}" for row in range(3) for column in range(3)]
 def lower_cameras(
     inverse: np.ndarray,
     size: tuple[int, int],
-    scales: tuple[float, float],
+    scales: tuple[float | np.ndarray, float | np.ndarray],
     fields: dict[str, np.ndarray],
 ) -> np.ndarray:
     """Return the fields of one Camera per image, (B, fields).
@@ -24,9 +24,10 @@ def lower_cameras(
         inverse: (B, 3, 3), homography from ideal photo coordinates about the centre to image
             coordinates.
         size: height and width of photo and image. scales: sensor pixels per photo pixel, along rows
-            and columns.
+            and columns, one number or (B,) each.
         fields: (B,) each: k1, k2, alpha, fill, blur, olpf, gain, read, shot, vignetting, motion_x,
-            motion_y, glare, glare_x and glare_y; neutral values for effects that are not planned.
+            motion_y, glare, glare_x, glare_y and rectified; neutral values for effects that are not
+            planned.
     """
     h, w = size
     homography = dict(zip(HOMOGRAPHY, inverse.reshape(-1, 9).T, strict=True))

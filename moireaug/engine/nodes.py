@@ -31,15 +31,19 @@ def sample(positions, k, count):
 
 
 @inner
-def _fill_scales(seen, rows, cols, camera):
-    """Fill seen (samples along v, along u, 2) with how many of the panel's pixels a sensor pixel
-    spans along both axes of the panel."""
+def _fill_scales(seen, rows, cols, camera, lens):
+    """Fill seen (samples along v, along u, 2) with how many of the panel's pixels a pixel spans
+    along both axes of the panel."""
     for i in range(SAMPLES):
         for j in range(SAMPLES):
             u, v = sample(cols, j, SAMPLES), sample(rows, i, SAMPLES)
             xu, xv, yu, yv = jacobian(u, v, camera)
-            seen[i, j, 0] = math.sqrt(xu * xu + xv * xv)
-            seen[i, j, 1] = math.sqrt(yu * yu + yv * yv)
+            x, y = xu * xu + xv * xv, yu * yu + yv * yv
+            if lens.rectified != 0:  # pixels are alike, and what varies is the lens's spread
+                xu, xv, yu, yv = jacobian(u, v, lens)
+                blur = 12 * lens.blur * lens.blur
+                x, y = x + (xu * xu + xv * xv) * blur, y + (yu * yu + yv * yv) * blur
+            seen[i, j, 0], seen[i, j, 1] = math.sqrt(x), math.sqrt(y)
 
 
 @inner
@@ -73,7 +77,7 @@ def _fastest(seen, axis_of_photo, highest, passed):
 
 
 @inner
-def _swing(rows, cols, camera, axis_of_photo):
+def _swing(rows, cols, camera, lens, axis_of_photo):
     """Return how much the motion along the panel's axes changes along u (0) or v (1), as a share of
     the rest of the spread, if it does so over the whole photo as where it changes sign: there the
     whole spread has its least value, with a kink if the rest is small."""
@@ -85,12 +89,17 @@ def _swing(rows, cols, camera, axis_of_photo):
             if axis_of_photo == 1:
                 u, v = sample(cols, i, SAMPLES), sample(rows, j, SAMPLES)
                 u2, v2 = u, sample(rows, j + 1, SAMPLES)
-            here, there = jacobian(u, v, camera), jacobian(u2, v2, camera)
+            by_camera = jacobian(u, v, camera)
+            here = weights.by_lens(by_camera, u, v, camera, lens)
+            there = weights.by_lens(jacobian(u2, v2, camera), u2, v2, camera, lens)
             for axis in range(2):
-                a = weights.moved(here[2 * axis], here[2 * axis + 1], camera)
-                b = weights.moved(there[2 * axis], there[2 * axis + 1], camera)
+                x, y = 2 * axis, 2 * axis + 1
+                a = weights.moved(here[x], here[y], lens)
+                b = weights.moved(there[x], there[y], lens)
                 if a * b < 0:
-                    still = weights.still(here[2 * axis], here[2 * axis + 1], camera)
+                    still = weights.still(
+                        by_camera[x], by_camera[y], camera.fill, here[x], here[y], lens
+                    )
                     found = max(found, abs(a - b) / math.sqrt(still + weights.NARROWEST))
     return found * (SAMPLES - 1)
 
@@ -102,11 +111,11 @@ def _count(steps, fewest):
 
 
 @loop
-def _counts(rows, cols, camera, cell):
+def _counts(rows, cols, camera, lens, cell):
     """Return how many nodes the amplitudes and the weights (first axis) need along u and v (second
     axis): (2, 2) int64, MOST + 1 where they need more than MOST."""
     seen, highest = np.empty((SAMPLES, SAMPLES, 2)), np.empty(2)
-    _fill_scales(seen, rows, cols, camera)
+    _fill_scales(seen, rows, cols, camera, lens)
     _fill_highest(highest, cell)
     change, cycles, passed = np.empty(2), np.empty(2), PASSED / max(camera.blur, 1e-6)
     for k in range(2):
@@ -118,13 +127,13 @@ def _counts(rows, cols, camera, cell):
             out[0, k], out[1, k] = 4, 2
             continue
         out[0, k] = _count(max(cycles[k] / CYCLES, change[k] / STEP), fewest)
-        swing = _swing(rows, cols, camera, k) / SWING
+        swing = _swing(rows, cols, camera, lens, k) / SWING
         out[1, k] = _count(max(change[k] / STEP_OF_WEIGHTS, swing), 5)
     return out
 
 
 @loop
-def _narrowed(rows, cols, camera, cell, widths, skew):
+def _narrowed(rows, cols, camera, lens, cell, widths, skew):
     """Return whether any of a few sensor pixels over the photo sees more cells than are looked
     at."""
     spread = np.empty((2, 2), np.float64)
@@ -132,21 +141,22 @@ def _narrowed(rows, cols, camera, cell, widths, skew):
         for j in range(SEEN):
             u, v = sample(cols, j, SEEN), sample(rows, i, SEEN)
             for kind in range(len(widths)):
+                period, width = cell.period[kind], widths[kind]
                 if weights.spreads(
-                    spread, u, v, camera, cell.period[kind], widths[kind], skew[kind], cell.radius
+                    spread, u, v, camera, lens, period, width, skew[kind], cell.radius
                 ):
                     return True
     return False
 
 
 @loop
-def fits(camera, cell, widths, skew, sites, dark):
+def fits(camera, lens, cell, widths, skew, sites, dark):
     """Return whether the kernels can follow a view: not one near the horizon, nor, if `dark`, one
     from so far away that a pixel sees more cells than are looked at. Arguments as in
     `expose.expose` and `panel.show`."""
-    if dark and _narrowed(sites.rows, sites.cols, camera, cell, widths, skew):
+    if dark and _narrowed(sites.rows, sites.cols, camera, lens, cell, widths, skew):
         return False
-    counts, most = _counts(sites.rows, sites.cols, camera, cell), 0
+    counts, most = _counts(sites.rows, sites.cols, camera, lens, cell), 0
     for k in range(2):
         most = max(most, counts[0, k], counts[1, k])
     return most <= MOST
@@ -196,10 +206,10 @@ def cubics(ends, weight, positions, first, step):
 
 
 @part
-def prepare(camera, cell, coefficients, widths, skew, sites):
+def prepare(camera, lens, cell, coefficients, widths, skew, sites):
     """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
-    counts = _counts(rows, cols, camera, cell)
+    counts = _counts(rows, cols, camera, lens, cell)
     us, step_u = line_of(cols, counts[0, 0])
     vs, step_v = line_of(rows, counts[0, 1])
     amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
@@ -213,5 +223,5 @@ def prepare(camera, cell, coefficients, widths, skew, sites):
         harmonics.along_row(lines[column], amplitude, terms, ends, weight)
     us, step_uw = line_of(cols, counts[1, 0])
     vs, step_vw = line_of(rows, counts[1, 1])
-    tables, phases, cells = weights.weights(us, vs, camera, cell, widths, skew)
+    tables, phases, cells = weights.weights(us, vs, camera, lens, cell, widths, skew)
     return Nodes(terms, lines, step_v, tables, phases, cells, len(us), step_uw, step_vw)

@@ -120,8 +120,10 @@ def expose_point(
     bits = np.empty(w, np.int32)
     noise_keys = keys(seed)
     step = sites.step
+    vs = np.empty(w, np.float64)
     for r in range(h * step):
         v = sites.rows[r]
+        fill(vs, v)
         pulse = flicker[r] if len(flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
@@ -151,8 +153,8 @@ def expose_point(
                     np.int32(width),
                     np.float32(lit * passed),
                 )
-            reflect(line, u, v, white[plane], camera)
-            attenuate(line, u, v, camera)
+            reflect(line, u, vs, white[plane], camera)
+            attenuate(line, u, vs, camera)
             row = r // step
             read(
                 raw[plane, row],

@@ -63,11 +63,10 @@ def _fitting_zoom(
     return (to_edge * (1 + r2 * (k1 + k2 * r2))).min(0)
 
 
-def inverse(m: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return the way back, from ideal photo coordinates about the centre to image coordinates,
-    (B, 3, 3)."""
-    h, w = size
-    out = np.linalg.inv(m)
+def from_corner(m: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return homographies (B, 3, 3) to image coordinates about the centre as those to image
+    coordinates."""
+    (h, w), out = size, m.copy()
     out[:, 0] += w / 2 * out[:, 2]
     out[:, 1] += h / 2 * out[:, 2]
     return out

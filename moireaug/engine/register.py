@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine.compiling import inner, loop, part
 from moireaug.engine.vectors import peek, poke
-from moireaug.geometry.distortion import NEWTON_STEPS
+from moireaug.engine.view import undistorted
 from moireaug.geometry.grids import NEAR_HORIZON
 
 STEPS = 1024
@@ -25,31 +25,15 @@ def room(h: int, w: int) -> int:
     return 3 * h * w + w + 1
 
 
-@inner
-def _newton_step(out, ideal, k1, k2):
-    """Bring radii nearer to those that the lens takes to the ideal ones."""
-    for i in range(len(out)):
-        r = out[i]
-        r2 = r * r
-        error = r * (1 + r2 * (k1 + k2 * r2)) - peek(ideal, i)
-        slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), 0.05)
-        poke(out, i, min(max(r - error / slope, 0.0), 1.2))
-
-
 @loop
 def undistortion(k1, k2):
     """Return the factor that takes ideal points to photo points, at STEPS + 2 squares of the ideal
     radius from 0 to that of the photo's corners; and how many steps there are to 1."""
     edge = (1 + k1 + k2) ** 2
-    ideal, out = np.empty(STEPS + 2), np.empty(STEPS + 2)
-    turn = -0.3 * k1 / k2  # see `inverse_radial_factor`
+    out = np.empty(STEPS + 2)
     for i in range(STEPS + 2):
-        ideal[i] = math.sqrt(i * edge / STEPS)
-        out[i] = math.sqrt(turn) if 0 < turn < 1 else min(ideal[i], 1.0)
-    for _ in range(NEWTON_STEPS):
-        _newton_step(out, ideal, k1, k2)
-    for i in range(STEPS + 2):
-        out[i] = out[i] / ideal[i] if ideal[i] > 1e-12 else 1.0
+        ideal = math.sqrt(i * edge / STEPS)
+        out[i] = undistorted(ideal, k1, k2) / ideal if ideal > 1e-12 else 1.0
     return out, STEPS / edge
 
 
@@ -95,6 +79,20 @@ def _aim(x, y, square, r, view, per_square, h, w):
         poke(x, i, right)
         poke(y, i, below)
         poke(square, i, min((right * right + below * below) * bend * per_square, last))
+
+
+@inner
+def photo_row(u, v, ideal, r, view, factor, per_square, size):
+    """Fill u and v (w,) with where row r of an image (height, width) lies on the photo, about its
+    centre; ideal: (3, w) float64, workspace. The rest as in `register`."""
+    _aim(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, size[0], size[1])
+    for i in range(len(u)):
+        square = peek(ideal[SQUARE], i)
+        k = np.int32(square)
+        low = peek(factor, k)
+        bent = low + (square - k) * (peek(factor, np.int32(k + ONE32)) - low)
+        poke(u, i, peek(ideal[X], i) * bent)
+        poke(v, i, peek(ideal[Y], i) * bent)
 
 
 @inner

@@ -15,7 +15,7 @@ from moireaug.engine.shares import sizes
 ZERO, ONE = np.float32(0), np.float32(1)
 
 # what the rows of a Row's arrays hold
-X, Y = range(2)
+X, Y, U, V = range(4)
 NEAREST_X, NEAREST_Y, FIRST_X, FIRST_Y, BASE, PLACE, BITS = range(7)
 PAST_X, PAST_Y, BETWEEN, CONTENT, THROUGH, LIGHT, NUMBERS = range(7)
 EVEN, ODD, HERE, BESIDE, COS_X, SIN_X = range(6)
@@ -103,7 +103,8 @@ class Row(NamedTuple):
 
     Args:
         weights: (kinds, ...) float32, those of cells at this row's nodes.
-        at: (2, w) float64, where each pixel looks, X and Y in panel pixels.
+        at: (4, w) float64, where each pixel looks, X and Y in panel pixels, and where it lies on
+            the photo, U and V about the centre.
         whole: (7, w) int32, the NEAREST cell, the FIRST of the cells that are looked at, its BASE
             on the flattened panel, and the PLACE of its weights, see `lookup`; the BITS of random
             numbers.
@@ -161,7 +162,7 @@ def row_of(w, cell, nodes):
     _shifts(cos, sin, cell)
     return Row(
         np.empty((kinds, n), np.float32),
-        np.empty((2, w), np.float64),
+        np.empty((4, w), np.float64),
         np.empty((7, w), np.int32),
         np.empty((7, w), np.float32),
         np.empty((3, w), np.float32),

@@ -17,26 +17,27 @@ ZERO, ONE = np.float32(0), np.float32(1)
 
 
 @inner
-def reflect(line, cols, v, white, camera):
-    """Add what the glass reflects to a row; cols and v are photo coordinates about the centre,
+def reflect(line, u, v, white, camera):
+    """Add what the glass reflects to a row; u and v (w,) are photo coordinates about the centre,
     white is what the row reads of a white screen on average."""
     if camera.glare == 0:
         return
-    first = camera.glare + camera.glare_v * v
     for i in range(len(line)):
-        line[i] += np.float32(white * (first + camera.glare_u * cols[i]))
+        glare = camera.glare + camera.glare_u * u[i] + camera.glare_v * v[i]
+        line[i] += np.float32(white * glare)
 
 
 @inner
-def attenuate(line, cols, v, camera):
-    """Multiply a row by gain and vignetting; cols and v are photo coordinates about the centre."""
+def attenuate(line, u, v, camera):
+    """Multiply a row by gain and vignetting; u and v (w,) are photo coordinates about the
+    centre."""
     gain = np.float32(camera.gain)
     if camera.falloff == 0:
         for i in range(len(line)):
             line[i] *= gain
         return
     for i in range(len(line)):
-        dimmed = 1 + camera.falloff * camera.bend * (cols[i] * cols[i] + v * v)
+        dimmed = 1 + camera.falloff * camera.bend * (u[i] * u[i] + v[i] * v[i])
         line[i] *= np.float32(gain / (dimmed * dimmed))
 
 

@@ -3,42 +3,90 @@
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from moireaug.effects.sensor import averaged_pixels
-from moireaug.engine import lowering
-from moireaug.engine.exposure_records import Beats, Camera, Cell
-from moireaug.exposure.bin_content import Content, content_of
+from moireaug.engine import lowering, pose
+from moireaug.engine.exposure_records import Beats, Cell
+from moireaug.engine.shot_numbers import bin_scale_of, panel_scale_of, sensor_scale_of
+from moireaug.exposure.bin_content import Content
 from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import as_layout
 from moireaug.scene.shot import ShotRecord
 
 
-def content_in_bins(shot: ShotRecord, alpha: np.ndarray, scale: np.ndarray) -> Content:
-    """Return a shot's Content, given `shot.panel_scale` and `shot.sensor_scale`."""
-    with torch.no_grad():
-        return content_of(shot, torch.from_numpy(alpha), torch.from_numpy(scale))
+class BinScales(NamedTuple):
+    """`shot.panel_scale`, `shot.sensor_scale` and `shot.bin_scale`, (B,) each."""
+
+    panel: np.ndarray
+    sensor: np.ndarray
+    bin: np.ndarray
+
+    @property
+    def wide(self) -> np.ndarray:
+        """By how much bins are enlarged to be as large as a sensor pixel, (B,)."""
+        return np.maximum(1 / self.bin, 1)
 
 
-def fields_in_bins(shot: ShotRecord, seen: Content, scale: np.ndarray) -> dict[str, np.ndarray]:
-    """Return those fields of a Camera of photo pixels that differ from a sensor's."""
-    optics = seen.optics
-    fields = {
-        "alpha": seen.scale,
-        "fill": optics.fill,
-        "blur": optics.blur,
-        "olpf": optics.olpf,
-        "motion_x": optics.motion_x,
-        "motion_y": optics.motion_y,
-    }
-    if "noise" in shot.plan:
-        root = averaged_pixels(shot, torch.from_numpy(scale)).sqrt()
-        drawn = shot.numbers()
-        fields["read"] = drawn["sensor.read_noise"] / root
-        fields["shot"] = drawn["sensor.shot_noise"] / root
-    return {name: values.detach().numpy() for name, values in fields.items()}
+def bin_scales(shot: ShotRecord, drawn: dict[str, np.ndarray], magnified: np.ndarray) -> BinScales:
+    """Return a shot's BinScales, given its numbers and the second result of `homography_of`."""
+    sensor = sensor_scale_of(shot, drawn, magnified)
+    bin_ = bin_scale_of(shot, drawn, magnified)
+    return BinScales(panel_scale_of(shot, drawn), sensor, bin_)
+
+
+class BinCameras(NamedTuple):
+    """The cameras of a binned reading, (B, fields) each: of photo pixels, of what blurs them and of
+    sensor pixels; see `exposure_records`."""
+
+    pixels: np.ndarray
+    lenses: np.ndarray
+    sensors: np.ndarray
+
+
+def lower_bin_cameras(
+    shot: ShotRecord,
+    inverse: np.ndarray,
+    fields: dict[str, np.ndarray],
+    seen: Content,
+    scales: BinScales,
+) -> BinCameras:
+    """Return a shot's BinCameras.
+
+    Args:
+        inverse: (B, 3, 3), from ideal photo to image coordinates, both about the centre.
+        fields: see `lowering.lower_cameras`, of sensor pixels.
+    """
+    zero = np.zeros(len(shot))
+    of_bins = fields | _noise_of_bins(shot, scales.bin)
+    of_bins |= {"alpha": seen.scale.numpy(), "fill": scales.wide}
+    sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
+    blur = {"alpha": seen.scale.numpy(), "fill": zero, "blur": seen.optics.blur.numpy()}
+    images = pose.from_corner(inverse, shot.size)
+    of_sensor = images
+    if shot.scene.is_rectified:
+        # pixels look straight at the picture
+        of_bins |= {"k1": zero, "k2": zero}
+        images = pose.from_corner(np.eye(3)[None].repeat(len(shot), 0), shot.size)
+        of_sensor = inverse
+    per_pixel = scales.sensor, scales.sensor
+    return BinCameras(
+        lowering.lower_cameras(images, shot.size, (1.0, 1.0), of_bins),
+        lowering.lower_cameras(of_sensor, shot.size, per_pixel, sensor | blur),
+        lowering.lower_cameras(of_sensor, shot.size, per_pixel, sensor),
+    )
+
+
+def _noise_of_bins(shot: ShotRecord, scale: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the noise of bins of `scale` (B,) sensor pixels a side."""
+    if "noise" not in shot.plan:
+        return {}
+    root, drawn = averaged_pixels(shot, torch.from_numpy(scale)).sqrt(), shot.numbers()
+    read, photons = (drawn[f"sensor.{name}_noise"] / root for name in ("read", "shot"))
+    return {"read": read.detach().numpy(), "shot": photons.detach().numpy()}
 
 
 def shapes_in_bins(seen: Content) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -60,14 +108,8 @@ def cell_in_bins(taps: int) -> Cell:
     return cell._replace(height=np.arange(3), row=np.arange(3))
 
 
-def lower_beats(
-    shot: ShotRecord, cameras: np.ndarray, seen: Content, alpha: np.ndarray, scale: np.ndarray
-) -> Beats:
-    """Return a shot's Beats.
-
-    Args:
-        cameras: of photo pixels; see `lowering.lower_cameras`.
-    """
+def lower_beats(shot: ShotRecord, sensors: np.ndarray, seen: Content, scales: BinScales) -> Beats:
+    """Return a shot's Beats; sensors: see `BinCameras`."""
     layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
     harmonics = np.array(method.harmonics, np.int64).reshape(-1, 2)
     lit = [share.detach() for share in emitting_share(shot.panel)]
@@ -77,8 +119,8 @@ def lower_beats(
     mean = np.stack([mean_light(layout, c, *(t.numpy() for t in lit)) for c in range(3)], 1)
     centres = 0.5 + seen.shift.detach().numpy()
     return Beats(
-        cameras=_sensor_cameras(cameras, shot, alpha, scale),
-        scale=scale,
+        cameras=sensors,
+        wide=scales.wide,
         ratio=np.ascontiguousarray(seen.ratio.detach().numpy()),
         centres=np.ascontiguousarray(centres),
         period=np.array(layout.period, np.int64),
@@ -86,31 +128,10 @@ def lower_beats(
         coefficients=waves.astype(np.float32),
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
         mean=mean,
-        away=_noise_away(shot, scale),
+        away=_noise_away(shot, scales.bin),
         saturates="saturate" in shot.plan,
         bayer=shot.scene.cells == "binned",
     )
-
-
-def _sensor_cameras(
-    cameras: np.ndarray, shot: ShotRecord, alpha: np.ndarray, scale: np.ndarray
-) -> np.ndarray:
-    """Return the cameras of sensor pixels from those of photo pixels."""
-    lens, out = shot.lens, cameras.copy()
-    own = {
-        "alpha": alpha,
-        "scale_u": scale,
-        "scale_v": scale,
-        "fill": shot.sensor.fill,
-        "blur": lens.blur,
-        "olpf": lens.olpf,
-        "motion_x": lens.motion_x,
-        "motion_y": lens.motion_y,
-    }
-    for name, values in own.items():
-        numbers = values.detach().numpy() if isinstance(values, torch.Tensor) else values
-        out[:, Camera._fields.index(name)] = numbers
-    return out
 
 
 def _share_away(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:

@@ -22,10 +22,10 @@ from moireaug.engine.development_records import (
 from moireaug.engine.resampling import lower_means, lower_resize, lower_stencil
 from moireaug.engine.shot_numbers import (
     KEPT,
+    bin_scale_of,
     distortion_of,
     homography_of,
     numbers_of,
-    sensor_scale_of,
 )
 from moireaug.geometry.sensor import SampledPixels
 from moireaug.scene.shot import REACH, ShotRecord, sampled_by
@@ -54,7 +54,7 @@ def lower_development(shot: ShotRecord) -> Development:
     if "brighten" in plan:
         brighten[:] = drawn["develop.brighten"]
     homography, magnified = homography_of(shot, drawn)
-    scale = sensor_scale_of(shot, drawn, magnified)
+    scale = bin_scale_of(shot, drawn, magnified)
     denoises, detail = "denoise" in plan, _detail_of(shot, drawn, scale)
     levels = np.float32(0)
     if "bits" in plan and sensor.bits is not None:
@@ -79,23 +79,28 @@ def lower_development(shot: ShotRecord) -> Development:
         codes=codes,
         finishes=("chroma_blur" in plan or "sharpen" in plan) and not denoises,
         detail=detail,
-        registers="register" in plan and not denoises,
+        registers=_warps(shot) and not denoises,
         registration=_registration_of(shot, drawn, homography),
     )
+
+
+def _warps(shot: ShotRecord) -> bool:
+    """Return whether the photo is brought back to the image's frame, where bins lie already."""
+    return "register" in shot.plan and not shot.scene.is_rectified
 
 
 def _registration_of(
     shot: ShotRecord, drawn: dict[str, np.ndarray], homography: np.ndarray
 ) -> Registration:
     views, lens = np.empty((0, 3, 3)), np.empty((0, 2))
-    if "register" in shot.plan:
+    if _warps(shot):
         views = homography
         lens = np.stack(distortion_of(shot, drawn), 1)
     return Registration(views, lens)
 
 
 def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray) -> Detail:
-    """Return a shot's Detail, given `shot.sensor_scale`; neutral values for effects that are not
+    """Return a shot's Detail, given `shot.bin_scale`; neutral values for effects that are not
     planned."""
     plan, how = shot.plan, shot.scene.develop
     rows, cols = shot.sampled_pixels()

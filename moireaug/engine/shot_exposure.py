@@ -9,14 +9,14 @@ import numpy as np
 import torch
 
 from moireaug.effects import prefilter
-from moireaug.effects.flicker import bands_of
+from moireaug.effects.flicker import BANDS_PER_ROW, light_of_rows
 from moireaug.engine import lowering, pose
 from moireaug.engine.exposure_records import Beats, Cell, Exposure, Point, Sites
 from moireaug.engine.shot_binned import (
+    bin_scales,
     cell_in_bins,
-    content_in_bins,
-    fields_in_bins,
     lower_beats,
+    lower_bin_cameras,
     shapes_in_bins,
 )
 from moireaug.engine.shot_numbers import (
@@ -25,9 +25,9 @@ from moireaug.engine.shot_numbers import (
     homography_of,
     numbers_of,
     panel_scale_of,
-    sensor_scale_of,
 )
 from moireaug.exposure.base import Exposure as Method
+from moireaug.exposure.bin_content import content_of
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA
 from moireaug.panel.fourier import emitting_share, mean_light, own_orders
@@ -44,18 +44,21 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
     """
     plan, drawn = shot.plan, numbers_of(shot)
     homography, magnified = homography_of(shot, drawn)
-    alpha, binned = panel_scale_of(shot, drawn), shot.scene.is_binned
-    fields = _fields_of(shot, drawn) | {"alpha": alpha}
+    fields, inverse = _fields_of(shot, drawn), np.linalg.inv(homography)
+    binned = shot.scene.is_binned
     if binned:
-        scale = sensor_scale_of(shot, drawn, magnified)
-        seen = content_in_bins(shot, alpha, scale)
-        fields |= fields_in_bins(shot, seen, scale)
+        with torch.no_grad():
+            seen = content_of(shot)
+        scales = bin_scales(shot, drawn, magnified)
+        cameras, lenses, sensors = lower_bin_cameras(shot, inverse, fields, seen, scales)
         cell, (coefficients, widths, skew) = cell_in_bins(plan.method.taps), shapes_in_bins(seen)
     else:
         cell, (coefficients, widths, skew) = _cell(shot.scene, plan.method), _shapes_of(shot)
-    rows, cols = shot.sampled_pixels()
-    back = pose.inverse(homography, shot.size)
-    cameras = lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
+        rows, cols = shot.sampled_pixels()
+        fields |= {"alpha": panel_scale_of(shot, drawn)}
+        back = pose.from_corner(inverse, shot.size)
+        cameras = lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
+        lenses = cameras
     filters = _filters_of(shot, drawn)
     black, share = np.zeros((2, len(shot)), np.float32)
     if "black_level" in plan and not decoded:
@@ -65,6 +68,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
     exposure = Exposure(
         size=shot.size,
         cameras=cameras,
+        lenses=lenses,
         filters=filters,
         white=_white_of(shot, filters),
         black=black,
@@ -82,7 +86,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         clips=any(effect.name == "full_well" for effect in plan.exposing),
         point=_point_of(shot) if plan.exposure == "point" else None,
     )
-    return exposure, lower_beats(shot, cameras, seen, alpha, scale) if binned else None
+    return exposure, lower_beats(shot, sensors, seen, scales) if binned else None
 
 
 def _filters_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
@@ -111,6 +115,7 @@ def _fields_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, np.n
         "glare": drawn["panel.glare"] if "glare" in plan else zero,
         "glare_x": drawn["panel.glare_x"],
         "glare_y": drawn["panel.glare_y"],
+        "rectified": zero,
     }
 
 
@@ -151,11 +156,15 @@ def _mean_light(shot: ShotRecord) -> np.ndarray:
 
 
 def _flicker_of(shot: ShotRecord) -> np.ndarray:
-    """Return each sensor row's light relative to the mean, (B, rows) float64; (B, 0) without
-    flicker."""
+    """Return each sensor row's light relative to the mean, or of a binned reading, that at every
+    1 / BANDS_PER_ROW of a photo row, (B, rows) float64; (B, 0) without flicker."""
     if "flicker" not in shot.plan:
         return np.empty((len(shot), 0))
-    return bands_of(shot).detach().contiguous().numpy()
+    rows = shot.sampled_pixels()[0].positions()
+    if shot.scene.is_binned:
+        bands = shot.size[0] * BANDS_PER_ROW
+        rows = torch.arange(bands + 2, dtype=torch.float64, device="cpu") / BANDS_PER_ROW
+    return light_of_rows(rows, shot).detach().contiguous().numpy()
 
 
 @functools.lru_cache(maxsize=KEPT)

@@ -50,3 +50,14 @@ def sensor_scale_of(
     if not bounds(shot.scene.sensor.pitch)[1]:
         return np.full(len(shot), shot.scene.sensor.scale)
     return drawn["sensor.pitch"] * panel_scale_of(shot, drawn) / magnified
+
+
+def bin_scale_of(
+    shot: ShotRecord, drawn: dict[str, np.ndarray], magnified: np.ndarray
+) -> np.ndarray:
+    """Return `shot.bin_scale`, given the second result of `homography_of`."""
+    scale = sensor_scale_of(shot, drawn, magnified)
+    if not shot.scene.is_rectified:
+        return scale
+    yaw, pitch = np.deg2rad(drawn["view.yaw"]), np.deg2rad(drawn["view.pitch"])
+    return scale * magnified * np.sqrt(np.cos(yaw) * np.cos(pitch))

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import peek, poke
+from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
+
+BEYOND = 1.2  # radius, of the photo's corners, up to which the lens is undone
 
 
 @inner
@@ -27,10 +32,55 @@ def look(x, y, cols, v, camera):
 
 
 @inner
+def inverse(camera):
+    """Return the entries of the inverse of a camera's homography, row by row."""
+    c = camera
+    a, b, d = c.h11 * c.h22 - c.h12 * c.h21, c.h02 * c.h21 - c.h01 * c.h22, c.h01 * c.h12
+    d -= c.h02 * c.h11
+    e, f, g = c.h12 * c.h20 - c.h10 * c.h22, c.h00 * c.h22 - c.h02 * c.h20, c.h02 * c.h10
+    g -= c.h00 * c.h12
+    p, q, r = c.h10 * c.h21 - c.h11 * c.h20, c.h01 * c.h20 - c.h00 * c.h21, c.h00 * c.h11
+    r -= c.h01 * c.h10
+    s = 1 / (c.h00 * a + c.h01 * e + c.h02 * p)
+    return a * s, b * s, d * s, e * s, f * s, g * s, p * s, q * s, r * s
+
+
+@inner
+def undistorted(ideal, k1, k2):
+    """Return the radius that a lens takes to an ideal one, as `distortion.inverse_radial_factor`
+    does up to a little past the photo's corners."""
+    turn = -0.3 * k1 / k2
+    r = math.sqrt(turn) if 0 < turn < 1 else min(ideal, 1.0)
+    for _ in range(NEWTON_STEPS):
+        r2 = r * r
+        error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
+        slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), 0.05)
+        r = min(max(r - error / slope, 0.0), BEYOND)
+    return r
+
+
+@inner
+def to_photo(x, y, camera):
+    """Return where an image point lies on the photo, both about the centre; camera: a rectified
+    one."""
+    a, b, d, e, f, g, p, q, r = inverse(camera)
+    far = 1 / max(p * x + q * y + r, NEAR_HORIZON)
+    u, v = (a * x + b * y + d) * far, (e * x + f * y + g) * far
+    if camera.k1 != 0 or camera.k2 != 0:
+        ideal = math.sqrt((u * u + v * v) * camera.bend)
+        if ideal > 1e-9:
+            factor = undistorted(ideal, camera.k1, camera.k2) / ideal
+            u, v = u * factor, v * factor
+    return u, v
+
+
+@inner
 def jacobian(u, v, camera):
     """Return d(panel x, y) / d(sensor pixel u, v), as xu, xv, yu, yv, at a photo point about the
-    centre."""
+    centre; of a rectified camera, at where the photo shows an image point."""
     c = camera
+    if c.rectified != 0:
+        u, v = to_photo(u, v, c)
     r2 = c.bend * (u * u + v * v)
     bent, along = 1 + r2 * (c.k1 + c.k2 * r2), 2 * c.bend * (c.k1 + 2 * c.k2 * r2)
     uu, uv, vv = bent + along * u * u, along * u * v, bent + along * v * v

@@ -27,26 +27,38 @@ FAINT = 1e-3  # of a pixel's light: cells that give less are not looked at
 
 
 @inner
-def moved(by_u, by_v, camera):
+def by_lens(by_camera, u, v, camera, lens):
+    """Return the Jacobian of the lens, given the camera's; see `exposure_records.Exposure`."""
+    if lens.rectified != 0:
+        return jacobian(u, v, lens)
+    xu, xv, yu, yv = by_camera
+    across, down = camera.scale_u / lens.scale_u, camera.scale_v / lens.scale_v
+    return xu * across, xv * down, yu * across, yv * down
+
+
+@inner
+def moved(by_u, by_v, lens):
     """Return the standard deviation of the motion along one axis, in panel pixels, with a sign."""
-    return by_u * camera.motion_x + by_v * camera.motion_y
+    return by_u * lens.motion_x + by_v * lens.motion_y
 
 
 @inner
-def still(by_u, by_v, camera):
+def still(by_u, by_v, fill, lens_u, lens_v, lens):
     """Return the variance along one axis without motion, beside the box: squared panel pixels."""
-    short = min(abs(by_u), abs(by_v)) * camera.fill
-    beside = camera.blur * camera.blur + camera.olpf * camera.olpf / 4
-    return short * short / 12 + (by_u * by_u + by_v * by_v) * beside
+    short = min(abs(by_u), abs(by_v)) * fill
+    beside = lens.blur * lens.blur + lens.olpf * lens.olpf / 4
+    return short * short / 12 + (lens_u * lens_u + lens_v * lens_v) * beside
 
 
 @inner
-def _spread(out, by_u, by_v, camera, period, width, skew, taps):
-    """Do the same as `spreads` along one axis, along which a step to the next sensor pixel's u and
-    v goes by so many panel pixels."""
+def _spread(out, by_camera, by_lens_, camera, lens, period, width, skew, taps):
+    """Do the same as `spreads` along one axis, along which a step to the next pixel's u and v goes
+    by so many panel pixels."""
+    (by_u, by_v), (lens_u, lens_v) = by_camera, by_lens_
     long = max(abs(by_u), abs(by_v)) * camera.fill / period
-    moves = moved(by_u, by_v, camera)
-    variance = (still(by_u, by_v, camera) + moves * moves) / (period * period) + skew
+    moves = moved(lens_u, lens_v, lens)
+    variance = still(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
+    variance = variance / (period * period) + skew
     sigma = math.sqrt(variance + NARROWEST)
     reach = long / 2 + TAIL * sigma
     shrink = min(1.0, max(taps + 0.5 - width / 2, NARROWEST) / reach)
@@ -55,13 +67,15 @@ def _spread(out, by_u, by_v, camera, period, width, skew, taps):
 
 
 @inner
-def spreads(out, u, v, camera, period, width, skew, taps):
+def spreads(out, u, v, camera, lens, period, width, skew, taps):
     """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in
     cells, at a photo point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted`
     does. Return whether any was narrowed."""
-    xu, xv, yu, yv = jacobian(u, v, camera)
-    in_x = _spread(out[0], xu, xv, camera, period[0], width[0], skew[0], taps)
-    in_y = _spread(out[1], yu, yv, camera, period[1], width[1], skew[1], taps)
+    by_camera = jacobian(u, v, camera)
+    (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, by_lens(by_camera, u, v, camera, lens)
+    x, lens_x, y, lens_y = (xu, xv), (lxu, lxv), (yu, yv), (lyu, lyv)
+    in_x = _spread(out[0], x, lens_x, camera, lens, period[0], width[0], skew[0], taps)
+    in_y = _spread(out[1], y, lens_y, camera, lens, period[1], width[1], skew[1], taps)
     return in_x or in_y
 
 
@@ -96,16 +110,16 @@ def _light(x, box, sigma, width):
 
 
 @inner
-def _fill_spreads(out, us, vs, camera, period, widths, skew, taps):
+def _fill_spreads(out, us, vs, camera, lens, period, widths, skew, taps):
     """Fill out (rows * cols, axis, 2) with the `spreads` at nodes of the photo."""
     for r in range(len(vs)):
         for c in range(len(us)):
             node = out[r * len(us) + c]
-            spreads(node, us[c], vs[r], camera, period, widths, skew, taps)
+            spreads(node, us[c], vs[r], camera, lens, period, widths, skew, taps)
 
 
 @loop
-def weights(us, vs, camera, cell, widths, skew):
+def weights(us, vs, camera, lens, cell, widths, skew):
     """Return the weights of cells on nodes of the photo, the phases of each kind along both axes,
     (kinds, 2) int64, and its cells along each axis, (kinds,) int64.
 
@@ -120,7 +134,7 @@ def weights(us, vs, camera, cell, widths, skew):
     most, finest, farthest = 0, 0, taps + 0.5
     for kind in range(kinds):
         _fill_spreads(
-            spread[kind], us, vs, camera, cell.period[kind], widths[kind], skew[kind], taps
+            spread[kind], us, vs, camera, lens, cell.period[kind], widths[kind], skew[kind], taps
         )
         for axis in range(2):
             phases[kind, axis] = _phases(spread[kind], axis)

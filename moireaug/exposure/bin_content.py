@@ -7,9 +7,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from moireaug.exposure import content
+from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.panel.fourier import emitting_share
+from moireaug.scene.fields import bounds
 from moireaug.scene.layout import Layout, as_layout
+from moireaug.scene.record import SceneRecord
 
 # variance in squared sensor pixels that a reading adds by being held over a pixel, and on a Bayer
 # sensor by being interpolated: 1/2 for red and blue, 1/4 for green
@@ -17,12 +21,12 @@ HELD, INTERPOLATED = 1 / 12, 1 / 12 + 5 / 12
 
 
 class Content(NamedTuple):
-    """What photo pixels see of a picture, on a panel of at most one pixel per image pixel.
+    """What bins see of a picture, on a panel of at most one pixel per image pixel.
 
     Args:
         scale: (B,) its panel pixels per image pixel. ratio: (B,) of which one is so many of the
             real panel's.
-        optics: of a photo pixel, in photo pixels.
+        optics: of a sensor pixel, its aperture as a Gaussian.
         shift: (B, 3, 2) where a colour's subpixels lie from the middle of a pixel.
         width: (B, 3, 2) of a colour's subpixels, in pixels. hold: (B,) variance, in squared pixels,
             of the picture between the pixels of the finer panel.
@@ -35,38 +39,51 @@ class Content(NamedTuple):
     width: Tensor
     hold: Tensor
 
+    def footprint(self, axis: int, step: Tensor, sides: Tensor) -> Footprint:
+        """Return what bins see along x (axis 0) or y (axis 1), without `hold`: (B, ...) each, in
+        pixels.
 
-def content_of(shot, alpha: Tensor, s: Tensor) -> Content:
-    """Return the Content of a shot of `alpha` panel pixels per image pixel and `s` sensor pixels
-    per photo pixel, (B,) each.
+        Args:
+            step: (B, ..., 2, 2), change in pixels per sensor pixel along u and v.
+            sides: (B, ..., 2, 2) of the bins, see `bins.Bins`.
+        """
+        along = step[..., axis, :]
+        zero, one = torch.zeros_like(self.hold), torch.ones_like(self.hold)
+        across_bin = (along[..., None] * sides).sum(-2)
+        box = content.footprint(across_bin, Optics(one, zero, zero, zero, zero))
+        return Footprint(box.box, box.variance + content.spread(along, self.optics))
 
-    A panel of more pixels than the picture shows it interpolated: a photo pixel then sees image
-    pixels themselves, each a little wider.
+
+def content_of(shot) -> Content:
+    """Return the Content of a shot.
+
+    A panel of more pixels than the picture shows more than the picture holds: with `Panel.width`,
+    whatever has the picture's pixels as its means; with `Panel.scale`, the picture itself,
+    interpolated. A bin then sees image pixels, in the latter case each a little wider.
     """
+    alpha, layout = shot.panel_scale, as_layout(shot.scene.panel.layout)
     ratio = alpha.clamp(min=1)
     fine = 1 - 1 / ratio  # 0 for a panel of the picture's pixels, near 1 for a much finer one
-    optics = optics_of(shot)
-    extra = INTERPOLATED if shot.scene.cells == "binned" else HELD
-    spread = optics.blur.square() + optics.olpf.square() / 4 + optics.fill.square() / 12 + extra
-    seen = Optics(
-        s.clamp(min=1) / s,
-        spread.sqrt() / s,
-        torch.zeros_like(s),
-        optics.motion_x / s,
-        optics.motion_y / s,
-    )
-    layout = as_layout(shot.scene.panel.layout)
+    hold = torch.zeros_like(fine) if bounds(shot.scene.panel.width)[1] else fine / 12
     cells = [colour_cell(layout, channel, shot.panel) for channel in range(3)]
-    middle = [[x - 0.5, y - 0.5] for (x, y), _ in cells]
+    middle = alpha.new_tensor([[x - 0.5, y - 0.5] for (x, y), _ in cells])
     width = torch.stack([torch.stack(sides, -1) for _, sides in cells], 1)
     return Content(
         alpha.clamp(max=1),
         ratio,
-        seen,
-        torch.tensor(middle, dtype=s.dtype, device=s.device) / ratio[:, None, None],
+        spread_of(shot.scene, optics_of(shot)),
+        middle / ratio[:, None, None],
         width + (1 - width) * fine[:, None, None],
-        fine / 12,
+        hold,
     )
+
+
+def spread_of(scene: SceneRecord, optics: Optics) -> Optics:
+    """Return the optics of a sensor pixel with its aperture, and what holding and interpolation add
+    to it, as a Gaussian."""
+    extra = INTERPOLATED if scene.cells == "binned" else HELD
+    variance = optics.blur.square() + optics.fill.square() / 12 + extra
+    return optics._replace(fill=torch.zeros_like(optics.fill), blur=variance.sqrt())
 
 
 def colour_cell(

@@ -9,10 +9,11 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from moireaug.exposure import content
 from moireaug.exposure.base import Exposure
 from moireaug.exposure.bin_content import Content, content_of
-from moireaug.exposure.binning import Wave, alias_sums, in_plane, power_left, times
+from moireaug.exposure.binning import Wave, plane_waves, power_left, times
+from moireaug.exposure.bins import Bins, bins_at, middle_bins
+from moireaug.exposure.content import Footprint
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
@@ -20,8 +21,6 @@ from moireaug.exposure.seen import (
     WHOLE_PIXEL,
     AlongAxis,
     Place,
-    Sight,
-    look_at_panel,
     panel_pixels,
     shares_along,
 )
@@ -53,11 +52,12 @@ class Binned(Exposure):
     def __call__(self, light: Tensor, shot) -> Tensor:
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
-        seen = content_of(shot, shot.panel_scale, shot.sensor_scale)
-        screen = Screen(light, shot, self.taps, seen.scale)
+        shown = content_of(shot)
+        screen = Screen(light, shot, self.taps, shown.scale)
 
         def read(band: Tensor) -> Tensor:
-            return self.read(screen, seen, inverse, band, cols, shot)
+            bins = bins_at(band, cols, inverse, light.dtype, shot)
+            return self.read(screen, shown, bins, shot)
 
         recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
         planes, each = [], max(self.taps**2, 8 * len(self.harmonics))
@@ -69,75 +69,66 @@ class Binned(Exposure):
         (site,) = CFA[shot.scene.cells]
         return torch.cat(planes, 2)[:, list(site.channels)]
 
-    def read(
-        self, screen: Screen, seen: Content, inverse: Tensor, rows: Tensor, cols: Tensor, shot
-    ) -> Tensor:
-        """Return what the pixels of each colour filter read at photo coordinates rows x cols:
-        (B, 3, h, w)."""
+    def read(self, screen: Screen, shown: Content, bins: Bins, shot) -> Tensor:
+        """Return what the pixels of each colour filter read in bins: (B, 3, h, w)."""
         dtype, layout = screen.light.dtype, as_layout(shot.scene.panel.layout)
-        sight = look_at_panel(rows, cols, inverse, dtype, shot)
         lit = emitting_share(shot.panel)
-        filled = self.modulation(sight, rows, cols, layout, shot)
+        filled = self.modulation(bins, layout, shot)
         filters = None
         if "crosstalk" in shot.plan:
             filters = crosstalk_matrix(shot.sensor.crosstalk).to(dtype)[..., None, None]
-        shown = [self.content(screen, seen, channel, sight, shot) for channel in range(3)]
+        picture = [self.content(screen, shown, channel, bins, shot) for channel in range(3)]
         planes = []
         for plane in range(3):
-            total = torch.zeros_like(shown[0])
+            total = torch.zeros_like(picture[0])
             for channel in range(3):
                 if (filters is None and channel != plane) or abs(plane - channel) == 2:
                     continue
                 mean = mean_light(layout, channel, *lit).to(dtype)[:, None, None]
                 through = mean + filled[plane][channel] if filled else mean
-                passed = shown[channel] * through
+                passed = picture[channel] * through
                 total = total + (passed if filters is None else filters[:, plane, channel] * passed)
             planes.append(total)
         return torch.stack(planes, 1)
 
-    def content(self, screen: Screen, seen: Content, channel: int, sight: Sight, shot) -> Tensor:
-        """Return the picture in one channel as photo pixels see it, (B, h, w)."""
-        dtype = sight.step.dtype
+    def content(self, screen: Screen, shown: Content, channel: int, bins: Bins, shot) -> Tensor:
+        """Return the picture in one channel as bins see it, (B, h, w)."""
+        dtype = bins.step.dtype
+        step = bins.step / shown.ratio.to(dtype)[:, None, None, None, None]
 
         def along(axis: int) -> AlongAxis:
-            shift = seen.shift[:, channel, axis, None, None]
-            at = sight.position[..., axis] / seen.ratio[:, None, None] - shift
-            step = sight.step[..., axis, :] / seen.ratio.to(dtype)[:, None, None, None]
-            view = content.footprint(step, seen.optics)
-            variance = view.variance + seen.hold.to(dtype)[:, None, None]
-            width = seen.width[:, channel, axis, None, None].to(dtype)
+            shift = shown.shift[:, channel, axis, None, None]
+            at = bins.position[..., axis] / shown.ratio[:, None, None] - shift
+            view = shown.footprint(axis, step, bins.sides)
+            variance = view.variance + shown.hold.to(dtype)[:, None, None]
+            width = shown.width[:, channel, axis, None, None].to(dtype)
             place = Place(axis, 0.5, 1, 0.5)
-            whole = content.Footprint(view.box, variance)
+            whole = Footprint(view.box, variance)
             return shares_along(place, at, whole, width, shot, screen)
 
         return panel_pixels(screen, channel, along(0), along(1), WHOLE_PIXEL)
 
-    def modulation(
-        self, sight: Sight, rows: Tensor, cols: Tensor, layout: Layout, shot
-    ) -> list[list[Tensor]]:
+    def modulation(self, bins: Bins, layout: Layout, shot) -> list[list[Tensor]]:
         """Return the sum of the harmonics of each channel's light, as the pixels of each colour
         filter read them: (B, h, w) by filter and channel. Empty if there are none."""
         if not self.harmonics:
             return []
-        dtype, (px, py) = sight.step.dtype, layout.period
+        dtype, (px, py) = bins.step.dtype, layout.period
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
-        scale = shot.sensor_scale[:, None, None]
-        orders = sight.position.new_tensor(self.harmonics).reshape(-1, 2, 1, 1, 1)
+        orders = bins.position.new_tensor(self.harmonics).reshape(-1, 2, 1, 1, 1)
         k, l = orders.unbind(1)
-        x, y = (sight.position[..., axis] for axis in (0, 1))
+        x, y = (bins.position[..., axis] for axis in (0, 1))
         cycles = k * (x / px) + l * (y / py)
         phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
-        step = sight.step / scale[..., None, None].to(dtype)
         k, l = (k / px).to(dtype), (l / py).to(dtype)
-        u, v = (k * step[..., 0, axis] + l * step[..., 1, axis] for axis in (0, 1))
+        u, v = (k * bins.step[..., 0, axis] + l * bins.step[..., 1, axis] for axis in (0, 1))
         passed = optics.transfer(u, v)
         carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
-        along_u = alias_sums(u, scale, scale * cols)
-        along_v = alias_sums(v, scale, scale * rows[:, None])
-        amplitudes = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
         bayer, found = shot.scene.cells == "binned", []
+        read = plane_waves(u, v, bins.centre, bins.sides, bayer=bayer)
+        amplitudes = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
         for plane in range(3):
-            wave = times(carrier, in_plane(plane if bayer else None, along_u, along_v))
+            wave = times(carrier, read[plane if bayer else 0])
             channels = []
             for real, imaginary in amplitudes:
                 real, imaginary = (t.to(dtype)[..., None, None] for t in (real, imaginary))
@@ -145,25 +136,21 @@ class Binned(Exposure):
             found.append(channels)
         return found
 
-    def pattern_variance(self, shot, scale: Tensor) -> Tensor:
-        """Return the variance of the panel's pattern that is averaged away in the middle of the
-        photo, as a share of the squared mean light, by colour filter: (B, 3); `scale` (B,) is
-        `shot.sensor_scale`."""
-        layout, (h, w) = as_layout(shot.scene.panel.layout), shot.size
+    def pattern_variance(self, shot) -> Tensor:
+        """Return the variance of the panel's pattern that is averaged away in the middle, as a
+        share of the squared mean light, by colour filter: (B, 3)."""
+        layout = as_layout(shot.scene.panel.layout)
         if not self.harmonics:
             return shot.panel_scale.new_zeros(len(shot), 3)
-        row, column = (shot.panel_scale.new_tensor([side / 2]) for side in (h, w))
-        inverse = torch.linalg.inv(shot.matrix())
-        step = look_at_panel(row, column, inverse, inverse.dtype, shot).step[:, 0, 0]
-        step = step / scale[:, None, None]
+        bins = middle_bins(shot)
+        step, sides = bins.step[:, 0, 0], bins.sides[:, 0, 0]
         k, l = step.new_tensor(self.harmonics)[:, :, None].unbind(1)
         k, l = k / layout.period[0], l / layout.period[1]
         u, v = (k * step[:, 0, axis] + l * step[:, 1, axis] for axis in (0, 1))
         power = optics_of(shot).transfer(u, v).square() / 2  # (K, B)
-        bayer, lost = shot.scene.cells == "binned", []
-        for plane in range(3):
-            kept = power_left(u, v, scale, plane if bayer else None)
-            lost.append(power * (1 - kept).clamp(min=0))
+        bayer = shot.scene.cells == "binned"
+        left = power_left(u, v, sides, bayer=bayer)
+        lost = [power * (1 - left[plane if bayer else 0]).clamp(min=0) for plane in range(3)]
         filters = torch.eye(3, dtype=step.dtype, device=step.device).expand(len(shot), 3, 3)
         if "crosstalk" in shot.plan:
             filters = crosstalk_matrix(shot.sensor.crosstalk)

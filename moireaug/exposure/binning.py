@@ -1,20 +1,22 @@
 """What is left of a harmonic of the panel in a binned reading, in closed form.
 
-A harmonic of frequency f (cycles per sensor pixel, along one axis) is read by the sensor pixels of
-one colour, every second pixel of a row: it is seen at frequencies g = f - m / 2, for every whole m.
-Interpolation between them leaves cos^2(pi g) of each, holding each value over its pixel sinc(g),
-and the mean over the s sensor pixels of a photo pixel sinc(s g). So the photo pixel in whose middle
-the sensor coordinate is U reads
+A harmonic of frequency f (cycles per sensor pixel, along u and v) is read by the sensor pixels of
+one colour, every second pixel of a row: it is seen at frequencies g = f - m / 2, for every pair m
+of whole numbers. Interpolation between the pixels leaves cos^2(pi g_u) cos^2(pi g_v) of each,
+holding each value over its pixel sinc(g_u) sinc(g_v), and the mean over a bin whose sides are the
+vectors a and b (in sensor pixels) sinc(g . a) sinc(g . b). So the bin in whose middle the sensor
+coordinates are U reads
 
-    sum over m of cos(pi g)^2 sinc(g) sinc(s g) exp(2 pi i (f U - m (U - o) / 2)),
+    sum over m of cos^2(pi g_u) cos^2(pi g_v) sinc(g_u) sinc(g_v) sinc(g . a) sinc(g . b)
+                  exp(2 pi i (f . U - m . (U - o) / 2)),
 
-o being where the colour's first pixel lies, 1/2 or 3/2. The four m with |g| < 1 are summed: sinc(g)
-vanishes where one of them gives way to the next; what is farther away is the grain of held values,
-a few hundredths at most. Below s = 1 the photo interpolates between sensor pixels, which is sinc(g)
-once more instead of sinc(s g).
+o being where the colour's first pixel lies, 1/2 or 3/2 along each axis. The four m with |g| < 1 are
+summed along each axis: sinc(g) vanishes where one of them gives way to the next; what is farther
+away is the grain of held values, a few hundredths at most.
 
-Along two axes the factors multiply for red and blue. Green pixels lie on a quincunx, whose aliases
-are those of even m_u + m_v, each interpolated by (cos^2(pi g_u) + cos^2(pi g_v)) / 2.
+Green pixels lie on a quincunx, whose aliases are those of even m_u + m_v, each interpolated by
+(cos^2(pi g_u) + cos^2(pi g_v)) / 2. Pixels without colour filters lie a pixel apart: their aliases
+are those of even m.
 """
 
 from __future__ import annotations
@@ -28,80 +30,86 @@ from torch import Tensor
 from moireaug.numeric import sinc
 
 Wave = tuple[Tensor, Tensor]  # real and imaginary part
-ALIASES = 4
+ALIASES = 4  # along each axis, of pixels two apart
 
 
-class AliasSums(NamedTuple):
-    """The aliases of harmonics along one axis, added up: as interpolated between the pixels of
-    rows that begin at o = 1/2 (`even`) and at o = 3/2 (`odd`), and without interpolation."""
+class Alias(NamedTuple):
+    """One alias of harmonics along an axis: its frequency g; what is left of it by holding values
+    over pixels, and by interpolation between them; its sign for pixels that begin at o = 3/2; and
+    exp(-2 pi i m (U - 1/2) / 2)."""
 
-    even: Wave
-    odd: Wave
-    bare_even: Wave
-    bare_odd: Wave
+    frequency: Tensor
+    held: Tensor
+    interpolated: Tensor
+    sign: Tensor
+    wave: Wave
 
 
-def alias_sums(frequency: Tensor, scale: Tensor, at: Tensor) -> AliasSums:
-    """Return the AliasSums along one axis, relative to exp(2 pi i f U).
+def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> list[Alias]:
+    """Return the aliases along one axis.
 
     Args:
         frequency: (K, B, h, w) cycles per sensor pixel.
-        scale: (B, 1, 1) sensor pixels per photo pixel.
-        at: (B, h or 1, w or 1) float64, U, in sensor pixels.
-
-    Differentiable in all of them.
+        at: (B, h, w) float64, U, in sensor pixels.
+        bayer: whether the pixels of a colour lie two apart.
     """
-    dtype, wide = frequency.dtype, scale.clamp(min=1).to(frequency.dtype)
-    first = (2 * frequency.detach()).floor() - 1
-    sums: list[Wave] = []
-    for j in range(ALIASES):
-        m = first + j
-        g = frequency - m / 2
-        bare = sinc(g) * sinc(wide * g)
-        interpolated = bare * torch.cos(math.pi * g).square()
+    step = 1 if bayer else 2
+    first = (2 / step * frequency.detach()).floor() * step - (1 if bayer else 0)
+    even, found = torch.cos(math.pi * frequency).square(), []
+    for j in range(ALIASES // step):
+        m = first + j * step
+        g, sign = frequency - m / 2, 1 - 2 * m.remainder(2)
         cycles = m.double() * ((0.5 - at) / 2)
-        phase = 2 * math.pi * (cycles - cycles.detach().round()).to(dtype)
-        cos, sin, sign = torch.cos(phase), torch.sin(phase), 1 - 2 * m.remainder(2)
-        alias = []
-        for weight in (interpolated, interpolated * sign, bare, bare * sign):
-            alias.append((weight * cos, weight * sin))
-        sums = [plus(*pair) for pair in zip(sums, alias, strict=True)] if sums else alias
-    return AliasSums(*sums)
+        phase = 2 * math.pi * (cycles - cycles.detach().round()).to(frequency.dtype)
+        interpolated = torch.where(sign > 0, even, 1 - even)
+        wave = torch.cos(phase), torch.sin(phase)
+        found.append(Alias(g, sinc(g), interpolated, sign, wave))
+    return found
 
 
-def in_plane(colour: int | None, u: AliasSums, v: AliasSums) -> Wave:
-    """Return what the plane of a Bayer sensor's colour, or of a sensor without colour filters
-    (None), reads of harmonics, from their aliases along both axes."""
-    if colour == 0:
-        return times(u.even, v.even)
-    if colour == 2:
-        return times(u.odd, v.odd)
-    if colour is None:
-        return times(_mean(u.bare_even, u.bare_odd), _mean(v.bare_even, v.bare_odd))
-    upper = _mean(times(u.odd, v.bare_even), times(u.bare_odd, v.even))
-    lower = _mean(times(u.even, v.bare_odd), times(u.bare_even, v.odd))
-    return _mean(upper, lower)
+def plane_waves(u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, *, bayer: bool) -> list[Wave]:
+    """Return what the planes of red, green and blue read of harmonics, relative to exp(2 pi i f .
+    U), (K, B, h, w) each; without colour filters, one wave for all. Differentiable in all tensors.
+
+    Args:
+        u, v: (K, B, h, w), the harmonics' frequencies along both axes.
+        centre, sides: of the bins, see `bins.Bins`.
+    """
+    none = torch.zeros_like(u), torch.zeros_like(u)
+    red, green, blue = none, none, none
+    along_v = aliases(v, centre[..., 1], bayer=bayer)
+    for a in aliases(u, centre[..., 0], bayer=bayer):
+        for b in along_v:
+            left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides)
+            wave = times(a.wave, b.wave)
+            if not bayer:
+                red = plus(red, scaled(left, wave))
+                continue
+            coloured, both = left * a.interpolated * b.interpolated, a.sign * b.sign
+            quincunx = left * (a.interpolated + b.interpolated) * (a.sign + b.sign) / 4
+            red = plus(red, scaled(coloured, wave))
+            green = plus(green, scaled(quincunx, wave))
+            blue = plus(blue, scaled(coloured * both, wave))
+    return [red, green, blue] if bayer else [red]
 
 
-def power_left(u: Tensor, v: Tensor, scale: Tensor, colour: int | None) -> Tensor:
-    """Return which share of the power of harmonics of frequencies u and v (K, B) is left in a
-    colour's plane, on average over where a bin lies: (K, B). Arguments as in `alias_sums` and
-    `in_plane`."""
-    found, wide = [], scale.clamp(min=1)
-    steps = torch.arange(ALIASES, dtype=u.dtype, device=u.device)[:, None, None] - 1
-    for frequency in (u, v):
-        m = (2 * frequency.detach()).floor() + steps
-        g = frequency - m / 2
-        found.append((m, sinc(g) * sinc(wide * g), torch.cos(math.pi * g).square()))
-    (m_u, bare_u, in_u), (m_v, bare_v, in_v) = found
-    seen, even = bare_u[:, None] * bare_v, (m_u[:, None] + m_v) % 2 == 0
-    if colour is None:
-        seen = seen * (even & (m_v % 2 == 0))
-    elif colour == 1:
-        seen = seen * even * (in_u[:, None] + in_v) / 2
-    else:
-        seen = seen * in_u[:, None] * in_v
-    return seen.square().sum((0, 1))
+def power_left(u: Tensor, v: Tensor, sides: Tensor, *, bayer: bool) -> list[Tensor]:
+    """Return which share of the power of harmonics of frequencies u and v (K, B) is left in each
+    plane, on average over where a bin lies: (K, B) each. sides: (B, 2, 2); the rest as in
+    `plane_waves`."""
+    at, zero = sides.new_zeros(len(sides)), torch.zeros_like(u)
+    red, green = zero, zero
+    along_v = aliases(v, at, bayer=bayer)
+    for a in aliases(u, at, bayer=bayer):
+        for b in along_v:
+            left = (a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides)).square()
+            if not bayer:
+                red = red + left
+                continue
+            red = red + left * (a.interpolated * b.interpolated).square()
+            in_green = (a.interpolated + b.interpolated) * (a.sign + b.sign) / 4
+            green = green + left * in_green.square()
+    return [red, green, red] if bayer else [red]
 
 
 def times(a: Wave, b: Wave) -> Wave:
@@ -114,5 +122,12 @@ def plus(a: Wave, b: Wave) -> Wave:
     return a[0] + b[0], a[1] + b[1]
 
 
-def _mean(a: Wave, b: Wave) -> Wave:
-    return (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
+def scaled(factor: Tensor, a: Wave) -> Wave:
+    """Return a complex number times a real one."""
+    return factor * a[0], factor * a[1]
+
+
+def _mean_over_bin(u: Tensor, v: Tensor, sides: Tensor) -> Tensor:
+    """Return what the mean over a bin leaves of frequencies u and v."""
+    left = [sinc(u * sides[..., 0, side] + v * sides[..., 1, side]) for side in (0, 1)]
+    return left[0] * left[1]

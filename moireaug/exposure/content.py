@@ -45,15 +45,26 @@ def footprint(step: Tensor, optics: Optics) -> Footprint:
         step: (B, ..., 2), cells of the panel along this axis by sensor pixels along u and v.
         optics: (B,) fields.
     """
-    drawn = (t.reshape(-1, *[1] * (step.ndim - 2)).to(step.dtype) for t in optics)
-    fill, blur, olpf, motion_x, motion_y = drawn
-    moved = step[..., 0] * motion_x + step[..., 1] * motion_y
+    fill = _over(optics.fill, step)
     u, v = step.abs().unbind(-1)
     long, short = torch.maximum(u, v), torch.minimum(u, v)
-    spread = blur.square() + olpf.square() / 4
-    variance = short.square() * (fill.square() / 12) + (u.square() + v.square()) * spread
-    variance = variance + moved.square()
+    variance = short.square() * (fill.square() / 12) + spread(step, optics)
     return Footprint(long * fill, variance + SHARP)
+
+
+def spread(step: Tensor, optics: Optics) -> Tensor:
+    """Return the variance along one axis that lens, motion and low-pass filter add, in squared
+    cells; arguments as in `footprint`."""
+    drawn = (optics.blur, optics.olpf, optics.motion_x, optics.motion_y)
+    blur, olpf, motion_x, motion_y = (_over(t, step) for t in drawn)
+    moved = step[..., 0] * motion_x + step[..., 1] * motion_y
+    u, v = step.unbind(-1)
+    return (u.square() + v.square()) * (blur.square() + olpf.square() / 4) + moved.square()
+
+
+def _over(drawn: Tensor, step: Tensor) -> Tensor:
+    """Return a drawn number (B,) that broadcasts over steps (B, ..., 2)."""
+    return drawn.reshape(-1, *[1] * (step.ndim - 2)).to(step.dtype)
 
 
 def fitted(seen: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint, Tensor]:

@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from moireaug.exposure.bin_content import INTERPOLATED
-from moireaug.exposure.content import Footprint
+from moireaug.exposure.bin_content import spread_of
+from moireaug.exposure.content import Footprint, footprint, spread
 from moireaug.exposure.optics import Optics
 from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
 from moireaug.geometry.grids import image_to_photo, jacobian
@@ -53,13 +53,7 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool, magnified: bool = Fal
 def _views(
     v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool
 ) -> Tensor:
-    turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
-    rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
-    poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
-    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **PRECISE).T
-    fields = {k: torch.zeros_like(yaw) for k in v.ranged}
-    fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
-    fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
+    fields, k1, k2 = _poses(v, lens, zoom)
     found = []
     for size in shapes:
         h, w = size
@@ -72,6 +66,25 @@ def _views(
             seen = seen * magnification(fields, k1, k2, size, v.fit)[:, None, None, None, None]
         found.append(seen.flatten(0, 2))
     return torch.cat(found).unique(dim=0)
+
+
+@functools.lru_cache(maxsize=64)
+def _least_magnification(v: View, lens: Lens) -> float:
+    """Return the least `homography.magnification` for the angles and lenses that a scene allows."""
+    fields, k1, k2 = _poses(v, lens, bounds(v.zoom)[0])
+    return min(float(magnification(fields, k1, k2, size, v.fit).min()) for size in SHAPES)
+
+
+def _poses(v: View, lens: Lens, zoom: float) -> tuple[dict[str, Tensor], Tensor, Tensor]:
+    """Return the fields of views of the angles that a scene allows, k1 and k2, (N,) each."""
+    turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
+    rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
+    poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
+    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **PRECISE).T
+    fields = {k: torch.zeros_like(yaw) for k in v.ranged}
+    fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
+    fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
+    return fields, k1, k2
 
 
 def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:
@@ -132,29 +145,38 @@ def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]
         return harmonics(scene)
     layout, step = as_layout(scene.panel.layout), _steps(scene)
     low, high = bounds(scene.sensor.pitch)
-    s = least_sensor_scale(scene, bounds(scene.panel.scale)[0])
+    s = least_side(scene, bounds(scene.panel.scale)[0])
     apart = 0.5 if scene.cells == "binned" else 1.0
     found = []
     for (k, l), strength in harmonics(scene):
         frequency = step[:, 0] * (k / layout.period[0]) + step[:, 1] * (l / layout.period[1])
         seen = torch.cat([frequency, frequency * (high / low if low else 1.0)])
         ends = zip(seen.amin(0).tolist(), seen.amax(0).tolist(), strict=True)
-        left = math.prod(_most_left(least, most, s, apart) for least, most in ends)
+        alias = [_slowest_alias(least, most, apart) for least, most in ends]
+        # along a side of the bin that lies anyhow; along the sensor's axes, along both
+        ways = [math.hypot(*alias)] if scene.is_rectified else alias
+        left = math.prod(_most_left(frequency, s) for frequency in ways)
         if strength * left > scene.tolerance:
             found.append(((k, l), strength * left))
     return sorted(found, key=lambda item: -item[1])
 
 
-def _most_left(low: float, high: float, s: float, apart: float) -> float:
-    """Return the most that a bin of s sensor pixels leaves of frequencies from `low` to `high`
-    along one axis, by the envelope of sinc(s g); aliases lie `apart`."""
+def _slowest_alias(low: float, high: float, apart: float) -> float:
+    """Return the least frequency along one axis of the aliases, which lie `apart`, of frequencies
+    from `low` to `high`."""
     if high - low >= apart:  # an alias of one of them stands still
-        return 1.0
-    nearest = 1.0
+        return 0.0
+    slowest = 1.0
     for m in range(math.floor(low / apart), math.floor(high / apart) + 2):
         least, most = low - m * apart, high - m * apart
-        nearest = min(nearest, 0.0 if least <= 0 <= most else min(abs(least), abs(most)))
-    return min(1.0, 1 / (math.pi * max(s, 1.0) * nearest)) if nearest else 1.0
+        slowest = min(slowest, 0.0 if least <= 0 <= most else min(abs(least), abs(most)))
+    return slowest
+
+
+def _most_left(frequency: float, s: float) -> float:
+    """Return the most that the mean over s sensor pixels leaves of a frequency, by the envelope of
+    sinc(s g)."""
+    return min(1.0, 1 / (math.pi * max(s, 1.0) * frequency)) if frequency else 1.0
 
 
 def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
@@ -207,13 +229,27 @@ def _steps(scene: SceneRecord) -> Tensor:
     return seen * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
 
 
-def least_sensor_scale(scene: SceneRecord, alpha: float) -> float:
-    """Return the fewest sensor pixels per photo pixel, for `alpha` panel pixels per image pixel."""
-    pitch = bounds(scene.sensor.pitch)[0]
-    if not pitch:
-        return scene.sensor.scale
-    zoom = bounds(scene.view.zoom)[1]  # a picture that fits is at most as large as the photo
-    return pitch * alpha / zoom
+def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
+    """Return the least of `shot.bin_scale`, for `alpha` panel pixels per image pixel."""
+    view, pitch = scene.view, bounds(scene.sensor.pitch)[0]
+    if not scene.is_rectified:  # a picture that fits is at most as large as the photo
+        return pitch * alpha / bounds(view.zoom)[1] if pitch else scene.sensor.scale
+    yaw, tilt = (math.radians(max(map(abs, bounds(axis)))) for axis in (view.yaw, view.pitch))
+    turned = math.sqrt(math.cos(yaw) * math.cos(tilt))
+    if pitch:
+        return pitch * alpha * turned
+    return scene.sensor.scale * _least_magnification(view, scene.lens) * turned
+
+
+def least_side(scene: SceneRecord, alpha: float) -> float:
+    """Return the least side of a bin in any view, in sensor pixels, for `alpha` panel pixels per
+    image pixel."""
+    if not scene.is_rectified:
+        return least_bin_scale(scene, alpha)
+    zoom, pitch = bounds(scene.view.zoom)[0], bounds(scene.sensor.pitch)[0]
+    seen = views(scene, zoom, usual=False, magnified=bool(pitch))
+    farthest = float(torch.linalg.svdvals(seen)[:, 0].max())  # image pixels per photo pixel
+    return (pitch * alpha if pitch else scene.sensor.scale) / farthest
 
 
 def narrowest(scene: SceneRecord) -> float:
@@ -232,17 +268,35 @@ def footprints(
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
     blur, fill, olpf = math.hypot(bounds(lens.blur)[1], motion), bounds(sensor.fill)[1], lens.olpf
     widest = (fill, blur, bounds(olpf)[1], 0.0, 0.0)
-    step = seen[None, :, None] * (alpha / sensor.scale)
-    if scene.is_binned:
-        # of photo pixels, on a panel of at most the picture's pixels
-        s = least_sensor_scale(scene, alpha)
-        spread = math.hypot(blur, bounds(olpf)[1] / 2, fill / 12**0.5, INTERPOLATED**0.5)
-        widest = (max(s, 1.0) / s, spread / s, 0.0, 0.0, 0.0)
-        step = seen[None, :, None] * min(alpha, 1.0)
     optics = Optics(*(torch.tensor([value], **PRECISE) for value in widest))
+    if scene.is_binned:
+        return _footprints_of_bins(scene, seen, alpha, optics)
+    step = seen[None, :, None] * (alpha / sensor.scale)
     lit = torch.ones(1, **PRECISE)
     kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
     return footprints_of(kinds, step, (lit, lit), optics)
+
+
+def _footprints_of_bins(
+    scene: SceneRecord, seen: Tensor, alpha: float, optics: Optics
+) -> list[tuple[Footprint, Tensor, int]]:
+    """Return the footprints of bins on a panel of at most the picture's pixels; `optics` of a
+    sensor pixel."""
+    cells, least = min(alpha, 1.0), least_bin_scale(scene, alpha)
+    photo_pixel, pitch = seen[None, :, None] * cells, bounds(scene.sensor.pitch)[0]
+    per_sensor = seen * (alpha / scene.sensor.scale)  # panel pixels
+    if pitch:
+        per_sensor = views(scene, bounds(scene.view.zoom)[0], usual=True, magnified=True) / pitch
+    side = torch.eye(2, **PRECISE)[None, None, None] * cells if scene.is_rectified else photo_pixel
+    zero, one = torch.zeros(1, **PRECISE), torch.ones(1, 1, 1, **PRECISE)
+    bin_ = Optics(one.flatten() * max(1.0, 1 / least), zero, zero, zero, zero)
+    blur, found = spread_of(scene, optics), []
+    for axis in (0, 1):
+        box = footprint(side[..., axis, :], bin_)
+        variance = spread(per_sensor[None, :, None, axis] * (cells / alpha), blur)
+        widest = Footprint(box.box.max(), box.variance.max() + variance.max())
+        found.append((Footprint(*(t.reshape(1, 1, 1) for t in widest)), one, 1))
+    return found
 
 
 def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:

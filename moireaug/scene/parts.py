@@ -26,9 +26,10 @@ class Panel(Part):
 
     Args:
         width: panel pixels across the picture's longer side, whatever the picture's size. A range;
-            0 leaves it to `scale`. Panel pixels are square, so the shorter side gets fewer.
+            0 leaves it to `scale`. Panel pixels are square, so the shorter side gets fewer. Where
+            they are finer than the image's, those are the means of what the screen shows in them.
         scale: panel pixels per image pixel, along each axis (the paper's alpha). A range. A panel
-            of fewer pixels than the picture shows it antialiased.
+            of more pixels than the image shows it interpolated, one of fewer antialiased.
         layout: arrangement of the subpixels in a panel pixel: a key of
             `moireaug.scene.layout.LAYOUTS`, or a `Layout` with a unit cell of your own.
         lit: share of each subpixel's area that emits light; the rest is black matrix, the same
@@ -278,8 +279,8 @@ class Develop(Part):
             range.
         resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias"
             (triangle filter) or "point" (bilinear without a prefilter, as the paper's code does).
-        registered: warp the photo back to the image's frame, so that labels, boxes and masks stay
-            valid.
+        registered: the photo lies in the image's frame, so that labels, boxes and masks stay valid.
+            A full reading's photo is warped back to it; a binned reading has its bins there.
         linear_light: the panel decodes sRGB codes into light, and the camera encodes light into
             sRGB codes.
         jpeg: quality at which the photo is compressed to JPEG, 1 to 100; 0 is no JPEG. A range, of

@@ -51,6 +51,12 @@ class SceneRecord:
         return bounds(self.sensor.pitch)[1] > 0 or bounds(self.panel.width)[1] > 0
 
     @property
+    def is_rectified(self) -> bool:
+        """Whether the bins of a binned reading lie in the image's frame, one for each of its
+        pixels: as if the photo had been registered at the sensor's resolution, and then shrunk."""
+        return self.is_binned and self.develop.registered
+
+    @property
     def cells(self) -> str:
         """The key of `geometry.sensor.CFA` that says how the reading's planes lie."""
         return "binned" if self.is_binned and self.sensor.cfa == "rggb" else self.sensor.cfa

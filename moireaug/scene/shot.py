@@ -119,10 +119,23 @@ class ShotRecord:
         `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
         if not bounds(self.scene.sensor.pitch)[1]:
             return torch.full_like(self._drawn("panel", "scale"), self.scene.sensor.scale)
+        return self._drawn("sensor", "pitch") * self.panel_scale / self._magnification()
+
+    @property
+    def bin_scale(self) -> Tensor:
+        """Sensor pixels along each side of a binned reading's bins, (B,) float64: `sensor_scale`,
+        or of bins in the image's frame the root of their area in the middle of the picture."""
+        scale = self.sensor_scale
+        if not self.scene.is_rectified:
+            return scale
+        yaw, pitch = (torch.deg2rad(self._drawn("view", axis)) for axis in ("yaw", "pitch"))
+        return scale * self._magnification() * (torch.cos(yaw) * torch.cos(pitch)).sqrt()
+
+    def _magnification(self) -> Tensor:
+        """Return how many photo pixels an image pixel takes; see `homography.magnification`."""
         view = {k: getattr(self.view, k) for k in self.view.ranged}
         k1, k2 = self._drawn("lens", "k1"), self._drawn("lens", "k2")
-        magnified = magnification(view, k1, k2, self.size, self.scene.view.fit)
-        return self._drawn("sensor", "pitch") * self.panel_scale / magnified
+        return magnification(view, k1, k2, self.size, self.scene.view.fit)
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:

@@ -134,7 +134,7 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (camera.check_bands, FLICKER, argument("duty", times(0.99))),
     (camera.check_bands, FLICKER, argument("rows", lambda rows: rows[::2].repeat_interleave(2))),
     (camera.check_vignetting, FALLOFF, result(torch.sqrt)),
-    (camera.check_vignetting, FALLOFF, argument("rows", times(1.01))),
+    (camera.check_vignetting, FALLOFF, argument("v", times(1.01))),
     (camera.check_demosaic_of_a_constant, DEMOSAICS, every(result(times(0.999)))),
     (camera.check_demosaic_of_a_ramp, DEMOSAICS, every(instead(nearest))),
     (camera.check_mosaic_to_photo, DEMOSAICS, every(instead(nearest))),

@@ -96,7 +96,7 @@ def test_no_glare_is_brighter_than_the_plan_expects():
     steepest = dataclasses.replace(panel, glare=0.2, glare_x=-0.5, glare_y=0.4)
     ends = torch.tensor([0.0, 1.0], dtype=torch.float64)
     shot = Scene(panel=steepest).sample(1, (1, 1))
-    light = reflected(ends, ends, (1, 1), shot.panel)
+    light = reflected(ends, ends[:, None], (1, 1), shot.panel)
     assert most == pytest.approx(light.max().item()) and most == pytest.approx(0.38)
 
 

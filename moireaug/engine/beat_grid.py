@@ -1,0 +1,122 @@
+"""The grid of nodes on which a binned reading's beats are known: the harmonics' frequencies there,
+the sides of the bins, and how many nodes a view needs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from moireaug.engine import optics
+from moireaug.engine.compiling import inner, loop
+from moireaug.engine.nodes import SAMPLES, sample
+from moireaug.engine.view import jacobian
+
+FAINT_BEAT = 1e-4  # of full scale: what nowhere exceeds it in a reading is left out
+LOBE = 0.2  # how much a beat's frequency may change between two nodes, in cycles per photo pixel
+BRIGHT = 0.3  # amplitude of a harmonic in a reading for which LOBE is made
+MOST_NODES = 192
+
+
+class BeatGrid(NamedTuple):
+    """Harmonics and bins at points of a reading.
+
+    Args:
+        frequency: (rows, cols, K, 2) float64, of each harmonic along u and v, in cycles per sensor
+            pixel.
+        sides: (rows, cols, 4) float64, u and v of the bins' two sides, in sensor pixels; at least
+            a pixel long, see `exposure.bins.Bins`.
+    """
+
+    frequency: np.ndarray
+    sides: np.ndarray
+
+
+@loop
+def grid_at(us, vs, camera, wide, period, orders):
+    """Return the BeatGrid at points of a reading about its centre; camera: of sensor pixels. wide:
+    by how much bins are enlarged to be as large as a sensor pixel."""
+    n = len(orders)
+    frequency = np.empty((len(vs), len(us), n, 2), np.float64)
+    sides = np.empty((len(vs), len(us), 4), np.float64)
+    for r in range(len(vs)):
+        for c in range(len(us)):
+            xu, xv, yu, yv = jacobian(us[c], vs[r], camera)
+            for h in range(n):
+                k, l = orders[h, 0] / period[0], orders[h, 1] / period[1]
+                frequency[r, c, h, 0] = k * xu + l * yu
+                frequency[r, c, h, 1] = k * xv + l * yv
+            side = sides[r, c]
+            side[0], side[1], side[2], side[3] = camera.scale_u * wide, 0.0, 0.0, 0.0
+            side[3] = camera.scale_v * wide
+            if camera.rectified != 0:
+                # one pixel of the image, from panel pixels to sensor pixels
+                by = camera.alpha * wide / (xu * yv - xv * yu)
+                side[0], side[1], side[2], side[3] = by * yv, -by * yu, -by * xv, by * xu
+    return BeatGrid(frequency, sides)
+
+
+@loop
+def sampled_grid(sites, camera, wide, period, orders):
+    """Return the BeatGrid at a few points over the reading; arguments as in `grid_at`."""
+    us, vs = np.empty(SAMPLES, np.float64), np.empty(SAMPLES, np.float64)
+    for i in range(SAMPLES):
+        us[i], vs[i] = sample(sites.cols, i, SAMPLES), sample(sites.rows, i, SAMPLES)
+    return grid_at(us, vs, camera, wide, period, orders)
+
+
+@loop
+def transfer_of(grid, camera):
+    """Return the modulation transfer for frequencies up to a little more than those of a grid, and
+    how many of its steps a cycle per sensor pixel is."""
+    most, frequency = 1e-9, grid.frequency
+    rows, cols, n, _ = frequency.shape
+    for r in range(rows):
+        for c in range(cols):
+            for h in range(n):
+                most = max(most, abs(frequency[r, c, h, 0]), abs(frequency[r, c, h, 1]))
+    most *= 1.25
+    count = min(max(optics.STEPS, int(optics.PER_CYCLE * most)), optics.MOST_STEPS)
+    return optics.transfer_table(camera, most, count), count / most
+
+
+@inner
+def _fastest(grid, amplitude, axis):
+    """Return how many cycles per photo pixel the beats change by along u (0) or v (1), if they do
+    so over the whole photo as where they change fastest.
+
+    amplitude: (K,), of harmonics in a reading. The error of a cubic grows with the fourth power of
+    the step: fainter ones need fewer nodes.
+    """
+    most, frequency = 0.0, grid.frequency
+    for h in range(frequency.shape[2]):
+        if amplitude[h] < FAINT_BEAT:
+            continue
+        weight = min(amplitude[h] / BRIGHT, 1.0) ** 0.25
+        for i in range(SAMPLES):
+            for j in range(SAMPLES - 1):
+                here, there, side = frequency[i, j, h], frequency[i, j + 1, h], grid.sides[i, j]
+                if axis == 1:
+                    here, there, side = frequency[j, i, h], frequency[j + 1, i, h], grid.sides[j, i]
+                u, v = there[0] - here[0], there[1] - here[1]
+                change = max(abs(u * side[0] + v * side[1]), abs(u * side[2] + v * side[3]))
+                most = max(most, weight * max(change, max(abs(u), abs(v))))
+    return most * (SAMPLES - 1)
+
+
+@inner
+def _node_count(change, fewest, pixels):
+    """Return how many nodes a change needs, MOST_NODES + 1 if more than MOST_NODES; no more than
+    pixels, at which they then lie."""
+    if change < 1e-6:
+        return 4
+    return int(min(max(change / LOBE + 2, fewest), max(pixels, 4), MOST_NODES + 1))
+
+
+@loop
+def node_counts(grid, amplitude, sites, camera):
+    """Return how many nodes the amplitudes need along u and v; grid: from `sampled_grid`,
+    amplitude: from `beat_terms.brightest`."""
+    fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
+    across = _node_count(_fastest(grid, amplitude, 0), fewest, len(sites.cols))
+    return across, _node_count(_fastest(grid, amplitude, 1), fewest, len(sites.rows))

@@ -1,0 +1,95 @@
+"""Where the bins of a binned reading lie, on the sensor and on the panel."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from moireaug.geometry import grids
+
+
+class Bins(NamedTuple):
+    """Bins of sensor pixels, one for each photo pixel.
+
+    Args:
+        position: (B, h, w, 2) float64, where a bin's middle looks, in panel pixels.
+        centre: (B, h, w, 2) float64, where it lies, u and v in sensor pixels.
+        step: (B, h, w, 2, 2), change of position per sensor pixel along u and v.
+        sides: (B, h, w, 2, 2), u and v of a bin's two sides in sensor pixels, the last axis over
+            the sides. Bins smaller than a sensor pixel are as large as one: the photo interpolates
+            between sensor pixels.
+    """
+
+    position: Tensor
+    centre: Tensor
+    step: Tensor
+    sides: Tensor
+
+
+def bins_at(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot) -> Bins:
+    """Return the bins of photo pixels in rows x cols; step and sides of dtype `accuracy`.
+
+    In the camera's frame they are squares of the sensor; in the image's, of the image. Pixels of
+    the image that lie outside the photo get the bin in its middle.
+
+    Args:
+        inverse: (B, 3, 3), see `grids.photo_to_image`.
+    """
+    points = grids.grid(rows, cols).expand(len(inverse), -1, -1, -1)
+    if shot.scene.is_rectified:
+        return _bins(points, photo_points(points, shot)[0], inverse, accuracy, shot)
+    images = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
+    return _bins(images, points, inverse, accuracy, shot)
+
+
+def bins_on_image(points: Tensor, shot) -> Bins:
+    """Return the bins that see image points (B, h, w, 2)."""
+    inverse = torch.linalg.inv(shot.matrix())
+    return _bins(points, photo_points(points, shot)[0], inverse, inverse.dtype, shot)
+
+
+def middle_bins(shot) -> Bins:
+    """Return the bins in the middle of the photo, or of the picture, (B, 1, 1)."""
+    h, w = shot.size
+    row, column = (shot.panel_scale.new_tensor([side / 2]) for side in (h, w))
+    inverse = torch.linalg.inv(shot.matrix())
+    return bins_at(row, column, inverse, inverse.dtype, shot)
+
+
+def _bins(images: Tensor, points: Tensor, inverse: Tensor, accuracy: torch.dtype, shot) -> Bins:
+    """Return the bins that see image points from photo points, (B, h, w, 2) each."""
+    alpha, scale = (t[:, None, None, None] for t in (shot.panel_scale, shot.sensor_scale))
+    lens = shot.distortion and tuple(k.to(accuracy) for k in shot.distortion)
+    seen = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, lens)
+    step = seen * (alpha / scale).to(accuracy)[..., None]
+    photo_pixel = torch.eye(2, dtype=accuracy, device=seen.device)
+    if shot.scene.is_rectified:
+        photo_pixel = _inverse(seen)
+    wide = scale[..., None] * (1 / shot.bin_scale).clamp(min=1)[:, None, None, None, None]
+    sides = (photo_pixel * wide.to(accuracy)).expand_as(step)
+    return Bins(images * alpha, points * scale, step, sides)
+
+
+def photo_points(images: Tensor, shot) -> tuple[Tensor, Tensor]:
+    """Return where image points (B, h, w, 2) lie on the photo, float64, and which do, (B, h, w)
+    bool; those that do not are put in its middle."""
+    flat = grids.image_to_photo(images.flatten(1, 2), shot.matrix(), shot.size, shot.distortion)
+    points = flat.reshape(images.shape)
+    size = points.new_tensor(shot.size[::-1])
+    shown = ((points >= 0) & (points <= size)).all(-1)
+    return torch.where(shown[..., None], points, size / 2), shown
+
+
+def pixels_on_photo(shot) -> tuple[Tensor, Tensor]:
+    """Return `photo_points` of the centres of all pixels of the image."""
+    images = grids.pixel_centres(shot.size, shot.device).expand(len(shot), -1, -1, -1)
+    return photo_points(images, shot)
+
+
+def _inverse(m: Tensor) -> Tensor:
+    """Return the inverses of matrices (..., 2, 2)."""
+    a, b, c, d = m[..., 0, 0], m[..., 0, 1], m[..., 1, 0], m[..., 1, 1]
+    rows = torch.stack((d, -b), -1), torch.stack((-c, a), -1)
+    return torch.stack(rows, -2) / (a * d - b * c)[..., None, None]
