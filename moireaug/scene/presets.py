@@ -62,7 +62,7 @@ LCD = Panel(
 OLED = replace(LCD, black=0.0, lit=(0.5, 0.8), lit_x=1.0, lit_y=1.0)
 
 PHONE_LENS = Lens(k1=(-0.02, 0.03), blur=(0.3, 0.55), motion_x=(-0.3, 0.3), motion_y=(-0.3, 0.3))
-PHONE_SENSOR = Sensor(crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.003, 0.012))
+PHONE_SENSOR = Sensor(crosstalk=(0.1, 0.25), gain=(1.5, 3.0), read_noise=(0.002, 0.008))
 PHONE_PHOTO = Develop(
     linear_light=True,
     red=(0.92, 1.12),
