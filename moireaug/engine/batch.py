@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine import beat_terms, beats, finish, nodes, panel, picture
+from moireaug.engine import beat_terms, beats, finish, nodes, panel, picture, stencil
 from moireaug.engine.binned import expose as expose_bins
 from moireaug.engine.compiling import fill, kernel, loop, part
 from moireaug.engine.develop import develop as develop_image
@@ -120,6 +120,15 @@ def expose(raw, shown, e, first, last, top, bottom):
 
 
 @part
+def _content(camera, sensor, cell, e, i):
+    """Return the Nodes and the Stencil of image i of a binned reading: one of them is empty."""
+    if not stencil.has_stencil(camera, sensor):
+        return _nodes(camera, cell, e, i), stencil.no_stencil()
+    none, lens = nodes.none(len(e.widths[i])), _camera(e.lenses[i])
+    return none, stencil.prepare(camera, lens, cell, e.widths[i], e.skew[i], e.sites)
+
+
+@part
 def _cell_of(cell, centre):
     """Return a Cell with the centres of one image."""
     return Cell(
@@ -150,12 +159,13 @@ def expose_binned(raw, shown, e, b, first, last, top, bottom):
             e.filters[i], np.ones((3, 3)), e.white[i], e.flicker[i], e.noise, e.clips,
             b.coefficients[i], b.mean[i], b.away[i], b.saturates, b.bayer,
         )  # fmt: skip
+        content = _content(camera, sensor, cell, e, i)
         terms = beats.prepare(b, i, sensor, e.filters[i], e.size, e.sites)
         expose_bins(
             raw[i],
             _panel(shown[i - first], camera.alpha, e),
             (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
-            BinnedImage(camera, sensor, cell, _nodes(camera, cell, e, i), e.sites, terms, given),
+            BinnedImage(camera, sensor, cell, content[0], content[1], e.sites, terms, given),
             e.seeds[i],
             top,
             bottom,

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine import beats
+from moireaug.engine import beats, stencil
 from moireaug.engine.compiling import fill, inner, once, part
 from moireaug.engine.expose import BANDS, cell_weights
 from moireaug.engine.glow import glow
 from moireaug.engine.random_numbers import keys
 from moireaug.engine.register import photo_row, undistortion
-from moireaug.engine.rows import BITS, LIGHT, NUMBERS, Places, Row, U, V, places_of, row_of
+from moireaug.engine.rows import BITS, LIGHT, NUMBERS, Places, Row, U, V, X, Y, places_of, row_of
 from moireaug.engine.sensor import attenuate, clip_mean, read, reflect
 from moireaug.engine.view import inverse
 
@@ -103,12 +103,16 @@ def _expose(raw, panel, size, image, work, noise_keys, top, bottom):
     band = max(1, h // BANDS)
     for r in range(top, bottom):
         v = sites.rows[r]
-        if r % band == 0 or r == top:
-            start = r - r % band
-            middle = (sites.rows[start] + sites.rows[min(start + band, h) - 1]) / 2
-            cell_weights(row.weights, nodes, middle, sites.rows[0])
         _place(work, r, v, image.sensor, (h, w))
-        glow(row, panel, size, camera, image.cell, nodes, sites, places, 0, v)
+        if image.stencil.taps > 0:
+            stencil.look_straight(row.at[X], row.at[Y], r)
+            stencil.content(row.glow, work.lines[0], image.stencil, panel, image.cell, sites, r)
+        else:
+            if r % band == 0 or r == top:
+                start = r - r % band
+                middle = (sites.rows[start] + sites.rows[min(start + band, h) - 1]) / 2
+                cell_weights(row.weights, nodes, middle, sites.rows[0])
+            glow(row, panel, size, camera, image.cell, nodes, sites, places, 0, v)
         beats.modulate(
             work.modulation, work.lines, image.terms, given, work.asked, row.at, v, sites.rows[0]
         )

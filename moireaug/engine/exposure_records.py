@@ -244,14 +244,30 @@ class Nodes(NamedTuple):
     step_vw: float
 
 
+class Stencil(NamedTuple):
+    """What `stencil.prepare` finds for one image.
+
+    Args:
+        lines: (rows of nodes, 3 * 2 * taps * w) float32, of each colour the weights along x, and
+            then along y, of one pixel after another, at each bin.
+        taps: pixels along each axis; 0 if the image has no stencil.
+        step_v: from one row of nodes to the next.
+    """
+
+    lines: np.ndarray
+    taps: int
+    step_v: float
+
+
 class BinnedImage(NamedTuple):
     """What one image's binned reading is computed from: `camera` of photo pixels, `sensor` of
-    sensor pixels."""
+    sensor pixels, and either `nodes` or a stencil."""
 
     camera: Camera
     sensor: Camera
     cell: Cell
     nodes: Nodes
+    stencil: Stencil
     sites: Sites
     terms: Terms
     given: Given

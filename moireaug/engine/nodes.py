@@ -111,7 +111,7 @@ def _count(steps, fewest):
 
 
 @loop
-def _counts(rows, cols, camera, lens, cell):
+def counts(rows, cols, camera, lens, cell):
     """Return how many nodes the amplitudes and the weights (first axis) need along u and v (second
     axis): (2, 2) int64, MOST + 1 where they need more than MOST."""
     seen, highest = np.empty((SAMPLES, SAMPLES, 2)), np.empty(2)
@@ -156,9 +156,9 @@ def fits(camera, lens, cell, widths, skew, sites, dark):
     `expose.expose` and `panel.show`."""
     if dark and _narrowed(sites.rows, sites.cols, camera, lens, cell, widths, skew):
         return False
-    counts, most = _counts(sites.rows, sites.cols, camera, lens, cell), 0
+    count, most = counts(sites.rows, sites.cols, camera, lens, cell), 0
     for k in range(2):
-        most = max(most, counts[0, k], counts[1, k])
+        most = max(most, count[0, k], count[1, k])
     return most <= MOST
 
 
@@ -209,9 +209,9 @@ def cubics(ends, weight, positions, first, step):
 def prepare(camera, lens, cell, coefficients, widths, skew, sites):
     """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
-    counts = _counts(rows, cols, camera, lens, cell)
-    us, step_u = line_of(cols, counts[0, 0])
-    vs, step_v = line_of(rows, counts[0, 1])
+    count = counts(rows, cols, camera, lens, cell)
+    us, step_u = line_of(cols, count[0, 0])
+    vs, step_v = line_of(rows, count[0, 1])
     amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
     harmonics.fold(amplitude)
     terms = harmonics.terms_of(amplitude, camera.gain)
@@ -221,7 +221,15 @@ def prepare(camera, lens, cell, coefficients, widths, skew, sites):
     for column in range(step):
         cubics(ends, weight, cols[column::step], us[0], step_u)
         harmonics.along_row(lines[column], amplitude, terms, ends, weight)
-    us, step_uw = line_of(cols, counts[1, 0])
-    vs, step_vw = line_of(rows, counts[1, 1])
+    us, step_uw = line_of(cols, count[1, 0])
+    vs, step_vw = line_of(rows, count[1, 1])
     tables, phases, cells = weights.weights(us, vs, camera, lens, cell, widths, skew)
     return Nodes(terms, lines, step_v, tables, phases, cells, len(us), step_uw, step_vw)
+
+
+@part
+def none(kinds):
+    """Return the Nodes of an image that needs none."""
+    tables, phases = np.empty((kinds, 0, 0), np.float32), np.zeros((kinds, 2), np.int64)
+    terms, lines = np.empty((0, 4), np.int64), np.empty((1, 0, 0), np.float32)
+    return Nodes(terms, lines, 1.0, tables, phases, np.zeros(kinds, np.int64), 2, 1.0, 1.0)

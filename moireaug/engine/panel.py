@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from moireaug.engine.compiling import fill, inner, loop, part
+from moireaug.engine.compiling import copy, fill, inner, loop, part
 from moireaug.engine.vectors import add, peek, poke
 
 ZERO = np.float32(0)
@@ -161,6 +161,17 @@ def _blacken(panel, size, alpha, period, ahead, above):
                 panel[i, j] = 0
 
 
+@loop
+def _surround(panel, light, ahead, above):
+    """Fill panel (n, m), of one colour, with its light (h, w) and margins around it."""
+    h, w = light.shape
+    for i in range(len(panel)):
+        row, shown = light[min(max(i - above, 0), h - 1)], panel[i]
+        fill(shown[:ahead], row[0])
+        copy(shown[ahead : ahead + w], row)
+        fill(shown[ahead + w :], row[w - 1])
+
+
 @part
 def show(panel, light, alpha, cell, dark):
     """Fill panel (3, h, w) float32, of `shape`, from the picture's light (3, H, W) float32.
@@ -173,6 +184,8 @@ def show(panel, light, alpha, cell, dark):
         period = _period_of(cell, c)
         if alpha < 1:
             shrink(panel[c], light[c], alpha, period, ahead, above)
+        elif alpha == 1 and period == 1:
+            _surround(panel[c], light[c], ahead, above)
         else:
             _enlarge(panel[c], light[c], alpha, period, ahead, above)
         if dark:

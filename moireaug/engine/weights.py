@@ -96,13 +96,13 @@ def _cells(spread, widths, taps):
     for i in range(len(spread)):
         for axis in range(2):
             box, sigma, width = spread[i, axis, 0], spread[i, axis, 1], widths[axis]
-            if taps > 1 and _light(2.0, box, sigma, width) > FAINT * box * width:
+            if taps > 1 and light_from(2.0, box, sigma, width) > FAINT * box * width:
                 return WIDE
     return NARROW
 
 
 @inner
-def _light(x, box, sigma, width):
+def light_from(x, box, sigma, width):
     """Return the light from a subpixel at distance x, of all light that a box of 1 would see."""
     far, near = (box + width) / 2, (box - width) / 2
     seen = integral(x + far, sigma) - integral(x + near, sigma)
@@ -110,7 +110,7 @@ def _light(x, box, sigma, width):
 
 
 @inner
-def _fill_spreads(out, us, vs, camera, lens, period, widths, skew, taps):
+def fill_spreads(out, us, vs, camera, lens, period, widths, skew, taps):
     """Fill out (rows * cols, axis, 2) with the `spreads` at nodes of the photo."""
     for r in range(len(vs)):
         for c in range(len(us)):
@@ -133,7 +133,7 @@ def weights(us, vs, camera, lens, cell, widths, skew):
     phases, cells = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
     most, finest, farthest = 0, 0, taps + 0.5
     for kind in range(kinds):
-        _fill_spreads(
+        fill_spreads(
             spread[kind], us, vs, camera, lens, cell.period[kind], widths[kind], skew[kind], taps
         )
         for axis in range(2):

@@ -1,0 +1,227 @@
+"""The content of bins that are the image's own pixels: all look at the same place in theirs, so
+that the weights of the pixels around change only with the lens's spread, slowly over the photo."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moireaug.engine.compiling import fill, inner, loop, part
+from moireaug.engine.exposure_records import Stencil
+from moireaug.engine.nodes import bracket, counts, line_of
+from moireaug.engine.panel import margin
+from moireaug.engine.shares import GUARD
+from moireaug.engine.vectors import peek, poke
+from moireaug.engine.weights import fill_spreads, light_from
+
+ZERO = np.float32(0)
+LEAST_SHARE = 1e-4  # of a bin's light: outer pixels that nowhere give more are not looked at
+THREE = 3  # pixels along each axis, of which no sum is kept in memory
+
+
+@inner
+def has_stencil(camera, sensor):
+    """Return whether an image's bins are its pixels, on a panel that shows no fewer."""
+    return sensor.rectified != 0 and camera.alpha == 1
+
+
+@part
+def no_stencil():
+    """Return the Stencil of an image that has none."""
+    return Stencil(np.empty((0, 0), np.float32), 0, 1.0)
+
+
+@inner
+def _fill_shares(out, spread, width, past, radius):
+    """Fill out (n,) with the shares of a bin's light that come from its own pixel, in the middle,
+    and `radius` to each side; see `shares`. past: where it looks, from that pixel's light."""
+    half = len(out) // 2
+    fill(out, 0.0)
+    total = 0.0
+    for k in range(-radius, radius + 1):
+        light = light_from(abs(k - past), spread[0], spread[1], width)
+        out[half + k] = light + GUARD * spread[0] if k == 0 else light
+        total += out[half + k]
+    for k in range(len(out)):
+        out[k] /= total
+
+
+@inner
+def _reach(shares):
+    """Return how many pixels to each side matter anywhere, at least 1, of shares (n, pixels)."""
+    half = shares.shape[1] // 2
+    for reach in range(half, 1, -1):
+        for i in range(len(shares)):
+            if max(shares[i, half - reach], shares[i, half + reach]) > LEAST_SHARE:
+                return reach
+    return 1
+
+
+@inner
+def _trim(shares, reach):
+    """Make the shares of pixels up to `reach` to each side sum to 1."""
+    half = shares.shape[1] // 2
+    for i in range(len(shares)):
+        total = 0.0
+        for k in range(half - reach, half + reach + 1):
+            total += shares[i, k]
+        for k in range(len(shares[i])):
+            shares[i, k] /= total
+
+
+@inner
+def _columns(ends, share, cols, first, step):
+    """Fill ends (nodes,) with the first bin past each node of a row, and share (w,) float32 with
+    how far each bin is towards the next node."""
+    done = 0
+    for i in range(len(cols)):
+        node, t = bracket(cols[i], first, step, len(ends), 1)
+        share[i] = t
+        while done <= node:
+            ends[done] = i
+            done += 1
+    for j in range(done, len(ends)):
+        ends[j] = len(cols)
+
+
+@inner
+def _between(out, share, low, high):
+    """Fill out (n,) with values that are a share (n,) of the way from one number to another."""
+    for i in range(len(out)):
+        poke(out, i, low + peek(share, i) * (high - low))
+
+
+@inner
+def _fill_lines(lines, start, shares, tap, ends, share):
+    """Fill lines (rows, ...) from `start` on with the shares of one pixel at each bin, from those
+    at nodes (rows * columns, pixels); ends, share: from `_columns`."""
+    columns = len(ends)
+    for r in range(len(lines)):
+        for c in range(columns - 1):
+            low, high = ends[c], ends[c + 1]
+            a, b = shares[r * columns + c, tap], shares[r * columns + c + 1, tap]
+            _between(
+                lines[r, start + low : start + high], share[low:high], np.float32(a), np.float32(b)
+            )
+
+
+@loop
+def _shares_at(us, vs, camera, lens, cell, widths, skew):
+    """Return the shares at nodes of the photo, (colours, axes, nodes, pixels) float64: at least a
+    pixel to each side, without light if the cell's radius is 0."""
+    radius, nodes = cell.radius, len(us) * len(vs)
+    spread, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
+    for i in range(len(cell.channel)):
+        colour, kind = cell.channel[i], cell.kind[i]
+        period, width = cell.period[kind], widths[kind]
+        fill_spreads(spread, us, vs, camera, lens, period, width, skew[kind], radius)
+        for axis in range(2):
+            past = 0.5 - cell.centre[i, axis]  # no more than half a pixel
+            for node in range(nodes):
+                shares, seen = out[colour, axis, node], spread[node, axis]
+                _fill_shares(shares, seen, width[axis], past, radius)
+    return out
+
+
+@loop
+def prepare(camera, lens, cell, widths, skew, sites):
+    """Return the Stencil of an image that has one; widths, skew: (kinds, 2), see
+    `exposure_records.Exposure`."""
+    count = counts(sites.rows, sites.cols, camera, lens, cell)[1]
+    us, step_u = line_of(sites.cols, count[0])
+    vs, step_v = line_of(sites.rows, count[1])
+    shares = _shares_at(us, vs, camera, lens, cell, widths, skew)
+    table = shares.reshape(-1, shares.shape[3])
+    half, reach = shares.shape[3] // 2, _reach(table)
+    _trim(table, reach)
+    w, taps, done = len(sites.cols), 2 * reach + 1, 0
+    ends, share = np.empty(len(us), np.int64), np.empty(w, np.float32)
+    _columns(ends, share, sites.cols, us[0], step_u)
+    lines = np.empty((len(vs), 6 * taps * w), np.float32)
+    for colour in range(3):
+        for axis in range(2):
+            for tap in range(half - reach, half + reach + 1):
+                _fill_lines(lines, done, shares[colour, axis], tap, ends, share)
+                done += w
+    return Stencil(lines, taps, step_v)
+
+
+@inner
+def _mixed(low, high, past):
+    return low + past * (high - low)
+
+
+@inner
+def _nine(out, low, high, past, pixels, start, stride):
+    """Fill out (w,) with the content of 3 x 3 pixels.
+
+    Args:
+        low, high: (6 * w,), their weights on the rows of nodes before and behind, which are `past`
+            of the way mixed.
+        pixels: flat. start: of the first bin's first. stride: from a row of them to the next.
+    """
+    w, second, third = len(out), start + stride, start + 2 * stride
+    for i in range(w):
+        a = _mixed(peek(low, i), peek(high, i), past)
+        b = _mixed(peek(low, i + w), peek(high, i + w), past)
+        c = _mixed(peek(low, i + 2 * w), peek(high, i + 2 * w), past)
+        d = _mixed(peek(low, i + 3 * w), peek(high, i + 3 * w), past)
+        e = _mixed(peek(low, i + 4 * w), peek(high, i + 4 * w), past)
+        f = _mixed(peek(low, i + 5 * w), peek(high, i + 5 * w), past)
+        at = start + i
+        above = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
+        at = second + i
+        here = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
+        at = third + i
+        below = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
+        poke(out, i, d * above + e * here + f * below)
+
+
+@inner
+def _add_weighed(out, low, high, past, values, start):
+    """Add values (n,) from `start` on to out (w,), weighed as in `_nine`."""
+    for i in range(len(out)):
+        weight = _mixed(peek(low, i), peek(high, i), past)
+        poke(out, i, out[i] + weight * peek(values, start + i))
+
+
+@inner
+def _square(out, line, low, high, past, pixels, start, stride):
+    """Do the same as `_nine` for more pixels; line: (w,) float32, workspace."""
+    w = len(out)
+    taps = len(low) // (2 * w)
+    fill(out, ZERO)
+    for j in range(taps):
+        fill(line, ZERO)
+        for i in range(taps):
+            a, b = i * w, (i + 1) * w
+            _add_weighed(line, low[a:b], high[a:b], past, pixels, start + j * stride + i)
+        a, b = (taps + j) * w, (taps + j + 1) * w
+        _add_weighed(out, low[a:b], high[a:b], past, line, 0)
+
+
+@inner
+def content(out, line, stencil, panel, cell, sites, row):
+    """Fill out (3, w) with what a row of bins sees of the picture.
+
+    Args:
+        line: (w,) float32, workspace. panel: (3, ...) float32, from `panel.show`.
+    """
+    v, first = sites.rows[row], sites.rows[0]
+    node, t = bracket(v, first, stencil.step_v, len(stencil.lines), 1)
+    before, behind, past = stencil.lines[node], stencil.lines[node + 1], np.float32(t)
+    stride, size, reach = panel.shape[2], 2 * stencil.taps * out.shape[1], stencil.taps // 2
+    flat = panel.reshape(3, panel.shape[1] * stride)
+    start = (margin(cell, 1) + row - reach) * stride + margin(cell, 0) - reach
+    for colour in range(3):
+        a, b = colour * size, (colour + 1) * size
+        if stencil.taps == THREE:
+            _nine(out[colour], before[a:b], behind[a:b], past, flat[colour], start, stride)
+        else:
+            _square(out[colour], line, before[a:b], behind[a:b], past, flat[colour], start, stride)
+
+
+@inner
+def look_straight(x, y, row):
+    """Fill x, y (n,) with the panel coordinates that a row of bins sees."""
+    for i in range(len(x)):
+        x[i], y[i] = i + 0.5, row + 0.5
