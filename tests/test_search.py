@@ -109,7 +109,7 @@ SCENES = st.builds(
 
 
 @settings(
-    max_examples=60,
+    max_examples=30,
     deadline=None,
     derandomize=True,
     database=None,

@@ -128,7 +128,7 @@ def test_images_that_are_too_small_get_a_sentence(weights, known):
 
 def test_an_evaluation_measures_every_attack_and_no_control(known, weights):
     model, batches = known
-    larger = [(torch.nn.functional.interpolate(x[:2], scale_factor=2), y[:2]) for x, y in batches]
+    larger = [(torch.nn.functional.interpolate(x[:6], scale_factor=2), y[:6]) for x, y in batches]
     frame = evaluate(model, larger[:1], eps=4 / 255, steps=1, lpips=weights, progress=False)
     lines = rates(frame).set_index("row")
     measured = lines.index[lines["lpips"].notna()]
