@@ -79,7 +79,7 @@ def test_images_that_are_all_fooled_are_not_attacked_again(batch):
 def test_an_attack_through_a_defence_is_another_one(batch):
     coarse = Judge("coarse", defence=BitDepth(1))
     through, plain = (Apgd(eps=EPS, steps=2, knows=knows) for knows in (coarse, None))
-    assert through.name == "apgd_2_through_coarse" and plain.name == "apgd_6"
+    assert through.name == "apgd_2_through_coarse" and plain.name == "apgd_2"
     assert through.settings()["knows"] == coarse.identity
     assert plain.settings()["knows"] is None
     assert not torch.equal(through.attacked(batch), plain.attacked(batch))
