@@ -60,7 +60,7 @@ class Binned(Exposure):
             return self.read(screen, shown, bins, shot)
 
         recompute = shot.requires_grad and torch.is_grad_enabled() and not is_transformed()
-        planes, each = [], max(self.taps**2, 8 * len(self.harmonics))
+        planes, each = [], max(self.taps**2, 16 * len(self.harmonics))
         for band in rows.chunk(bands_of(light, len(rows) * len(cols), each)):
             if recompute:  # a pose's gradient would keep kilobytes per reading
                 planes.append(checkpoint(read, band, use_reentrant=False, preserve_rng_state=False))

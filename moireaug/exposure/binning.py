@@ -33,19 +33,24 @@ Wave = tuple[Tensor, Tensor]  # real and imaginary part
 ALIASES = 4  # along each axis, of pixels two apart
 
 
-class Alias(NamedTuple):
-    """One alias of harmonics along an axis: its frequency g; what is left of it by holding values
-    over pixels, and by interpolation between them; its sign for pixels that begin at o = 3/2; and
-    exp(-2 pi i m (U - 1/2) / 2)."""
+class Aliases(NamedTuple):
+    """The n aliases of harmonics along an axis, (n, ...) each: their frequencies g; what is left of
+    them by holding values over pixels, and by interpolation between them; their signs for pixels
+    that begin at o = 3/2; and exp(-2 pi i m (U - 1/2) / 2)."""
 
     frequency: Tensor
     held: Tensor
     interpolated: Tensor
     sign: Tensor
-    wave: Wave
+    real: Tensor
+    imaginary: Tensor
+
+    def one(self, i: int) -> Aliases:
+        """Return one of them."""
+        return Aliases(*(values[i] for values in self))
 
 
-def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> list[Alias]:
+def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> Aliases:
     """Return the aliases along one axis.
 
     Args:
@@ -55,16 +60,14 @@ def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> list[Alias]:
     """
     step = 1 if bayer else 2
     first = (2 / step * frequency.detach()).floor() * step - (1 if bayer else 0)
-    even, found = torch.cos(math.pi * frequency).square(), []
-    for j in range(ALIASES // step):
-        m = first + j * step
-        g, sign = frequency - m / 2, 1 - 2 * m.remainder(2)
-        cycles = m.double() * ((0.5 - at) / 2)
-        phase = 2 * math.pi * (cycles - cycles.detach().round()).to(frequency.dtype)
-        interpolated = torch.where(sign > 0, even, 1 - even)
-        wave = torch.cos(phase), torch.sin(phase)
-        found.append(Alias(g, sinc(g), interpolated, sign, wave))
-    return found
+    steps = torch.arange(0, ALIASES, step, dtype=first.dtype, device=first.device)
+    m = first + steps.reshape(-1, *[1] * frequency.ndim)
+    g, sign = frequency - m / 2, 1 - 2 * m.remainder(2)
+    cycles = m.double() * ((0.5 - at) / 2)
+    phase = 2 * math.pi * (cycles - cycles.detach().round()).to(frequency.dtype)
+    even = torch.cos(math.pi * frequency).square()
+    interpolated = torch.where(sign > 0, even, 1 - even)
+    return Aliases(g, sinc(g), interpolated, sign, torch.cos(phase), torch.sin(phase))
 
 
 def plane_waves(u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, *, bayer: bool) -> list[Wave]:
@@ -77,19 +80,20 @@ def plane_waves(u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, *, bayer: b
     """
     none = torch.zeros_like(u), torch.zeros_like(u)
     red, green, blue = none, none, none
-    along_v = aliases(v, centre[..., 1], bayer=bayer)
-    for a in aliases(u, centre[..., 0], bayer=bayer):
-        for b in along_v:
-            left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides)
-            wave = times(a.wave, b.wave)
-            if not bayer:
-                red = plus(red, scaled(left, wave))
-                continue
-            coloured, both = left * a.interpolated * b.interpolated, a.sign * b.sign
-            quincunx = left * (a.interpolated + b.interpolated) * (a.sign + b.sign) / 4
-            red = plus(red, scaled(coloured, wave))
-            green = plus(green, scaled(quincunx, wave))
-            blue = plus(blue, scaled(coloured * both, wave))
+    along_u = aliases(u, centre[..., 0], bayer=bayer)
+    b = aliases(v, centre[..., 1], bayer=bayer)
+    for i in range(len(along_u.sign)):
+        a = along_u.one(i)
+        left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides)
+        wave = times((a.real, a.imaginary), (b.real, b.imaginary))
+        if not bayer:
+            red = plus(red, weighed(left, wave))
+            continue
+        coloured, both = left * a.interpolated * b.interpolated, a.sign * b.sign
+        quincunx = left * (a.interpolated + b.interpolated) * (a.sign + b.sign) / 4
+        red = plus(red, weighed(coloured, wave))
+        green = plus(green, weighed(quincunx, wave))
+        blue = plus(blue, weighed(coloured * both, wave))
     return [red, green, blue] if bayer else [red]
 
 
@@ -97,19 +101,16 @@ def power_left(u: Tensor, v: Tensor, sides: Tensor, *, bayer: bool) -> list[Tens
     """Return which share of the power of harmonics of frequencies u and v (K, B) is left in each
     plane, on average over where a bin lies: (K, B) each. sides: (B, 2, 2); the rest as in
     `plane_waves`."""
-    at, zero = sides.new_zeros(len(sides)), torch.zeros_like(u)
-    red, green = zero, zero
-    along_v = aliases(v, at, bayer=bayer)
-    for a in aliases(u, at, bayer=bayer):
-        for b in along_v:
-            left = (a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides)).square()
-            if not bayer:
-                red = red + left
-                continue
-            red = red + left * (a.interpolated * b.interpolated).square()
-            in_green = (a.interpolated + b.interpolated) * (a.sign + b.sign) / 4
-            green = green + left * in_green.square()
-    return [red, green, red] if bayer else [red]
+    at = sides.new_zeros(len(sides))
+    a, b = (aliases(f, at, bayer=bayer) for f in (u, v))
+    a = Aliases(*(values[:, None] for values in a))
+    left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides)
+    if not bayer:
+        return [left.square().sum((0, 1))]
+    red = left * a.interpolated * b.interpolated
+    green = left * (a.interpolated + b.interpolated) * (a.sign + b.sign) / 4
+    red, green = (share.square().sum((0, 1)) for share in (red, green))
+    return [red, green, red]
 
 
 def times(a: Wave, b: Wave) -> Wave:
@@ -122,9 +123,9 @@ def plus(a: Wave, b: Wave) -> Wave:
     return a[0] + b[0], a[1] + b[1]
 
 
-def scaled(factor: Tensor, a: Wave) -> Wave:
-    """Return a complex number times a real one."""
-    return factor * a[0], factor * a[1]
+def weighed(weight: Tensor, a: Wave) -> Wave:
+    """Return the weighted sum of complex numbers (n, ...)."""
+    return (weight * a[0]).sum(0), (weight * a[1]).sum(0)
 
 
 def _mean_over_bin(u: Tensor, v: Tensor, sides: Tensor) -> Tensor:
