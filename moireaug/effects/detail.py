@@ -10,7 +10,7 @@ from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off, show
-from moireaug.exposure.extremes import least_bin_scale
+from moireaug.exposure.extreme_views import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord

@@ -7,7 +7,7 @@ import math
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, WithinExposure, called, left_out, show, varies
-from moireaug.exposure import extremes
+from moireaug.exposure import extreme_views, extremes
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.choose import exposure_of
 from moireaug.exposure.smooth import Spectral
@@ -101,7 +101,7 @@ class Exposed(Effect):
         if method.name == "point":
             return called(reason)
         if scene.is_binned:
-            least = extremes.least_bin_scale(scene, bounds(scene.panel.scale)[0])
+            least = extreme_views.least_bin_scale(scene, bounds(scene.panel.scale)[0])
             reason += f", in bins of {least:.2g} sensor pixels a side or more"
         reason += f"; aperture {show(scene.sensor.fill)}, spread {show(lens.blur)}"
         if varies(lens.motion_x) or varies(lens.motion_y):

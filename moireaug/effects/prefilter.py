@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.exposure import content, extremes
+from moireaug.exposure import content, extreme_views, extremes
 from moireaug.exposure.bin_content import content_of
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.bins import bins_on_image
@@ -106,9 +106,9 @@ def most_lost(scene: SceneRecord) -> float:
     method, most = exposure_of(scene), 0.0
     if isinstance(method, Sampled):
         return 0.0
-    seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
+    seen = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
     whole = isinstance(method, (Mean, Binned))
-    for alpha in extremes.inside(scene.panel.scale, 1.0, points=3):
+    for alpha in extreme_views.inside(scene.panel.scale, 1.0, points=3):
         footprints = extremes.footprints(scene, seen, alpha, whole_pixel=whole)
         cells = min(alpha, 1.0) if scene.is_binned else alpha
         most = max(most, float(lost_variance(footprints, cells, method.taps).max()))

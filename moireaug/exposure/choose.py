@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 
-from moireaug.exposure import extremes
+from moireaug.exposure import extreme_views, extremes
 from moireaug.exposure.base import Exposure
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.sampled import Point, Supersample
@@ -76,6 +76,6 @@ def _is_cut(scene: SceneRecord, found: list[tuple[tuple[int, int], float]]) -> b
 def taps_of(scene: SceneRecord, *, whole_pixel: bool) -> int:
     """Return how many panel pixels along an axis a sensor pixel must see: 1, 3, 5 or 7."""
     # a blur may be a little short at the far end of a strip
-    seen = extremes.views(scene, bounds(scene.view.zoom)[0], usual=True)
+    seen = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
     to_each_side = math.floor(extremes.reach(scene, seen, whole_pixel=whole_pixel) + 0.5)
     return min(2 * to_each_side + 1, MOST_TAPS)

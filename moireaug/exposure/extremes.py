@@ -6,93 +6,28 @@ import functools
 import itertools
 import math
 from dataclasses import replace
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from moireaug.exposure.bin_content import spread_of
 from moireaug.exposure.content import Footprint, footprint, spread
+from moireaug.exposure.extreme_views import (
+    PRECISE,
+    inside,
+    least_bin_scale,
+    least_side,
+    steps,
+    views,
+)
 from moireaug.exposure.optics import Optics
 from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
-from moireaug.geometry.grids import image_to_photo, jacobian
-from moireaug.geometry.homography import homography, magnification
 from moireaug.panel.fourier import coefficient
-from moireaug.scene.fields import Range, bounds
+from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
-from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SceneRecord
 
-# height and width; what holds for these holds for most images
-SHAPES = ((256, 256), (192, 256), (256, 192))
-STRIPS = ((16, 256), (256, 16))  # perspective is strongest along a long strip
 HIGHEST = 32  # highest harmonic per panel pixel that is ever summed
-# a scene's plan depends neither on torch's default dtype nor on its default device
-PRECISE: dict[str, Any] = {"dtype": torch.float64, "device": "cpu"}
-
-
-def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
-    """Return a range's ends, evenly spread points between them, and those of `marks` that it
-    holds."""
-    low, high = bounds(value)
-    spread = [low + (high - low) * i / (points - 1) for i in range(points)]
-    return sorted({*spread, *(m for m in marks if low < m < high)})
-
-
-def views(scene: SceneRecord, zoom: float, *, usual: bool, magnified: bool = False) -> Tensor:
-    """Return image pixels per photo pixel, d(x, y) / d(u, v), at the corners and the centre of the
-    picture, and where it reaches past the photo's corners also as far out as these, for the angles
-    and lenses that a scene allows at this zoom: (N, 2, 2) float64. `usual` leaves out long
-    strips; `magnified` gives them times the photo pixels that an image pixel in the middle takes
-    before it is turned, which no zoom changes."""
-    shapes = SHAPES if usual else SHAPES + STRIPS
-    return _views(scene.view, scene.lens, scene.sensor.scale, zoom, shapes, magnified)
-
-
-@functools.lru_cache(maxsize=64)
-def _views(
-    v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool
-) -> Tensor:
-    fields, k1, k2 = _poses(v, lens, zoom)
-    found = []
-    for size in shapes:
-        h, w = size
-        m = homography(fields, k1, k2, size, scale, pose=v.pose, fit=v.fit)
-        picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **PRECISE)
-        points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
-        points = torch.cat([points, _in_the_photo(points, size)], 1)
-        seen = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
-        if magnified:
-            seen = seen * magnification(fields, k1, k2, size, v.fit)[:, None, None, None, None]
-        found.append(seen.flatten(0, 2))
-    return torch.cat(found).unique(dim=0)
-
-
-@functools.lru_cache(maxsize=64)
-def _least_magnification(v: View, lens: Lens) -> float:
-    """Return the least `homography.magnification` for the angles and lenses that a scene allows."""
-    fields, k1, k2 = _poses(v, lens, bounds(v.zoom)[0])
-    return min(float(magnification(fields, k1, k2, size, v.fit).min()) for size in SHAPES)
-
-
-def _poses(v: View, lens: Lens, zoom: float) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-    """Return the fields of views of the angles that a scene allows, k1 and k2, (N,) each."""
-    turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
-    rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
-    poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
-    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **PRECISE).T
-    fields = {k: torch.zeros_like(yaw) for k in v.ranged}
-    fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
-    fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
-    return fields, k1, k2
-
-
-def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:
-    """Return photo points (B, N, 2), those farther from its centre than its corners moved towards
-    it until they are as far."""
-    centre = points.new_tensor([size[1] / 2, size[0] / 2])
-    radius = (points - centre).norm(dim=-1, keepdim=True) / centre.norm()
-    return torch.where(radius > 1, centre + (points - centre) / radius, points)
 
 
 def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
@@ -114,7 +49,7 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     px, py = as_layout(scene.panel.layout).period
     k, l = _orders(px, py)
     shown = 2 * bounds(scene.sensor.gain)[1] * _strongest(scene, k, l)
-    step = _steps(scene)
+    step = steps(scene)
 
     # cycles per sensor pixel, at least, in any view; along one axis no less than this over sqrt 2
     least = torch.linalg.svdvals(step)[:, 1].min() * (k / px).hypot(l / py)
@@ -143,7 +78,7 @@ def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]
     sensor pixels may saturate, which they do by what bins average away, too, all of them."""
     if bounds(scene.sensor.gain)[1] > 1:
         return harmonics(scene)
-    layout, step = as_layout(scene.panel.layout), _steps(scene)
+    layout, step = as_layout(scene.panel.layout), steps(scene)
     low, high = bounds(scene.sensor.pitch)
     s = least_side(scene, bounds(scene.panel.scale)[0])
     apart = 0.5 if scene.cells == "binned" else 1.0
@@ -219,42 +154,9 @@ def _through_lens(scene: SceneRecord, squared: Tensor) -> Tensor:
     return torch.exp(-2 * math.pi**2 * bounds(scene.lens.blur)[0] ** 2 * squared)
 
 
-def _steps(scene: SceneRecord) -> Tensor:
-    """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that show the panel at
-    its smallest, (N, 2, 2)."""
-    zoom, (_, pitch) = bounds(scene.view.zoom)[1], bounds(scene.sensor.pitch)
-    if pitch:
-        return views(scene, zoom, usual=False, magnified=True) / pitch
-    seen = views(scene, zoom, usual=False)
-    return seen * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
-
-
-def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
-    """Return the least of `shot.bin_scale`, for `alpha` panel pixels per image pixel."""
-    view, pitch = scene.view, bounds(scene.sensor.pitch)[0]
-    if not scene.is_rectified:  # a picture that fits is at most as large as the photo
-        return pitch * alpha / bounds(view.zoom)[1] if pitch else scene.sensor.scale
-    yaw, tilt = (math.radians(max(map(abs, bounds(axis)))) for axis in (view.yaw, view.pitch))
-    turned = math.sqrt(math.cos(yaw) * math.cos(tilt))
-    if pitch:
-        return pitch * alpha * turned
-    return scene.sensor.scale * _least_magnification(view, scene.lens) * turned
-
-
-def least_side(scene: SceneRecord, alpha: float) -> float:
-    """Return the least side of a bin in any view, in sensor pixels, for `alpha` panel pixels per
-    image pixel."""
-    if not scene.is_rectified:
-        return least_bin_scale(scene, alpha)
-    zoom, pitch = bounds(scene.view.zoom)[0], bounds(scene.sensor.pitch)[0]
-    seen = views(scene, zoom, usual=False, magnified=bool(pitch))
-    farthest = float(torch.linalg.svdvals(seen)[:, 0].max())  # image pixels per photo pixel
-    return (pitch * alpha if pitch else scene.sensor.scale) / farthest
-
-
 def narrowest(scene: SceneRecord) -> float:
     """Return the smallest width of an aperture's shadow on the panel along an axis, in cells."""
-    widest = _steps(scene).abs().amax(-1).amin(0)  # along x and y
+    widest = steps(scene).abs().amax(-1).amin(0)  # along x and y
     period = widest.new_tensor(as_layout(scene.panel.layout).period)
     return bounds(scene.sensor.fill)[0] * float((widest / period).min())
 
