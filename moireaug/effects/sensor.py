@@ -141,7 +141,9 @@ torch.library.register_fake(
 def averaged_pixels(shot, scale: Tensor) -> Tensor:
     """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
     `shot.bin_scale`."""
-    share = 4 if shot.scene.cells == "binned" else 1
+    share = 4.0 if shot.scene.cells == "binned" else 1.0
+    if shot.scene.develop.resize == "antialias":
+        share = share * (2 / 3) ** 2  # a triangle's mean has 4 / 9 of a box's variance
     return (scale.square() / share).clamp(min=1)
 
 

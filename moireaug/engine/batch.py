@@ -143,7 +143,9 @@ def beats_fit(e, b):
     out = np.empty(len(b.cameras), np.bool_)
     for i in range(len(out)):
         camera = _camera(b.cameras[i])
-        out[i] = beat_terms.fits(e.sites, camera, b.wide[i], b.period, b.orders, b.strength[i])
+        out[i] = beat_terms.fits(
+            e.sites, camera, b.wide[i], b.again[i], b.period, b.orders, b.strength[i]
+        )
     return out
 
 

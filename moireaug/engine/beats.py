@@ -69,7 +69,8 @@ def _fill_waves(wave, sign, terms, kept, orders, period, ratio, scale, size):
 def prepare(b, i, camera, filters, size, sites):
     """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor."""
     period, orders, wide = b.period, b.orders, b.wide[i]
-    rough = sampled_grid(sites, camera, wide, period, orders)
+    again = b.again[i]
+    rough = sampled_grid(sites, camera, wide, again, period, orders)
     table, steps = transfer_of(rough, camera)
     most = brightest(rough, b.strength[i], table, steps, camera)
     terms = candidates(rough, most)
@@ -83,7 +84,7 @@ def prepare(b, i, camera, filters, size, sites):
     n_u, n_v = node_counts(rough, most, sites, camera)
     us, step_u = line_of(sites.cols, n_u)
     vs, step_v = line_of(sites.rows, n_v)
-    grid = grid_at(us, vs, camera, wide, period, own)
+    grid = grid_at(us, vs, camera, wide, again, period, own)
     amplitude = amplitudes(grid, terms, least, table, steps, camera, b.bayer)
     kept = strong(amplitude, terms, strength)
     w = len(sites.cols)
@@ -98,7 +99,7 @@ def prepare(b, i, camera, filters, size, sites):
     _fill_lines(lines, peak, amplitude, kept, ends, weight, shown)
     wave, sign = np.empty((len(kept), 5), np.float64), np.empty((len(kept), 2), np.float32)
     _fill_waves(wave, sign, terms, kept, own, period, b.ratio[i], camera.scale_u, size)
-    pattern = pattern_away(b, i, filters, camera, wide, table, steps)
+    pattern = pattern_away(b, i, filters, camera, table, steps)
     return Terms(harmonic, wave, sign, lines, peak, step_v, pattern)
 
 

@@ -121,6 +121,7 @@ def lower_beats(shot: ShotRecord, sensors: np.ndarray, seen: Content, scales: Bi
     return Beats(
         cameras=sensors,
         wide=scales.wide,
+        again=1 / scales.wide if shot.scene.develop.resize == "antialias" else 0 * scales.wide,
         ratio=np.ascontiguousarray(seen.ratio.detach().numpy()),
         centres=np.ascontiguousarray(centres),
         period=np.array(layout.period, np.int64),

@@ -64,7 +64,11 @@ def content_of(shot) -> Content:
     alpha, layout = shot.panel_scale, as_layout(shot.scene.panel.layout)
     ratio = alpha.clamp(min=1)
     fine = 1 - 1 / ratio  # 0 for a panel of the picture's pixels, near 1 for a much finer one
-    hold = torch.zeros_like(fine) if bounds(shot.scene.panel.width)[1] else fine / 12
+    hold = torch.zeros_like(fine)
+    if not bounds(shot.scene.panel.width)[1]:
+        # the filter that shrinks the photo blurs the picture, too, where its pixels are not means
+        again = 1 / 12 if shot.scene.develop.resize == "antialias" else 0.0
+        hold = fine / 12 + again * alpha.clamp(max=1).square()
     cells = [colour_cell(layout, channel, shot.panel) for channel in range(3)]
     middle = alpha.new_tensor([[x - 0.5, y - 0.5] for (x, y), _ in cells])
     width = torch.stack([torch.stack(sides, -1) for _, sides in cells], 1)

@@ -14,6 +14,9 @@ o being where the colour's first pixel lies, 1/2 or 3/2 along each axis. The fou
 summed along each axis: sinc(g) vanishes where one of them gives way to the next; what is farther
 away is the grain of held values, a few hundredths at most.
 
+A photo that is shrunk by a triangle filter, twice as wide as a bin (`Develop.resize` "antialias"),
+has the last two factors squared.
+
 Green pixels lie on a quincunx, whose aliases are those of even m_u + m_v, each interpolated by
 (cos^2(pi g_u) + cos^2(pi g_v)) / 2. Pixels without colour filters lie a pixel apart: their aliases
 are those of even m.
@@ -70,13 +73,15 @@ def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> Aliases:
     return Aliases(g, sinc(g), interpolated, sign, torch.cos(phase), torch.sin(phase))
 
 
-def plane_waves(u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, *, bayer: bool) -> list[Wave]:
+def plane_waves(
+    u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, again: Tensor | float, *, bayer: bool
+) -> list[Wave]:
     """Return what the planes of red, green and blue read of harmonics, relative to exp(2 pi i f .
     U), (K, B, h, w) each; without colour filters, one wave for all. Differentiable in all tensors.
 
     Args:
         u, v: (K, B, h, w), the harmonics' frequencies along both axes.
-        centre, sides: of the bins, see `bins.Bins`.
+        centre, sides, again: of the bins, see `bins.Bins`.
     """
     none = torch.zeros_like(u), torch.zeros_like(u)
     red, green, blue = none, none, none
@@ -84,7 +89,7 @@ def plane_waves(u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, *, bayer: b
     b = aliases(v, centre[..., 1], bayer=bayer)
     for i in range(len(along_u.sign)):
         a = along_u.one(i)
-        left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides)
+        left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides, again)
         wave = times((a.real, a.imaginary), (b.real, b.imaginary))
         if not bayer:
             red = plus(red, weighed(left, wave))
@@ -97,14 +102,16 @@ def plane_waves(u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, *, bayer: b
     return [red, green, blue] if bayer else [red]
 
 
-def power_left(u: Tensor, v: Tensor, sides: Tensor, *, bayer: bool) -> list[Tensor]:
+def power_left(
+    u: Tensor, v: Tensor, sides: Tensor, again: Tensor | float, *, bayer: bool
+) -> list[Tensor]:
     """Return which share of the power of harmonics of frequencies u and v (K, B) is left in each
     plane, on average over where a bin lies: (K, B) each. sides: (B, 2, 2); the rest as in
     `plane_waves`."""
     at = sides.new_zeros(len(sides))
     a, b = (aliases(f, at, bayer=bayer) for f in (u, v))
     a = Aliases(*(values[:, None] for values in a))
-    left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides)
+    left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides, again)
     if not bayer:
         return [left.square().sum((0, 1))]
     red = left * a.interpolated * b.interpolated
@@ -128,7 +135,8 @@ def weighed(weight: Tensor, a: Wave) -> Wave:
     return (weight * a[0]).sum(0), (weight * a[1]).sum(0)
 
 
-def _mean_over_bin(u: Tensor, v: Tensor, sides: Tensor) -> Tensor:
+def _mean_over_bin(u: Tensor, v: Tensor, sides: Tensor, again: Tensor | float) -> Tensor:
     """Return what the mean over a bin leaves of frequencies u and v."""
-    left = [sinc(u * sides[..., 0, side] + v * sides[..., 1, side]) for side in (0, 1)]
-    return left[0] * left[1]
+    cycles = [u * sides[..., 0, side] + v * sides[..., 1, side] for side in (0, 1)]
+    left = sinc(cycles[0]) * sinc(cycles[1])
+    return left * sinc(again * cycles[0]) * sinc(again * cycles[1])

@@ -278,7 +278,8 @@ class Develop(Part):
         sharpen_radius: standard deviation of the unsharp mask's Gaussian, in sensor pixels. A
             range.
         resize: how the sensor's pixels become photo pixels: "area" (box mean), "antialias"
-            (triangle filter) or "point" (bilinear without a prefilter, as the paper's code does).
+            (triangle filter, as libraries shrink photographs; moiré as fine as a photo pixel is
+            fainter) or "point" (bilinear without a prefilter, as the paper's code does).
         registered: the photo lies in the image's frame, so that labels, boxes and masks stay valid.
             A full reading's photo is warped back to it; a binned reading has its bins there.
         linear_light: the panel decodes sRGB codes into light, and the camera encodes light into

@@ -180,6 +180,7 @@ ENGINE = {
     "PenTile": {"panel": Panel(width=300.0, layout="pentile_diamond", lit=0.6)},
     "camera's frame": {"panel": Panel(width=200.0), "develop": Develop(registered=False)},
     "light": {"panel": Panel(width=200.0), "develop": Develop(linear_light=True)},
+    "antialiased": {"panel": Panel(width=(20.0, 200.0)), "develop": Develop(resize="antialias")},
 }
 SENSORS = {
     "Bayer": Sensor(pitch=(1.6, 2.4)),

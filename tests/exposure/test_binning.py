@@ -46,7 +46,7 @@ def closed_form(frequency, scale, colours=(0, 1, 2)):
     centre = torch.stack(torch.meshgrid(middle, middle, indexing="xy"), -1)[None]
     sides = max(scale, 1.0) * torch.eye(2, dtype=torch.float64)
     fu, fv = (torch.full((1, 1, PIXELS, PIXELS), f, dtype=torch.float64) for f in frequency)
-    read = plane_waves(fu, fv, centre, sides, bayer=colours != (None,))
+    read = plane_waves(fu, fv, centre, sides, 0.0, bayer=colours != (None,))
     found = []
     for colour in colours:
         real, imaginary = read[colour or 0]
@@ -115,11 +115,39 @@ def test_a_slanted_bin_is_the_mean_over_its_parallelogram(frequency, shape):
     u, v = (at[i] + sides[i, 0] * steps[:, None] + sides[i, 1] * steps for i in (0, 1))
     mean = [colour[:, v.long(), u.long()].mean((1, 2)) for colour in colours]
     f = [torch.full((1, 1, 1, 1), x, dtype=torch.float64) for x in frequency]
-    waves = plane_waves(*f, at.reshape(1, 1, 1, 2), sides, bayer=True)
+    waves = plane_waves(*f, at.reshape(1, 1, 1, 2), sides, 0.0, bayer=True)
     carrier = torch.exp(2j * math.pi * (frequency[0] * at[0] + frequency[1] * at[1]))
     for colour, (real, imaginary) in enumerate(waves):
         found = torch.complex(real, imaginary).flatten() * carrier
         assert (found - torch.complex(mean[0][colour], mean[1][colour])).abs() < 0.06
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+def test_a_triangle_filter_is_a_mean_of_bins_around(frequency):
+    """Of the bins whose middles lie in a bin."""
+    n, sides = 60, turned(25, 5.0, 3.0)
+    steps = (torch.arange(n, dtype=torch.float64) + 0.5) / n - 0.5
+    across, down = torch.meshgrid(steps, steps, indexing="xy")
+    middle = torch.tensor([23.7, 24.4], dtype=torch.float64)
+    around = middle + across[..., None] * sides[:, 0] + down[..., None] * sides[:, 1]
+    f = torch.tensor(frequency, dtype=torch.float64)
+
+    def read(centre, again):
+        size = centre.shape[1:3]
+        given = [x.expand(1, 1, *size) for x in f]
+        waves = plane_waves(*given, centre, sides, again, bayer=True)
+        carrier = torch.exp(2j * math.pi * (centre * f).sum(-1))
+        return [(torch.complex(*wave)[0] * carrier).mean() for wave in waves]
+
+    expected = read(around[None], 0.0)
+    for found, mean, plain in zip(
+        read(middle.reshape(1, 1, 1, 2), 1.0),
+        expected,
+        read(middle.reshape(1, 1, 1, 2), 0.0),
+        strict=True,
+    ):
+        assert (found - mean).abs() < 1e-3
+        assert found.abs() <= plain.abs() + 1e-9
 
 
 def test_the_power_left_is_that_of_bins_anywhere():
@@ -128,8 +156,8 @@ def test_the_power_left_is_that_of_bins_anywhere():
     centre = 40 * torch.rand(1, 60, 60, 2, dtype=torch.float64, generator=draw)
     f = [torch.full((1, 1, 60, 60), x, dtype=torch.float64) for x in frequency]
     for bayer in (True, False):
-        waves = plane_waves(*f, centre, sides, bayer=bayer)
-        left = power_left(f[0][:, :, 0, 0], f[1][:, :, 0, 0], sides[None], bayer=bayer)
+        waves = plane_waves(*f, centre, sides, 0.0, bayer=bayer)
+        left = power_left(f[0][:, :, 0, 0], f[1][:, :, 0, 0], sides[None], 0.0, bayer=bayer)
         for (real, imaginary), share in zip(waves, left, strict=True):
             mean = (real.square() + imaginary.square()).mean()
             assert float(mean) == pytest.approx(float(share), abs=0.02)
@@ -152,7 +180,7 @@ def test_a_beat_has_a_gradient(frequency, shape):
 
     def waves(f, sides, centre):
         f = f.reshape(3, 1, 1, 1)
-        found = plane_waves(f, 0.3 * f, centre.reshape(1, 1, 1, 2), sides, bayer=True)
+        found = plane_waves(f, 0.3 * f, centre.reshape(1, 1, 1, 2), sides, 0.6, bayer=True)
         return tuple(part for wave in found for part in wave)
 
     assert torch.autograd.gradcheck(waves, (f, sides, centre))
