@@ -35,7 +35,7 @@ def bins_at(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, 
     """Return the bins of photo pixels in rows x cols; step and sides of dtype `accuracy`.
 
     In the camera's frame they are squares of the sensor; in the image's, of the image. Pixels of
-    the image that lie outside the photo get the bin in its middle.
+    the image that lie outside the photo get the bin at its nearest edge.
 
     Args:
         inverse: (B, 3, 3), see `grids.photo_to_image`.
@@ -81,12 +81,13 @@ def _bins(images: Tensor, points: Tensor, inverse: Tensor, accuracy: torch.dtype
 
 def photo_points(images: Tensor, shot) -> tuple[Tensor, Tensor]:
     """Return where image points (B, h, w, 2) lie on the photo, float64, and which do, (B, h, w)
-    bool; those that do not are put in its middle."""
+    bool; those that do not are put at its nearest edge. Of a photo that a picture fits, that is
+    less than a pixel away: a lens may bend a border outwards between the points that are fitted."""
     flat = grids.image_to_photo(images.flatten(1, 2), shot.matrix(), shot.size, shot.distortion)
     points = flat.reshape(images.shape)
     size = points.new_tensor(shot.size[::-1])
     shown = ((points >= 0) & (points <= size)).all(-1)
-    return torch.where(shown[..., None], points, size / 2), shown
+    return torch.minimum(torch.maximum(points, torch.zeros_like(size)), size), shown
 
 
 def pixels_on_photo(shot) -> tuple[Tensor, Tensor]:
