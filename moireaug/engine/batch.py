@@ -144,7 +144,7 @@ def beats_fit(e, b):
     for i in range(len(out)):
         camera = _camera(b.cameras[i])
         out[i] = beat_terms.fits(
-            e.sites, camera, b.wide[i], b.again[i], b.period, b.orders, b.strength[i]
+            e.sites, camera, b.enlargement[i], b.triangle[i], b.period, b.orders, b.strength[i]
         )
     return out
 

@@ -25,18 +25,22 @@ class BeatGrid(NamedTuple):
         frequency: (rows, cols, K, 2) float64, of each harmonic along u and v, in cycles per sensor
             pixel.
         sides: (rows, cols, 4) float64, u and v of the bins' two sides, in sensor pixels; at least
-            a pixel long, and again: float, see `exposure.bins.Bins`.
+            a pixel long, and triangle: float, see `exposure.bins.Bins`.
     """
 
     frequency: np.ndarray
     sides: np.ndarray
-    again: float
+    triangle: float
 
 
 @loop
-def grid_at(us, vs, camera, wide, again, period, orders):
-    """Return the BeatGrid at points of a reading about its centre; camera: of sensor pixels. wide:
-    by how much bins are enlarged to be as large as a sensor pixel. again: see `BeatGrid`."""
+def grid_at(us, vs, camera, enlargement, triangle, period, orders):
+    """Return the BeatGrid at points of a reading about its centre.
+
+    Args:
+        camera: of sensor pixels. enlargement, triangle, period, orders: of an image, see
+            `exposure_records.Beats`.
+    """
     n = len(orders)
     frequency = np.empty((len(vs), len(us), n, 2), np.float64)
     sides = np.empty((len(vs), len(us), 4), np.float64)
@@ -48,22 +52,22 @@ def grid_at(us, vs, camera, wide, again, period, orders):
                 frequency[r, c, h, 0] = k * xu + l * yu
                 frequency[r, c, h, 1] = k * xv + l * yv
             side = sides[r, c]
-            side[0], side[1], side[2], side[3] = camera.scale_u * wide, 0.0, 0.0, 0.0
-            side[3] = camera.scale_v * wide
+            side[0], side[1], side[2], side[3] = camera.scale_u * enlargement, 0.0, 0.0, 0.0
+            side[3] = camera.scale_v * enlargement
             if camera.rectified != 0:
                 # one pixel of the image, from panel pixels to sensor pixels
-                by = camera.alpha * wide / (xu * yv - xv * yu)
+                by = camera.alpha * enlargement / (xu * yv - xv * yu)
                 side[0], side[1], side[2], side[3] = by * yv, -by * yu, -by * xv, by * xu
-    return BeatGrid(frequency, sides, again)
+    return BeatGrid(frequency, sides, triangle)
 
 
 @loop
-def sampled_grid(sites, camera, wide, again, period, orders):
+def sampled_grid(sites, camera, enlargement, triangle, period, orders):
     """Return the BeatGrid at a few points over the reading; arguments as in `grid_at`."""
     us, vs = np.empty(SAMPLES, np.float64), np.empty(SAMPLES, np.float64)
     for i in range(SAMPLES):
         us[i], vs[i] = sample(sites.cols, i, SAMPLES), sample(sites.rows, i, SAMPLES)
-    return grid_at(us, vs, camera, wide, again, period, orders)
+    return grid_at(us, vs, camera, enlargement, triangle, period, orders)
 
 
 @loop

@@ -12,7 +12,7 @@ from moireaug.engine.compiling import inner, loop
 
 
 @inner
-def _fill_power_left(out, fu, fv, bayer, side, again):
+def _fill_power_left(out, fu, fv, bayer, side, triangle):
     """Fill out (2,) with the share of a harmonic's power that bins keep, on average over where they
     lie, in the planes of red and blue, and of green."""
     out[0] = out[1] = 0.0
@@ -21,7 +21,7 @@ def _fill_power_left(out, fu, fv, bayer, side, again):
         m_u = math.floor(2 * fu) - 1 + j
         for k in range(4):
             m_v = math.floor(2 * fv) - 1 + k
-            left = left_of(fu, fv, m_u, m_v, side, again)
+            left = left_of(fu, fv, m_u, m_v, side, triangle)
             coloured, green = in_planes(even_u, even_v, m_u, m_v, bayer)
             out[0] += (left * coloured) ** 2
             out[1] += (left * green) ** 2
@@ -45,12 +45,12 @@ def pattern_away(b, i, filters, camera, table, steps):
     b: see `exposure_records.Beats`. table, steps: from `beat_grid.transfer_of`.
     """
     middle = np.zeros(1, np.float64)
-    grid = grid_at(middle, middle, camera, b.wide[i], b.again[i], b.period, b.orders)
+    grid = grid_at(middle, middle, camera, b.enlargement[i], b.triangle[i], b.period, b.orders)
     power, left = np.zeros(3, np.float64), np.empty(2, np.float64)
     for h in range(len(b.orders)):
         fu, fv = grid.frequency[0, 0, h]
         passed = transmitted(fu, fv, table, steps, camera)
-        _fill_power_left(left, fu, fv, b.bayer, grid.sides[0, 0], grid.again)
+        _fill_power_left(left, fu, fv, b.bayer, grid.sides[0, 0], grid.triangle)
         for plane in range(3):
             lost = 1 - min(left[1 if plane == 1 else 0], 1.0)
             power[plane] += passed * passed / 2 * lost * _power_of(b, i, h, filters, plane)

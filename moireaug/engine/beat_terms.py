@@ -47,10 +47,10 @@ def brightest(grid, strength, table, steps, camera):
 
 
 @loop
-def fits(sites, camera, wide, again, period, orders, strength):
+def fits(sites, camera, enlargement, triangle, period, orders, strength):
     """Return whether the kernels can follow a view: not one whose beats change too fast, or are too
     many."""
-    grid = sampled_grid(sites, camera, wide, again, period, orders)
+    grid = sampled_grid(sites, camera, enlargement, triangle, period, orders)
     table, steps = transfer_of(grid, camera)
     amplitude = brightest(grid, strength, table, steps, camera)
     across, down = node_counts(grid, amplitude, sites, camera)
@@ -193,16 +193,16 @@ def harmonics_of(terms):
 
 
 @inner
-def left_of(fu, fv, m_u, m_v, side, again):
-    """Return what is left of an alias without interpolation; side: (4,), of the bin. again: see
+def left_of(fu, fv, m_u, m_v, side, triangle):
+    """Return what is left of an alias without interpolation; side: (4,), of the bin. triangle: see
     `exposure.bins.Bins`."""
     u, v = fu - m_u / 2, fv - m_v / 2
     if abs(u) >= 1 or abs(v) >= 1:
         return 0.0
     first, second = u * side[0] + v * side[1], u * side[2] + v * side[3]
     left = sinc(u) * sinc(v) * sinc(first) * sinc(second)
-    if again != 0:
-        left *= sinc(again * first) * sinc(again * second)
+    if triangle != 0:
+        left *= sinc(triangle * first) * sinc(triangle * second)
     return left
 
 
@@ -240,7 +240,7 @@ def amplitudes(grid, terms, least, table, steps, camera, bayer):
                     last, passed = h, UNKNOWN
                 fu, fv = grid.frequency[r, c, h, 0], grid.frequency[r, c, h, 1]
                 out[r, c, t, 0] = out[r, c, t, 1] = ZERO
-                left = left_of(fu, fv, m_u, m_v, side, grid.again)
+                left = left_of(fu, fv, m_u, m_v, side, grid.triangle)
                 if abs(left) < least[h]:
                     continue
                 if passed == UNKNOWN:

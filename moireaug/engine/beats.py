@@ -50,14 +50,13 @@ def _fill_lines(lines, peak, amplitude, kept, ends, weight, strength):
 
 
 @inner
-def _fill_waves(wave, sign, terms, kept, orders, period, ratio, scale, size):
+def _fill_waves(wave, sign, terms, kept, cycles, scale, size):
     """Fill wave (T, 5) with each term's cycles per pixel of the shown panel along x and y, per
     photo pixel along u and v, and in the photo's middle; and sign (T, 2) with the signs that the
-    planes of blue and of green see it with."""
+    planes of blue and of green see it with; cycles: (H, 2), of each harmonic along x and y."""
     for t in range(len(kept)):
         h, m_u, m_v = terms[kept[t], 0], terms[kept[t], 1], terms[kept[t], 2]
-        wave[t, 0] = orders[h, 0] / period[0] * ratio
-        wave[t, 1] = orders[h, 1] / period[1] * ratio
+        wave[t, 0], wave[t, 1] = cycles[h, 0], cycles[h, 1]
         wave[t, 2], wave[t, 3] = -m_u * scale / 2, -m_v * scale / 2
         first = m_u * (scale * size[1] / 2 - 0.5) + m_v * (scale * size[0] / 2 - 0.5)
         wave[t, 4] = -first / 2
@@ -68,23 +67,25 @@ def _fill_waves(wave, sign, terms, kept, orders, period, ratio, scale, size):
 @part
 def prepare(b, i, camera, filters, size, sites):
     """Return the Terms of image i; b: see `exposure_records.Beats`. camera: of its sensor."""
-    period, orders, wide = b.period, b.orders, b.wide[i]
-    again = b.again[i]
-    rough = sampled_grid(sites, camera, wide, again, period, orders)
+    period, orders, enlargement = b.period, b.orders, b.enlargement[i]
+    triangle = b.triangle[i]
+    rough = sampled_grid(sites, camera, enlargement, triangle, period, orders)
     table, steps = transfer_of(rough, camera)
     most = brightest(rough, b.strength[i], table, steps, camera)
     terms = candidates(rough, most)
     used = harmonics_of(terms)
     own, strength = np.empty((len(used), 2), np.int64), np.empty(len(used), np.float64)
-    least = np.empty(len(used), np.float64)
+    least, cycles = np.empty(len(used), np.float64), np.empty((len(used), 2), np.float64)
     for h in range(len(used)):
-        own[h, 0], own[h, 1] = orders[used[h], 0], orders[used[h], 1]
+        for axis in range(2):
+            own[h, axis] = orders[used[h], axis]
+            cycles[h, axis] = own[h, axis] / period[axis] * b.ratio[i]
         strength[h] = b.strength[i, used[h]] * max(camera.gain, 1.0)
         least[h] = FAINT_BEAT / 8 / strength[h]
     n_u, n_v = node_counts(rough, most, sites, camera)
     us, step_u = line_of(sites.cols, n_u)
     vs, step_v = line_of(sites.rows, n_v)
-    grid = grid_at(us, vs, camera, wide, again, period, own)
+    grid = grid_at(us, vs, camera, enlargement, triangle, period, own)
     amplitude = amplitudes(grid, terms, least, table, steps, camera, b.bayer)
     kept = strong(amplitude, terms, strength)
     w = len(sites.cols)
@@ -98,7 +99,7 @@ def prepare(b, i, camera, filters, size, sites):
         shown[t] = strength[terms[kept[t], 0]]
     _fill_lines(lines, peak, amplitude, kept, ends, weight, shown)
     wave, sign = np.empty((len(kept), 5), np.float64), np.empty((len(kept), 2), np.float32)
-    _fill_waves(wave, sign, terms, kept, own, period, b.ratio[i], camera.scale_u, size)
+    _fill_waves(wave, sign, terms, kept, cycles, camera.scale_u, size)
     pattern = pattern_away(b, i, filters, camera, table, steps)
     return Terms(harmonic, wave, sign, lines, peak, step_v, pattern)
 

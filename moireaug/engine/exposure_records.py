@@ -156,9 +156,9 @@ class Beats(NamedTuple):
 
     Args:
         cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
-        wide: (B,) float64, by how much bins are enlarged to be as large as a sensor pixel. again:
-            (B,) float64, see `exposure.bins.Bins`. ratio: (B,) float64, panel pixels per pixel of
-            the panel that is shown.
+        enlargement: (B,) float64, by how much bins are enlarged to be as large as a sensor pixel.
+            triangle: (B,) float64, see `exposure.bins.Bins`. ratio: (B,) float64, panel pixels per
+            pixel of the panel that is shown.
         centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
         period: (2,) int64, of the layout. orders: (K, 2) int64, its harmonics.
         coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
@@ -170,8 +170,8 @@ class Beats(NamedTuple):
     """
 
     cameras: np.ndarray
-    wide: np.ndarray
-    again: np.ndarray
+    enlargement: np.ndarray
+    triangle: np.ndarray
     ratio: np.ndarray
     centres: np.ndarray
     period: np.ndarray

@@ -26,7 +26,7 @@ class BinScales(NamedTuple):
     bin: np.ndarray
 
     @property
-    def wide(self) -> np.ndarray:
+    def enlargement(self) -> np.ndarray:
         """By how much bins are enlarged to be as large as a sensor pixel, (B,)."""
         return np.maximum(1 / self.bin, 1)
 
@@ -62,7 +62,7 @@ def lower_bin_cameras(
     """
     zero = np.zeros(len(shot))
     of_bins = fields | _noise_of_bins(shot, scales.bin)
-    of_bins |= {"alpha": seen.scale.numpy(), "fill": scales.wide}
+    of_bins |= {"alpha": seen.scale.numpy(), "fill": scales.enlargement}
     sensor = fields | {"alpha": scales.panel, "rectified": zero + shot.scene.is_rectified}
     blur = {"alpha": seen.scale.numpy(), "fill": zero, "blur": seen.optics.blur.numpy()}
     images = pose.from_corner(inverse, shot.size)
@@ -120,8 +120,10 @@ def lower_beats(shot: ShotRecord, sensors: np.ndarray, seen: Content, scales: Bi
     centres = 0.5 + seen.shift.detach().numpy()
     return Beats(
         cameras=sensors,
-        wide=scales.wide,
-        again=1 / scales.wide if shot.scene.develop.resize == "antialias" else 0 * scales.wide,
+        enlargement=scales.enlargement,
+        triangle=1 / scales.enlargement
+        if shot.scene.develop.resize == "antialias"
+        else 0 * scales.enlargement,
         ratio=np.ascontiguousarray(seen.ratio.detach().numpy()),
         centres=np.ascontiguousarray(centres),
         period=np.array(layout.period, np.int64),

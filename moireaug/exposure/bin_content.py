@@ -67,8 +67,8 @@ def content_of(shot) -> Content:
     hold = torch.zeros_like(fine)
     if not bounds(shot.scene.panel.width)[1]:
         # the filter that shrinks the photo blurs the picture, too, where its pixels are not means
-        again = 1 / 12 if shot.scene.develop.resize == "antialias" else 0.0
-        hold = fine / 12 + again * alpha.clamp(max=1).square()
+        second_mean = 1.0 if shot.scene.develop.resize == "antialias" else 0.0
+        hold = (fine + second_mean * alpha.clamp(max=1).square()) / 12
     cells = [colour_cell(layout, channel, shot.panel) for channel in range(3)]
     middle = alpha.new_tensor([[x - 0.5, y - 0.5] for (x, y), _ in cells])
     width = torch.stack([torch.stack(sides, -1) for _, sides in cells], 1)

@@ -125,7 +125,7 @@ class Binned(Exposure):
         passed = optics.transfer(u, v)
         carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
         bayer, found = shot.scene.cells == "binned", []
-        read = plane_waves(u, v, bins.centre, bins.sides, bins.again, bayer=bayer)
+        read = plane_waves(u, v, bins.centre, bins.sides, bins.triangle, bayer=bayer)
         amplitudes = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
         for plane in range(3):
             wave = times(carrier, read[plane if bayer else 0])
@@ -149,7 +149,7 @@ class Binned(Exposure):
         u, v = (k * step[:, 0, axis] + l * step[:, 1, axis] for axis in (0, 1))
         power = optics_of(shot).transfer(u, v).square() / 2  # (K, B)
         bayer = shot.scene.cells == "binned"
-        left = power_left(u, v, sides, bins.again[:, 0, 0], bayer=bayer)
+        left = power_left(u, v, sides, bins.triangle[:, 0, 0], bayer=bayer)
         lost = [power * (1 - left[plane if bayer else 0]).clamp(min=0) for plane in range(3)]
         filters = torch.eye(3, dtype=step.dtype, device=step.device).expand(len(shot), 3, 3)
         if "crosstalk" in shot.plan:

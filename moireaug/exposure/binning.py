@@ -74,14 +74,14 @@ def aliases(frequency: Tensor, at: Tensor, *, bayer: bool) -> Aliases:
 
 
 def plane_waves(
-    u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, again: Tensor | float, *, bayer: bool
+    u: Tensor, v: Tensor, centre: Tensor, sides: Tensor, triangle: Tensor | float, *, bayer: bool
 ) -> list[Wave]:
     """Return what the planes of red, green and blue read of harmonics, relative to exp(2 pi i f .
     U), (K, B, h, w) each; without colour filters, one wave for all. Differentiable in all tensors.
 
     Args:
         u, v: (K, B, h, w), the harmonics' frequencies along both axes.
-        centre, sides, again: of the bins, see `bins.Bins`.
+        centre, sides, triangle: of the bins, see `bins.Bins`.
     """
     none = torch.zeros_like(u), torch.zeros_like(u)
     red, green, blue = none, none, none
@@ -89,7 +89,7 @@ def plane_waves(
     b = aliases(v, centre[..., 1], bayer=bayer)
     for i in range(len(along_u.sign)):
         a = along_u.one(i)
-        left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides, again)
+        left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides, triangle)
         wave = times((a.real, a.imaginary), (b.real, b.imaginary))
         if not bayer:
             red = plus(red, weighed(left, wave))
@@ -103,7 +103,7 @@ def plane_waves(
 
 
 def power_left(
-    u: Tensor, v: Tensor, sides: Tensor, again: Tensor | float, *, bayer: bool
+    u: Tensor, v: Tensor, sides: Tensor, triangle: Tensor | float, *, bayer: bool
 ) -> list[Tensor]:
     """Return which share of the power of harmonics of frequencies u and v (K, B) is left in each
     plane, on average over where a bin lies: (K, B) each. sides: (B, 2, 2); the rest as in
@@ -111,7 +111,7 @@ def power_left(
     at = sides.new_zeros(len(sides))
     a, b = (aliases(f, at, bayer=bayer) for f in (u, v))
     a = Aliases(*(values[:, None] for values in a))
-    left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides, again)
+    left = a.held * b.held * _mean_over_bin(a.frequency, b.frequency, sides, triangle)
     if not bayer:
         return [left.square().sum((0, 1))]
     red = left * a.interpolated * b.interpolated
@@ -135,8 +135,8 @@ def weighed(weight: Tensor, a: Wave) -> Wave:
     return (weight * a[0]).sum(0), (weight * a[1]).sum(0)
 
 
-def _mean_over_bin(u: Tensor, v: Tensor, sides: Tensor, again: Tensor | float) -> Tensor:
+def _mean_over_bin(u: Tensor, v: Tensor, sides: Tensor, triangle: Tensor | float) -> Tensor:
     """Return what the mean over a bin leaves of frequencies u and v."""
     cycles = [u * sides[..., 0, side] + v * sides[..., 1, side] for side in (0, 1)]
     left = sinc(cycles[0]) * sinc(cycles[1])
-    return left * sinc(again * cycles[0]) * sinc(again * cycles[1])
+    return left * sinc(triangle * cycles[0]) * sinc(triangle * cycles[1])

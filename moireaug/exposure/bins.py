@@ -20,15 +20,15 @@ class Bins(NamedTuple):
         sides: (B, h, w, 2, 2), u and v of a bin's two sides in sensor pixels, the last axis over
             the sides. Bins smaller than a sensor pixel are as large as one: the photo interpolates
             between sensor pixels.
-        again: (B, 1, 1), by what the sides are to be multiplied for a second mean over them, which
-            makes a triangle filter of the first; 0 for none.
+        triangle: (B, 1, 1), by what the sides are to be multiplied for a second mean over them,
+            which makes a triangle filter of the first; 0 for none.
     """
 
     position: Tensor
     centre: Tensor
     step: Tensor
     sides: Tensor
-    again: Tensor
+    triangle: Tensor
 
 
 def bins_at(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot) -> Bins:
@@ -73,10 +73,10 @@ def _bins(images: Tensor, points: Tensor, inverse: Tensor, accuracy: torch.dtype
     enlarged = (1 / shot.bin_scale).clamp(min=1)
     wide = scale[..., None] * enlarged[:, None, None, None, None]
     sides = (photo_pixel * wide.to(accuracy)).expand_as(step)
-    again = torch.zeros_like(enlarged)
+    triangle = torch.zeros_like(enlarged)
     if shot.scene.develop.resize == "antialias":  # which interpolates between larger sensor pixels
-        again = 1 / enlarged
-    return Bins(images * alpha, points * scale, step, sides, again.to(accuracy)[:, None, None])
+        triangle = 1 / enlarged
+    return Bins(images * alpha, points * scale, step, sides, triangle.to(accuracy)[:, None, None])
 
 
 def photo_points(images: Tensor, shot) -> tuple[Tensor, Tensor]:
