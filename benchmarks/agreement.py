@@ -21,7 +21,7 @@ from torchvision.transforms.v2.functional import resize
 from benchmarks import measure
 from moireaug import Scene, capture
 from moireaug.evaluation.statistics import wilson
-from moireaug.scene.mixture import Mixture, sample_one
+from moireaug.mixtures import Mixture, sample_one
 from moireaug.synthesis import without_moire
 from training import models
 from training.calibration.pairs import Shown

@@ -27,7 +27,7 @@ from moireaug.evaluation.attackers import Attacker, MoireAttacker, PoseUnknown
 from moireaug.evaluation.autoattack import SquareAttacker, TargetedApgd
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Batches, Runner, jobs_of
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 from training import saved
 from training.attacking import protocol_of
 from training.data import load

@@ -25,8 +25,8 @@ from moireaug.checks import (
     check_shot,
 )
 from moireaug.engine import dispatch
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.shot import ShotRecord
+from moireaug.mixed_shot import MixedShot
+from moireaug.shot import ShotRecord
 
 
 def capture(

@@ -25,12 +25,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import clip, is_transformed
 from moireaug.scene.by_name import limits
-from moireaug.scene.mixed_shot import MixedShot
 from moireaug.scene.parts import LEAST_SLOPE
 from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot import ShotRecord
+from moireaug.shot import ShotRecord
 
 MOST_CLIPPED = 0.18
 FAR_MEAN = 0.1

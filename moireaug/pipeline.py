@@ -3,9 +3,7 @@ a scene calls for."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Iterable
 
 import torch
 from torch import Tensor
@@ -25,10 +23,10 @@ from moireaug.effects.sensor import FullWell, Gain, Noise, Quantisation, Saturat
 from moireaug.effects.srgb import Clip, Decode, Encode
 from moireaug.effects.tone import Brighten, ColourMatrix, ToneCurve, WhiteBalance
 from moireaug.effects.vignetting import Vignetting
-from moireaug.exposure.base import Exposure
 from moireaug.exposure.choose import exposure_of
+from moireaug.plan import Plan, Step
 from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot import ShotRecord
+from moireaug.shot import ShotRecord
 
 EXPOSE: tuple[Effect, ...] = (
     Decode(),  # codes to light
@@ -64,6 +62,7 @@ DEVELOP: tuple[Effect, ...] = (
     Registration(),  # back to the image's frame
     Jpeg(),
 )
+BY_NAME: dict[str, Effect] = {effect.name: effect for effect in (*EXPOSE, *DEVELOP)}
 
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
@@ -78,112 +77,28 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     return apply(shot.plan.developing, raw, shot)
 
 
-def apply(effects: tuple[Effect, ...], values: Tensor, shot: ShotRecord) -> Tensor:
-    """Apply effects in turn."""
-    for effect in effects:
-        values = effect(values, shot)
+def apply(effects: Iterable[str], values: Tensor, shot: ShotRecord) -> Tensor:
+    """Apply effects, given by name, in turn."""
+    for name in effects:
+        values = BY_NAME[name](values, shot)
     return values
-
-
-class Step(NamedTuple):
-    """One effect of a plan: its name, whether the scene calls for it, and why or why not."""
-
-    name: str
-    called: bool
-    reason: str
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The effects of a scene, in the order in which light meets them. `"pose" in plan` asks whether
-    one is called for.
-
-    Args:
-        steps: every effect, called for or not.
-        exposing, developing: the effects that are computed before and after the attacker's noise.
-        method: the exposure method, "auto" resolved.
-        prefilter: the most variance by which the picture is blurred before it is looked up, in
-            squared image pixels.
-    """
-
-    steps: tuple[Step, ...]
-    exposing: tuple[Effect, ...]
-    developing: tuple[Effect, ...]
-    method: Exposure
-    prefilter: float
-    _called: frozenset[str] = field(init=False, repr=False)  # a photo asks for dozens of names
-
-    def __post_init__(self) -> None:
-        called = frozenset(step.name for step in self.steps if step.called)
-        object.__setattr__(self, "_called", called)
-
-    @property
-    def exposure(self) -> str:
-        """The exposure's name: "spectral", "box", "mean", "point" or "supersample:n"."""
-        return self.method.name
-
-    @property
-    def harmonics(self) -> tuple[tuple[int, int], ...]:
-        """The (k, l) pairs that the spectral exposure sums."""
-        return self.method.harmonics
-
-    def __contains__(self, effect: object) -> bool:
-        return effect in self._called
-
-    def __iter__(self) -> Iterator[Step]:
-        return (step for step in self.steps if step.called)
-
-    def __str__(self) -> str:
-        called = [step for step in self.steps if step.called]
-        absent = [step for step in self.steps if not step.called]
-        width = max(len(step.name) for step in self.steps) + 2
-        lines = ["The photo is the image"]
-        if called:
-            lines = [f"{_counted(called)} computed, in this order"]
-        for i, step in enumerate(called, 1):
-            lines.append(f"  {i:2d}  {step.name:{width}}{step.reason}")
-        if absent:
-            lines.append(f"{_counted(absent)} left out")
-        for step in absent:
-            lines.append(f"   -  {step.name:{width}}{step.reason}")
-        return "\n".join(lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values: effects called for and those left out (each name to reason),
-        exposure and harmonics."""
-        return {
-            "effects": {step.name: step.reason for step in self.steps if step.called},
-            "left_out": {step.name: step.reason for step in self.steps if not step.called},
-            "exposure": self.exposure,
-            "harmonics": [list(pair) for pair in self.harmonics],
-        }
-
-
-def _counted(steps: list[Step]) -> str:
-    return "1 effect is" if len(steps) == 1 else f"{len(steps)} effects are"
 
 
 @torch.no_grad()
 def make_plan(scene: SceneRecord) -> Plan:
     """Judge every effect by a scene's ranges; see `Scene.plan`."""
     steps: list[Step] = []
-    chosen: dict[str, list[Effect]] = {}
+    computed: dict[str, list[str]] = {}
     for stage, effects in (("exposing", EXPOSE), ("developing", DEVELOP)):
-        chosen[stage] = []
+        computed[stage] = []
         for effect in effects:
             verdict = effect.verdict(scene)
             if verdict.called:
-                chosen[stage].append(effect)
+                computed[stage].append(effect.name)
             if effect.shown:
                 steps.append(Step(effect.name, *verdict))
-    exposing, developing = (tuple(effects) for effects in chosen.values())
-    return Plan(
-        tuple(steps),
-        exposing,
-        developing,
-        exposure_of(scene),
-        most_lost(scene),
-    )
+    exposing, developing = (tuple(names) for names in computed.values())
+    return Plan(tuple(steps), exposing, developing, exposure_of(scene), most_lost(scene))
 
 
 make_plan._torchdynamo_disable = True  # type: ignore[attr-defined]  # torch.compile runs it as it is

@@ -82,7 +82,7 @@ def _with_readouts(images, shot, readouts):
         def sampled_pixels(self):
             return tuple(readouts)
 
-    values = {f.name: getattr(shot, f.name) for f in dataclasses.fields(shot)}
+    values = {f.name: getattr(shot, f.name) for f in dataclasses.fields(shot) if f.init}
     return capture(images, Whole(**values))
 
 

@@ -125,10 +125,17 @@ def test_a_graph_moves_a_shot_to_its_images_device():
     assert moved(torch.empty(1, device="meta")).device.type == "meta"
 
 
-def test_a_scene_without_a_plan_is_planned_before_the_graph_or_refused_in_a_sentence():
+def test_a_shot_from_a_worker_is_photographed_in_a_graph():
     images, shot = seen_by("released chain")
-    shot = pickle.loads(pickle.dumps(shot))  # as from a DataLoader's worker
-    with pytest.raises(torch._dynamo.exc.Unsupported, match=r"call shot\.scene\.plan\(\) before"):
-        compiled(capture)(images, shot)
-    shot.scene.plan()
+    shot = pickle.loads(pickle.dumps(shot))
     assert torch.equal(compiled(capture)(images, shot), capture(images, shot))
+
+
+def test_a_scene_is_planned_before_the_graph_or_refused_in_a_sentence():
+    images, shot = seen_by("released chain")
+    scene = pickle.loads(pickle.dumps(shot.scene))
+    photograph = compiled(scene.capture)
+    with pytest.raises(torch._dynamo.exc.Unsupported, match=r"call scene\.plan\(size\) before"):
+        photograph(images)
+    scene.plan(shot.size)
+    assert photograph(images).shape == images.shape

@@ -18,7 +18,7 @@ from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, Shot, View, ca
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
-from moireaug.scene.scene import as_scene
+from moireaug.scenes import as_scene
 
 BAD = [
     (lambda: Panel(scale=0), "Panel.scale must lie in [0.0001, 100000]"),

@@ -8,9 +8,9 @@ from torch import Tensor, nn
 
 from moireaug.attacks import PGD, Attack, MoireAttack
 from moireaug.capture import capture
+from moireaug.mixtures import Mixture
 from moireaug.scene.fields import one_of
-from moireaug.scene.mixture import Mixture
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 from training.schema import Adversary
 
 KINDS = ("none", "moire_attack", "pgd")

@@ -20,8 +20,8 @@ from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.trust import checks, trust
 from moireaug.evaluation.visibility import LPIPS
-from moireaug.scene.mixture import Mixture
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import Mixture
+from moireaug.scenes import Scene
 from training.eval_batches import EvalBatches
 from training.schema import Config, Reattack, Trainer, scene_of
 from training.splits import Splits

@@ -12,8 +12,8 @@ from torch import Tensor, nn
 
 from moireaug.attacks import NoAnswerError, predicted
 from moireaug.evaluation.statistics import mix
-from moireaug.scene.mixture import Mixture
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import Mixture
+from moireaug.scenes import Scene
 from training.adversaries import STRONG, Adversaries, strengthened
 from training.augmentation import augment
 from training.schema import Adversary, Train

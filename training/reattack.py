@@ -38,8 +38,8 @@ from moireaug.attacks import MoireAttack
 from moireaug.evaluation import GROUPS, SUITES
 from moireaug.evaluation.tables import EPS
 from moireaug.evaluation.visibility import LPIPS
+from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import one_of
-from moireaug.scene.mixture import as_scenes
 from training import bounds, commands, overrides, runs, saved, scenes
 from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
 from training.augmentation import AUGMENT

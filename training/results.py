@@ -15,7 +15,7 @@ from moireaug.evaluation.examples import run_examples, table_examples
 from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
 from moireaug.files import write_text
-from moireaug.scene.mixture import scenes_of
+from moireaug.mixtures import scenes_of
 from training import machine, runs
 from training.attacking import Attacked, Protocol
 from training.costs import with_totals

@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from moireaug.scene.mixture import Mixture, as_scenes
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import Mixture, as_scenes
+from moireaug.scenes import Scene
 from training.files import UniqueKeyLoader
 
 SUFFIXES = (".yaml", ".yml")

@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from moireaug.scene.mixture import Mixture, as_scenes
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import Mixture, as_scenes
+from moireaug.scenes import Scene
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 Settings = TypeVar("Settings", bound="RunConfig")

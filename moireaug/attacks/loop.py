@@ -31,7 +31,7 @@ from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.task import Active, Task
 from moireaug.checks import check_images
 from moireaug.scene.fields import one_of
-from moireaug.scene.scene import Shot
+from moireaug.scenes import Shot
 
 
 @dataclass(frozen=True, kw_only=True)

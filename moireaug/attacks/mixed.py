@@ -11,9 +11,9 @@ from torch import Tensor
 
 from moireaug.attacks.problem import Result, noise_tensor
 from moireaug.checks import check_batch, check_images
-from moireaug.scene.mixed_shot import MixedShot, in_order
-from moireaug.scene.mixture import Mixture
-from moireaug.scene.scene import Scene, Shot
+from moireaug.mixed_shot import MixedShot, in_order
+from moireaug.mixtures import Mixture
+from moireaug.scenes import Scene, Shot
 
 Found = TypeVar("Found")
 
@@ -90,7 +90,7 @@ def _as_one(
         noise,
         _mean_curve([result.loss for result in results], [len(at) for at in rows]),
         results[0].eps,
-        MixedShot.joined(shot.scenes, shot.which, list(zip(rows, shots, strict=True))),
+        MixedShot.joined(shot.empty, shot.which, list(zip(rows, shots, strict=True))),
     )
 
 

@@ -16,12 +16,12 @@ from moireaug.attacks.mixed import as_one, by_scene, drawn_shot
 from moireaug.attacks.pose import aim, moved_fields, pose_of
 from moireaug.attacks.problem import Problem, Result, single
 from moireaug.capture import develop, expose
+from moireaug.mixed_shot import MixedShot, in_order
+from moireaug.mixtures import Mixture, as_scenes, scenes_of
 from moireaug.numeric import clip
 from moireaug.scene.fields import one_of
-from moireaug.scene.mixed_shot import MixedShot, in_order
-from moireaug.scene.mixture import Mixture, as_scenes, scenes_of
-from moireaug.scene.scene import Scene, Shot
-from moireaug.scene.shot import ShotRecord
+from moireaug.scenes import Scene, Shot
+from moireaug.shot import ShotRecord
 
 Stage = Callable[[Tensor, ShotRecord], Tensor]
 

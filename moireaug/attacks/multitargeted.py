@@ -18,10 +18,10 @@ from moireaug.attacks.model import evaluating
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Problem, Result, noise_tensor
 from moireaug.checks import check_images
+from moireaug.mixed_shot import MixedShot
+from moireaug.mixtures import as_scenes
 from moireaug.scene.by_name import parts_with
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.mixture import as_scenes
-from moireaug.scene.scene import Shot
+from moireaug.scenes import Shot
 
 
 @dataclass(frozen=True, kw_only=True)

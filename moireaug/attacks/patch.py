@@ -12,7 +12,7 @@ from moireaug.attacks.checks import is_finite
 from moireaug.attacks.pixel import PGD, refuse_shot
 from moireaug.attacks.problem import Problem
 from moireaug.numeric import clip
-from moireaug.scene.scene import Shot
+from moireaug.scenes import Shot
 
 
 @dataclass(frozen=True, kw_only=True)

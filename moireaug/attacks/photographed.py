@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from moireaug.capture import capture, develop, expose
 from moireaug.scene.fields import one_of
-from moireaug.scene.scene import Shot
+from moireaug.scenes import Shot
 
 # from what an attack perturbs to the photo
 CAMERAS: dict[str, Callable[[Tensor, Shot], Tensor]] = {"raw": develop, "image": capture}

@@ -25,7 +25,7 @@ from moireaug.attacks.problem import Problem, Result
 from moireaug.attacks.rules import choose
 from moireaug.checks import check_images
 from moireaug.numeric import clip
-from moireaug.scene.scene import Shot
+from moireaug.scenes import Shot
 
 INSIDE = 1 - 1e-6  # black and white lie at infinity in tanh space: this moves them inside
 

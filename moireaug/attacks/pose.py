@@ -10,7 +10,7 @@ from torch import Tensor
 
 from moireaug.scene.fields import bounds, one_of
 from moireaug.scene.parts import PARTS
-from moireaug.scene.scene import Scene, Shot
+from moireaug.scenes import Scene, Shot
 
 Field = tuple[str, str]  # a part and one of its ranged fields
 

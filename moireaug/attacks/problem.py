@@ -10,8 +10,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.scene import Shot
+from moireaug.mixed_shot import MixedShot
+from moireaug.scenes import Shot
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot import ShotRecord
+from moireaug.shot import ShotRecord
 
 
 class Verdict(NamedTuple):

@@ -9,15 +9,7 @@ differentiable in the raw reading. The reference, `moireaug.pipeline`, does the 
 Importing this package does not import numba; the first photo does.
 """
 
-import os
-
-import torch
-
+import moireaug.engine.forks  # noqa: F401  one thread in forked processes, before any is forked
 from moireaug.engine.dispatch import explain, reference
-
-# OpenMP's threads do not survive a fork, and whatever waits for them hangs
-PROCESS = os.getpid()
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))
 
 __all__ = ["explain", "reference"]

@@ -10,25 +10,19 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
 from moireaug import pipeline
-from moireaug.effects.base import Effect
 from moireaug.effects.demosaic import merged_greens
-from moireaug.effects.display import BlackLevel
-from moireaug.effects.prefilter import SMALL, Prefilter
-from moireaug.effects.srgb import Decode
+from moireaug.effects.prefilter import SMALL
 from moireaug.engine import graph
 from moireaug.numeric import may_be_dual, saturate
+from moireaug.plan import Plan
 from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot import ShotRecord
-
-if TYPE_CHECKING:
-    from moireaug.scene.scene import Scene
+from moireaug.shot import ShotRecord
 
 SWITCH = "MOIREAUG_ENGINE"  # the environment variable that may force the reference
 OFF = ("off", "0", "false", "no")  # its values that do, in capitals or not
@@ -53,7 +47,7 @@ def reference() -> Iterator[None]:
             _blocks -= 1
 
 
-def explain(scene: Scene) -> str:
+def explain(scene: SceneRecord) -> str:
     """Return which execution a scene gets on the CPU without a gradient in image or shot, and why:
     one line for exposing and one for developing.
 
@@ -68,21 +62,19 @@ def explain(scene: Scene) -> str:
         raise TypeError(
             f"scene must be a Scene; got {scene!r}. For a preset, pass Scene.preset(name)."
         )
-    lines = []
+    lines, rest = [], finishing(pipeline.make_plan(scene.at()), rectified=scene.is_rectified)
     for stage, reason in reasons(scene).items():
         line = f"reference: {reason}" if reason else "engine, on the CPU in float32"
-        rest = finishing(scene.plan(), rectified=scene.is_rectified)
         if stage == "develop" and rest and not reason:
-            line += f"; reference from {rest[0].name!r} on"
+            line += f"; reference from {rest[0]!r} on"
         lines.append(f"{stage:8} {line}")
     return "\n".join(lines)
 
 
-def reasons(scene: Scene) -> dict[str, str]:
+def reasons(scene: SceneRecord) -> dict[str, str]:
     """Return why the reference runs each stage, "expose" and "develop", of a scene's capture; ""
     where the engine does."""
-    off = _unavailable()
-    plan = scene.plan()
+    off, plan = _unavailable(), pipeline.make_plan(scene.at())
     return {"expose": off or _no_exposing(plan), "develop": off or _no_developing(plan)}
 
 
@@ -120,9 +112,8 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
         return raw
     if varies:
         light = as_float(light)
-        for effect in (Decode(), BlackLevel(), Prefilter()):
-            if effect.name in shot.plan:
-                light = effect(light, shot)
+        names = ("decode", "black_level", "prefilter")
+        light = pipeline.apply((name for name in names if name in shot.plan), light, shot)
     return run.expose(light, exposure, beats)
 
 
@@ -142,7 +133,7 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     rest = finishing(shot.plan, rectified=shot.scene.is_rectified)
     first = shot.plan.developing[: len(shot.plan.developing) - len(rest)]
     if shot.scene.cells == "binned":
-        first = tuple(effect for effect in first if effect.name not in ("saturate", "demosaic"))
+        first = tuple(name for name in first if name not in ("saturate", "demosaic"))
 
     def reference(raw: Tensor) -> Tensor:
         return pipeline.apply(first, raw, shot)
@@ -150,13 +141,13 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     return pipeline.apply(rest, run.develop(raw, lower_development(shot), reference), shot)
 
 
-def finishing(plan: pipeline.Plan, *, rectified: bool) -> tuple[Effect, ...]:
+def finishing(plan: Plan, *, rectified: bool) -> tuple[str, ...]:
     """Return the effects that the engine has no kernel for: the denoiser, all that follows it, JPEG
     and, of bins in the image's frame, what the photo does not show."""
-    names = [effect.name for effect in plan.developing]
+    names = plan.developing
     for name in ("denoise", "register", "jpeg") if rectified else ("denoise", "jpeg"):
         if name in names:
-            return plan.developing[names.index(name) :]
+            return names[names.index(name) :]
     return ()
 
 
@@ -227,7 +218,7 @@ def _is_jit_disabled() -> bool:
         return False
 
 
-def _no_exposing(plan: pipeline.Plan) -> str:
+def _no_exposing(plan: Plan) -> str:
     method = plan.method
     if "exposure" not in plan:
         return "nothing is exposed"
@@ -236,7 +227,7 @@ def _no_exposing(plan: pipeline.Plan) -> str:
     return ""
 
 
-def _no_developing(plan: pipeline.Plan) -> str:
+def _no_developing(plan: Plan) -> str:
     if not any(step in plan for step in ("demosaic", "resize", "register", "encode")):
         return "the engine would be no faster"
     return ""

@@ -1,19 +1,14 @@
-"""The engine in a graph of torch.compile: operators, which it calls as they are."""
+"""The capture in a graph of torch.compile: operators, which it calls as they are. What they do is
+in `moireaug.operators`."""
 
 from __future__ import annotations
 
-import functools
-import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from moireaug.scene.by_name import parts_with, values_of
-from moireaug.scene.shot import ShotRecord
-
-if TYPE_CHECKING:
-    from moireaug.scene.scene import Shot
+from moireaug.shot import ShotRecord
 
 # a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and size
 SHOT = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
@@ -35,44 +30,6 @@ def _given(shot: ShotRecord) -> tuple[list[Tensor], Tensor, str, tuple[int, int]
     return list(shot.numbers().values()), shot.seed, text, shot.size
 
 
-def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> Shot:
-    """Return the shot that `_given` took apart."""
-    from moireaug.scene.scene import Shot
-
-    scene = _scene(text)
-    parts = parts_with(scene, dict(zip(values_of(scene), numbers, strict=True)))
-    return Shot(scene=scene, size=(size[0], size[1]), seed=seeds, **parts)
-
-
-@functools.lru_cache(maxsize=64)
-def _scene(text: str) -> Any:
-    from moireaug.scene.scene import Scene
-
-    return Scene.from_dict(json.loads(text))
-
-
-@torch.no_grad()
-def _expose(light: Tensor, *given: Any) -> Tensor:
-    from moireaug.capture import reading_of
-
-    return reading_of(light, _shot(*given[:-1])).contiguous()
-
-
-@torch.no_grad()
-def _develop(raw: Tensor, *given: Any) -> Tensor:
-    from moireaug.capture import develop
-
-    return develop(raw, _shot(*given)).contiguous()
-
-
-@torch.enable_grad()
-def _develop_back(raw: Tensor, grad: Tensor, *given: Any) -> Tensor:
-    from moireaug.capture import develop
-
-    raw = raw.detach().requires_grad_()
-    return torch.autograd.grad(develop(raw, _shot(*given)), raw, grad)[0].contiguous()
-
-
 def _keep(ctx: Any, inputs: tuple, output: Tensor) -> None:
     raw, numbers, seeds, ctx.scene, ctx.size = inputs
     ctx.save_for_backward(raw, seeds, *numbers)
@@ -89,9 +46,6 @@ LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
 LIBRARY.define(f"expose(Tensor light, {SHOT}, SymInt[] shape) -> Tensor")
 LIBRARY.define(f"develop(Tensor raw, {SHOT}) -> Tensor")
 LIBRARY.define(f"develop_back(Tensor raw, Tensor grad, {SHOT}) -> Tensor")
-LIBRARY.impl("expose", _expose, "CPU")
-LIBRARY.impl("develop", _develop, "CPU")
-LIBRARY.impl("develop_back", _develop_back, "CPU")
 
 
 @torch.library.register_fake("moireaug::expose", lib=LIBRARY)

@@ -15,7 +15,7 @@ from moireaug.engine.shot_numbers import bin_scale_of, panel_scale_of, sensor_sc
 from moireaug.exposure.bin_content import Content
 from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import as_layout
-from moireaug.scene.shot import ShotRecord
+from moireaug.shot import ShotRecord
 
 
 class BinScales(NamedTuple):

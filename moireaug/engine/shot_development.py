@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -28,17 +27,16 @@ from moireaug.engine.shot_numbers import (
     numbers_of,
 )
 from moireaug.geometry.sensor import SampledPixels
-from moireaug.scene.shot import REACH, ShotRecord, sampled_by
-
-if TYPE_CHECKING:
-    from moireaug.scene.scene import Scene
+from moireaug.scene.record import SceneRecord
+from moireaug.shot import REACH, ShotRecord, sampled_by
 
 
 def lower_development(shot: ShotRecord) -> Development:
     """Return a shot's Development, without `dispatch.finishing`; if it is denoised, it ends at
     the codes of every sensor pixel."""
     plan, sensor, drawn = shot.plan, shot.scene.sensor, numbers_of(shot)
-    stencil, rows, cols = _resampling(shot.scene, shot.size)
+    whole = any(name in plan for name in ("denoise", "chroma_blur", "sharpen"))
+    stencil, rows, cols = _resampling(shot.scene, shot.size, whole=whole)
     if "colour_matrix" in plan:
         mixed = [torch.from_numpy(drawn[k]) for k in ("sensor.crosstalk", "develop.saturation")]
         matrix = colour_matrix(*mixed).numpy()
@@ -127,15 +125,17 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray
 
 
 @functools.lru_cache(maxsize=KEPT)
-def _resampling(scene: Scene, size: tuple[int, int]) -> tuple[Stencil, Resize, Resize]:
-    """Return the demosaic's stencil, and the resize along rows and columns."""
+def _resampling(
+    scene: SceneRecord, size: tuple[int, int], *, whole: bool
+) -> tuple[Stencil, Resize, Resize]:
+    """Return the demosaic's stencil, and the resize along rows and columns; whether effects that
+    need whole sensor pixels come before the resize."""
     how, mosaic = scene.develop, scene.cells == "rggb"
     rows, cols = sampled_by(scene, size)
     demosaic, reach = None, 0
     if mosaic:
         demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
     stencil = lower_stencil(demosaic, len(cols.index) // 2)
-    whole = any(name in scene.plan(size) for name in ("denoise", "chroma_blur", "sharpen"))
     return (
         stencil,
         _resize(rows, how.resize, reach, 1, whole=whole),

@@ -33,8 +33,8 @@ from moireaug.geometry.sensor import CFA
 from moireaug.panel.fourier import emitting_share, mean_light, own_orders
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot import ShotRecord, sampled_by
 from moireaug.scene.subpixel import Subpixel
+from moireaug.shot import ShotRecord, sampled_by
 
 
 def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats | None]:
@@ -83,7 +83,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         coded="decode" in plan and not decoded,
         share=share,
         dark=not shot.scene.develop.registered,
-        clips=any(effect.name == "full_well" for effect in plan.exposing),
+        clips="full_well" in plan,
         point=_point_of(shot) if plan.exposure == "point" else None,
     )
     return exposure, lower_beats(shot, sensors, seen, scales) if binned else None

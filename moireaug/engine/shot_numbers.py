@@ -7,7 +7,7 @@ import torch
 
 from moireaug.engine import pose
 from moireaug.scene.fields import bounds
-from moireaug.scene.shot import ShotRecord
+from moireaug.shot import ShotRecord
 
 KEPT = 64  # scenes and sizes whose tables are cached
 

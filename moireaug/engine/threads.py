@@ -10,13 +10,12 @@ from __future__ import annotations
 import ctypes
 import functools
 import math
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import torch
 
-from moireaug import engine
+from moireaug.engine.forks import is_forked
 
 PARTS = 4  # of a batch per thread, one after another, as images take different times
 LEAST = 32  # rows of an image that are worth a thread
@@ -69,7 +68,7 @@ def together(task: Callable[[], None], threads: int) -> None:
     """Call a task, which must not raise, on several threads at once, and wait for all of them."""
     parallel = _openmp()
     # OpenMP's threads do not survive a fork
-    if parallel is None or os.getpid() != engine.PROCESS:
+    if parallel is None or is_forked():
         with ThreadPoolExecutor(threads) as pool:
             for _ in range(threads):
                 pool.submit(task)

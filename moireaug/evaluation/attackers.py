@@ -17,8 +17,8 @@ from moireaug.defenses import Defended
 from moireaug.evaluation.conditions import Condition, EvalBatch, Model, codes
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.visibility import visibility
-from moireaug.scene.mixture import Mixture, scenes_of
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import Mixture, scenes_of
+from moireaug.scenes import Scene
 
 DRAWS = 4  # of an expectation over shots, or over a randomised defence
 

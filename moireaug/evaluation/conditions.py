@@ -19,9 +19,9 @@ from torch import Tensor, nn
 
 from moireaug.capture import capture, develop, expose
 from moireaug.evaluation.statistics import ratio_of_means
+from moireaug.mixtures import Mixture
 from moireaug.numeric import clip
-from moireaug.scene.mixture import Mixture
-from moireaug.scene.scene import Scene, Shot
+from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.twins import without_moire
 
 Model = nn.Module | Callable[[Tensor], Tensor]

@@ -23,8 +23,8 @@ from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites import USES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, paper_defences
 from moireaug.evaluation.visibility import LPIPS
-from moireaug.scene.mixture import as_scenes
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import as_scenes
+from moireaug.scenes import Scene
 
 
 def evaluate(

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from moireaug.evaluation.conditions import Condition, EvalBatch
-from moireaug.scene.mixed_shot import in_order
+from moireaug.mixed_shot import in_order
 
 Part = tuple[Tensor, EvalBatch]  # (b,) its rows in the batch, and its images
 

@@ -23,10 +23,10 @@ from moireaug.evaluation.parts import Part, joined, measured, shown_of
 from moireaug.evaluation.records import Record, Records, key_of
 from moireaug.evaluation.statistics import mix
 from moireaug.evaluation.tables import Table
+from moireaug.mixed_shot import MixedShot
+from moireaug.mixtures import Mixture
 from moireaug.networks import device_of
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.mixture import Mixture
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 
 CLEAN = Clean()
 

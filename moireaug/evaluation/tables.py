@@ -11,8 +11,8 @@ from typing import Any
 from moireaug.defenses import DEFENSES
 from moireaug.evaluation.conditions import Condition, Defence, Model, codes
 from moireaug.evaluation.judges import UNDEFENDED, Judge
-from moireaug.scene.mixture import Mixture
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import Mixture
+from moireaug.scenes import Scene
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import math
 from typing import NamedTuple
 
 from moireaug.scene.parts import Develop, Lens, Panel, Sensor, View
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 
 
 class Display(NamedTuple):

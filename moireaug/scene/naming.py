@@ -7,22 +7,22 @@ from typing import Any
 
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
-from moireaug.scene.scene import Scene
+from moireaug.scene.record import SceneRecord
 
 
-def preset_name(scene: Scene) -> str:
+def preset_name(scene: SceneRecord) -> str:
     """Return the name of the preset that equals a scene, or an empty string."""
-    for name in PRESETS:
-        if Scene.preset(name) == scene:
+    for name, preset in PRESETS.items():
+        if preset.to_dict() == scene.to_dict():
             return name
     return ""
 
 
-def changed_fields(scene: Scene) -> dict[str, dict[str, Any]]:
+def changed_fields(scene: SceneRecord) -> dict[str, dict[str, Any]]:
     """Return the fields in which a scene's parts differ from those of `Scene()`, by part."""
     changed: dict[str, dict[str, Any]] = {}
     for name in PARTS:
-        given, default = getattr(scene, name), getattr(Scene(), name)
+        given, default = getattr(scene, name), getattr(SceneRecord(), name)
         changed[name] = {}
         for field in fields(given):
             value = getattr(given, field.name)

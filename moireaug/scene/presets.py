@@ -38,9 +38,9 @@ Cameras:
 What no data sheet says was chosen so that photos agree with photographs (docs/reality.md): the
 phone's blur (0.3 to 0.55 px), noise and motion, screen_photo's pitch (1.8 to 2.8), crosstalk,
 exposure, white balance, tone, colour smoothing and sharpening. Its JPEG is of a larger picture and
-leaves no blocks in this one. It is shrunk by a triangle filter, as libraries shrink photographs. Its
-exposure leaves a white screen at a quarter to half of full scale; its tone curve lifts the middle and
-rolls off the highlights, as the curves of photographs do.
+leaves no blocks in this one. It is shrunk by a triangle filter, as libraries shrink photographs.
+Its exposure leaves a white screen at a quarter to half of full scale; its tone curve lifts the
+middle and rolls off the highlights, as the curves of photographs do.
 """
 
 from __future__ import annotations

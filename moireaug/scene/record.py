@@ -8,6 +8,8 @@ from typing import Any
 from moireaug.scene.fields import bounds, check_number
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
+NOMINAL_SIZE = (224, 224)  # that a plan is for where none is given
+
 
 @dataclass(frozen=True, kw_only=True)
 class SceneRecord:
@@ -80,7 +82,7 @@ class SceneRecord:
         shortest = 2 ** self.octave(size)
         return low / (2 * shortest), high / shortest
 
-    def at(self, size: tuple[int, int]) -> SceneRecord:
+    def at(self, size: tuple[int, int] = NOMINAL_SIZE) -> SceneRecord:
         """Return the scene for pictures of `size` (height, width), and of all sizes in the same
         octave: with `Panel.scale` in place of `Panel.width`, and, where the reading is binned, as
         such."""

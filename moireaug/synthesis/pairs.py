@@ -19,8 +19,8 @@ from torch import Tensor
 from torch.utils.data import IterableDataset, get_worker_info
 
 from moireaug.capture import capture
-from moireaug.scene.mixture import Mixture, as_scenes, sample_one, scenes_of
-from moireaug.scene.scene import Scene, Shot
+from moireaug.mixtures import Mixture, as_scenes, sample_one, scenes_of
+from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.pictures import Pictures, Source
 from moireaug.synthesis.twins import without_moire
 

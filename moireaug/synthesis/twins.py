@@ -6,7 +6,7 @@ import dataclasses
 import functools
 
 from moireaug.checks import check_is_shot
-from moireaug.scene.scene import Scene, Shot
+from moireaug.scenes import Scene, Shot
 
 
 def without_moire(shot: Shot) -> Shot:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from moireaug.scene.scene import Shot
+from moireaug.scenes import Shot
 from moireaug.transforms._convert import at_size, move_boxes, photograph, shot_of_frames
 
 PICTURES = {"image": 0, "images": 1, "volume": 1, "volumes": 2}  # targets, and how deep they nest

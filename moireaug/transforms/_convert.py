@@ -14,11 +14,11 @@ from torch import Tensor, nn
 from moireaug.capture import photo_of
 from moireaug.checks import channels_last, check_images
 from moireaug.engine import dispatch
+from moireaug.mixed_shot import MixedShot
+from moireaug.mixtures import Mixture
 from moireaug.networks import in_evaluation_mode
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.mixture import Mixture
 from moireaug.scene.naming import changed_fields, preset_name
-from moireaug.scene.scene import Scene, Shot
+from moireaug.scenes import Scene, Shot
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
 

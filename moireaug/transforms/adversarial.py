@@ -18,8 +18,8 @@ from torchvision.tv_tensors import Video
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.checks import as_tensor, check_labels
-from moireaug.scene.mixture import as_scenes
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import as_scenes
+from moireaug.scenes import Scene
 from moireaug.transforms._convert import (
     as_given,
     as_model_takes,

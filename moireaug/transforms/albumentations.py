@@ -19,9 +19,9 @@ from albumentations.core.type_definitions import ALL_TARGETS
 
 from moireaug.attacks import MoireAttack
 from moireaug.attacks.problem import noise_tensor, single
+from moireaug.mixtures import as_scenes, sample_one, scenes_of
 from moireaug.networks import device_of
-from moireaug.scene.mixture import as_scenes, sample_one, scenes_of
-from moireaug.scene.scene import Scene, Shot
+from moireaug.scenes import Scene, Shot
 from moireaug.transforms._arrays import (
     PICTURES,
     apply_shot,

@@ -9,10 +9,10 @@ import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from torch import Tensor
 
+from moireaug.mixed_shot import MixedShot
+from moireaug.mixtures import Mixture, as_scenes, scenes_of
 from moireaug.scene.by_name import parts_with, values_of
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.mixture import Mixture, as_scenes, scenes_of
-from moireaug.scene.scene import Scene, Shot
+from moireaug.scenes import Scene, Shot
 from moireaug.transforms._convert import (
     check_format,
     check_probability,
@@ -183,9 +183,8 @@ def from_params(
     drawn = {name: params[_key(name)] for name in values_of(scenes_of(scene)[0])}
     seed = params["seed"]
     if isinstance(scene, Mixture):
-        return MixedShot(
-            scenes=scene.scenes, which=params["scene"], size=size, drawn=drawn, seed=seed
-        )
+        empty = scene.empty_shots(size)
+        return MixedShot(empty=empty, which=params["scene"], size=size, drawn=drawn, seed=seed)
     return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, drawn))
 
 

@@ -15,10 +15,10 @@ from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional as F
 from torchvision.tv_tensors import BoundingBoxes, BoundingBoxFormat, KeyPoints, Mask, Video
 
+from moireaug.mixed_shot import MixedShot
+from moireaug.mixtures import as_scenes
 from moireaug.numeric import as_dtype
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.mixture import as_scenes
-from moireaug.scene.scene import Scene, Shot
+from moireaug.scenes import Scene, Shot
 from moireaug.transforms._convert import (
     at_size,
     check_format,

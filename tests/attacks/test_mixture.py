@@ -8,7 +8,7 @@ import torch
 
 from moireaug import Lens, Scene, Sensor, View, attacks, capture
 from moireaug.attacks import MoireAttack, MultiTargeted, SquareMoire
-from moireaug.scene.mixture import as_scenes
+from moireaug.mixtures import as_scenes
 from tests.attacks.common import EPS, SCENE, predicted
 
 OTHER = dataclasses.replace(SCENE, lens=Lens(blur=0.3), sensor=Sensor(scale=2.0, gain=1.4))

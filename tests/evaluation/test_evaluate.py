@@ -14,7 +14,7 @@ from moireaug.evaluation.conditions import Photo
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.statistics import mix
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 
 SCENE = Scene.preset("screen_photo")
 

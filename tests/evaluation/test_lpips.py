@@ -12,7 +12,7 @@ from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
 from moireaug.evaluation.suites.ladder import ladder
 from moireaug.evaluation.visibility import LPIPS, visibility
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 from tests.defaults import DTYPES, defaults
 
 

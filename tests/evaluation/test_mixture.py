@@ -12,7 +12,7 @@ from moireaug.evaluation.judges import UNDEFENDED
 from moireaug.evaluation.statistics import mix
 from moireaug.evaluation.suites.scenes import other_scenes
 from moireaug.evaluation.visibility import visibility
-from moireaug.scene.mixture import as_scenes
+from moireaug.mixtures import as_scenes
 from moireaug.synthesis import without_moire
 from tests.evaluation.haze import CONDITIONS, EPS, ran, results, table_of
 

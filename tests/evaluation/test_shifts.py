@@ -13,7 +13,7 @@ from moireaug.evaluation import SuiteConfig, tables_of
 from moireaug.evaluation.conditions import EvalBatch
 from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
 from moireaug.evaluation.suites.scenes import OWN, other_scenes
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 
 SCENE = Scene.preset("screen_photo")
 AMOUNTS = [(name, amount) for name, (_, amounts) in CORRUPTIONS.items() for amount in amounts]

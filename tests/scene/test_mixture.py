@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from moireaug import Lens, Scene, Sensor, View, capture, develop, expose
+from moireaug.mixtures import Mixture, as_scenes, each, sample_one, scenes_of
 from moireaug.scene.fields import bounds
-from moireaug.scene.mixture import Mixture, as_scenes, each, sample_one, scenes_of
-from moireaug.scene.scene import as_scene
+from moireaug.scenes import as_scene
 
 NAMES = ["screen_photo", "dashcam_at_led_sign", "phone_at_laptop"]
 MIXTURE = as_scenes(NAMES)

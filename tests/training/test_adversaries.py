@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
 from training.adversaries import Adversaries, check, passes
 from training.classifier import Classifier

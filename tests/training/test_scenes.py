@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from moireaug import Scene
-from moireaug.scene.mixture import as_scenes
+from moireaug.mixtures import as_scenes
 from tests.training.small import TINY, configured
 from training import comparable, fit, reattack, results, saved, scenes
 from training.adversaries import Adversaries

@@ -10,7 +10,7 @@ from torchvision import tv_tensors
 
 from moireaug import Develop, Panel, Scene, Sensor, View, capture
 from moireaug.attacks import MoireAttack
-from moireaug.scene.mixture import as_scenes
+from moireaug.mixtures import as_scenes
 from moireaug.transforms import AdversarialMoire, RandomMoire, albumentations, kornia
 
 # no range and no noise, so that each image has one photo in each

@@ -29,7 +29,7 @@ from moireaug.defenses.demoire.losses import WITHOUT_FEATURES
 from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_text
 from moireaug.scene.fields import one_of
-from moireaug.scene.scene import as_scene
+from moireaug.scenes import as_scene
 from moireaug.synthesis.pairs import SIZES, check_aligned
 from training import commands, machine, runs, scenes
 from training.attacking import device

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from moireaug.scene.scene import Scene, as_scene
+from moireaug.scenes import Scene, as_scene
 from moireaug.synthesis.pairs import Pair, check_aligned, make_pair
 from moireaug.synthesis.pictures import Source
 from moireaug.synthesis.tone import ColourMap

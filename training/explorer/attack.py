@@ -15,7 +15,7 @@ from moireaug.evaluation.conditions import EvalBatch
 from moireaug.evaluation.report.page import shown, title_of
 from moireaug.evaluation.suites.ladder import rungs
 from moireaug.evaluation.tables import SuiteConfig
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 from training import data, saved
 from training.explorer.photo import Picture, as_picture
 

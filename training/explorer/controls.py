@@ -13,7 +13,7 @@ from moireaug.scene import parts
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import LAYOUTS
 from moireaug.scene.parts import PARTS
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 
 # of sliders, where the range that a field allows is too wide for one
 LIMITS: dict[str, tuple[float, float]] = {

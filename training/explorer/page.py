@@ -14,7 +14,7 @@ import gradio as gr
 
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 from training.explorer import attack, photo
 from training.explorer.controls import CONTROLS, Control, scene_of, shown
 from training.explorer.words import as_python, as_yaml

@@ -17,7 +17,8 @@ from torch import Tensor
 from moireaug import images
 from moireaug.capture import capture
 from moireaug.effects.base import WithinExposure
-from moireaug.scene.scene import Scene, Shot
+from moireaug.pipeline import BY_NAME
+from moireaug.scenes import Scene, Shot
 from training import signs
 
 Picture = NDArray[np.uint8]  # (H, W, 3)
@@ -145,15 +146,15 @@ def milliseconds(shown: Tensor, scene: Scene, seed: int) -> list[tuple[str, floa
     crop = shown[..., top : top + height, left : left + width]
     shot = scene.sample(1, (height, width), torch.Generator().manual_seed(seed))
     taken: dict[str, list[float]] = {}
-    plan = shot.plan
+    effects = [BY_NAME[name] for name in (*shot.plan.exposing, *shot.plan.developing)]
     for _ in range(REPEATS):
         light = crop
-        for effect in (*plan.exposing, *plan.developing):
+        for effect in effects:
             began = time.perf_counter()
             light = effect(light, shot)
             taken.setdefault(effect.name, []).append(time.perf_counter() - began)
     found: list[tuple[str, float | None]] = []
-    for effect in (*plan.exposing, *plan.developing):
+    for effect in effects:
         if isinstance(effect, WithinExposure):
             found.append((effect.name, None))
         elif effect.shown:

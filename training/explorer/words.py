@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from moireaug.scene.parts import PARTS
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 
 
 def differences(scene: Scene, preset: str) -> dict[str, Any]:

@@ -17,9 +17,9 @@ from moireaug.evaluation.conditions import (
 )
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, eps_row, row_of
+from moireaug.mixtures import each, scenes_of
 from moireaug.scene.fields import bounds
-from moireaug.scene.mixture import each, scenes_of
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 
 PRINTED_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
 BUDGETS = (4 / 255, 8 / 255, 16 / 255, 32 / 255)

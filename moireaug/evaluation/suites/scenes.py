@@ -5,10 +5,10 @@ from __future__ import annotations
 from moireaug.evaluation import threat
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, row_of
-from moireaug.scene.mixture import Mixture, scenes_of
+from moireaug.mixtures import Mixture, scenes_of
 from moireaug.scene.naming import preset_name
 from moireaug.scene.presets import PRESETS
-from moireaug.scene.scene import Scene
+from moireaug.scenes import Scene
 
 OWN = "own_scene"
 

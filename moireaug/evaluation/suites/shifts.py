@@ -10,8 +10,8 @@ from moireaug.evaluation.conditions import Clean, Condition, Photo, codes
 from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
 from moireaug.evaluation.suites.scenes import OWN, other_scenes
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
-from moireaug.scene.mixture import Mixture, each
-from moireaug.scene.scene import Scene
+from moireaug.mixtures import Mixture, each
+from moireaug.scenes import Scene
 
 UNATTACKED, ATTACKED = "unattacked", "attacked"
 QUALITY = 60  # of a photo saved as a JPEG file

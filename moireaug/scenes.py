@@ -3,31 +3,36 @@
 from __future__ import annotations
 
 import json
-import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Integral
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from moireaug.capture import capture
 from moireaug.checks import check_shape
-from moireaug.pipeline import Plan, make_plan
-from moireaug.scene.by_name import part_from_dict, parts_with, values_of
-from moireaug.scene.fields import bounds, check_number, one_of
+from moireaug.draws import (
+    check_size,
+    draw_numbers,
+    numbers_from_dict,
+    numbers_needed,
+    random_numbers,
+)
+from moireaug.pipeline import make_plan
+from moireaug.plan import Plan
+from moireaug.scene.by_name import part_from_dict, parts_with
+from moireaug.scene.fields import one_of
 from moireaug.scene.parts import PARTS
 from moireaug.scene.presets import PRESETS
-from moireaug.scene.record import SceneRecord
-from moireaug.scene.shot import ShotRecord
+from moireaug.scene.record import NOMINAL_SIZE, SceneRecord
+from moireaug.shot import ShotRecord
 
-ANGLES = ("view.yaw", "view.pitch", "view.roll")
 UNPLANNED = (
-    "torch.compile cannot follow how a scene is planned: call shot.scene.plan() before, as "
-    "Scene.sample does; copies and unpickled shots have no plan yet."
+    "torch.compile cannot follow how a scene is planned: call scene.plan(size) before, as "
+    "Scene.sample does; copies and unpickled scenes have no plan yet."
 )
-KEPT = ("_plans", "_text")  # plans by octave, and the scene as JSON, for a graph
-NOMINAL_SIZE = (224, 224)  # that a plan is for where none is given
+CACHES = ("_plans", "_text")  # plans by octave, and the scene as JSON, for a graph
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +84,7 @@ class Scene(SceneRecord):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out of copies and pickles what `plan` keeps: another version may plan otherwise."""
-        return {name: value for name, value in vars(self).items() if name not in KEPT}
+        return {name: value for name, value in vars(self).items() if name not in CACHES}
 
     def sample(
         self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
@@ -87,19 +92,18 @@ class Scene(SceneRecord):
         """Draw the ranges for `n` images of `size` (height, width), from `generator` or torch's
         global one.
 
+        Each image's numbers are drawn together, so the first rows of a larger draw are those of a
+        smaller one.
+
         Raises:
             ValueError: an n that is no integer >= 0, a size that is not two positive integers, a
                 generator that is not on the CPU, or as in `plan`.
             TypeError: a generator that is not a torch.Generator.
         """
-        shot = draw(self, n, size, generator)
-        # refuse a scene that cannot be photographed here, not in the middle of a batch
-        self.plan(shot.size)
-        return shot
+        h, w = check_size(size)
+        return shot_of(self, (h, w), random_numbers(n, numbers_needed(self), generator))
 
-    def capture(
-        self, images: torch.Tensor, generator: torch.Generator | None = None
-    ) -> torch.Tensor:
+    def capture(self, images: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Draw a shot for `images` (B, 3, H, W), from `generator` or torch's global one, and return
         their photos.
 
@@ -161,6 +165,21 @@ class Shot(ShotRecord):
     other values.
     """
 
+    scene: Scene
+
+    def __post_init__(self) -> None:
+        """Plan: a scene that cannot be photographed is refused here, not in the middle of a
+        batch."""
+        super().__post_init__()
+        object.__setattr__(self, "plan", self.scene.plan(self.size))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the plan out of copies and pickles: another version may plan otherwise."""
+        return {name: value for name, value in vars(self).items() if name != "plan"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, plan=state["scene"].plan(state["size"]))
+
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Shot:
         """Rebuild a shot from `to_dict`. Its scene may also be a Scene or a preset's name.
@@ -179,123 +198,15 @@ class Shot(ShotRecord):
             raise ValueError(
                 f"a shot's dict must have the keys {', '.join(keys)}; missing {missing}."
             )
-        scene, seed = as_scene(values["scene"]), values["seed"]
-        _check_seed(seed)
-        numbers = {}
-        for part in PARTS:
-            for name, given in _numbers_of(part, values[part], scene, len(seed)).items():
-                numbers[f"{part}.{name}"] = torch.tensor(given, dtype=torch.float64, device="cpu")
-        h, w = check_size(values["size"])
-        seeds = torch.tensor(seed, dtype=torch.int64, device="cpu")
-        return Shot(scene=scene, size=(h, w), seed=seeds, **parts_with(scene, numbers))
+        scene = as_scene(values["scene"])
+        numbers, seed = numbers_from_dict(scene, values)
+        size = check_size(values["size"])
+        return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, numbers))
 
 
-def _check_seed(seed: Any) -> None:
-    if not isinstance(seed, list | tuple) or not all(
-        isinstance(s, Integral) and not isinstance(s, bool) for s in seed
-    ):
-        raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
-    if not all(-(2**63) <= s < 2**63 for s in seed):
-        raise ValueError(f"a shot's seed must lie in [-2**63, 2**63), 64 bits; got {seed!r}.")
-
-
-def _numbers_of(part: str, given: Any, scene: Scene, n: int) -> dict[str, list[float]]:
-    """Return the drawn fields of one part of a shot's dict, checked."""
-    if not isinstance(given, Mapping):
-        raise TypeError(f"a shot's {part} must be a mapping of its fields; got {given!r}.")
-    wanted = getattr(scene, part).ranged
-    for name in given:
-        one_of(f"a field of a shot's {part}", name, wanted)
-    checked = {}
-    for name in wanted:
-        numbers, allowed = given.get(name), PARTS[part].__dataclass_fields__[name].metadata
-        if not isinstance(numbers, list | tuple) or len(numbers) != n:
-            raise ValueError(
-                f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list."
-            )
-        checked[name] = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in numbers]
-    return checked
-
-
-def check_size(size: Any) -> tuple[int, int]:
-    """Return a size (height, width) in integers.
-
-    Raises:
-        ValueError: anything but two whole numbers of at least 1.
-    """
-    try:
-        h, w = (operator.index(side) for side in size)
-    except (TypeError, ValueError):  # no pair, or no integers
-        h, w = 0, 0
-    if h < 1 or w < 1:
-        raise ValueError(
-            "a shot needs a size (height, width) of at least 1 x 1 pixels, in whole numbers; got "
-            f"{size!r}."
-        )
-    return h, w
-
-
-def draw(
-    scene: Scene, n: int, size: tuple[int, int], generator: torch.Generator | None = None
-) -> Shot:
-    """Draw `n` shots for images of `size` (height, width).
-
-    Each image's numbers are drawn together, so the first rows of a larger draw are those of a
-    smaller one. Only ranges take random numbers: the value of a fixed field does not
-    change the others' draws.
-
-    Raises:
-        ValueError, TypeError: as `random_numbers`, and a size that is not two positive integers.
-    """
-    h, w = check_size(size)
-    return shot_of(scene, (h, w), random_numbers(n, numbers_needed(scene), generator))
-
-
-def random_numbers(n: int, count: int, generator: torch.Generator | None) -> torch.Tensor:
-    """Return numbers in [0, 1) to draw from, `count` for each of `n` images: (n, count) float64, on
-    the CPU.
-
-    Raises:
-        ValueError: an n that is no integer >= 0, or a generator that is not on the CPU.
-        TypeError: a generator that is not a torch.Generator.
-    """
-    if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
-        raise ValueError(f"a shot needs a whole number n >= 0 of images; got n = {n!r}.")
-    if not (generator is None or isinstance(generator, torch.Generator)):
-        raise TypeError(
-            f"generator must be a torch.Generator or None; got {generator!r}. For a seed, pass "
-            "torch.Generator().manual_seed(seed)."
-        )
-    if generator is not None and generator.device.type != "cpu":
-        raise ValueError(
-            f"shots are drawn on the CPU, whatever device the images are on; got a generator on "
-            f"{generator.device}. Pass torch.Generator().manual_seed(seed)."
-        )
-    return torch.rand(int(n), count, dtype=torch.float64, device="cpu", generator=generator)
-
-
-def numbers_needed(scene: Scene) -> int:
-    """Return how many random numbers a shot takes: one for each range, and one for the seed."""
-    ranges = map(bounds, values_of(scene).values())
-    return sum(low < high for low, high in ranges) + 1
-
-
-def shot_of(scene: Scene, size: tuple[int, int], u: torch.Tensor) -> Shot:
-    """Return the shots of images of `size` (height, width) that lie in the scene's ranges where `u`
-    (n, numbers_needed(scene)) says, from 0, the low end, to 1."""
-    ranges = {name: bounds(value) for name, value in values_of(scene).items()}
-    varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]
-    given = torch.tensor(list(ranges.values()), dtype=torch.float64, device="cpu")
-    low, high = given.mT[..., None]
-    values = low.repeat(1, len(u))
-    values[varied] = low[varied] + (high - low)[varied] * u[:, :-1].mT
-    numbers = {}
-    for name, row in zip(ranges, values, strict=True):
-        numbers[name] = row.clone()  # a row of the table would be pickled with all of it
-    if scene.view.pose == "released":
-        for angle in ANGLES:
-            numbers[angle] = numbers[angle].floor()  # the released code turns by whole degrees
-    seed = (u[:, -1] * 2**53).to(torch.int64)
+def shot_of(scene: Scene, size: tuple[int, int], u: Tensor) -> Shot:
+    """Return the shots of images of `size` (height, width) that `u` draws; see `draw_numbers`."""
+    numbers, seed = draw_numbers(scene, u)
     return Shot(scene=scene, size=size, seed=seed, **parts_with(scene, numbers))
 
 

@@ -6,16 +6,16 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor
 
 from moireaug.scene.by_name import parts_with
+from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
-if TYPE_CHECKING:
-    from moireaug.scene.scene import Scene, Shot
-
+S = TypeVar("S", bound=ShotRecord)
 UNFOLLOWED = (
     "torch.compile cannot follow which image is in which scene: call the transform outside of the "
     "compiled function, or give it one scene."
@@ -23,13 +23,13 @@ UNFOLLOWED = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MixedShot:
+class MixedShot(Generic[S]):
     """What a `Mixture` draws for a batch: the scene of each image, and its numbers in that scene.
 
     `capture` takes it as it takes a Shot. Index it like a batch; `by_scene` gives it as Shots.
 
     Args:
-        scenes: of the mixture.
+        empty: a shot of no image in each scene of the mixture.
         which: (B,) int64, the index of each image's scene.
         size: height and width of the images.
         drawn: the drawn numbers by name, such as "view.yaw", (B,) float64 each: all scenes have the
@@ -37,7 +37,7 @@ class MixedShot:
         seed: (B,) int64, the seeds of the sensor noise.
     """
 
-    scenes: tuple[Scene, ...]
+    empty: tuple[S, ...]
     which: Tensor
     size: tuple[int, int]
     drawn: dict[str, Tensor]
@@ -45,8 +45,8 @@ class MixedShot:
 
     @staticmethod
     def joined(
-        scenes: tuple[Scene, ...], which: Tensor, shots: Sequence[tuple[Tensor, Shot]]
-    ) -> MixedShot:
+        empty: tuple[S, ...], which: Tensor, shots: Sequence[tuple[Tensor, S]]
+    ) -> MixedShot[S]:
         """Return the inverse of `by_scene`: one or more shots and the rows of each, which together
         are all rows of `which`."""
         rows, every = [at for at, _ in shots], [shot for _, shot in shots]
@@ -55,8 +55,13 @@ class MixedShot:
         seed = in_order(rows, [shot.seed for shot in every])
         size = every[0].size
         return MixedShot(
-            scenes=scenes, which=which.to(seed.device), size=size, drawn=drawn, seed=seed
+            empty=empty, which=which.to(seed.device), size=size, drawn=drawn, seed=seed
         )
+
+    @property
+    def scenes(self) -> tuple[SceneRecord, ...]:
+        """The scenes of the mixture."""
+        return tuple(shot.scene for shot in self.empty)
 
     def __len__(self) -> int:
         return len(self.seed)
@@ -65,21 +70,21 @@ class MixedShot:
     def device(self) -> torch.device:
         return self.seed.device
 
-    def _map(self, f: Callable[[Tensor], Tensor]) -> MixedShot:
+    def _map(self, f: Callable[[Tensor], Tensor]) -> MixedShot[S]:
         drawn = {name: f(values) for name, values in self.drawn.items()}
         return dataclasses.replace(self, which=f(self.which), drawn=drawn, seed=f(self.seed))
 
-    def to(self, device: torch.device | str) -> MixedShot:
+    def to(self, device: torch.device | str) -> MixedShot[S]:
         """Return the same draw on another device."""
         return self if torch.device(device) == self.device else self._map(lambda t: t.to(device))
 
-    def __getitem__(self, rows: Any) -> MixedShot:
+    def __getitem__(self, rows: Any) -> MixedShot[S]:
         """Return the draws of some rows, as indexing a Shot does."""
         if isinstance(rows, Integral) or (isinstance(rows, Tensor) and rows.dim() == 0):
             rows = [int(rows)]
         return self._map(lambda t: t[rows])
 
-    def repeat(self, n: int) -> MixedShot:
+    def repeat(self, n: int) -> MixedShot[S]:
         """Return the whole batch n times, one after another."""
         return self if n == 1 else self._map(lambda t: t.repeat(n))
 
@@ -87,7 +92,7 @@ class MixedShot:
         """Return the drawn numbers, (B,) each, by name."""
         return dict(self.drawn)
 
-    def by_scene(self) -> list[tuple[Tensor, Shot]]:
+    def by_scene(self) -> list[tuple[Tensor, S]]:
         """Return the rows (b,) of the images in each scene, ascending, and their Shot. Scenes
         without an image are left out, but for the first where there is no image at all.
 
@@ -98,24 +103,25 @@ class MixedShot:
         if torch.compiler.is_compiling():
             raise RuntimeError(UNFOLLOWED)
         found = []
-        for k, scene in enumerate(self.scenes):
+        for k in range(len(self.empty)):
             rows = (self.which == k).nonzero().flatten()
             if len(rows):
-                found.append((rows, self._in(scene, rows)))
+                found.append((rows, self._in(k, rows)))
         if sum(len(rows) for rows, _ in found) != len(self):
             raise ValueError(
-                f"a mixture of {len(self.scenes)} scenes numbers them from 0 to "
-                f"{len(self.scenes) - 1}; got {self.which.tolist()}. Was it drawn by another one?"
+                f"a mixture of {len(self.empty)} scenes numbers them from 0 to "
+                f"{len(self.empty) - 1}; got {self.which.tolist()}. Was it drawn by another one?"
             )
-        return found or [(self.which, self._in(self.scenes[0], self.which))]
+        return found or [(self.which, self._in(0, self.which))]
 
-    def _in(self, scene: Scene, rows: Tensor) -> Shot:
-        from moireaug.scene.scene import Shot  # which imports the capture, and that this module
+    def _in(self, k: int, rows: Tensor) -> S:
+        """Return the shot of some rows in scene k."""
+        shot, numbers = self.empty[k], {name: values[rows] for name, values in self.drawn.items()}
+        return dataclasses.replace(
+            shot, size=self.size, seed=self.seed[rows], **parts_with(shot, numbers)
+        )
 
-        numbers = {name: values[rows] for name, values in self.drawn.items()}
-        return Shot(scene=scene, size=self.size, seed=self.seed[rows], **parts_with(scene, numbers))
-
-    def gathered(self, f: Callable[[Tensor, Shot], Tensor]) -> Tensor:
+    def gathered(self, f: Callable[[Tensor, S], Tensor]) -> Tensor:
         """Return f(rows, shot) of each scene's images, (b, ...), in the order of the batch."""
         parts = self.by_scene()
         return in_order([rows for rows, _ in parts], [f(rows, shot) for rows, shot in parts])
@@ -123,7 +129,7 @@ class MixedShot:
     @property
     def moves(self) -> bool:
         """Whether points may move from image to photo: in any of the mixture's scenes."""
-        return any(scene.sample(0, self.size).moves for scene in self.scenes)
+        return any(shot.moves for shot in self.empty)
 
     def to_photo(self, points: Tensor) -> Tensor:
         """Return where points (B, N, 2) of the image lie in the photo; see `Shot.to_photo`."""
@@ -145,7 +151,7 @@ class MixedShot:
     def raw_shapes(self) -> set[tuple[int, ...]]:
         """Return the shapes (planes, h, w) of a reading in the mixture's scenes."""
         none = self.which[:0]
-        return {self._in(scene, none).raw_shape()[1:] for scene in self.scenes}
+        return {self._in(k, none).raw_shape()[1:] for k in range(len(self.empty))}
 
     def raw_shape(self) -> tuple[int, ...]:
         """Return the shape of the raw reading, (B, planes, h, w); see `Shot.raw_shape`.

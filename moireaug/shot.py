@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Integral
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import torch
 from torch import Tensor
@@ -14,14 +14,11 @@ from moireaug.geometry import grids
 from moireaug.geometry.homography import homography, magnification
 from moireaug.geometry.sensor import CFA, SampledPixels, binned_pixels, cell, sampled_pixels
 from moireaug.numeric import as_dtype
+from moireaug.plan import Plan
 from moireaug.scene.by_name import by_part, parts_with, values_of
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
-
-if TYPE_CHECKING:
-    from moireaug.pipeline import Plan
-    from moireaug.scene.record import SceneRecord
-    from moireaug.scene.scene import Scene
+from moireaug.scene.record import SceneRecord
 
 # sensor pixels to each side from which a colour is demosaiced
 REACH = {"bilinear": 1, "malvar": 2}
@@ -44,10 +41,10 @@ def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShotRecord:
-    """The five parts with each ranged field a `(B,)` float64 tensor, scene and image size; users
-    hold a `Shot`."""
+    """The five parts with each ranged field a `(B,)` float64 tensor, scene, image size, and the
+    plan of that scene at that size; users hold a `Shot`, which makes the plan."""
 
-    scene: Scene
+    scene: SceneRecord
     size: tuple[int, int]
     panel: Panel
     view: View
@@ -55,6 +52,7 @@ class ShotRecord:
     sensor: Sensor
     develop: Develop
     seed: Tensor
+    plan: Plan = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Bring drawn numbers of another dtype to float64, differentiably, and the size to a
@@ -63,10 +61,10 @@ class ShotRecord:
         for name in PARTS:
             part = getattr(self, name)
             exact = {}
-            for field in part.ranged:
-                values = getattr(part, field)
+            for ranged in part.ranged:
+                values = getattr(part, ranged)
                 if isinstance(values, Tensor) and values.dtype != torch.float64:
-                    exact[field] = values.double()
+                    exact[ranged] = values.double()
             if exact:
                 object.__setattr__(self, name, part.drawn(exact))
 
@@ -100,11 +98,6 @@ class ShotRecord:
     def requires_grad(self) -> bool:
         """Whether any drawn number requires a gradient."""
         return any(values.requires_grad for values in self.numbers().values())
-
-    @property
-    def plan(self) -> Plan:
-        """The effects that its scene calls for at its size."""
-        return self.scene.plan(self.size)
 
     @property
     def panel_scale(self) -> Tensor:
@@ -144,9 +137,9 @@ class ShotRecord:
             return None
         return self._drawn("lens", "k1"), self._drawn("lens", "k2")
 
-    def _drawn(self, part: str, field: str) -> Tensor:
+    def _drawn(self, part: str, name: str) -> Tensor:
         """Return a drawn field, (B,). The parts' annotations describe a scene, with ranges."""
-        return getattr(getattr(self, part), field)
+        return getattr(getattr(self, part), name)
 
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.

@@ -8,8 +8,8 @@ from typing import Any
 
 import torch
 
-from moireaug.scene.mixed_shot import MixedShot
-from moireaug.scene.scene import (
+from moireaug.mixed_shot import MixedShot
+from moireaug.scenes import (
     Scene,
     Shot,
     as_scene,
@@ -29,7 +29,7 @@ class Mixture:
 
     def sample(
         self, n: int, size: tuple[int, int], generator: torch.Generator | None = None
-    ) -> MixedShot:
+    ) -> MixedShot[Shot]:
         """Draw a scene and its ranges for each of `n` images of `size` (height, width); generator
         and errors as of `Scene.sample`.
 
@@ -37,8 +37,7 @@ class Mixture:
         rows of a larger draw are those of a smaller one.
         """
         size = check_size(size)
-        for scene in self.scenes:
-            scene.plan(size)
+        empty = self.empty_shots(size)
         needed = [numbers_needed(scene) for scene in self.scenes]
         u = random_numbers(n, 1 + max(needed), generator)
         which = (u[:, 0] * len(self.scenes)).long()
@@ -46,7 +45,11 @@ class Mixture:
         for k, scene in enumerate(self.scenes):
             rows = (which == k).nonzero().flatten()
             shots.append((rows, shot_of(scene, size, u[rows, 1 : 1 + needed[k]])))
-        return MixedShot.joined(self.scenes, which, shots)
+        return MixedShot.joined(empty, which, shots)
+
+    def empty_shots(self, size: tuple[int, int]) -> tuple[Shot, ...]:
+        """Return a shot of no image of `size` (height, width) in each scene."""
+        return tuple(scene.sample(0, size) for scene in self.scenes)
 
     def to_dict(self) -> list[dict[str, Any]]:
         """Return plain values, those of each scene; `as_scenes` is the inverse."""

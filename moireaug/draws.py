@@ -1,0 +1,131 @@
+"""The draw from a scene: one number for each image and ranged field."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping
+from numbers import Integral
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from moireaug.scene.by_name import values_of
+from moireaug.scene.fields import bounds, check_number, one_of
+from moireaug.scene.parts import PARTS
+from moireaug.scene.record import SceneRecord
+
+ANGLES = ("view.yaw", "view.pitch", "view.roll")
+
+
+def random_numbers(n: int, count: int, generator: torch.Generator | None) -> Tensor:
+    """Return numbers in [0, 1) to draw from, `count` for each of `n` images: (n, count) float64, on
+    the CPU.
+
+    Raises:
+        ValueError: an n that is no integer >= 0, or a generator that is not on the CPU.
+        TypeError: a generator that is not a torch.Generator.
+    """
+    if isinstance(n, bool) or not isinstance(n, Integral) or n < 0:
+        raise ValueError(f"a shot needs a whole number n >= 0 of images; got n = {n!r}.")
+    if not (generator is None or isinstance(generator, torch.Generator)):
+        raise TypeError(
+            f"generator must be a torch.Generator or None; got {generator!r}. For a seed, pass "
+            "torch.Generator().manual_seed(seed)."
+        )
+    if generator is not None and generator.device.type != "cpu":
+        raise ValueError(
+            f"shots are drawn on the CPU, whatever device the images are on; got a generator on "
+            f"{generator.device}. Pass torch.Generator().manual_seed(seed)."
+        )
+    return torch.rand(int(n), count, dtype=torch.float64, device="cpu", generator=generator)
+
+
+def numbers_needed(scene: SceneRecord) -> int:
+    """Return how many random numbers a shot takes: one for each range, and one for the seed."""
+    ranges = map(bounds, values_of(scene).values())
+    return sum(low < high for low, high in ranges) + 1
+
+
+def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tensor]:
+    """Return the ranged fields by name, such as "view.yaw", (n,) float64 each, and seeds, (n,)
+    int64: where `u` (n, numbers_needed(scene)) says, from 0, the low end of a range, to 1.
+
+    Only ranges take random numbers: the value of a fixed field does not change the others' draws.
+    """
+    ranges = {name: bounds(value) for name, value in values_of(scene).items()}
+    varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]
+    given = torch.tensor(list(ranges.values()), dtype=torch.float64, device="cpu")
+    low, high = given.mT[..., None]
+    values = low.repeat(1, len(u))
+    values[varied] = low[varied] + (high - low)[varied] * u[:, :-1].mT
+    numbers = {}
+    for name, row in zip(ranges, values, strict=True):
+        numbers[name] = row.clone()  # a row of the table would be pickled with all of it
+    if scene.view.pose == "released":
+        for angle in ANGLES:
+            numbers[angle] = numbers[angle].floor()  # the released code turns by whole degrees
+    return numbers, (u[:, -1] * 2**53).to(torch.int64)
+
+
+def numbers_from_dict(
+    scene: SceneRecord, values: Mapping[str, Any]
+) -> tuple[dict[str, Tensor], Tensor]:
+    """Return what `draw_numbers` does, from the plain values of a shot's dict.
+
+    Raises:
+        ValueError, TypeError: an unknown field, fields of different lengths, a number that no scene
+            may have, or a seed that is not in whole numbers.
+    """
+    seed = values["seed"]
+    _check_seed(seed)
+    numbers = {}
+    for part in PARTS:
+        for name, given in _numbers_of(part, values[part], scene, len(seed)).items():
+            numbers[f"{part}.{name}"] = torch.tensor(given, dtype=torch.float64, device="cpu")
+    return numbers, torch.tensor(seed, dtype=torch.int64, device="cpu")
+
+
+def _check_seed(seed: Any) -> None:
+    if not isinstance(seed, list | tuple) or not all(
+        isinstance(s, Integral) and not isinstance(s, bool) for s in seed
+    ):
+        raise ValueError(f"a shot's seed must be a list of whole numbers; got {seed!r}.")
+    if not all(-(2**63) <= s < 2**63 for s in seed):
+        raise ValueError(f"a shot's seed must lie in [-2**63, 2**63), 64 bits; got {seed!r}.")
+
+
+def _numbers_of(part: str, given: Any, scene: SceneRecord, n: int) -> dict[str, list[float]]:
+    """Return the drawn fields of one part of a shot's dict, checked."""
+    if not isinstance(given, Mapping):
+        raise TypeError(f"a shot's {part} must be a mapping of its fields; got {given!r}.")
+    wanted = getattr(scene, part).ranged
+    for name in given:
+        one_of(f"a field of a shot's {part}", name, wanted)
+    checked = {}
+    for name in wanted:
+        numbers, allowed = given.get(name), PARTS[part].__dataclass_fields__[name].metadata
+        if not isinstance(numbers, list | tuple) or len(numbers) != n:
+            raise ValueError(
+                f"a shot's {part}.{name} must hold {n} numbers, one per image of its seed list."
+            )
+        checked[name] = [check_number(f"a shot's {part}.{name}", x, **allowed) for x in numbers]
+    return checked
+
+
+def check_size(size: Any) -> tuple[int, int]:
+    """Return a size (height, width) in integers.
+
+    Raises:
+        ValueError: anything but two whole numbers of at least 1.
+    """
+    try:
+        h, w = (operator.index(side) for side in size)
+    except (TypeError, ValueError):  # no pair, or no integers
+        h, w = 0, 0
+    if h < 1 or w < 1:
+        raise ValueError(
+            "a shot needs a size (height, width) of at least 1 x 1 pixels, in whole numbers; got "
+            f"{size!r}."
+        )
+    return h, w

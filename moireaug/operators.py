@@ -1,0 +1,48 @@
+"""What the operators of `engine.graph` do: photograph, as the functions of `moireaug.capture`."""
+
+from __future__ import annotations
+
+import functools
+import json
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from moireaug.capture import develop, reading_of
+from moireaug.engine.graph import LIBRARY
+from moireaug.scene.by_name import parts_with, values_of
+from moireaug.scenes import Scene, Shot
+
+
+def _shot(numbers: list[Tensor], seeds: Tensor, text: str, size: list[int]) -> Shot:
+    """Return the shot that an operator's arguments describe; see `graph.SHOT`."""
+    scene = _scene(text)
+    parts = parts_with(scene, dict(zip(values_of(scene), numbers, strict=True)))
+    return Shot(scene=scene, size=(size[0], size[1]), seed=seeds, **parts)
+
+
+@functools.lru_cache(maxsize=64)
+def _scene(text: str) -> Scene:
+    return Scene.from_dict(json.loads(text))
+
+
+@torch.no_grad()
+def _expose(light: Tensor, *given: Any) -> Tensor:
+    return reading_of(light, _shot(*given[:-1])).contiguous()
+
+
+@torch.no_grad()
+def _develop(raw: Tensor, *given: Any) -> Tensor:
+    return develop(raw, _shot(*given)).contiguous()
+
+
+@torch.enable_grad()
+def _develop_back(raw: Tensor, grad: Tensor, *given: Any) -> Tensor:
+    raw = raw.detach().requires_grad_()
+    return torch.autograd.grad(develop(raw, _shot(*given)), raw, grad)[0].contiguous()
+
+
+LIBRARY.impl("expose", _expose, "CPU")
+LIBRARY.impl("develop", _develop, "CPU")
+LIBRARY.impl("develop_back", _develop_back, "CPU")

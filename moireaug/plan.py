@@ -1,0 +1,87 @@
+"""What a scene calls for, decided before any picture is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from moireaug.exposure.base import Exposure
+
+
+class Step(NamedTuple):
+    """One effect of a plan: its name, whether the scene calls for it, and why or why not."""
+
+    name: str
+    called: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The effects of a scene, in the order in which light meets them. `"pose" in plan` asks whether
+    one is computed.
+
+    Args:
+        steps: every effect but those that only clip, called for or not.
+        exposing, developing: the names of the effects that are computed before and after the
+            attacker's noise.
+        method: the exposure method, "auto" resolved.
+        prefilter: the most variance by which the picture is blurred before it is looked up, in
+            squared image pixels.
+    """
+
+    steps: tuple[Step, ...]
+    exposing: tuple[str, ...]
+    developing: tuple[str, ...]
+    method: Exposure
+    prefilter: float
+    _computed: frozenset[str] = field(init=False, repr=False)  # a photo asks for dozens of names
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_computed", frozenset((*self.exposing, *self.developing)))
+
+    @property
+    def exposure(self) -> str:
+        """The exposure's name: "spectral", "box", "mean", "point" or "supersample:n"."""
+        return self.method.name
+
+    @property
+    def harmonics(self) -> tuple[tuple[int, int], ...]:
+        """The (k, l) pairs that the spectral exposure sums."""
+        return self.method.harmonics
+
+    def __contains__(self, effect: object) -> bool:
+        return effect in self._computed
+
+    def __iter__(self) -> Iterator[Step]:
+        return (step for step in self.steps if step.called)
+
+    def __str__(self) -> str:
+        called = [step for step in self.steps if step.called]
+        absent = [step for step in self.steps if not step.called]
+        width = max(len(step.name) for step in self.steps) + 2
+        lines = ["The photo is the image"]
+        if called:
+            lines = [f"{_counted(called)} computed, in this order"]
+        for i, step in enumerate(called, 1):
+            lines.append(f"  {i:2d}  {step.name:{width}}{step.reason}")
+        if absent:
+            lines.append(f"{_counted(absent)} left out")
+        for step in absent:
+            lines.append(f"   -  {step.name:{width}}{step.reason}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values: effects called for and those left out (each name to reason),
+        exposure and harmonics."""
+        return {
+            "effects": {step.name: step.reason for step in self.steps if step.called},
+            "left_out": {step.name: step.reason for step in self.steps if not step.called},
+            "exposure": self.exposure,
+            "harmonics": [list(pair) for pair in self.harmonics],
+        }
+
+
+def _counted(steps: list[Step]) -> str:
+    return "1 effect is" if len(steps) == 1 else f"{len(steps)} effects are"
