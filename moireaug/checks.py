@@ -5,8 +5,8 @@ bicubic and Lanczos kernels overshoot at edges, noise is not always clipped. All
 leave most pixels and the mean nearly unchanged; normalisation changes both. So an image is
 accepted, and clipped, if
 
-- clipping changes its values by at most `MOST_CLIPPED`, root mean square, and
-- the mean of each channel lies at most `FAR_MEAN` outside [0, 1],
+- clipping changes its values by at most `MAX_CLIPPED_RMS`, root mean square, and
+- the mean of each channel lies at most `MAX_MEAN_OUTSIDE` outside [0, 1],
 
 and refused otherwise, image by image. The largest changes measured on photographs, and on random
 black and white pixels of 9 x 12 to 64 x 64: rounding, 2e-7 on both; bicubic, 0.05 and 0.08;
@@ -28,12 +28,12 @@ from torch import Tensor
 from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import clip, is_transformed
 from moireaug.scene.by_name import limits
-from moireaug.scene.parts import LEAST_SLOPE
+from moireaug.scene.parts import LEAST_LENS_SLOPE
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
-MOST_CLIPPED = 0.18
-FAR_MEAN = 0.1
+MAX_CLIPPED_RMS = 0.18
+MAX_MEAN_OUTSIDE = 0.1
 
 
 def check_images(image: Tensor) -> Tensor:
@@ -107,10 +107,11 @@ def _check_pictures(images: Tensor) -> None:
     change = outside.square().mean((1, 2, 3)).sqrt()
     mean = images.mean((2, 3))
     far = (mean - mean.clamp(0, 1)).abs().amax(1)
-    taken = (change <= MOST_CLIPPED) & (far <= FAR_MEAN)  # False where there is NaN or infinity
-    if taken.all():
+    # False where there is NaN or infinity
+    accepted = (change <= MAX_CLIPPED_RMS) & (far <= MAX_MEAN_OUTSIDE)
+    if accepted.all():
         return
-    first = int((~taken).nonzero()[0])
+    first = int((~accepted).nonzero()[0])
     raise ValueError(
         f"images must be finite and lie in [0, 1]; got {_looks_like(images[first], first)}."
     )
@@ -218,12 +219,12 @@ def _finite_limits() -> np.ndarray:
 
 def _check_lens(k1: Tensor, k2: Tensor) -> None:
     """Refuse what `Lens` refuses, too: a distortion that folds the photo onto itself."""
-    if ((3 * k1).abs() + (5 * k2).abs() < 1 - LEAST_SLOPE).all():
+    if ((3 * k1).abs() + (5 * k2).abs() < 1 - LEAST_LENS_SLOPE).all():
         return  # no slope can be as small
     flattest = torch.where(k2 == 0, 0.0, -0.3 * k1 / k2).clamp(0, 1)
     for t in (torch.ones_like(k1), flattest):
         slope = 1 + 3 * k1 * t + 5 * k2 * t * t
-        if (slope <= LEAST_SLOPE).any():
+        if (slope <= LEAST_LENS_SLOPE).any():
             row = int(slope.argmin())
             raise ValueError(
                 f"shot.lens.k1 = {float(k1[row]):g} and k2 = {float(k2[row]):g} fold the photo "

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-FULL = (errno.ENOSPC, errno.EDQUOT)  # a disk, or a user's share of it
+DISK_FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT)  # a disk, or a user's share of it
 
 
 def write_text(path: Path, text: str) -> None:
@@ -81,7 +81,7 @@ def remove(path: Path) -> None:
 def _sentence(path: Path, size: int, error: OSError) -> str:
     """Say why a file of `size` bytes could not be written, and what to do."""
     why = f"{path} could not be written ({error.strerror or error})"
-    if error.errno not in FULL:
+    if error.errno not in DISK_FULL_ERRORS:
         return f"{why}. An older file there is still whole. Name a place that can be written."
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     free = shutil.disk_usage(folder).free / 1e6

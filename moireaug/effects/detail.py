@@ -15,8 +15,10 @@ from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord
 
-REACH = 3.0  # standard deviations that a kernel holds
-NARROW = 0.5  # variance of Gaussians, in squared pixels, below which they miss the next pixel
+KERNEL_SIGMAS = 3.0  # standard deviations that a kernel holds
+LEAST_SAMPLED_VARIANCE = (
+    0.5  # variance of Gaussians, in squared pixels, below which they miss the next pixel
+)
 SMALLEST = 1e-3  # least standard deviation: a Gaussian of 0 has no kernel
 
 
@@ -112,13 +114,13 @@ def kernel_sigma(sigma: Tensor) -> Tensor:
     variance of a Gaussian of sigma (B,) pixels. They differ below 0.7: a narrow Gaussian misses
     the next pixel."""
     variance = sigma.square().clamp(min=SMALLEST**2)
-    small = variance.clamp(max=NARROW)
+    small = variance.clamp(max=LEAST_SAMPLED_VARIANCE)
     w = small / (2 * (1 - small))  # of the next pixel, by Newton steps from that of three pixels
     for _ in range(3):
         total, moment = 1 + 2 * w + 2 * w**4, 2 * w + 8 * w**4
         slope = ((2 + 32 * w**3) * total - moment * (2 + 8 * w**3)) / total.square()
         w = w - (moment / total - small) / slope
-    return torch.where(variance > NARROW, sigma, (-0.5 / w.log()).sqrt())
+    return torch.where(variance > LEAST_SAMPLED_VARIANCE, sigma, (-0.5 / w.log()).sqrt())
 
 
 def photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> Range:
@@ -133,4 +135,4 @@ def photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> Range:
 
 def kernel_size(sigma: Range) -> int:
     """Return the odd number of pixels along a kernel that holds a range's widest Gaussian."""
-    return 2 * math.ceil(REACH * bounds(sigma)[1]) + 1
+    return 2 * math.ceil(KERNEL_SIGMAS * bounds(sigma)[1]) + 1

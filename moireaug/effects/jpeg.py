@@ -18,7 +18,7 @@ from moireaug.scene.record import SceneRecord
 # Kornia's rounding has no slope where a coefficient is a whole multiple of its step, as all are in
 # flat black or white: an attack that starts without noise would be stuck there. This share of the
 # gradient passes straight through.
-THROUGH = 0.02
+STRAIGHT_THROUGH_SHARE = 0.02
 
 
 class Jpeg(Effect):
@@ -41,7 +41,7 @@ def jpeg(photo: Tensor, quality: Tensor) -> Tensor:
 
     The forward pass is the codec itself, as PIL runs it (4:2:0), on the photo's 8-bit codes. The
     backward pass is the gradient of kornia's differentiable JPEG (Shin and Song 2017; Reich et al.
-    2024), computed only then, plus `THROUGH` times the incoming gradient.
+    2024), computed only then, plus `STRAIGHT_THROUGH_SHARE` times the incoming gradient.
 
     Args:
         photo: (B, 3, H, W) float32 or float64 in [0, 1], sRGB codes. Not modified.
@@ -92,7 +92,7 @@ def _backward(ctx, gradient):
         photo = photo if again else photo.detach().requires_grad_()
         out = jpeg_codec_differentiable(photo, quality)
         (back,) = torch.autograd.grad(out, photo, gradient, create_graph=again)
-    return back + THROUGH * gradient, None
+    return back + STRAIGHT_THROUGH_SHARE * gradient, None
 
 
 _jpeg.register_autograd(_backward, setup_context=_keep)

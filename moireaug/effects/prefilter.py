@@ -20,7 +20,7 @@ from moireaug.exposure.choose import exposure_of
 from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import optics_of
 from moireaug.exposure.sampled import Sampled
-from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
+from moireaug.exposure.sight import WHOLE_PIXEL, footprints_of
 from moireaug.exposure.smooth import Mean
 from moireaug.geometry import grids
 from moireaug.numeric import repeat_edges
@@ -28,7 +28,7 @@ from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-MOST_LEVELS = 10  # halvings of a picture seen from afar or at a grazing angle
+MAX_PYRAMID_LEVELS = 10  # halvings of a picture seen from afar or at a grazing angle
 SMALL = 0.5  # most variance of one pass over the neighbours, in squared image pixels
 
 
@@ -65,10 +65,10 @@ def variance_at(points: Tensor, shot) -> Tensor:
     points = points.expand(len(alpha), -1, -1, -1)
     if isinstance(method, Binned):
         return _lost_by_bins(points, shot)
-    seen = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(
+    on_photo = grids.image_to_photo(points.flatten(1, 2), shot.matrix(), shot.size, None).reshape(
         points.shape
     )
-    step = grids.jacobian(seen, torch.linalg.inv(shot.matrix()), shot.size, None)
+    step = grids.jacobian(on_photo, torch.linalg.inv(shot.matrix()), shot.size, None)
     kinds, optics = as_layout(shot.scene.panel.layout).all(), optics_of(shot)
     if isinstance(method, Mean):
         kinds = (WHOLE_PIXEL,)
@@ -83,8 +83,8 @@ def _lost_by_bins(points: Tensor, shot) -> Tensor:
     shown, bins = content_of(shot), bins_on_image(points, shot)
     step = bins.step / shown.ratio[:, None, None, None, None]
     one = torch.ones_like(shot.panel_scale)[:, None, None]
-    seen = [(shown.footprint(axis, step, bins.sides), one, 1) for axis in (0, 1)]
-    return lost_variance(seen, shown.scale[:, None, None], shot.plan.method.taps)
+    footprints = [(shown.footprint(axis, step, bins.sides), one, 1) for axis in (0, 1)]
+    return lost_variance(footprints, shown.scale[:, None, None], shot.plan.method.taps)
 
 
 def lost_variance(
@@ -94,8 +94,8 @@ def lost_variance(
     squared image pixels: of what `footprints_of` returns, for a panel of `alpha` panel pixels per
     image pixel."""
     lost = []
-    for seen, width, period in footprints:
-        lost.append(content.fitted(seen, width, taps)[1] * (period / alpha) ** 2)
+    for footprint, width, period in footprints:
+        lost.append(content.fitted(footprint, width, taps)[1] * (period / alpha) ** 2)
     return torch.stack(lost).amax(0)
 
 
@@ -106,10 +106,10 @@ def most_lost(scene: SceneRecord) -> float:
     method, most = exposure_of(scene), 0.0
     if isinstance(method, Sampled):
         return 0.0
-    seen = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
+    views = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
     whole = isinstance(method, (Mean, Binned))
     for alpha in extreme_views.inside(scene.panel.scale, 1.0, points=3):
-        footprints = extremes.footprints(scene, seen, alpha, whole_pixel=whole)
+        footprints = extremes.footprints(scene, views, alpha, whole_pixel=whole)
         cells = min(alpha, 1.0) if scene.is_binned else alpha
         most = max(most, float(lost_variance(footprints, cells, method.taps).max()))
     return most
@@ -117,7 +117,7 @@ def most_lost(scene: SceneRecord) -> float:
 
 def levels(variance: float) -> int:
     """Return the number of halvings in a pyramid that reaches this variance."""
-    return min(MOST_LEVELS, max(1, math.ceil(math.log(4 * variance, 4))))
+    return min(MAX_PYRAMID_LEVELS, max(1, math.ceil(math.log(4 * variance, 4))))
 
 
 def share_at_centre(shot) -> Tensor:

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 INTERVALS = 2048
-PLACES = 2**21  # in each interval
+PLACES_PER_INTERVAL = 2**21  # in each interval
 MIX = (0x7FEB352D, 0x846CA68B)  # the multipliers of Wellons's lowbias32
 WEYL = 0x9E3779B9
 
@@ -37,7 +37,7 @@ def quantiles() -> tuple[Tensor, Tensor]:
     outer = (INTERVALS - inner) * 3 / 2
     end = (math.sqrt(4 * outer - 3 * last * last) - last) / 2
     edges = torch.tensor([-end, *ends, end], dtype=torch.float64, device="cpu")
-    return edges[:-1].float(), (edges.diff() / PLACES).float()
+    return edges[:-1].float(), (edges.diff() / PLACES_PER_INTERVAL).float()
 
 
 def keys(seeds: Tensor) -> tuple[Tensor, Tensor]:
@@ -61,7 +61,7 @@ def normal(shape: Sequence[int], seeds: Tensor) -> Tensor:
     bits = mix(mix(index + first[:, None]) ^ second[:, None]).flatten()
     low, step = (table.to(seeds.device) for table in quantiles())
     interval = (bits >> 21).bitwise_and_(INTERVALS - 1)
-    place = bits.bitwise_and_(PLACES - 1).float()
+    place = bits.bitwise_and_(PLACES_PER_INTERVAL - 1).float()
     # two roundings: the sum and the product must not be fused
     numbers = step.index_select(0, interval).mul_(place).add_(low.index_select(0, interval))
     return numbers.reshape(len(seeds), *shape)

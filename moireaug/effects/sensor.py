@@ -16,7 +16,7 @@ from moireaug.scene.record import SceneRecord
 
 DARK = 1e-4  # the level, of full scale, below which photon noise falls no further: dark current
 LEAST_VARIANCE = 1e-10  # of readings that count as different
-SIGMAS = 6  # how far noise reaches, in standard deviations
+NOISE_SIGMAS = 6  # how far noise reaches, in standard deviations
 
 
 class Gain(Effect):
@@ -43,7 +43,7 @@ class Noise(Effect):
         why = f"standard deviation {show(sensor.read_noise)}"
         if shot:
             why += f", and {show(sensor.shot_noise)} times the root of the reading"
-        change = SIGMAS * (read**2 + shot**2) ** 0.5
+        change = NOISE_SIGMAS * (read**2 + shot**2) ** 0.5
         return judged(in_codes(change, scene), scene, why, "read_noise and shot_noise are 0")
 
     def __call__(self, raw: Tensor, shot) -> Tensor:

@@ -9,12 +9,12 @@ from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.numeric import clip
 from moireaug.scene.record import SceneRecord
 
-STEEPEST = 12.92  # codes per light: the slope of sRGB at black
+SLOPE_AT_BLACK = 12.92  # codes per light: the slope of sRGB at black
 
 
 def in_codes(light: float, scene: SceneRecord) -> float:
     """Return the most codes that so much light may be: in the dark, a little is many."""
-    return light * STEEPEST if scene.develop.linear_light else light
+    return light * SLOPE_AT_BLACK if scene.develop.linear_light else light
 
 
 class Decode(Effect):

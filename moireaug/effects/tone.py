@@ -12,7 +12,7 @@ from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.numeric import clip, mix_colours, per_image
 from moireaug.scene.record import SceneRecord
 
-STEEPEST = 6 * 3**0.5  # the reciprocal of the most by which a contrast of 1 moves a code
+CONTRAST_PER_CODE = 6 * 3**0.5  # the reciprocal of the most by which a contrast of 1 moves a code
 
 
 class WhiteBalance(Effect):
@@ -52,7 +52,7 @@ class ToneCurve(Effect):
 
     def verdict(self, scene: SceneRecord) -> Verdict:
         contrast, shoulder = scene.develop.contrast, scene.develop.shoulder
-        most = off(contrast, 0) / STEEPEST + shoulder_shift(off(shoulder, 0))
+        most = off(contrast, 0) / CONTRAST_PER_CODE + shoulder_shift(off(shoulder, 0))
         why = f"shoulder {show(shoulder)}, contrast {show(contrast)}"
         return judged(most, scene, why, "a straight line")
 

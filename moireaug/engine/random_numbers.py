@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES, WEYL, quantiles
+from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES_PER_INTERVAL, WEYL, quantiles
 from moireaug.engine.compiling import exact, inner
 from moireaug.engine.vectors import peek, poke
 
@@ -12,8 +12,8 @@ from moireaug.engine.vectors import peek, poke
 # vectorises
 LOW, STEP = (table.numpy() for table in quantiles())
 FIRST_FACTOR, SECOND_FACTOR = np.uint32(MIX[0]), np.uint32(MIX[1])
-SHIFT = np.uint32(PLACES.bit_length() - 1)
-LOWER = np.uint32(PLACES - 1)
+SHIFT = np.uint32(PLACES_PER_INTERVAL.bit_length() - 1)
+LOWER = np.uint32(PLACES_PER_INTERVAL - 1)
 UPPER = np.uint32(INTERVALS - 1)
 KEY = np.uint32(WEYL)
 LOW_BITS = 2**32 - 1

@@ -17,7 +17,7 @@ from moireaug.exposure.content import Footprint
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
-from moireaug.exposure.seen import (
+from moireaug.exposure.sight import (
     WHOLE_PIXEL,
     AlongAxis,
     Place,
@@ -124,7 +124,7 @@ class Binned(Exposure):
         u, v = (k * bins.step[..., 0, axis] + l * bins.step[..., 1, axis] for axis in (0, 1))
         passed = optics.transfer(u, v)
         carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
-        bayer, found = shot.scene.cells == "binned", []
+        bayer, modulation = shot.scene.cells == "binned", []
         read = plane_waves(u, v, bins.centre, bins.sides, bins.triangle, bayer=bayer)
         amplitudes = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
         for plane in range(3):
@@ -133,8 +133,8 @@ class Binned(Exposure):
             for real, imaginary in amplitudes:
                 real, imaginary = (t.to(dtype)[..., None, None] for t in (real, imaginary))
                 channels.append((real * wave[0] - imaginary * wave[1]).sum(0))
-            found.append(channels)
-        return found
+            modulation.append(channels)
+        return modulation
 
     def pattern_variance(self, shot) -> Tensor:
         """Return the variance of the panel's pattern that is averaged away in the middle, as a
@@ -157,8 +157,8 @@ class Binned(Exposure):
         lit = emitting_share(shot.panel)
         mean = torch.stack([mean_light(layout, c, *lit) for c in range(3)], -1)
         parts = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
-        seen = [
+        by_filter = [
             torch.einsum("bpc,ckb->kbp", filters, torch.stack(p)) for p in zip(*parts, strict=True)
         ]
-        total = (torch.stack(lost, -1) * (seen[0].square() + seen[1].square())).sum(0)
+        total = (torch.stack(lost, -1) * (by_filter[0].square() + by_filter[1].square())).sum(0)
         return total / (filters @ mean[..., None])[..., 0].square().clamp(min=1e-12)

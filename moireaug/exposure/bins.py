@@ -65,11 +65,11 @@ def _bins(images: Tensor, points: Tensor, inverse: Tensor, accuracy: torch.dtype
     """Return the bins that see image points from photo points, (B, h, w, 2) each."""
     alpha, scale = (t[:, None, None, None] for t in (shot.panel_scale, shot.sensor_scale))
     lens = shot.distortion and tuple(k.to(accuracy) for k in shot.distortion)
-    seen = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, lens)
-    step = seen * (alpha / scale).to(accuracy)[..., None]
-    photo_pixel = torch.eye(2, dtype=accuracy, device=seen.device)
+    jacobian = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, lens)
+    step = jacobian * (alpha / scale).to(accuracy)[..., None]
+    photo_pixel = torch.eye(2, dtype=accuracy, device=jacobian.device)
     if shot.scene.is_rectified:
-        photo_pixel = _inverse(seen)
+        photo_pixel = _inverse(jacobian)
     enlarged = (1 / shot.bin_scale).clamp(min=1)
     wide = scale[..., None] * enlarged[:, None, None, None, None]
     sides = (photo_pixel * wide.to(accuracy)).expand_as(step)

@@ -15,11 +15,11 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
 # a magnified screen with more harmonics than this is integrated by overlaps instead
-MOST_HARMONICS = 1024
-FINE = 0.25  # cells: shares of a smaller aperture are differences too small for float32
+MAX_HARMONICS = 1024
+FINE_APERTURE = 0.25  # cells: shares of a smaller aperture are differences too small for float32
 # panel pixels along an axis that one sensor pixel sees; if it sees more, the picture is blurred
 # first
-MOST_TAPS = 7
+MAX_TAPS = 7
 
 
 @functools.lru_cache(maxsize=512)
@@ -46,36 +46,38 @@ def exposure_of(scene: SceneRecord) -> Exposure:
         return Point()
     if method == "supersample":
         return Supersample(int(n))
+    fine = extremes.narrowest(scene) < FINE_APERTURE
     if method == "mean":
-        return Mean(taps_of(scene, whole_pixel=True), fine=extremes.narrowest(scene) < FINE)
+        return Mean(taps_of(scene, whole_pixel=True), fine=fine)
     taps = taps_of(scene, whole_pixel=False)
     if method == "box":
         return Box(taps)
-    found = extremes.harmonics(scene)
-    endless = len(found) > MOST_HARMONICS or _is_cut(scene, found)
+    harmonics = extremes.harmonics(scene)
+    endless = len(harmonics) > MAX_HARMONICS or _is_cut(scene, harmonics)
     if method == "auto" and endless and not slanted:
         return Box(taps)
-    return Spectral(taps, tuple(pair for pair, _ in found), fine=extremes.narrowest(scene) < FINE)
+    return Spectral(taps, tuple(pair for pair, _ in harmonics), fine=fine)
 
 
 def _binned(scene: SceneRecord) -> Binned:
     taps = taps_of(scene, whole_pixel=True)
     if scene.sensor.exposure == "mean":
         return Binned(taps, (), name="mean")
-    found = extremes.harmonics_in_bins(scene)[:MOST_HARMONICS]
-    return Binned(taps, tuple(pair for pair, _ in found), name="spectral")
+    harmonics = extremes.harmonics_in_bins(scene)[:MAX_HARMONICS]
+    return Binned(taps, tuple(pair for pair, _ in harmonics), name="spectral")
 
 
-def _is_cut(scene: SceneRecord, found: list[tuple[tuple[int, int], float]]) -> bool:
+def _is_cut(scene: SceneRecord, harmonics: list[tuple[tuple[int, int], float]]) -> bool:
     """Whether the series would go on past the highest order. Every third order of a stripe is
     empty, so any of the last three decides."""
     px, py = as_layout(scene.panel.layout).period
-    return any(max(abs(k) / px, abs(l) / py) > extremes.HIGHEST - 3 for (k, l), _ in found)
+    last = extremes.HIGHEST_ORDER - 3
+    return any(max(abs(k) / px, abs(l) / py) > last for (k, l), _ in harmonics)
 
 
 def taps_of(scene: SceneRecord, *, whole_pixel: bool) -> int:
     """Return how many panel pixels along an axis a sensor pixel must see: 1, 3, 5 or 7."""
     # a blur may be a little short at the far end of a strip
-    seen = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
-    to_each_side = math.floor(extremes.reach(scene, seen, whole_pixel=whole_pixel) + 0.5)
-    return min(2 * to_each_side + 1, MOST_TAPS)
+    views = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)
+    cells = extremes.cells_to_each_side(scene, views, whole_pixel=whole_pixel)
+    return min(2 * math.floor(cells + 0.5) + 1, MAX_TAPS)

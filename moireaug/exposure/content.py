@@ -18,9 +18,9 @@ from moireaug.exposure.optics import Optics
 
 TAIL = 1.0  # standard deviations of the spread that taps must reach
 # share of the nearest panel pixel where none is seen, so that shares can be normalised
-LEAST = 1e-9
+LEAST_SHARE = 1e-9
 LEAST_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many times slower
-SHARP = 1e-12  # least variance of a spread, in squared cells
+LEAST_VARIANCE = 1e-12  # least variance of a spread, in squared cells
 
 
 class Footprint(NamedTuple):
@@ -49,7 +49,7 @@ def footprint(step: Tensor, optics: Optics) -> Footprint:
     u, v = step.abs().unbind(-1)
     long, short = torch.maximum(u, v), torch.minimum(u, v)
     variance = short.square() * (fill.square() / 12) + spread(step, optics)
-    return Footprint(long * fill, variance + SHARP)
+    return Footprint(long * fill, variance + LEAST_VARIANCE)
 
 
 def spread(step: Tensor, optics: Optics) -> Tensor:
@@ -67,34 +67,34 @@ def _over(drawn: Tensor, step: Tensor) -> Tensor:
     return drawn.reshape(-1, *[1] * (step.ndim - 2)).to(step.dtype)
 
 
-def fitted(seen: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint, Tensor]:
+def fitted(footprint: Footprint, width: float | Tensor, taps: int) -> tuple[Footprint, Tensor]:
     """Return the footprint narrowed to what `taps` panel pixels hold, and the variance that it
     lost, in squared cells; (B, ...) each.
 
     The prefilter blurs the picture by as much.
 
     Args:
-        seen: the whole footprint along one axis, (B, ...) each.
+        footprint: the whole one along one axis, (B, ...) each.
         width: of the subpixel along this axis in cells, broadcastable to (B, ...).
     """
     room = taps / 2 - width / 2
-    shrink = (room / seen.reach()).clamp(max=1)
-    kept = Footprint(seen.box * shrink, seen.variance * shrink.square())
-    lost = (seen.box.square() / 12 + seen.variance) * (1 - shrink.square())
-    return kept, lost
+    shrink = (room / footprint.reach()).clamp(max=1)
+    narrowed = Footprint(footprint.box * shrink, footprint.variance * shrink.square())
+    lost = (footprint.box.square() / 12 + footprint.variance) * (1 - shrink.square())
+    return narrowed, lost
 
 
-def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> Tensor:
+def tap_weights(offset: Tensor, footprint: Footprint, width: Tensor, taps: int) -> Tensor:
     """Return the share of a sensor pixel's view that falls on each of `taps` subpixels:
     (taps, B, h, w).
 
     Args:
         offset: (B, h, w), position from the nearest subpixel's centre, in cells: -1/2 to 1/2.
-        seen: the footprint along this axis, (B, h, w) each.
+        footprint: along this axis, (B, h, w) each.
         width: of the subpixel along this axis in cells, broadcastable to (B, h, w).
     """
-    sharpness = (2 * seen.variance).rsqrt()
-    at, half = offset * sharpness, seen.box / 2 * sharpness
+    sharpness = (2 * footprint.variance).rsqrt()
+    at, half = offset * sharpness, footprint.box / 2 * sharpness
     left, right = at - half, at + half  # ends of the box
 
     def beyond(edge: Tensor) -> Tensor:
@@ -104,7 +104,7 @@ def shares(offset: Tensor, seen: Footprint, width: Tensor, taps: int) -> Tensor:
         return _erf_integral(right - edge) - _erf_integral(left - edge)
 
     centres = around(taps, offset)
-    unit = 1 / (2 * math.sqrt(math.pi) * seen.box * sharpness)
+    unit = 1 / (2 * math.sqrt(math.pi) * footprint.box * sharpness)
     return (beyond(centres - width / 2) - beyond(centres + width / 2)) * unit
 
 
@@ -120,7 +120,7 @@ def normalised(share: Tensor) -> Tensor:
     subpixel's."""
     share = share.clamp(min=0)  # rounding may leave a share a digit below zero
     nearest = (around(len(share), share[0]) == 0).to(share.dtype)
-    share = share + LEAST * nearest
+    share = share + LEAST_SHARE * nearest
     return share / share.sum(0)
 
 

@@ -18,18 +18,18 @@ from moireaug.scene.parts import Lens, View
 from moireaug.scene.record import SceneRecord
 
 # height and width; what holds for these holds for most images
-SHAPES = ((256, 256), (192, 256), (256, 192))
-STRIPS = ((16, 256), (256, 16))  # perspective is strongest along a long strip
+PHOTO_SHAPES = ((256, 256), (192, 256), (256, 192))
+STRIP_SHAPES = ((16, 256), (256, 16))  # perspective is strongest along a long strip
 # a scene's plan depends neither on torch's default dtype nor on its default device
-PRECISE: dict[str, Any] = {"dtype": torch.float64, "device": "cpu"}
+FLOAT64_ON_CPU: dict[str, Any] = {"dtype": torch.float64, "device": "cpu"}
 
 
 def inside(value: Range, *marks: float, points: int = 2) -> list[float]:
     """Return a range's ends, evenly spread points between them, and those of `marks` that it
     holds."""
     low, high = bounds(value)
-    spread = [low + (high - low) * i / (points - 1) for i in range(points)]
-    return sorted({*spread, *(m for m in marks if low < m < high)})
+    even = [low + (high - low) * i / (points - 1) for i in range(points)]
+    return sorted({*even, *(m for m in marks if low < m < high)})
 
 
 def views(scene: SceneRecord, zoom: float, *, usual: bool, magnified: bool = False) -> Tensor:
@@ -38,7 +38,7 @@ def views(scene: SceneRecord, zoom: float, *, usual: bool, magnified: bool = Fal
     and lenses that a scene allows at this zoom: (N, 2, 2) float64. `usual` leaves out long
     strips; `magnified` gives them times the photo pixels that an image pixel in the middle takes
     before it is turned, which no zoom changes."""
-    shapes = SHAPES if usual else SHAPES + STRIPS
+    shapes = PHOTO_SHAPES if usual else PHOTO_SHAPES + STRIP_SHAPES
     return _views(scene.view, scene.lens, scene.sensor.scale, zoom, shapes, magnified)
 
 
@@ -47,25 +47,25 @@ def _views(
     v: View, lens: Lens, scale: float, zoom: float, shapes: tuple, magnified: bool
 ) -> Tensor:
     fields, k1, k2 = _poses(v, lens, zoom)
-    found = []
+    jacobians = []
     for size in shapes:
         h, w = size
         m = homography(fields, k1, k2, size, scale, pose=v.pose, fit=v.fit)
-        picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **PRECISE)
+        picture = torch.tensor([[0, 0], [w, 0], [0, h], [w, h], [w / 2, h / 2]], **FLOAT64_ON_CPU)
         points = image_to_photo(picture.expand(len(m), -1, -1), m, size, (k1, k2))
         points = torch.cat([points, _in_the_photo(points, size)], 1)
-        seen = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
+        steps = jacobian(points[:, None], torch.linalg.inv(m), size, (k1, k2))
         if magnified:
-            seen = seen * magnification(fields, k1, k2, size, v.fit)[:, None, None, None, None]
-        found.append(seen.flatten(0, 2))
-    return torch.cat(found).unique(dim=0)
+            steps = steps * magnification(fields, k1, k2, size, v.fit)[:, None, None, None, None]
+        jacobians.append(steps.flatten(0, 2))
+    return torch.cat(jacobians).unique(dim=0)
 
 
 @functools.lru_cache(maxsize=64)
 def _least_magnification(v: View, lens: Lens) -> float:
     """Return the least `homography.magnification` for the angles and lenses that a scene allows."""
     fields, k1, k2 = _poses(v, lens, bounds(v.zoom)[0])
-    return min(float(magnification(fields, k1, k2, size, v.fit).min()) for size in SHAPES)
+    return min(float(magnification(fields, k1, k2, size, v.fit).min()) for size in PHOTO_SHAPES)
 
 
 def _poses(v: View, lens: Lens, zoom: float) -> tuple[dict[str, Tensor], Tensor, Tensor]:
@@ -73,7 +73,7 @@ def _poses(v: View, lens: Lens, zoom: float) -> tuple[dict[str, Tensor], Tensor,
     turns = [inside(a, 0.0) for a in (v.yaw, v.pitch)]
     rolls = inside(v.roll, 0.0, 90.0, -90.0, points=9)
     poses = itertools.product(*turns, rolls, inside(lens.k1), inside(lens.k2))
-    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **PRECISE).T
+    yaw, pitch, roll, k1, k2 = torch.tensor(list(poses), **FLOAT64_ON_CPU).T
     fields = {k: torch.zeros_like(yaw) for k in v.ranged}
     fields |= {"yaw": yaw, "pitch": pitch, "roll": roll}
     fields |= {"fov": torch.full_like(yaw, bounds(v.fov)[1]), "zoom": torch.full_like(yaw, zoom)}
@@ -94,8 +94,7 @@ def steps(scene: SceneRecord) -> Tensor:
     zoom, (_, pitch) = bounds(scene.view.zoom)[1], bounds(scene.sensor.pitch)
     if pitch:
         return views(scene, zoom, usual=False, magnified=True) / pitch
-    seen = views(scene, zoom, usual=False)
-    return seen * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
+    return views(scene, zoom, usual=False) * (bounds(scene.panel.scale)[0] / scene.sensor.scale)
 
 
 def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
@@ -116,6 +115,6 @@ def least_side(scene: SceneRecord, alpha: float) -> float:
     if not scene.is_rectified:
         return least_bin_scale(scene, alpha)
     zoom, pitch = bounds(scene.view.zoom)[0], bounds(scene.sensor.pitch)[0]
-    seen = views(scene, zoom, usual=False, magnified=bool(pitch))
-    farthest = float(torch.linalg.svdvals(seen)[:, 0].max())  # image pixels per photo pixel
+    steps = views(scene, zoom, usual=False, magnified=bool(pitch))
+    farthest = float(torch.linalg.svdvals(steps)[:, 0].max())  # image pixels per photo pixel
     return (pitch * alpha if pitch else scene.sensor.scale) / farthest

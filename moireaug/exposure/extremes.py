@@ -13,7 +13,7 @@ from torch import Tensor
 from moireaug.exposure.bin_content import spread_of
 from moireaug.exposure.content import Footprint, footprint, spread
 from moireaug.exposure.extreme_views import (
-    PRECISE,
+    FLOAT64_ON_CPU,
     inside,
     least_bin_scale,
     least_side,
@@ -21,13 +21,13 @@ from moireaug.exposure.extreme_views import (
     views,
 )
 from moireaug.exposure.optics import Optics
-from moireaug.exposure.seen import WHOLE_PIXEL, footprints_of
+from moireaug.exposure.sight import WHOLE_PIXEL, footprints_of
 from moireaug.panel.fourier import coefficient
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
-HIGHEST = 32  # highest harmonic per panel pixel that is ever summed
+HIGHEST_ORDER = 32  # highest harmonic per panel pixel that is ever summed
 
 
 def harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
@@ -64,11 +64,11 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     passed = _through_aperture(scene, frequency).prod(-1)
     passed *= _through_lens(scene, frequency.square().sum(-1))
     contrast = shown * passed.amax(1)
-    found = []
+    strong = []
     for k_, l_, strength in zip(k.tolist(), l.tolist(), contrast.tolist(), strict=True):
         if strength > scene.tolerance:
-            found.append(((int(k_), int(l_)), strength))
-    return sorted(found, key=lambda item: -item[1])
+            strong.append(((int(k_), int(l_)), strength))
+    return sorted(strong, key=lambda item: -item[1])
 
 
 @functools.lru_cache(maxsize=64)
@@ -82,18 +82,18 @@ def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]
     low, high = bounds(scene.sensor.pitch)
     s = least_side(scene, bounds(scene.panel.scale)[0])
     apart = 0.5 if scene.cells == "binned" else 1.0
-    found = []
+    strong = []
     for (k, l), strength in harmonics(scene):
         frequency = step[:, 0] * (k / layout.period[0]) + step[:, 1] * (l / layout.period[1])
-        seen = torch.cat([frequency, frequency * (high / low if low else 1.0)])
-        ends = zip(seen.amin(0).tolist(), seen.amax(0).tolist(), strict=True)
+        any_pitch = torch.cat([frequency, frequency * (high / low if low else 1.0)])
+        ends = zip(any_pitch.amin(0).tolist(), any_pitch.amax(0).tolist(), strict=True)
         alias = [_slowest_alias(least, most, apart) for least, most in ends]
-        # along a side of the bin that lies anyhow; along the sensor's axes, along both
-        ways = [math.hypot(*alias)] if scene.is_rectified else alias
-        left = math.prod(_most_left(frequency, s) for frequency in ways)
+        # a bin's side may lie along the alias, and the other across it; or both along an axis
+        along_sides = [math.hypot(*alias)] if scene.is_rectified else alias
+        left = math.prod(_most_left(frequency, s) for frequency in along_sides)
         if strength * left > scene.tolerance:
-            found.append(((k, l), strength * left))
-    return sorted(found, key=lambda item: -item[1])
+            strong.append(((k, l), strength * left))
+    return sorted(strong, key=lambda item: -item[1])
 
 
 def _slowest_alias(low: float, high: float, apart: float) -> float:
@@ -116,8 +116,8 @@ def _most_left(frequency: float, s: float) -> float:
 
 def _orders(px: int, py: int) -> tuple[Tensor, Tensor]:
     """Return k and l of every harmonic of a cell but the mean, one of each conjugate pair."""
-    k = torch.arange(HIGHEST * px + 1, **PRECISE)
-    l = torch.arange(-HIGHEST * py, HIGHEST * py + 1, **PRECISE)
+    k = torch.arange(HIGHEST_ORDER * px + 1, **FLOAT64_ON_CPU)
+    l = torch.arange(-HIGHEST_ORDER * py, HIGHEST_ORDER * py + 1, **FLOAT64_ON_CPU)
     k, l = torch.meshgrid(k, l, indexing="ij")
     counted = (k > 0) | (l > 0)
     return k[counted], l[counted]
@@ -128,10 +128,10 @@ def _strongest(scene: SceneRecord, k: Tensor, l: Tensor) -> Tensor:
     panel, layout = scene.panel, as_layout(scene.panel.layout)
     lit = inside(panel.lit, points=9)
     along = inside(panel.lit_x, points=5), inside(panel.lit_y, points=5)
-    emitting = torch.tensor(list(itertools.product(lit, *along)), **PRECISE)
+    emitting = torch.tensor(list(itertools.product(lit, *along)), **FLOAT64_ON_CPU)
     width = (emitting[:, 0].sqrt() * emitting[:, 1])[None]
     height = (emitting[:, 0].sqrt() * emitting[:, 2])[None]
-    strongest = torch.zeros(3, len(k), **PRECISE)
+    strongest = torch.zeros(3, len(k), **FLOAT64_ON_CPU)
     for subpixel in layout.all():
         # in cycles per cell of its own, which must be whole
         across = k / (layout.period[0] // subpixel.period[0])
@@ -162,49 +162,51 @@ def narrowest(scene: SceneRecord) -> float:
 
 
 def footprints(
-    scene: SceneRecord, seen: Tensor, alpha: float, *, whole_pixel: bool
+    scene: SceneRecord, views: Tensor, alpha: float, *, whole_pixel: bool
 ) -> list[tuple[Footprint, Tensor, int]]:
-    """Return `seen.footprints_of` for the widest spread that the optics allow."""
+    """Return `sight.footprints_of` for the widest spread that the optics allow."""
     sensor, lens = scene.sensor, scene.lens
     # as if the hand moved in every direction
     motion = math.hypot(*(max(map(abs, bounds(r))) for r in (lens.motion_x, lens.motion_y)))
     blur, fill, olpf = math.hypot(bounds(lens.blur)[1], motion), bounds(sensor.fill)[1], lens.olpf
     widest = (fill, blur, bounds(olpf)[1], 0.0, 0.0)
-    optics = Optics(*(torch.tensor([value], **PRECISE) for value in widest))
+    optics = Optics(*(torch.tensor([value], **FLOAT64_ON_CPU) for value in widest))
     if scene.is_binned:
-        return _footprints_of_bins(scene, seen, alpha, optics)
-    step = seen[None, :, None] * (alpha / sensor.scale)
-    lit = torch.ones(1, **PRECISE)
+        return _footprints_of_bins(scene, views, alpha, optics)
+    step = views[None, :, None] * (alpha / sensor.scale)
+    lit = torch.ones(1, **FLOAT64_ON_CPU)
     kinds = [WHOLE_PIXEL] if whole_pixel else as_layout(scene.panel.layout).all()
     return footprints_of(kinds, step, (lit, lit), optics)
 
 
 def _footprints_of_bins(
-    scene: SceneRecord, seen: Tensor, alpha: float, optics: Optics
+    scene: SceneRecord, image_views: Tensor, alpha: float, optics: Optics
 ) -> list[tuple[Footprint, Tensor, int]]:
     """Return the footprints of bins on a panel of at most the picture's pixels; `optics` of a
     sensor pixel."""
     cells, least = min(alpha, 1.0), least_bin_scale(scene, alpha)
-    photo_pixel, pitch = seen[None, :, None] * cells, bounds(scene.sensor.pitch)[0]
-    per_sensor = seen * (alpha / scene.sensor.scale)  # panel pixels
+    photo_pixel, pitch = image_views[None, :, None] * cells, bounds(scene.sensor.pitch)[0]
+    per_sensor = image_views * (alpha / scene.sensor.scale)  # panel pixels
     if pitch:
         per_sensor = views(scene, bounds(scene.view.zoom)[0], usual=True, magnified=True) / pitch
-    side = torch.eye(2, **PRECISE)[None, None, None] * cells if scene.is_rectified else photo_pixel
-    zero, one = torch.zeros(1, **PRECISE), torch.ones(1, 1, 1, **PRECISE)
+    side = photo_pixel
+    if scene.is_rectified:
+        side = torch.eye(2, **FLOAT64_ON_CPU)[None, None, None] * cells
+    zero, one = torch.zeros(1, **FLOAT64_ON_CPU), torch.ones(1, 1, 1, **FLOAT64_ON_CPU)
     bin_ = Optics(one.flatten() * max(1.0, 1 / least), zero, zero, zero, zero)
-    blur, found = spread_of(scene, optics), []
+    blur, footprints = spread_of(scene, optics), []
     for axis in (0, 1):
         box = footprint(side[..., axis, :], bin_)
         variance = spread(per_sensor[None, :, None, axis] * (cells / alpha), blur)
         widest = Footprint(box.box.max(), box.variance.max() + variance.max())
-        found.append((Footprint(*(t.reshape(1, 1, 1) for t in widest)), one, 1))
-    return found
+        footprints.append((Footprint(*(t.reshape(1, 1, 1) for t in widest)), one, 1))
+    return footprints
 
 
-def reach(scene: SceneRecord, seen: Tensor, *, whole_pixel: bool) -> float:
+def cells_to_each_side(scene: SceneRecord, views: Tensor, *, whole_pixel: bool) -> float:
     """Return how many cells to each side a sensor pixel sees at most."""
     most = 0.0
     for alpha in inside(scene.panel.scale, 1.0):
-        for along, width, _ in footprints(scene, seen, alpha, whole_pixel=whole_pixel):
+        for along, width, _ in footprints(scene, views, alpha, whole_pixel=whole_pixel):
             most = max(most, float(along.reach().max()) + float(width) / 2)
     return most

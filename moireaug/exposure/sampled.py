@@ -36,8 +36,8 @@ class Sampled(Exposure):
                 v = rows[site.row :: cell(cfa)] + down[:, i, None]
                 u = cols[site.column :: cell(cfa)] + across[:, i, None]
                 points = grids.grid(v, u)
-                seen = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
-                x, y = (seen * alpha[..., None]).unbind(-1)
+                points_on_image = grids.photo_to_image(points, inverse, shot.size, shot.distortion)
+                x, y = (points_on_image * alpha[..., None]).unbind(-1)
                 readings = [self.read(shown, x, y, shot, channel) for channel in site.channels]
                 total = total + torch.stack(readings, 1)
             planes.append(total / offsets.shape[2])

@@ -10,7 +10,7 @@ from torch import Tensor
 from moireaug.exposure.shown import Shown
 from moireaug.scene.layout import as_layout
 
-LOOKS = 1  # the panel is built if it has at most this many pixels per look-up
+PANEL_PIXELS_PER_LOOKUP = 1  # the panel is built if it has at most this many pixels per look-up
 
 
 class Screen:
@@ -36,7 +36,7 @@ class Screen:
         )
         self.panel = None
         readings = math.prod(shot.raw_shape()[-2:])
-        if math.prod(self.size) <= LOOKS * taps**2 * readings:
+        if math.prod(self.size) <= PANEL_PIXELS_PER_LOOKUP * taps**2 * readings:
             self.panel = on_panel(self.shown, self.size, self.margin).flatten(2).unbind(1)
 
     def look(self, channel: int, column: Tensor, row: Tensor, period: tuple[int, int]) -> Tensor:

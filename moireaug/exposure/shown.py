@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.geometry import grids
 from moireaug.numeric import is_transformed
 
-AHEAD = 2  # panel pixels ahead of a picture, and behind it, until all is its edge pixels
+EDGE_PIXELS = 2  # panel pixels ahead of a picture, and behind it, until all is its edge pixels
 
 
 class Shown:
@@ -39,7 +39,7 @@ class Shown:
         if least < 1:
             # on panels of at most the picture's pixels; finer ones show what lies between these
             self.light = shrink(light, alpha.clamp(max=1), least, min(most, 1.0))
-            self._ratio, self._ahead = self.alpha.clamp(min=1), AHEAD
+            self._ratio, self._ahead = self.alpha.clamp(min=1), EDGE_PIXELS
 
     def look_up(self, x: Tensor, y: Tensor, channel: int | None = None) -> Tensor:
         """Return what is shown at panel coordinates x, y (B, h, w), of all channels or of one:
@@ -50,7 +50,7 @@ class Shown:
 
 def shrink(light: Tensor, alpha: Tensor, least: float, most: float) -> Tensor:
     """Return what panels of alpha (B,) pixels per image pixel, from `least` to `most`, at most 1,
-    show of a picture (B, C, H, W): (B, C, h, w), from `AHEAD` panel pixels before the picture on.
+    show of a picture (B, C, H, W): (B, C, h, w), with `EDGE_PIXELS` panel pixels before it.
     """
     taps = math.ceil(2 / least)  # image pixels under the widest triangle
     return _shrink_rows(_shrink_rows(light, alpha, taps, most).mT, alpha, taps, most).mT
@@ -59,14 +59,15 @@ def shrink(light: Tensor, alpha: Tensor, least: float, most: float) -> Tensor:
 def _shrink_rows(light: Tensor, alpha: Tensor, taps: int, most: float) -> Tensor:
     """Return a picture (B, C, H, W) with the rows of a panel: (B, C, h, W)."""
     _, channels, height, width = light.shape
-    row = torch.arange(math.ceil(most * height) + 2 * AHEAD, dtype=alpha.dtype, device=alpha.device)
-    centre, half = (row + 0.5 - AHEAD) / alpha[:, None], 1 / alpha[:, None]  # in image pixels
+    rows = math.ceil(most * height) + 2 * EDGE_PIXELS
+    row = torch.arange(rows, dtype=alpha.dtype, device=alpha.device)
+    centre, half = (row + 0.5 - EDGE_PIXELS) / alpha[:, None], 1 / alpha[:, None]  # in image pixels
     first = (centre - half - 0.5).detach().ceil()
     out, total = light.new_zeros(()), torch.zeros_like(centre)
     for tap in range(taps):
         pixel = first + tap
         weight = (1 - (pixel + 0.5 - centre).abs() / half).clamp(min=0)
         place = pixel.clamp(0, height - 1).long()[:, None, :, None]
-        seen = light.gather(2, place.expand(-1, channels, -1, width))
-        out, total = out + weight.to(light.dtype)[:, None, :, None] * seen, total + weight
+        row_pixels = light.gather(2, place.expand(-1, channels, -1, width))
+        out, total = out + weight.to(light.dtype)[:, None, :, None] * row_pixels, total + weight
     return out / total.to(light.dtype)[:, None, :, None]

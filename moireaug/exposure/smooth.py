@@ -15,7 +15,7 @@ from moireaug.exposure.base import Exposure
 from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
-from moireaug.exposure.seen import (
+from moireaug.exposure.sight import (
     WHOLE_PIXEL,
     AlongAxis,
     Sight,
@@ -31,8 +31,8 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 
 # numbers of the largest tensor, which bands of rows bound
-AT_ONCE = {"cpu": 2**19, "cuda": 2**27}
-MOST_BANDS = 64  # each allocates a gradient of the whole panel
+MAX_TENSOR_NUMBERS = {"cpu": 2**19, "cuda": 2**27}
+MAX_BANDS = 64  # each allocates a gradient of the whole panel
 
 
 class SmoothExposure(Exposure):
@@ -103,8 +103,8 @@ def bands_of(light: Tensor, readings: int, each: int) -> int:
     memory; `each` numbers of the largest tensor belong to one reading."""
     if torch.compiler.is_compiling():
         return 1
-    numbers = len(light) * readings * each
-    return min(MOST_BANDS, 1 + numbers // AT_ONCE.get(light.device.type, AT_ONCE["cuda"]))
+    largest = MAX_TENSOR_NUMBERS.get(light.device.type, MAX_TENSOR_NUMBERS["cuda"])
+    return min(MAX_BANDS, 1 + len(light) * readings * each // largest)
 
 
 class BySubpixel(SmoothExposure):

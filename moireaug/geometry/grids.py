@@ -107,11 +107,11 @@ def image_to_photo(
 ) -> Tensor:
     """Return where image points (B, N, 2) lie in the photo, through homography (B, 3, 3) and lens.
     Differentiable."""
-    seen = apply_homography(matrix, points)
+    ideal = apply_homography(matrix, points)
     if lens is None:
-        return seen
-    centre = _centre(seen, size)
-    return (seen - centre) * inverse_radial_factor(seen - centre, *lens, size)[..., None] + centre
+        return ideal
+    centre = _centre(ideal, size)
+    return (ideal - centre) * inverse_radial_factor(ideal - centre, *lens, size)[..., None] + centre
 
 
 def _centre(like: Tensor, size: tuple[int, int]) -> Tensor:

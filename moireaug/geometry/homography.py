@@ -18,9 +18,9 @@ from moireaug.geometry.distortion import radial_factor
 
 FAR_AWAY = 1e9  # where points behind the camera are put
 AHEAD = 1e-9  # depth above which a point counts as in front of the camera
-STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+BORDER_STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 # points of a picture's border, in halves of its sides
-BORDER = [(x, y) for x in STEPS for y in STEPS if max(abs(x), abs(y)) == 1]
+BORDER = [(x, y) for x in BORDER_STEPS for y in BORDER_STEPS if max(abs(x), abs(y)) == 1]
 
 
 def _matrix(rows: Sequence[Sequence[Tensor | float]], like: Tensor) -> Tensor:
@@ -141,9 +141,9 @@ def _fitting_zoom(m: Tensor, k1: Tensor, k2: Tensor, size: tuple[int, int]) -> T
     """Return the greatest magnification at which the picture's border still lies inside the photo,
     (B,)."""
     half = m.new_tensor([size[1] / 2, size[0] / 2])
-    seen = apply_homography(m, (m.new_tensor(BORDER) * half).expand(m.shape[0], -1, -1))
-    to_edge = 1 / (seen / half).abs().amax(-1)  # along the ray through each point, (B, 16)
-    edge = seen * to_edge[..., None]
+    border = apply_homography(m, (m.new_tensor(BORDER) * half).expand(m.shape[0], -1, -1))
+    to_edge = 1 / (border / half).abs().amax(-1)  # along the ray through each point, (B, 16)
+    edge = border * to_edge[..., None]
     return (to_edge * radial_factor(edge, k1, k2, size)).amin(-1)
 
 

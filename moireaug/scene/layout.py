@@ -12,7 +12,7 @@ from moireaug.scene.fields import one_of
 from moireaug.scene.subpixel import Subpixel, in_smallest_cell, overlap
 
 RED, GREEN, BLUE = 0, 1, 2
-MOST_RASTER = 24  # raster subpixels along a panel pixel, where no smaller number fits
+MAX_RASTER = 24  # raster subpixels along a panel pixel, where no smaller number fits
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,10 @@ class Layout:
         """Raster subpixels along each side of a panel pixel: the smallest number on which all
         corners fall, at most 24."""
         edges = [v for s in self.all() for corner in s.corners() for v in corner]
-        for n in range(1, MOST_RASTER + 1):
+        for n in range(1, MAX_RASTER + 1):
             if all(abs(e * n - round(e * n)) < 1e-6 for e in edges):
                 return n
-        return MOST_RASTER
+        return MAX_RASTER
 
 
 @functools.lru_cache(maxsize=256)

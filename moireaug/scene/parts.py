@@ -17,7 +17,7 @@ DEMOSAICS = ("bilinear", "malvar")
 DENOISERS = ("nlm", "bilateral")
 RESIZES = ("area", "antialias", "point")
 READINGS = ("auto", "full", "binned")
-LEAST_SLOPE = 0.05  # of the radius in the photo over that in the view
+LEAST_LENS_SLOPE = 0.05  # of the radius in the photo over that in the view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,12 +158,12 @@ class Lens(Part):
                 # slope is zero
                 inner = [-3 * k1 / (10 * k2)] if k2 else []
                 slopes = [1 + 3 * k1 * t + 5 * k2 * t * t for t in (1.0, *inner) if 0 <= t <= 1]
-                if min(slopes) <= LEAST_SLOPE:
+                if min(slopes) <= LEAST_LENS_SLOPE:
                     raise ValueError(
                         f"Lens.k1 = {self.k1!r}, Lens.k2 = {self.k2!r} fold the photo onto itself "
                         "before its corners: 1 + 3 k1 r^2 + 5 k2 r^4 must stay above "
-                        f"{LEAST_SLOPE} for r in [0, 1], and is {min(slopes):.3g} at k1 = {k1:g}, "
-                        f"k2 = {k2:g}. Bring the coefficients closer to 0."
+                        f"{LEAST_LENS_SLOPE} for r in [0, 1], and is {min(slopes):.3g} at "
+                        f"k1 = {k1:g}, k2 = {k2:g}. Bring the coefficients closer to 0."
                     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 Vector = tuple[float, float]
-DIGITS = 9  # to which two subpixels must agree to be copies of each other
+MATCHING_DIGITS = 9  # to which two subpixels must agree to be copies of each other
 
 
 @dataclass(frozen=True)
@@ -114,9 +114,9 @@ def _shape(subpixel: Subpixel) -> tuple[float, ...]:
     """Return numbers that are the same for a subpixel and its copies."""
     numbers = []
     for place, period in zip(subpixel.centre, subpixel.period, strict=True):
-        numbers.append(round(place % period, DIGITS) % period)
+        numbers.append(round(place % period, MATCHING_DIGITS) % period)
     for edge in (*subpixel.across, *subpixel.down):
-        numbers.append(round(edge, DIGITS))
+        numbers.append(round(edge, MATCHING_DIGITS))
     return tuple(numbers)
 
 

@@ -87,7 +87,7 @@ TRANSFER, FOOTPRINT = (
     "moireaug.exposure.optics.Optics.transfer",
     "moireaug.exposure.content.footprint",
 )
-SHARES, PREFILTER = "moireaug.exposure.content.shares", "moireaug.effects.prefilter.mipmap"
+SHARES, PREFILTER = "moireaug.exposure.content.tap_weights", "moireaug.effects.prefilter.mipmap"
 DEMOSAICS, FLICKER = "moireaug.effects.demosaic.DEMOSAICS", "moireaug.effects.flicker.flicker"
 FALLOFF, NOISE = "moireaug.effects.vignetting.falloff", "moireaug.effects.sensor.add_noise"
 BROKEN = [  # check, where the effect is looked up, how it is spoilt

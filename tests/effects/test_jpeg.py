@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 from kornia.enhance import jpeg_codec_differentiable
 
-from moireaug.effects.jpeg import THROUGH, jpeg
+from moireaug.effects.jpeg import STRAIGHT_THROUGH_SHARE, jpeg
 
 SIZES = [(1, 1), (1, 7), (7, 1), (8, 8), (17, 33), (48, 40)]
 DTYPES = [torch.float32, torch.float64]
@@ -99,7 +99,7 @@ def test_backward_is_kornias_with_a_little_straight_through_and_computed_only_th
     (want,) = torch.autograd.grad((jpeg_codec_differentiable(photo, quality) * weight).sum(), photo)
     out = jpeg(photo, quality.requires_grad_())
     got, none = torch.autograd.grad((out * weight).sum(), (photo, quality), allow_unused=True)
-    torch.testing.assert_close(got, want + THROUGH * weight)
+    torch.testing.assert_close(got, want + STRAIGHT_THROUGH_SHARE * weight)
     assert none is None
 
     monkeypatch.setattr("moireaug.effects.jpeg.jpeg_codec_differentiable", None)

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from moireaug.effects.tone import (
-    STEEPEST,
+    CONTRAST_PER_CODE,
     balance,
     colour_matrix,
     shoulder_shift,
@@ -111,7 +111,7 @@ def test_more_contrast_than_allowed_falls():
 
 def test_the_tone_curve_moves_no_code_by_more_than_the_plan_expects():
     moved = (tone_curve(CODES, CONTRASTS, NONE) - CODES).abs().amax((1, 2, 3))
-    assert moved.tolist() == pytest.approx((CONTRASTS.abs() / STEEPEST).tolist(), rel=1e-6)
+    assert moved.tolist() == pytest.approx((CONTRASTS.abs() / CONTRAST_PER_CODE).tolist(), rel=1e-6)
     moved = (tone_curve(CODES, NONE, SHOULDERS) - CODES).abs().amax((1, 2, 3))
     assert moved.tolist() == pytest.approx(
         [shoulder_shift(s) for s in SHOULDERS.tolist()], rel=1e-6

@@ -28,7 +28,7 @@ def fields(box, sigma, width):
 
 def shares(*given):
     """The shares of all taps, along a last axis."""
-    return content.shares(*given).movedim(0, -1)
+    return content.tap_weights(*given).movedim(0, -1)
 
 
 def normalised(share):

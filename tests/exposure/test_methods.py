@@ -183,7 +183,7 @@ def test_mean_is_the_same_camera_without_moire(images):
 def looked_up(picture, shot):
     """The exposure of a panel that counts as too large to be built."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("moireaug.exposure.screen.LOOKS", 0)
+        patch.setattr("moireaug.exposure.screen.PANEL_PIXELS_PER_LOOKUP", 0)
         return expose(picture, shot)
 
 

@@ -34,7 +34,7 @@ class AlongAxis(NamedTuple):
 
     cells: Tensor  # (B, h, w) float64, position in cells from a subpixel's centre
     nearest: Tensor  # (B, h, w) float64, the nearest whole cell
-    seen: Footprint  # (B, h, w) each, narrowed to the taps
+    footprint: Footprint  # (B, h, w) each, narrowed to the taps
     width: Tensor  # (B, 1, 1), width of the subpixel in cells
     share: Tensor  # (taps, B, h, w), shares of the view on the subpixels around, which sum to 1
     lit: Tensor | None  # (taps, B, h, w), share of each that is on the picture; None if all are
@@ -69,8 +69,8 @@ def footprint_of(
     down = (subpixel.down[axis] * lit_y).abs() / period
     width, slant = torch.maximum(across, down), torch.minimum(across, down).square() / 12
     width, slant = (t.to(step.dtype)[:, None, None] for t in (width, slant))
-    seen = content.footprint(step[..., axis, :] / period, optics)
-    return Footprint(seen.box, seen.variance + slant), width
+    footprint = content.footprint(step[..., axis, :] / period, optics)
+    return Footprint(footprint.box, footprint.variance + slant), width
 
 
 def footprints_of(
@@ -78,12 +78,12 @@ def footprints_of(
 ) -> list[tuple[Footprint, Tensor, int]]:
     """Return `(footprint, width, period)` of each kind of subpixel along x and along y: as
     `footprint_of`, and the cell's period in panel pixels."""
-    found = []
+    footprints = []
     for subpixel in kinds:
         for axis, period in enumerate(subpixel.period):
-            seen, width = footprint_of(subpixel, axis, step, lit, optics)
-            found.append((seen, width, period))
-    return found
+            footprint, width = footprint_of(subpixel, axis, step, lit, optics)
+            footprints.append((footprint, width, period))
+    return footprints
 
 
 def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen) -> AlongAxis:
@@ -91,9 +91,9 @@ def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen
     across, down = emitting_share(shot.panel)
     if subpixel is WHOLE_PIXEL:
         across, down = torch.ones_like(across), torch.ones_like(down)
-    seen, width = footprint_of(subpixel, axis, sight.step, (across, down), optics_of(shot))
+    footprint, width = footprint_of(subpixel, axis, sight.step, (across, down), optics_of(shot))
     place = Place(axis, subpixel.centre[axis], subpixel.period[axis], subpixel.pixel[axis])
-    return shares_along(place, sight.position[..., axis], seen, width, shot, screen)
+    return shares_along(place, sight.position[..., axis], footprint, width, shot, screen)
 
 
 class Place(NamedTuple):
@@ -107,33 +107,33 @@ class Place(NamedTuple):
 
 
 def shares_along(
-    place: Place, at: Tensor, seen: Footprint, width: Tensor, shot, screen: Screen
+    place: Place, at: Tensor, footprint: Footprint, width: Tensor, shot, screen: Screen
 ) -> AlongAxis:
     """Return one kind of subpixel along an axis, for sensor pixels at positions `at` (B, h, w) in
-    panel pixels; `seen` and `width` as from `footprint_of`."""
+    panel pixels; `footprint` and `width` as from `footprint_of`."""
     taps, dtype, period = screen.taps, screen.light.dtype, place.period
     cells = (at - place.centre) / period
     nearest = cells.detach().round()
-    kept, lost = content.fitted(seen, width, taps)
-    shares = content.shares((cells - nearest).to(width.dtype), kept, width, taps)
+    narrowed, lost = content.fitted(footprint, width, taps)
+    shares = content.tap_weights((cells - nearest).to(width.dtype), narrowed, width, taps)
     share = content.normalised(shares.to(dtype))
     lit = None
     if not shot.scene.develop.registered:
         ends = screen.alpha * shot.size[1 - place.axis]
         pixel = nearest * period + place.pixel
-        whole = _share_on_picture(at, seen, ends, period)
+        whole = _share_on_picture(at, footprint, ends, period)
         # a narrowed view sees as much of the picture as the whole view does
         tap = pixel + period * content.around(taps, pixel)
         alone = ((tap >= 0) & (tap < ends)).double()
         lit = torch.where(lost > 0, whole, alone).to(dtype)
-    return AlongAxis(cells, nearest, kept, width, share, lit)
+    return AlongAxis(cells, nearest, narrowed, width, share, lit)
 
 
-def _share_on_picture(at: Tensor, seen: Footprint, ends: Tensor, period: int) -> Tensor:
+def _share_on_picture(at: Tensor, footprint: Footprint, ends: Tensor, period: int) -> Tensor:
     """Return the share of the views at positions `at` that falls on the picture, which reaches from
     0 to `ends`, (B, h, w) float64; positions in panel pixels."""
-    precise = Footprint(*(t.double() for t in seen))
-    (share,) = content.shares((at - ends / 2) / period, precise, ends / period, 1)
+    precise = Footprint(*(t.double() for t in footprint))
+    (share,) = content.tap_weights((at - ends / 2) / period, precise, ends / period, 1)
     return share.clamp(min=0)
 
 
@@ -142,7 +142,7 @@ def covered(along: AlongAxis) -> Tensor:
     past the taps."""
     every = 4 * len(along.share) + 1
     from_nearest = (along.cells - along.nearest).to(along.width.dtype)
-    share = content.shares(from_nearest, along.seen, along.width, every)
+    share = content.tap_weights(from_nearest, along.footprint, along.width, every)
     return share.sum(0).to(along.share.dtype)
 
 
