@@ -119,7 +119,7 @@ BROKEN = [  # check, where the effect is looked up, how it is spoilt
     (
         screen.check_held_picture,
         SHARES,
-        argument("seen", lambda seen: seen._replace(box=4 * seen.box)),
+        argument("footprint", lambda seen: seen._replace(box=4 * seen.box)),
     ),
     (screen.check_checkerboard_from_afar, PREFILTER, instead(lambda image, *_: image)),
     (screen.check_checkerboard_from_afar, PREFILTER, argument("variance", times(0.01))),
