@@ -100,8 +100,8 @@ def prepare(b, i, camera, filters, size, sites):
     _fill_lines(lines, peak, amplitude, kept, ends, weight, shown)
     wave, sign = np.empty((len(kept), 5), np.float64), np.empty((len(kept), 2), np.float32)
     _fill_waves(wave, sign, terms, kept, cycles, camera.scale_u, size)
-    pattern = pattern_away(b, i, filters, camera, table, steps)
-    return Terms(harmonic, wave, sign, lines, peak, step_v, pattern)
+    away = pattern_away(b, i, filters, camera, table, steps)
+    return Terms(harmonic, wave, sign, lines, peak, step_v, away)
 
 
 @inner
@@ -138,15 +138,15 @@ def _add_beat(out, amplitude, cos, sin, real, imaginary):
 
 
 @inner
-def modulate(out, work, terms, given, asked, at, v, first_row):
+def modulate(out, work, terms, pattern, passes, position, v, first_row):
     """Fill out (3, 3, w), by filter and channel, with the sum of the terms on a row v.
 
     Args:
         work: (5, w) float32, workspace.
-        terms: from `prepare`. given: see `exposure_records.Given`.
-        asked: (3, 3), which channels a filter passes.
-        at: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of the
-            first node.
+        terms: from `prepare`. pattern: see `exposure_records.Pattern`.
+        passes: (3, 3) bool, which channels a filter passes.
+        position: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of
+            the first nodes.
     """
     w = out.shape[2]
     fill(out.reshape(-1), ZERO)
@@ -161,25 +161,25 @@ def modulate(out, work, terms, given, asked, at, v, first_row):
         if most < FAINT_BEAT:
             continue
         wave = terms.wave[i]
-        _phase(d, at, (wave[0], wave[1], wave[2], wave[3], wave[4]))
+        _phase(d, position, (wave[0], wave[1], wave[2], wave[3], wave[4]))
         harmonics.first_wave(cos, sin, d)
         a, b, c = 2 * i * w, (2 * i + 1) * w, (2 * i + 2) * w
         first, second = terms.lines[node], terms.lines[node + 1]
         third, fourth = terms.lines[node + 2], terms.lines[node + 3]
         _blend(coloured, first[a:b], second[a:b], third[a:b], fourth[a:b], four)
-        if given.bayer:
+        if pattern.bayer:
             _blend(green, first[b:c], second[b:c], third[b:c], fourth[b:c], four)
         h = terms.harmonic[i]
         for plane in range(3):
             sign = ONE
-            if given.bayer and plane > 0:
+            if pattern.bayer and plane > 0:
                 sign = terms.sign[i, 0] if plane == 2 else terms.sign[i, 1]
             for channel in range(3):
-                if not asked[plane, channel]:
+                if not passes[plane, channel]:
                     continue
-                real = sign * given.coefficients[channel, h, 0]
-                imaginary = sign * given.coefficients[channel, h, 1]
-                if given.bayer and plane == 1:
+                real = sign * pattern.coefficients[channel, h, 0]
+                imaginary = sign * pattern.coefficients[channel, h, 1]
+                if pattern.bayer and plane == 1:
                     _add_beat(out[plane, channel], green, cos, sin, real, imaginary)
                 else:
                     _add_beat(out[plane, channel], coloured, cos, sin, real, imaginary)

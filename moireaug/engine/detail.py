@@ -11,14 +11,14 @@ import numpy as np
 from moireaug.effects.detail import SMALLEST
 from moireaug.engine.compiling import copy, fill, inner, loop, once
 from moireaug.engine.development_records import LANES
-from moireaug.engine.vectors import FOUR, add_taps, add_taps_of_four
+from moireaug.engine.vectors import SUMS, add_four_sums, add_sum
 
-BLOCK = FOUR  # rows that are blurred vertically at once
-FARTHEST = 4.5  # standard deviations: what lies beyond weighs less than 1e-5
+BLOCK_ROWS = SUMS  # rows that are blurred vertically at once
+GAUSSIAN_REACH_SIGMAS = 4.5  # what lies beyond weighs less than 1e-5
 ZERO, THIRD = np.float32(0), np.float32(1 / 3)
 
 
-class _Filter(NamedTuple):
+class Filter(NamedTuple):
     """A linear filter of photos, and the rows that it works on.
 
     Args:
@@ -29,9 +29,9 @@ class _Filter(NamedTuple):
             full: a blurred row with its padding.
         ring: (3, rows * lanes) float32, horizontally blurred rows, as many as a block is made from.
             place: (h,), where each row begins in a plane of the ring.
-        soft: (3, BLOCK, lanes) float32, a block blurred both ways.
-        steps: 0, 1, 2, ... int64. weight: (BLOCK, rows) and offset: (rows,), the ring's rows that
-            those of a block are made from.
+        soft: (3, BLOCK_ROWS, lanes) float32, a block blurred both ways.
+        steps: (taps,) int64, 0, 1, 2, ... weight: (BLOCK_ROWS, rows) float32 and offset: (rows,)
+            int64, of the ring's rows that those of a block are made from.
     """
 
     chroma: np.ndarray
@@ -54,7 +54,7 @@ def _gaussian(sigma, size):
     """Return a Gaussian's weights, float32, which sum to 1: `size`, which is odd, or fewer if the
     outermost are negligible."""
     sigma = max(sigma, SMALLEST)
-    half = min(size // 2, math.ceil(FARTHEST * sigma))
+    half = min(size // 2, math.ceil(GAUSSIAN_REACH_SIGMAS * sigma))
     weights, total = np.empty(2 * half + 1, np.float64), 0.0
     for k in range(len(weights)):
         weights[k] = math.exp(-((k - half) ** 2) / (2 * sigma * sigma))
@@ -67,20 +67,20 @@ def _gaussian(sigma, size):
 
 @loop
 def filter_of(detail, image, back):
-    """Return the _Filter of one image's Detail, or its transpose."""
+    """Return the Filter of one image's Detail, or its transpose."""
     h, w = detail.size
     chroma = _gaussian(detail.chroma[image], detail.chroma_size)
     amount = detail.amount[image]
     # a single 1 where nothing is sharpened
     sharp = _gaussian(detail.sharp[image], detail.sharp_size if amount != 0 else 1)
     size, lanes = max(len(chroma), len(sharp)), (w + LANES - 1) // LANES * LANES
-    rows = size + BLOCK - 1
+    rows = size + BLOCK_ROWS - 1
     steps, place = np.empty(size, np.int64), np.empty(h, np.int64)
     for k in range(size):
         steps[k] = k
     for y in range(h):
         place[y] = y % rows * lanes
-    return _Filter(
+    return Filter(
         chroma,
         sharp,
         amount,
@@ -90,9 +90,9 @@ def filter_of(detail, image, back):
         np.zeros(lanes + size + LANES, np.float32),
         np.zeros((3, rows * lanes), np.float32),
         place,
-        np.zeros((3, BLOCK, lanes), np.float32),
+        np.zeros((3, BLOCK_ROWS, lanes), np.float32),
         steps,
-        np.empty((BLOCK, rows), np.float32),
+        np.empty((BLOCK_ROWS, rows), np.float32),
         np.empty(rows, np.int64),
     )
 
@@ -118,7 +118,7 @@ def _along(out, padded, kernel, f, w):
     for i in range(half):
         padded[i], padded[half + w + i] = first, last
     fill(out, ZERO)
-    add_taps(out, 0, len(out), kernel, 0, len(kernel), padded, f.steps, 0)
+    add_sum(out, kernel, padded, f.steps[: len(kernel)])
 
 
 @inner
@@ -128,7 +128,7 @@ def _along_back(out, padded, kernel, f, w):
     size, half = len(kernel), len(kernel) // 2
     lanes = (w + size - 1 + LANES - 1) // LANES * LANES
     fill(f.full, ZERO)
-    add_taps(f.full, 0, lanes, kernel, 0, size, padded, f.steps, 0)
+    add_sum(f.full[:lanes], kernel, padded, f.steps[:size])
     copy(out[:w], f.full[half : half + w])
     first = out[0]
     for i in range(half):
@@ -167,13 +167,13 @@ def enter(f, photo, y):
 
 @inner
 def _rows_of(f, kernel, y):
-    """Fill weight and offset with the ring's rows that the BLOCK rows from y on are made from;
+    """Fill weight and offset with the ring's rows that the BLOCK_ROWS rows from y on are made from;
     rows past the last are made from others."""
     size, half, h = len(kernel), len(kernel) // 2, len(f.place)
-    for k in range(size + BLOCK - 1):
+    for k in range(size + BLOCK_ROWS - 1):
         f.offset[k] = f.place[min(max(y + k - half, 0), h - 1)]
     fill(f.weight.reshape(-1), ZERO)
-    for i in range(BLOCK):
+    for i in range(BLOCK_ROWS):
         weight = f.weight[i, i : i + size]
         copy(weight, kernel)
         if f.back:
@@ -212,23 +212,21 @@ def needed(f, y):
 
 
 @inner
-def held(f):
+def rows_at_once(f):
     """Return how many rows of a photo `enter` and `filter_row` need at once."""
-    return min(f.reach + BLOCK, len(f.place))
+    return min(f.reach + BLOCK_ROWS, len(f.place))
 
 
 @once
 def blur_block(f, y):
-    """Blur the BLOCK rows from y on vertically."""
-    lanes = f.soft.shape[2]
+    """Blur the BLOCK_ROWS rows from y on vertically."""
     for c in range(3):
         kernel = f.sharp if c == 2 else f.chroma
         if c != 1:  # red and blue are made from the same rows
             _rows_of(f, kernel, y)
         soft, weight = f.soft[c].reshape(-1), f.weight.reshape(-1)
         fill(soft, ZERO)
-        count = len(kernel) + BLOCK - 1
-        add_taps_of_four(soft, lanes, weight, f.weight.shape[1], count, f.ring[c], f.offset)
+        add_four_sums(soft, weight, f.ring[c], f.offset[: len(kernel) + BLOCK_ROWS - 1])
 
 
 @once

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.codes import codes_of_row, is_read, tone_of, workspace
+from moireaug.engine.codes import codes_of_row, is_read, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.vectors import add, peek, poke
 
@@ -85,13 +85,13 @@ def bound(photo, top, bottom):
 
 
 @inner
-def _develop(photo, raw, codes, work, tone, image, line, top, bottom):
+def _develop(photo, raw, codes, work, top, bottom):
     """Do the same as `develop`, in buffers that it allocated."""
-    rows = codes.rows
+    rows, line = codes.rows, work.resized
     blank(photo, top, bottom)
     first, last = sources(rows, top, bottom)
     for y in range(first // work.step, (last + work.step - 1) // work.step):
-        codes_of_row(work, raw, y, codes, tone, image)
+        codes_of_row(work, raw, y, codes)
         for r in range(work.step):
             row = y * work.step + r
             if not is_read(rows, row):
@@ -112,6 +112,5 @@ def develop(photo, raw, codes, image, top, bottom):
     Args:
         codes: see `development_records.Codes`. image: index in the batch.
     """
-    work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
-    line = np.empty(photo.shape[2], np.float32)
-    _develop(photo, raw, codes, work, tone, image, line, top, bottom)
+    work = workspace(codes, image, raw.shape[2], photo.shape[2])
+    _develop(photo, raw, codes, work, top, bottom)

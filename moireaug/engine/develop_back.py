@@ -3,9 +3,11 @@ recomputes the colours of `develop`."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from moireaug.engine.codes import SITES, is_read, light_of_row, mix_row, tone_of, workspace
+from moireaug.engine.codes import SITES, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.develop import gather
 from moireaug.engine.tables import encode_and_slope
@@ -13,6 +15,20 @@ from moireaug.engine.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO, SIX = np.float32(2), np.float32(6)
+
+
+class _Gradients(NamedTuple):
+    """The gradients that a backward pass works with, float32.
+
+    Args:
+        colours: of `codes.Workspace`'s shape, the gradient in the light of a cell row.
+        ring: likewise, that in the prepared cell rows.
+        transposed: (3, 3), of the image's matrix.
+    """
+
+    colours: np.ndarray
+    ring: np.ndarray
+    transposed: np.ndarray
 
 
 @inner
@@ -84,10 +100,11 @@ def _fold_back(raw_grad, total, raw, y, saturates):
 
 
 @inner
-def _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, line):
-    """Fill grads, as large as the workspace's colours, with the gradient in the light of cell row
-    y, which the workspace holds, from photo_grad (3, H, W)."""
-    step, w = work.step, work.width
+def _light_back(gradients, photo_grad, y, codes, work):
+    """Fill the _Gradients' colours with the gradient in the light of cell row y, which the
+    workspace holds, from photo_grad (3, H, W)."""
+    step, w, matrix, line = work.step, work.width, work.matrix, work.resized
+    grads = gradients.colours
     for site in range(SITES):
         for channel in range(3):
             fill(grads[site, channel], ZERO)
@@ -106,22 +123,22 @@ def _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, lin
             _along_back(even, odd, line, step, w, codes.cols)
             for site in range(2 * r, 2 * r + step):
                 light = work.colours[site, channel, :w]
-                _code_slope(grads[site, channel, :w], light, gain, tone)
+                _code_slope(grads[site, channel, :w], light, gain, work.tone)
         if codes.mixes:
-            mix_row(grads, r, step, w, transposed)
+            mix_row(grads, r, step, w, gradients.transposed)
 
 
 @inner
-def _demosaic_back(total, grads, y, h, codes, work):
+def _demosaic_back(gradients, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
     w, stencil = work.width, codes.stencil
     for site in range(SITES):
         if not is_read(codes.rows, 2 * y + site // 2):
             continue
         for channel in range(3):
-            colour = grads[site, channel, :w]
+            colour = gradients.colours[site, channel, :w]
             for dy in range(-1, 2):
-                target = total[min(max(y + dy, 0), h - 1) % 3]
+                target = gradients.ring[min(max(y + dy, 0), h - 1) % 3]
                 first = stencil.first[site, channel, dy + 1]
                 for tap in range(first, first + stencil.count[site, channel, dy + 1]):
                     offset = stencil.offset[tap]
@@ -129,15 +146,15 @@ def _demosaic_back(total, grads, y, h, codes, work):
 
 
 @inner
-def _develop_back(raw_grad, photo_grad, raw, codes, work, tone, matrix, transposed, buffers):
+def _develop_back(raw_grad, photo_grad, raw, codes, work, gradients):
     """Do the same as `develop_back`, in buffers that it allocated."""
     _, h, w = raw.shape
-    grads, line, total = buffers
+    grads, total = gradients.colours, gradients.ring
     for y in range(h):
         light_of_row(work, raw, y, codes)
-        _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, line)
+        _light_back(gradients, photo_grad, y, codes, work)
         if codes.mosaic:
-            _demosaic_back(total, grads, y, h, codes, work)
+            _demosaic_back(gradients, y, h, codes, work)
             # no later row adds to the row above
             if y > 0:
                 _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, codes.saturates)
@@ -154,11 +171,10 @@ def _develop_back(raw_grad, photo_grad, raw, codes, work, tone, matrix, transpos
 def develop_back(raw_grad, photo_grad, raw, codes, image):
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop`."""
-    work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
-    grads = np.zeros(work.colours.shape, np.float32)
-    line = np.empty(photo_grad.shape[2], np.float32)
-    total = np.zeros(work.ring.shape, np.float32)
-    matrix = codes.matrix[image]
-    _develop_back(
-        raw_grad, photo_grad, raw, codes, work, tone, matrix, matrix.T.copy(), (grads, line, total)
+    work = workspace(codes, image, raw.shape[2], photo_grad.shape[2])
+    gradients = _Gradients(
+        np.zeros(work.colours.shape, np.float32),
+        np.zeros(work.ring.shape, np.float32),
+        work.matrix.T.copy(),
     )
+    _develop_back(raw_grad, photo_grad, raw, codes, work, gradients)

@@ -57,7 +57,7 @@ class Cell(NamedTuple):
             period along y, and for those that are of one kind, too.
         centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it
             shows.
-        radius: r; content is taken from 2 r + 1 cells along each axis.
+        radius: r in cells; content is taken from 2 r + 1 of them along each axis.
     """
 
     whole: np.ndarray
@@ -120,7 +120,7 @@ class Exposure(NamedTuple):
         widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: the variance that
             its slant adds.
         flicker: (B, rows) float64, each sensor row's light relative to the mean; or (B, 0).
-        seeds: (B,) int64, of the noise. noise: whether there is any.
+        seeds: (B,) int64, of the noise. noisy: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
         share: (B,) float32, share of a picture pixel's light that comes from its neighbours; see
             `picture.show`.
@@ -142,7 +142,7 @@ class Exposure(NamedTuple):
     sites: Sites
     flicker: np.ndarray
     seeds: np.ndarray
-    noise: bool
+    noisy: bool
     coded: bool
     share: np.ndarray
     dark: bool
@@ -164,7 +164,8 @@ class Beats(NamedTuple):
         coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
             part. strength: (B, K) float64, the greatest of a harmonic. mean: (B, 3) float64, share
             of the panel's area that emits each channel.
-        away: (B, 2) float32, variance of the noise that was averaged away; see `sensor.clip_mean`.
+        noise_away: (B, 2) float32, variance of the noise that was averaged away: in the dark, and
+            what a reading of 1 adds.
         saturates: whether the pattern can fill a sensor pixel's well. bayer: whether the sensor has
             colour filters.
     """
@@ -179,7 +180,7 @@ class Beats(NamedTuple):
     coefficients: np.ndarray
     strength: np.ndarray
     mean: np.ndarray
-    away: np.ndarray
+    noise_away: np.ndarray
     saturates: bool
     bayer: bool
 
@@ -193,8 +194,8 @@ class Terms(NamedTuple):
         lines: (rows of nodes, T * 2 * w) float32, each term's amplitude at each pixel of a row, as
             the planes of red and blue, and of green, read it. peak: (rows, T) float32, the greatest
             of a row. step_v: from one row of nodes to the next.
-        pattern: (3,) float32, variance of the panel's pattern that is averaged away, by colour
-            filter; see `sensor.clip_mean`.
+        pattern_away: (3,) float32, variance of the panel's pattern that was averaged away, as a
+            share of the squared mean light, by colour filter.
     """
 
     harmonic: np.ndarray
@@ -203,22 +204,15 @@ class Terms(NamedTuple):
     lines: np.ndarray
     peak: np.ndarray
     step_v: float
-    pattern: np.ndarray
+    pattern_away: np.ndarray
 
 
-class Given(NamedTuple):
-    """What one image's binned reading takes of its Exposure and Beats; see there. `shown` are the
-    filters of a sensor whose planes all see every channel that any of them does."""
+class Pattern(NamedTuple):
+    """One image's rows of its Beats; see there."""
 
-    filters: np.ndarray
-    shown: np.ndarray
-    white: np.ndarray
-    flicker: np.ndarray
-    noise: bool
-    clips: bool
     coefficients: np.ndarray
     mean: np.ndarray
-    away: np.ndarray
+    noise_away: np.ndarray
     saturates: bool
     bayer: bool
 
@@ -231,7 +225,7 @@ class Nodes(NamedTuple):
         lines: (columns of a filter cell, rows of nodes, T * w) float32, each term's amplitude at
             each pixel of a row.
         step_v: from one row of nodes to the next.
-        tables, phases, cells: from `weights.weights`, on `columns` nodes a row.
+        tables, phases, taps: from `weights.tap_weight_tables`, on `columns` nodes a row.
         step_uw, step_vw: from one of the tables' nodes to the next.
     """
 
@@ -240,7 +234,7 @@ class Nodes(NamedTuple):
     step_v: float
     tables: np.ndarray
     phases: np.ndarray
-    cells: np.ndarray
+    taps: np.ndarray
     columns: int
     step_uw: float
     step_vw: float
@@ -261,9 +255,66 @@ class Stencil(NamedTuple):
     step_v: float
 
 
+class TapWeights(NamedTuple):
+    """Where in a table the tap weights of n pixels lie, along one axis and for one kind of
+    subpixel.
+
+    Args:
+        table: flat float32, from `weights.tap_weight_tables`. to_next: int32, from a node's weights
+            to the next node's.
+        weight_index: (n,) int32, index in the table of the weights of the phase before each pixel.
+        phase_share: (n,) float32, how far the pixel is towards the next phase. node_share: (n,)
+            float32, how far it is towards the next node.
+    """
+
+    table: np.ndarray
+    to_next: np.int32
+    weight_index: np.ndarray
+    phase_share: np.ndarray
+    node_share: np.ndarray
+
+
+class Readout(NamedTuple):
+    """How the sensor turns one image's light into readings; plain numbers.
+
+    Args:
+        noisy: whether readings have noise. dark_noise: float32, its standard deviation in the dark.
+            photon_noise: float32, that of photon noise at full scale.
+        keys: of the noise, two uint32 from `random_numbers.keys`.
+        clips: readings are clipped to [0, 1].
+    """
+
+    noisy: bool
+    dark_noise: np.float32
+    photon_noise: np.float32
+    keys: tuple[np.uint32, np.uint32]
+    clips: bool
+
+
+class FullImage(NamedTuple):
+    """What one image's full reading is computed from.
+
+    filters, white, flicker: the image's rows of its Exposure; see there.
+    """
+
+    camera: Camera
+    cell: Cell
+    nodes: Nodes
+    sites: Sites
+    filters: np.ndarray
+    white: np.ndarray
+    flicker: np.ndarray
+    readout: Readout
+
+
 class BinnedImage(NamedTuple):
-    """What one image's binned reading is computed from: `camera` of photo pixels, `sensor` of
-    sensor pixels, and either `nodes` or a stencil."""
+    """What one image's binned reading is computed from.
+
+    Args:
+        camera: of photo pixels. sensor: of sensor pixels.
+        nodes, stencil: one of them is empty.
+        filters, white, flicker: the image's rows of its Exposure; see there.
+    """
 
     camera: Camera
     sensor: Camera
@@ -272,4 +323,28 @@ class BinnedImage(NamedTuple):
     stencil: Stencil
     sites: Sites
     terms: Terms
-    given: Given
+    pattern: Pattern
+    filters: np.ndarray
+    white: np.ndarray
+    flicker: np.ndarray
+    readout: Readout
+
+
+class PointImage(NamedTuple):
+    """What one image's point exposure is computed from.
+
+    Args:
+        lit: share of each subpixel that emits.
+        filters, white, flicker: the image's rows of its Exposure; dark: as there.
+    """
+
+    camera: Camera
+    cell: Cell
+    point: Point
+    lit: float
+    sites: Sites
+    filters: np.ndarray
+    white: np.ndarray
+    flicker: np.ndarray
+    readout: Readout
+    dark: bool

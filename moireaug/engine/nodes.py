@@ -15,7 +15,7 @@ from moireaug.engine.view import jacobian
 FLAT = 5e-4  # if the logarithm of the view's scale changes by less, 4 and 2 nodes are enough
 MOST = 65
 SAMPLES = 9  # along each axis of the photo, of how its view's scale changes
-SEEN = 5  # and of how many cells a pixel sees
+CELL_SAMPLES = 5  # and of how many cells a pixel sees
 # how much the logarithm of the view's scale may change between two nodes of the amplitudes, and of
 # the weights
 STEP, STEP_OF_WEIGHTS = 0.15, 0.06
@@ -100,7 +100,7 @@ def _swing(rows, cols, camera, lens, axis_of_photo):
                     still = weights.still(
                         by_camera[x], by_camera[y], camera.fill, here[x], here[y], lens
                     )
-                    found = max(found, abs(a - b) / math.sqrt(still + weights.NARROWEST))
+                    found = max(found, abs(a - b) / math.sqrt(still + weights.MIN_VARIANCE))
     return found * (SAMPLES - 1)
 
 
@@ -136,15 +136,13 @@ def counts(rows, cols, camera, lens, cell):
 def _narrowed(rows, cols, camera, lens, cell, widths, skew):
     """Return whether any of a few sensor pixels over the photo sees more cells than are looked
     at."""
-    spread = np.empty((2, 2), np.float64)
-    for i in range(SEEN):
-        for j in range(SEEN):
-            u, v = sample(cols, j, SEEN), sample(rows, i, SEEN)
+    blur = np.empty((2, 2), np.float64)
+    for i in range(CELL_SAMPLES):
+        for j in range(CELL_SAMPLES):
+            u, v = sample(cols, j, CELL_SAMPLES), sample(rows, i, CELL_SAMPLES)
             for kind in range(len(widths)):
-                period, width = cell.period[kind], widths[kind]
-                if weights.spreads(
-                    spread, u, v, camera, lens, period, width, skew[kind], cell.radius
-                ):
+                subpixel = weights.Subpixel(cell.period[kind], widths[kind], skew[kind])
+                if weights.fill_blur(blur, u, v, camera, lens, subpixel, cell.radius):
                     return True
     return False
 
@@ -223,8 +221,8 @@ def prepare(camera, lens, cell, coefficients, widths, skew, sites):
         harmonics.along_row(lines[column], amplitude, terms, ends, weight)
     us, step_uw = line_of(cols, count[1, 0])
     vs, step_vw = line_of(rows, count[1, 1])
-    tables, phases, cells = weights.weights(us, vs, camera, lens, cell, widths, skew)
-    return Nodes(terms, lines, step_v, tables, phases, cells, len(us), step_uw, step_vw)
+    tables, phases, taps = weights.tap_weight_tables(us, vs, camera, lens, cell, widths, skew)
+    return Nodes(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
 
 
 @part

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from moireaug.engine import ahead, batch, compiling
-from moireaug.engine.development_records import Development
+from moireaug.engine.development_records import Development, Photos
 from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.threads import each, each_share, surplus
 from moireaug.numeric import is_batched
@@ -145,12 +145,12 @@ class _Develop(torch.autograd.Function):
     @staticmethod
     def forward(ctx, raw: Tensor, d: Development, reference: Callable[[Tensor], Tensor]) -> Tensor:
         n, h = len(raw), d.size[0]
-        noted = n if d.finishes and ctx.needs_input_grad[0] else 0
-        inside = torch.empty(noted, 3, *d.detail.size, dtype=torch.uint8, device="cpu")
-        ctx.save_for_backward(raw, inside)
+        count = n if d.finishes and ctx.needs_input_grad[0] else 0
+        unclipped = torch.empty(count, 3, *d.detail.size, dtype=torch.uint8, device="cpu")
+        ctx.save_for_backward(raw, unclipped)
         ctx.development, ctx.reference = d, reference
         photo = _empty(n, 3, *d.size)
-        work = functools.partial(_develop, photo.numpy(), inside.numpy(), _array(raw), d)
+        work = functools.partial(_develop, photo.numpy(), unclipped.numpy(), _array(raw), d)
         whole = n - surplus(n, h)
         each(functools.partial(work, top=0, bottom=h), whole)
         for i in range(whole, n):
@@ -159,22 +159,22 @@ class _Develop(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None, None]:
-        (raw, inside), d = ctx.saved_tensors, ctx.development
-        again = torch.is_grad_enabled()  # the gradient itself is to be differentiated
-        if again or is_batched(grad):
+        (raw, unclipped), d = ctx.saved_tensors, ctx.development
+        twice = torch.is_grad_enabled()  # the gradient itself is to be differentiated
+        if twice or is_batched(grad):
             # autocast may be on where backward is called
             with torch.enable_grad(), torch.autocast("cpu", enabled=False):
                 photo = ctx.reference(raw)
-                return torch.autograd.grad(photo, raw, grad, create_graph=again)[0], None, None
+                return torch.autograd.grad(photo, raw, grad, create_graph=twice)[0], None, None
         out = _empty(*raw.shape)
-        given = out.numpy(), _array(grad), inside.numpy(), _array(raw), d
-        each(functools.partial(_develop_back, *given), len(raw))
+        arrays = out.numpy(), _array(grad), unclipped.numpy(), _array(raw)
+        each(functools.partial(_develop_back, *arrays, d), len(raw))
         return out, None, None
 
 
 def _develop(
     photos: np.ndarray,
-    inside: np.ndarray,
+    unclipped: np.ndarray,
     readings: np.ndarray,
     d: Development,
     first: int,
@@ -183,22 +183,22 @@ def _develop(
     bottom: int,
 ) -> None:
     """Fill rows `top` to `bottom` of the photos from `first` to `last`; see `batch.develop`."""
-    taken = np.zeros(batch.photo_size(d), np.float32)
-    batch.develop(photos, taken, inside, readings, d, first, last, top, bottom)
+    out = Photos(photos, np.zeros(batch.photo_size(d), np.float32), unclipped)
+    batch.develop(out, readings, d, first, last, top, bottom)
 
 
 def _develop_back(
     raw_grads: np.ndarray,
     photo_grads: np.ndarray,
-    inside: np.ndarray,
+    unclipped: np.ndarray,
     readings: np.ndarray,
     d: Development,
     first: int,
     last: int,
 ) -> None:
     """Fill the gradients from `first` to `last` in the readings; see `batch.develop_back`."""
-    taken = np.empty(batch.photo_size(d), np.float32)
-    batch.develop_back(raw_grads, photo_grads, taken, inside, readings, d, first, last)
+    in_camera = np.empty(batch.photo_size(d), np.float32)
+    batch.develop_back(raw_grads, photo_grads, in_camera, unclipped, readings, d, first, last)
 
 
 def develop(raw: Tensor, development: Development, reference: Callable[[Tensor], Tensor]) -> Tensor:

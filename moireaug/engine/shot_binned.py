@@ -131,7 +131,7 @@ def lower_beats(shot: ShotRecord, sensors: np.ndarray, seen: Content, scales: Bi
         coefficients=waves.astype(np.float32),
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
         mean=mean,
-        away=_noise_away(shot, scales.bin),
+        noise_away=_noise_away(shot, scales.bin),
         saturates="saturate" in shot.plan,
         bayer=shot.scene.cells == "binned",
     )

@@ -79,7 +79,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         sites=_sites(shot.scene, shot.size),
         flicker=_flicker_of(shot),
         seeds=np.ascontiguousarray(shot.seed.numpy()),  # kernels are compiled for each layout
-        noise="noise" in plan,
+        noisy="noise" in plan,
         coded="decode" in plan and not decoded,
         share=share,
         dark=not shot.scene.develop.registered,

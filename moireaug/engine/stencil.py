@@ -9,13 +9,13 @@ from moireaug.engine.compiling import fill, inner, loop, part
 from moireaug.engine.exposure_records import Stencil
 from moireaug.engine.nodes import bracket, counts, line_of
 from moireaug.engine.panel import margin
-from moireaug.engine.shares import GUARD
+from moireaug.engine.tap_weights import GUARD_LIGHT
 from moireaug.engine.vectors import peek, poke
-from moireaug.engine.weights import fill_spreads, light_from
+from moireaug.engine.weights import Subpixel, fill_blurs, light_from
 
 ZERO = np.float32(0)
-LEAST_SHARE = 1e-4  # of a bin's light: outer pixels that nowhere give more are not looked at
-THREE = 3  # pixels along each axis, of which no sum is kept in memory
+MIN_TAP_WEIGHT = 1e-4  # outer pixels that nowhere weigh more are left out
+FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory
 
 
 @inner
@@ -31,51 +31,56 @@ def no_stencil():
 
 
 @inner
-def _fill_shares(out, spread, width, past, radius):
+def _fill_tap_weights(out, blur, width, past, radius):
     """Fill out (n,) with the shares of a bin's light that come from its own pixel, in the middle,
-    and `radius` to each side; see `shares`. past: where it looks, from that pixel's light."""
+    and `radius` to each side; see `tap_weights`.
+
+    Args:
+        blur: (2,), from `weights.fill_blur`. width: of the pixel's light, in pixels.
+        past: where the bin looks, from the middle of that light, in pixels.
+    """
     half = len(out) // 2
     fill(out, 0.0)
     total = 0.0
     for k in range(-radius, radius + 1):
-        light = light_from(abs(k - past), spread[0], spread[1], width)
-        out[half + k] = light + GUARD * spread[0] if k == 0 else light
+        light = light_from(abs(k - past), blur[0], blur[1], width)
+        out[half + k] = light + GUARD_LIGHT * blur[0] if k == 0 else light
         total += out[half + k]
     for k in range(len(out)):
         out[k] /= total
 
 
 @inner
-def _reach(shares):
-    """Return how many pixels to each side matter anywhere, at least 1, of shares (n, pixels)."""
-    half = shares.shape[1] // 2
+def _reach(weights):
+    """Return how many pixels to each side matter anywhere, at least 1; weights: (n, pixels)."""
+    half = weights.shape[1] // 2
     for reach in range(half, 1, -1):
-        for i in range(len(shares)):
-            if max(shares[i, half - reach], shares[i, half + reach]) > LEAST_SHARE:
+        for i in range(len(weights)):
+            if max(weights[i, half - reach], weights[i, half + reach]) > MIN_TAP_WEIGHT:
                 return reach
     return 1
 
 
 @inner
-def _trim(shares, reach):
-    """Make the shares of pixels up to `reach` to each side sum to 1."""
-    half = shares.shape[1] // 2
-    for i in range(len(shares)):
+def _trim(weights, reach):
+    """Make the weights of pixels up to `reach` to each side sum to 1."""
+    half = weights.shape[1] // 2
+    for i in range(len(weights)):
         total = 0.0
         for k in range(half - reach, half + reach + 1):
-            total += shares[i, k]
-        for k in range(len(shares[i])):
-            shares[i, k] /= total
+            total += weights[i, k]
+        for k in range(len(weights[i])):
+            weights[i, k] /= total
 
 
 @inner
-def _columns(ends, share, cols, first, step):
-    """Fill ends (nodes,) with the first bin past each node of a row, and share (w,) float32 with
-    how far each bin is towards the next node."""
+def _columns(ends, node_share, cols, first, step):
+    """Fill ends (nodes,) with the first bin past each node of a row, and node_share (w,) float32
+    with how far each bin is towards the next node."""
     done = 0
     for i in range(len(cols)):
         node, t = bracket(cols[i], first, step, len(ends), 1)
-        share[i] = t
+        node_share[i] = t
         while done <= node:
             ends[done] = i
             done += 1
@@ -91,34 +96,33 @@ def _between(out, share, low, high):
 
 
 @inner
-def _fill_lines(lines, start, shares, tap, ends, share):
-    """Fill lines (rows, ...) from `start` on with the shares of one pixel at each bin, from those
-    at nodes (rows * columns, pixels); ends, share: from `_columns`."""
+def _fill_lines(lines, start, weights, tap, ends, node_share):
+    """Fill lines (rows, ...) from `start` on with the weights of one pixel at each bin, from those
+    at nodes (rows * columns, pixels); ends, node_share: from `_columns`."""
     columns = len(ends)
     for r in range(len(lines)):
         for c in range(columns - 1):
             low, high = ends[c], ends[c + 1]
-            a, b = shares[r * columns + c, tap], shares[r * columns + c + 1, tap]
-            _between(
-                lines[r, start + low : start + high], share[low:high], np.float32(a), np.float32(b)
-            )
+            a, b = weights[r * columns + c, tap], weights[r * columns + c + 1, tap]
+            line = lines[r, start + low : start + high]
+            _between(line, node_share[low:high], np.float32(a), np.float32(b))
 
 
 @loop
-def _shares_at(us, vs, camera, lens, cell, widths, skew):
-    """Return the shares at nodes of the photo, (colours, axes, nodes, pixels) float64: at least a
-    pixel to each side, without light if the cell's radius is 0."""
+def _tap_weights_at(us, vs, camera, lens, cell, widths, skew):
+    """Return the tap weights at nodes of the photo, (colours, axes, nodes, pixels) float64: at
+    least a pixel to each side, without light if the cell's radius is 0."""
     radius, nodes = cell.radius, len(us) * len(vs)
-    spread, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
+    blur, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
     for i in range(len(cell.channel)):
         colour, kind = cell.channel[i], cell.kind[i]
-        period, width = cell.period[kind], widths[kind]
-        fill_spreads(spread, us, vs, camera, lens, period, width, skew[kind], radius)
+        subpixel = Subpixel(cell.period[kind], widths[kind], skew[kind])
+        fill_blurs(blur, us, vs, camera, lens, subpixel, radius)
         for axis in range(2):
             past = 0.5 - cell.centre[i, axis]  # no more than half a pixel
             for node in range(nodes):
-                shares, seen = out[colour, axis, node], spread[node, axis]
-                _fill_shares(shares, seen, width[axis], past, radius)
+                weights, width = out[colour, axis, node], widths[kind, axis]
+                _fill_tap_weights(weights, blur[node, axis], width, past, radius)
     return out
 
 
@@ -129,18 +133,18 @@ def prepare(camera, lens, cell, widths, skew, sites):
     count = counts(sites.rows, sites.cols, camera, lens, cell)[1]
     us, step_u = line_of(sites.cols, count[0])
     vs, step_v = line_of(sites.rows, count[1])
-    shares = _shares_at(us, vs, camera, lens, cell, widths, skew)
-    table = shares.reshape(-1, shares.shape[3])
-    half, reach = shares.shape[3] // 2, _reach(table)
+    weights = _tap_weights_at(us, vs, camera, lens, cell, widths, skew)
+    table = weights.reshape(-1, weights.shape[3])
+    half, reach = weights.shape[3] // 2, _reach(table)
     _trim(table, reach)
     w, taps, done = len(sites.cols), 2 * reach + 1, 0
-    ends, share = np.empty(len(us), np.int64), np.empty(w, np.float32)
-    _columns(ends, share, sites.cols, us[0], step_u)
+    ends, node_share = np.empty(len(us), np.int64), np.empty(w, np.float32)
+    _columns(ends, node_share, sites.cols, us[0], step_u)
     lines = np.empty((len(vs), 6 * taps * w), np.float32)
     for colour in range(3):
         for axis in range(2):
             for tap in range(half - reach, half + reach + 1):
-                _fill_lines(lines, done, shares[colour, axis], tap, ends, share)
+                _fill_lines(lines, done, weights[colour, axis], tap, ends, node_share)
                 done += w
     return Stencil(lines, taps, step_v)
 
@@ -214,7 +218,7 @@ def content(out, line, stencil, panel, cell, sites, row):
     start = (margin(cell, 1) + row - reach) * stride + margin(cell, 0) - reach
     for colour in range(3):
         a, b = colour * size, (colour + 1) * size
-        if stencil.taps == THREE:
+        if stencil.taps == FUSED_TAPS:
             _nine(out[colour], before[a:b], behind[a:b], past, flat[colour], start, stride)
         else:
             _square(out[colour], line, before[a:b], behind[a:b], past, flat[colour], start, stride)

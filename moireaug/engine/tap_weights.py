@@ -1,5 +1,5 @@
-"""The shares of a sensor pixel's light that come from the cells around it, for each phase: where
-between two cells the pixel looks."""
+"""The tap weights of a sensor pixel: the shares of its light that come from the cells around it, by
+phase, which is where between two cells the pixel looks."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from moireaug.engine.harmonics import lagrange
 from moireaug.engine.tables import TAIL_END, integrals
 from moireaug.engine.vectors import peek, poke
 
-GUARD = 1e-9
+GUARD_LIGHT = 1e-9  # of a box: the nearest cell gives it where no cell is seen
 
 
 class Scratch(NamedTuple):
     """What the weights of a node are computed in, float64.
 
     Args:
-        integral: (n,), what `tables.integrals` fills, `beside` steps beyond all light on both
-            sides. light: ((2 taps + 1) phases / 2 + 1,), the light from each distance.
+        integral: (n,), what `tables.integrals` fills, `cubic_margin` steps beyond all light on both
+            sides. light: ((2 radius + 1) phases / 2 + 1,), the light from each distance.
         total: (phases / 2 + 1,), the light from all cells. cubic: (4,).
     """
 
@@ -32,8 +32,8 @@ class Scratch(NamedTuple):
 
 
 @inner
-def beside(far):
-    """Return how many values a cubic needs on both sides, to move a line by `far` steps."""
+def cubic_margin(far):
+    """Return how many values beyond both ends of a line a cubic needs to move it by `far` steps."""
     return math.ceil(far) + 3
 
 
@@ -57,7 +57,7 @@ def _fill_light(light, integral_line, cubic, box, width, sigma, phases):
     integral of the normal distribution function, over box and width."""
     far, near = (box + width) / 2 * phases, (box - width) / 2 * phases
     seen = min(int(far + TAIL_END * sigma * phases) + 2, len(light))
-    zero = beside(far)
+    zero = cubic_margin(far)
     line, lit = integral_line[: zero + seen + zero], light[:seen]
     integrals(line, zero, 1 / phases, sigma)
     fill(light, 0.0)
@@ -77,49 +77,52 @@ def _add_two(total, light, middle):
 
 
 @inner
-def _shares(out, spread, width, taps, scratch):
-    """Fill out (phases + 2, cells) with the weights of the cells around, at distances from -1/2 to
-    1/2 from the nearest cell's centre. Distance 0 is there twice, as the first of the cells changes
-    there.
+def _fill_phases(out, blur, width, radius, scratch):
+    """Fill out (phases + 2, taps) with the tap weights at distances from -1/2 to 1/2 from the
+    nearest cell's centre. Distance 0 is there twice, as the first tap changes there.
 
-    spread: box and standard deviation, see `weights.spreads`.
+    blur: box and standard deviation, see `weights.fill_blur`. width: of the subpixel, in cells.
     """
-    box, sigma = spread[0], spread[1]
-    phases, cells = out.shape[0] - 2, out.shape[1]
+    box, sigma = blur[0], blur[1]
+    phases, taps = out.shape[0] - 2, out.shape[1]
     half = phases // 2
-    light, total = scratch.light[: (2 * taps + 1) * half + 1], scratch.total[: half + 1]
+    light, total = scratch.light[: (2 * radius + 1) * half + 1], scratch.total[: half + 1]
     _fill_light(light, scratch.integral, scratch.cubic, box, width, sigma, phases)
-    guard = GUARD * box
+    guard = GUARD_LIGHT * box
     for q in range(half + 1):
         total[q] = light[q] + guard
-    for k in range(1, taps + 1):
+    for k in range(1, radius + 1):
         _add_two(total, light, k * phases)
     for q in range(half + 1):
         total[q] = 1 / total[q]
-    for j in range(cells):
-        k = j - cells // 2
+    for j in range(taps):
+        k = j - taps // 2
         for q in range(half + 1):
             # a pixel q phases before the nearest cell's centre; as far behind, weights are mirrored
             at = abs(k) * phases + (q if k >= 0 else -q)
             share = np.float32(
-                (light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= taps else 0.0
+                (light[at] + (guard if k == 0 else 0.0)) * total[q] if abs(k) <= radius else 0.0
             )
             out[half - q, j] = share
-            out[half + 1 + q, cells - 1 - j] = share
+            out[half + 1 + q, taps - 1 - j] = share
 
 
 @inner
-def sizes(phases, cells):
+def weights_per_node(phases, taps):
     """Return how many weights a node has along x, and along both axes; phases: (2,)."""
-    of_x = (phases[0] + 2) * cells
-    return of_x, of_x + (phases[1] + 2) * cells
+    along_x = (phases[0] + 2) * taps
+    return along_x, along_x + (phases[1] + 2) * taps
 
 
 @inner
-def fill_node(out, spread, widths, taps, phases, cells, scratch):
-    """Fill out (n,) with the weights of a node along x, and then along y; spread: from
-    `weights.spreads`."""
-    of_x, _ = sizes(phases, cells)
-    along_x, along_y = out[:of_x], out[of_x:]
-    _shares(along_x.reshape(phases[0] + 2, cells), spread[0], widths[0], taps, scratch)
-    _shares(along_y.reshape(phases[1] + 2, cells), spread[1], widths[1], taps, scratch)
+def fill_node(out, blur, widths, radius, phases, taps, scratch):
+    """Fill out (n,) with the tap weights of a node along x, and then along y.
+
+    Args:
+        blur: (axis, 2), from `weights.fill_blur`. widths: (2,) of the subpixel, in cells.
+        radius: see `exposure_records.Cell`. phases, taps: (2,) and an int, of the table.
+    """
+    n, _ = weights_per_node(phases, taps)
+    along_x, along_y = out[:n], out[n:]
+    _fill_phases(along_x.reshape(phases[0] + 2, taps), blur[0], widths[0], radius, scratch)
+    _fill_phases(along_y.reshape(phases[1] + 2, taps), blur[1], widths[1], radius, scratch)
