@@ -24,7 +24,7 @@ from moireaug.engine.exposure_records import (
 )
 from moireaug.engine.point import expose_point
 from moireaug.engine.random_numbers import keys
-from moireaug.engine.register import looked_at, register, register_back, room
+from moireaug.engine.register import flat_length, register, register_back, rows_read
 
 MAX_PANEL_PIXELS_PER_SENSOR_PIXEL = 16  # up to which building the panel pays off
 SMALL_PANEL_PIXELS = 2**20  # which are never too many
@@ -64,7 +64,7 @@ def fits(e):
 @part
 def _light(light, pictures, e, i):
     """Fill light (3, H, W) float32 from picture i."""
-    picture.show(light, pictures[i], e.coded, e.black[i], e.share[i])
+    picture.show(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
 
 
 @part
@@ -141,7 +141,7 @@ def _content(camera, sensor, cell, e, i):
     """Return the Nodes and the Stencil of image i of a binned reading: one of them is empty."""
     if not stencil.has_stencil(camera, sensor):
         return _nodes(camera, cell, e, i), stencil.no_stencil()
-    none, lens = nodes.none(len(e.widths[i])), _camera(e.lenses[i])
+    none, lens = nodes.no_nodes(len(e.widths[i])), _camera(e.lenses[i])
     return none, stencil.prepare(camera, lens, cell, e.widths[i], e.skew[i], e.sites)
 
 
@@ -174,7 +174,9 @@ def expose_binned(raw, shown, e, b, first, last, top, bottom):
     for i in range(first, last):
         camera, cell = _camera(e.cameras[i]), _cell_of(e.cell, b.centres[i])
         sensor = _camera(b.cameras[i])
-        pattern = Pattern(b.coefficients[i], b.mean[i], b.noise_away[i], b.saturates, b.bayer)
+        pattern = Pattern(
+            b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer
+        )
         content = _content(camera, sensor, cell, e, i)
         terms = beats.prepare(b, i, sensor, e.filters[i], e.size, e.sites)
         expose_bins(
@@ -213,7 +215,7 @@ def _way_back(registration, i):
 
 def photo_size(d) -> int:
     """Return how many values `develop` needs for a photo in the camera's frame."""
-    return room(*d.size) if d.registers else 0
+    return flat_length(*d.size) if d.registers else 0
 
 
 @part
@@ -225,7 +227,7 @@ def _develop(out, raw, d, i, top, bottom):
     if d.registers:
         view, k1, k2 = _way_back(d.registration, i)
         in_camera = out.in_camera[: 3 * h * w].reshape(3, h, w)
-        highest, lowest = looked_at(view, k1, k2, h, w, top, bottom)
+        highest, lowest = rows_read(view, k1, k2, h, w, top, bottom)
     if d.finishes:
         unclipped = out.unclipped[i : i + 1]
         finish.finish(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)

@@ -77,7 +77,7 @@ def _work_of(w, planes, image):
 
 
 @inner
-def _place(work, r, v, sensor, size):
+def _locate(work, r, v, sensor, size):
     """Fill where row r of the bins, v about the centre, lies on the photo."""
     at = work.row.position
     if sensor.rectified != 0:
@@ -89,7 +89,7 @@ def _place(work, r, v, sensor, size):
 
 
 @inner
-def _pulse(light, bands, v, height):
+def _flicker(light, bands, v, height):
     """Multiply a row by the panel's pulses at photo rows v (w,) about the centre."""
     last = len(bands) - 2.0
     for i in range(len(light)):
@@ -116,7 +116,7 @@ def _expose(raw, panel, size, image, work, top, bottom):
     band = max(1, h // MIN_BANDS)
     for r in range(top, bottom):
         v = sites.rows[r]
-        _place(work, r, v, image.sensor, (h, w))
+        _locate(work, r, v, image.sensor, (h, w))
         if image.stencil.taps > 0:
             stencil.look_straight(position[X], position[Y], r)
             line = work.lines[0]
@@ -137,14 +137,16 @@ def _expose(raw, panel, size, image, work, top, bottom):
                     content, mean = row.irradiance[channel], pattern.mean[channel]
                     _add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
             if len(image.flicker) > 0:
-                _pulse(light, image.flicker, position[V], h)
+                _flicker(light, image.flicker, position[V], h)
             reflect(light, position[U], position[V], image.white[plane], image.camera)
             attenuate(light, position[U], position[V], image.camera)
-            out, away = raw[plane, r], pattern.noise_away
+            out, away = raw[plane, r], pattern.lost_noise_variance
             add_noise(light, (plane * h + r) * w, image.readout, noise, bits)
             if image.readout.clips:
-                pattern_away = image.terms.pattern_away[colour] if pattern.saturates else ZERO
-                clip_mean(out, light, away[0], away[1], pattern_away)
+                lost_pattern_variance = (
+                    image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
+                )
+                clip_mean(out, light, away[0], away[1], lost_pattern_variance)
             else:
                 copy(out, light)
 

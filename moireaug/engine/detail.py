@@ -26,9 +26,9 @@ class Filter(NamedTuple):
         amount: float32, strength of the mask. back: whether this is the filter's transpose.
         reach: rows above and below that a row is made from.
         padded: (3, lanes + ends) float32, a row's red, blue and brightness, padded at both ends.
-            full: a blurred row with its padding.
+            full: (lanes + ends,) float32, a blurred row with its padding.
         ring: (3, rows * lanes) float32, horizontally blurred rows, as many as a block is made from.
-            place: (h,), where each row begins in a plane of the ring.
+            place: (h,) int64, where each row begins in a plane of the ring.
         soft: (3, BLOCK_ROWS, lanes) float32, a block blurred both ways.
         steps: (taps,) int64, 0, 1, 2, ... weight: (BLOCK_ROWS, rows) float32 and offset: (rows,)
             int64, of the ring's rows that those of a block are made from.
@@ -110,7 +110,7 @@ def _split(red, blue, grey, photo, y):
 
 
 @inner
-def _along(out, padded, kernel, f, w):
+def _blur_row(out, padded, kernel, f, w):
     """Fill out (lanes,) with a blurred row of w pixels, padded with its end pixels; the row begins
     half a kernel into `padded`."""
     half = len(kernel) // 2
@@ -122,9 +122,9 @@ def _along(out, padded, kernel, f, w):
 
 
 @inner
-def _along_back(out, padded, kernel, f, w):
-    """Apply the transpose of `_along`: what falls into the padding is added to the end pixels. The
-    row begins a whole kernel, less one, into `padded`, which is 0 elsewhere."""
+def _blur_row_back(out, padded, kernel, f, w):
+    """Apply the transpose of `_blur_row`: what falls into the padding is added to the end pixels.
+    The row begins a whole kernel, less one, into `padded`, which is 0 elsewhere."""
     size, half = len(kernel), len(kernel) // 2
     lanes = (w + size - 1 + LANES - 1) // LANES * LANES
     fill(f.full, ZERO)
@@ -160,9 +160,9 @@ def enter(f, photo, y):
     for c in range(3):
         kernel, out = f.sharp if c == 2 else f.chroma, f.ring[c, start : start + lanes]
         if f.back:
-            _along_back(out, padded[c], kernel, f, w)
+            _blur_row_back(out, padded[c], kernel, f, w)
         else:
-            _along(out, padded[c], kernel, f, w)
+            _blur_row(out, padded[c], kernel, f, w)
 
 
 @inner
@@ -182,8 +182,8 @@ def _rows_of(f, kernel, y):
 
 @inner
 def _rows_back(weight, kernel, y, h):
-    """Turn the weights of row y of h into the transpose's: none of a row past the ends, and in the
-    outermost rows those of the padding, too."""
+    """Turn the weights of row y of h into the transpose's: 0 for rows past the ends, and in the
+    outermost rows with those of the padding added."""
     size, half = len(kernel), len(kernel) // 2
     before = after = ZERO
     for k in range(size):
@@ -200,13 +200,13 @@ def _rows_back(weight, kernel, y, h):
 
 
 @inner
-def above(f, y):
+def first_source_row(f, y):
     """Return the first row that row y is made from."""
     return max(y - f.reach, 0)
 
 
 @inner
-def needed(f, y):
+def rows_needed(f, y):
     """Return how many rows must have entered the ring before row y is blurred vertically."""
     return min(y + f.reach + 1, len(f.place))
 

@@ -33,8 +33,8 @@ class _Gradients(NamedTuple):
 
 @inner
 def _code_slope(out, light, gain, tone):
-    """Multiply a gradient by the slope of `_code` at `light`; a clip's is 1 at its bounds, 0
-    beyond."""
+    """Multiply a gradient by the slope of `codes._code` at `light`. A clip's slope is 1 at its
+    bounds, and 0 beyond."""
     shoulder, contrast = tone.shoulder, tone.contrast
     for i in range(len(out)):
         x = light[i] * gain
@@ -61,7 +61,7 @@ def _halves(even, odd, row):
 
 
 @inner
-def _unweave(even, odd, row):
+def _deinterleave(even, odd, row):
     """Take a row's even and odd pixels apart."""
     for i in range(len(odd)):
         even[i] = row[2 * i]
@@ -71,13 +71,13 @@ def _unweave(even, odd, row):
 
 
 @inner
-def _along_back(even, odd, line, step, w, cols):
+def _resize_along_row_back(even, odd, line, step, w, cols):
     """Fill a cell row's even columns, and the odd ones if there are any, with the gradient in them,
     from that in the resized row."""
     if step == 2 and cols.pairs:
         _halves(even, odd, line)
     elif step == 2 and cols.each:
-        _unweave(even[: (len(line) + 1) // 2], odd[: len(line) // 2], line)
+        _deinterleave(even[: (len(line) + 1) // 2], odd[: len(line) // 2], line)
     else:
         gather(even[:w], line, cols.back_index[0], cols.back_weight[0])
         if step == 2:
@@ -120,7 +120,7 @@ def _light_back(gradients, photo_grad, y, codes, work):
             for i in range(codes.rows.first[row], codes.rows.last[row] + 1):
                 add(line, photo_grad[channel, i], codes.rows.taps[i, row - codes.rows.start[i]])
             even, odd = grads[2 * r, channel], grads[2 * r + 1, channel]
-            _along_back(even, odd, line, step, w, codes.cols)
+            _resize_along_row_back(even, odd, line, step, w, codes.cols)
             for site in range(2 * r, 2 * r + step):
                 light = work.colours[site, channel, :w]
                 _code_slope(grads[site, channel, :w], light, gain, work.tone)

@@ -13,15 +13,15 @@ from moireaug.engine.compiling import copy, fill, inner, part
 from moireaug.engine.detail import (
     BLOCK_ROWS,
     Filter,
-    above,
     blur_block,
     enter,
     filter_of,
     filter_row,
-    needed,
+    first_source_row,
     rows_at_once,
+    rows_needed,
 )
-from moireaug.engine.develop import along, blank, bound, gather, sources
+from moireaug.engine.develop import clear, clip, gather, resize_along_row, source_rows
 from moireaug.engine.vectors import add
 
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
@@ -101,17 +101,17 @@ def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
 def _finish(out, unclipped, raw, codes, detail, work, top, bottom):
     """Do the same as `finish`, in buffers that it allocated."""
     f, developed, step, line = work.filter, work.developed, work.codes.step, work.codes.resized
-    blank(out, top, bottom)
-    first, last = sources(detail.rows, top, bottom)
-    entered = above(f, first) // step * step
+    clear(out, top, bottom)
+    first, last = source_rows(detail.rows, top, bottom)
+    entered = first_source_row(f, first) // step * step
     for start in range(first, last, BLOCK_ROWS):
         end = min(start + BLOCK_ROWS, last)
-        while entered < needed(f, end - 1):
+        while entered < rows_needed(f, end - 1):
             r, slot = entered % step, entered % developed.shape[1]
             if r == 0:
                 codes_of_row(work.codes, raw, entered // step, codes)
             for c in range(3):
-                along(developed[c, slot], work.codes, r, c, codes.cols)
+                resize_along_row(developed[c, slot], work.codes, r, c, codes.cols)
             enter(f, developed, entered)
             entered += 1
         blur_block(f, start)
@@ -120,7 +120,7 @@ def _finish(out, unclipped, raw, codes, detail, work, top, bottom):
             if len(unclipped):
                 _fill_unclipped(unclipped[0], work.filtered, y)
             _resize_row(out, work.filtered, y, line, detail.rows, detail.cols, top, bottom)
-    bound(out, top, bottom)
+    clip(out, top, bottom)
 
 
 @part
@@ -154,7 +154,7 @@ def _finish_back(codes_grad, grad, unclipped, detail, f, row, line):
     entered = 0
     for start in range(0, h, BLOCK_ROWS):
         end = min(start + BLOCK_ROWS, h)
-        while entered < needed(f, end - 1):
+        while entered < rows_needed(f, end - 1):
             enter(f, codes_grad, entered)
             entered += 1
         blur_block(f, start)

@@ -18,13 +18,15 @@ KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
 # sin and cos of 2 pi d for d in [-1/2, 1/2], by Taylor's series of s(t) = sin(t) and c(t) = cos(t)
 # at t = pi d / 2
-S = [
+SIN_SERIES = [
     np.float32((math.pi / 2) ** (2 * i + 1) * (-1) ** i / math.factorial(2 * i + 1))
     for i in range(5)
 ]
-C = [np.float32((math.pi / 2) ** (2 * i) * (-1) ** i / math.factorial(2 * i)) for i in range(5)]
-S0, S1, S2, S3, S4 = S
-C0, C1, C2, C3, C4 = C
+COS_SERIES = [
+    np.float32((math.pi / 2) ** (2 * i) * (-1) ** i / math.factorial(2 * i)) for i in range(5)
+]
+S0, S1, S2, S3, S4 = SIN_SERIES
+C0, C1, C2, C3, C4 = COS_SERIES
 
 
 @inner
@@ -84,7 +86,7 @@ def add_scaled(out, weight, value):
 
 
 @inner
-def along_row(out, amplitude, terms, ends, weight):
+def interpolate_to_pixels(out, amplitude, terms, ends, weight):
     """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
     Args:
@@ -107,7 +109,7 @@ def along_row(out, amplitude, terms, ends, weight):
 
 
 @inner
-def first_wave(cos, sin, d):
+def fundamental(cos, sin, d):
     """Fill cos and sin (n,) with cos and sin of 2 pi d, d (n,) in [-1/2, 1/2]."""
     for i in range(len(d)):
         t = peek(d, i)
@@ -131,7 +133,7 @@ def waves(cos, sin, d):
     """Fill cos and sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2]; k = 0 is
     there already."""
     if len(cos) > 1:
-        first_wave(cos[1], sin[1], d)
+        fundamental(cos[1], sin[1], d)
     for k in range(2, len(cos)):
         _next_wave(cos[k], cos[1], cos[k - 1], cos[k - 2])
         _next_wave(sin[k], cos[1], sin[k - 1], sin[k - 2])
@@ -148,7 +150,7 @@ def _add(out, first, second, third, fourth, weight, wave):
 
 
 @inner
-def across(even, odd, terms, kind, lines, weight, cos_y, sin_y):
+def row_amplitudes(even, odd, terms, kind, lines, weight, cos_y, sin_y):
     """Fill even and odd (K + 1, n) with the amplitudes of cos(k x) and sin(k x) on a row, of one
     kind of subpixel.
 
@@ -182,8 +184,11 @@ def _rotate_phase(in_phase, quadrature, even, odd, cos, sin):
 
 @inner
 def rotate_phase(in_phase, quadrature, even, odd, cos_x, sin_x):
-    """Fill in_phase and quadrature (K + 1, n) with the harmonics of amplitudes from `across`, and
-    with the same shifted by a quarter of a period; cos_x, sin_x: (K + 1, n), from `waves`."""
+    """Fill in_phase and quadrature (K + 1, n) with the harmonics at the pixels, and with the same
+    shifted by a quarter of a period.
+
+    even, odd: from `row_amplitudes`. cos_x, sin_x: (K + 1, n), from `waves`.
+    """
     for k in range(len(in_phase)):
         _rotate_phase(in_phase[k], quadrature[k], even[k], odd[k], cos_x[k], sin_x[k])
 

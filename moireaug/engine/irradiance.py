@@ -96,7 +96,7 @@ def _add_up_harmonics(row, nodes, sites, plane, kind, v):
     even, odd = row.wave[EVEN, :orders], row.wave[ODD, :orders]
     in_phase, quadrature = row.wave[IN_PHASE, :orders], row.wave[QUADRATURE, :orders]
     cos_y, sin_y = row.wave_y[COS_Y], row.wave_y[SIN_Y]
-    harmonics.across(even, odd, nodes.terms, kind, lines, row.cubic, cos_y, sin_y)
+    harmonics.row_amplitudes(even, odd, nodes.terms, kind, lines, row.cubic, cos_y, sin_y)
     harmonics.rotate_phase(in_phase, quadrature, even, odd, row.wave[COS_X], row.wave[SIN_X])
 
 

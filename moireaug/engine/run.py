@@ -16,7 +16,7 @@ from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.threads import each, each_share, surplus
 from moireaug.numeric import is_batched
 
-HELD = 2**16  # values of small panels that are filled before any is read
+SHOWN_VALUES_AT_ONCE = 2**16  # of small panels, which are filled before any is read
 
 
 def announce(message: str) -> None:
@@ -70,14 +70,14 @@ def expose(picture: Tensor, exposure: Exposure, beats: Beats | None) -> Tensor:
     sites, n = exposure.sites, len(picture)
     h, w = len(sites.rows) // sites.step, len(sites.cols) // sites.step
     raw = _empty(n, len(sites.channel), h, w)
-    given = raw.numpy(), _array(picture), exposure
+    pictures = _array(picture)
     if exposure.point:
-        each(functools.partial(_expose_points, *given), n)
+        each(functools.partial(_expose_points, raw.numpy(), pictures, exposure), n)
         return raw
     whole, read = n - surplus(n, h), _reader(raw.numpy(), exposure, beats)
-    each(functools.partial(_expose_images, read, *given[1:]), whole)
+    each(functools.partial(_expose_images, read, pictures, exposure), whole)
     for i in range(whole, n):
-        _expose_shared(read, *given[1:], i, h)
+        _expose_shared(read, pictures, exposure, i, h)
     return raw
 
 
@@ -89,8 +89,7 @@ def _expose_points(
 
 
 def _reader(readings: np.ndarray, exposure: Exposure, beats: Beats | None) -> Callable[..., None]:
-    """Return the kernel that fills readings, full or binned, given what is shown, and which images
-    and rows."""
+    """Return a function that fills rows of some readings, full or binned, from what is shown."""
 
     def read(shown: np.ndarray, first: int, last: int, top: int, bottom: int) -> None:
         if beats is None:
@@ -107,10 +106,10 @@ def _expose_images(
     """Fill the readings from `first` to `last`: show some pictures, then read them."""
     size, light = batch.panel_size(exposure), _light(exposure)
     rows = len(exposure.sites.rows) // exposure.sites.step
-    held = max(1, HELD // size)
-    shown = np.empty((held, size), np.float32)
-    for start in range(first, last, held):
-        end = min(start + held, last)
+    count = max(1, SHOWN_VALUES_AT_ONCE // size)
+    shown = np.empty((count, size), np.float32)
+    for start in range(first, last, count):
+        end = min(start + count, last)
         batch.show(shown, light, pictures, exposure, start, end)
         read(shown, start, end, 0, rows)
 
@@ -125,7 +124,7 @@ def _expose_shared(
 
 
 def _light(exposure: Exposure) -> np.ndarray:
-    """Return room for a picture's light."""
+    """Return workspace for a picture's light, (3, H, W) float32."""
     return np.empty((3, *exposure.size), np.float32)
 
 
@@ -134,8 +133,8 @@ def _array(tensor: Tensor) -> np.ndarray:
 
 
 def _empty(*shape: int) -> Tensor:
-    """Return an uninitialised tensor, float32. NumPy asks for huge pages where it is large: small
-    ones cost a fifth of the time that a large photo takes."""
+    """Return an uninitialised tensor, float32. NumPy asks for huge pages where it is large; with
+    small ones a large photo takes a fifth longer."""
     return torch.from_numpy(np.empty(shape, np.float32))
 
 

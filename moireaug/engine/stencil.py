@@ -1,5 +1,5 @@
-"""The content of bins that are the image's own pixels: all look at the same place in theirs, so
-that the weights of the pixels around change only with the lens's spread, slowly over the photo."""
+"""The content of bins that are the image's own pixels. All look at the same place in their pixels,
+so that their tap weights change only with the lens's blur, slowly over the photo."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from moireaug.engine.compiling import fill, inner, loop, part
 from moireaug.engine.exposure_records import Stencil
-from moireaug.engine.nodes import bracket, counts, line_of
+from moireaug.engine.nodes import bracket, counts, node_line
 from moireaug.engine.panel import margin
 from moireaug.engine.tap_weights import GUARD_LIGHT
 from moireaug.engine.vectors import peek, poke
@@ -89,8 +89,9 @@ def _columns(ends, node_share, cols, first, step):
 
 
 @inner
-def _between(out, share, low, high):
-    """Fill out (n,) with values that are a share (n,) of the way from one number to another."""
+def _interpolate(out, share, low, high):
+    """Fill out (n,) with values between two numbers; share: (n,), how far each is towards the
+    second."""
     for i in range(len(out)):
         poke(out, i, low + peek(share, i) * (high - low))
 
@@ -105,7 +106,7 @@ def _fill_lines(lines, start, weights, tap, ends, node_share):
             low, high = ends[c], ends[c + 1]
             a, b = weights[r * columns + c, tap], weights[r * columns + c + 1, tap]
             line = lines[r, start + low : start + high]
-            _between(line, node_share[low:high], np.float32(a), np.float32(b))
+            _interpolate(line, node_share[low:high], np.float32(a), np.float32(b))
 
 
 @loop
@@ -131,8 +132,8 @@ def prepare(camera, lens, cell, widths, skew, sites):
     """Return the Stencil of an image that has one; widths, skew: (kinds, 2), see
     `exposure_records.Exposure`."""
     count = counts(sites.rows, sites.cols, camera, lens, cell)[1]
-    us, step_u = line_of(sites.cols, count[0])
-    vs, step_v = line_of(sites.rows, count[1])
+    us, step_u = node_line(sites.cols, count[0])
+    vs, step_v = node_line(sites.rows, count[1])
     weights = _tap_weights_at(us, vs, camera, lens, cell, widths, skew)
     table = weights.reshape(-1, weights.shape[3])
     half, reach = weights.shape[3] // 2, _reach(table)
@@ -150,12 +151,12 @@ def prepare(camera, lens, cell, widths, skew, sites):
 
 
 @inner
-def _mixed(low, high, past):
+def _interpolated(low, high, past):
     return low + past * (high - low)
 
 
 @inner
-def _nine(out, low, high, past, pixels, start, stride):
+def _three_by_three(out, low, high, past, pixels, start, stride):
     """Fill out (w,) with the content of 3 x 3 pixels.
 
     Args:
@@ -165,12 +166,12 @@ def _nine(out, low, high, past, pixels, start, stride):
     """
     w, second, third = len(out), start + stride, start + 2 * stride
     for i in range(w):
-        a = _mixed(peek(low, i), peek(high, i), past)
-        b = _mixed(peek(low, i + w), peek(high, i + w), past)
-        c = _mixed(peek(low, i + 2 * w), peek(high, i + 2 * w), past)
-        d = _mixed(peek(low, i + 3 * w), peek(high, i + 3 * w), past)
-        e = _mixed(peek(low, i + 4 * w), peek(high, i + 4 * w), past)
-        f = _mixed(peek(low, i + 5 * w), peek(high, i + 5 * w), past)
+        a = _interpolated(peek(low, i), peek(high, i), past)
+        b = _interpolated(peek(low, i + w), peek(high, i + w), past)
+        c = _interpolated(peek(low, i + 2 * w), peek(high, i + 2 * w), past)
+        d = _interpolated(peek(low, i + 3 * w), peek(high, i + 3 * w), past)
+        e = _interpolated(peek(low, i + 4 * w), peek(high, i + 4 * w), past)
+        f = _interpolated(peek(low, i + 5 * w), peek(high, i + 5 * w), past)
         at = start + i
         above = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
         at = second + i
@@ -182,15 +183,15 @@ def _nine(out, low, high, past, pixels, start, stride):
 
 @inner
 def _add_weighed(out, low, high, past, values, start):
-    """Add values (n,) from `start` on to out (w,), weighed as in `_nine`."""
+    """Add values (n,) from `start` on to out (w,), weighed as in `_three_by_three`."""
     for i in range(len(out)):
-        weight = _mixed(peek(low, i), peek(high, i), past)
+        weight = _interpolated(peek(low, i), peek(high, i), past)
         poke(out, i, out[i] + weight * peek(values, start + i))
 
 
 @inner
 def _square(out, line, low, high, past, pixels, start, stride):
-    """Do the same as `_nine` for more pixels; line: (w,) float32, workspace."""
+    """Do the same as `_three_by_three` for more pixels; line: (w,) float32, workspace."""
     w = len(out)
     taps = len(low) // (2 * w)
     fill(out, ZERO)
@@ -219,7 +220,9 @@ def content(out, line, stencil, panel, cell, sites, row):
     for colour in range(3):
         a, b = colour * size, (colour + 1) * size
         if stencil.taps == FUSED_TAPS:
-            _nine(out[colour], before[a:b], behind[a:b], past, flat[colour], start, stride)
+            _three_by_three(
+                out[colour], before[a:b], behind[a:b], past, flat[colour], start, stride
+            )
         else:
             _square(out[colour], line, before[a:b], behind[a:b], past, flat[colour], start, stride)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from moireaug.engine.compiling import fill, inner
 from moireaug.engine.harmonics import lagrange
-from moireaug.engine.tables import TAIL_END, integrals
+from moireaug.engine.tables import TAIL_END_SIGMAS, integrals
 from moireaug.engine.vectors import peek, poke
 
 GUARD_LIGHT = 1e-9  # of a box: the nearest cell gives it where no cell is seen
@@ -22,7 +22,7 @@ class Scratch(NamedTuple):
     Args:
         integral: (n,), what `tables.integrals` fills, `cubic_margin` steps beyond all light on both
             sides. light: ((2 radius + 1) phases / 2 + 1,), the light from each distance.
-        total: (phases / 2 + 1,), the light from all cells. cubic: (4,).
+        total: (phases / 2 + 1,), the light from all cells. cubic: (4,), weights of a cubic.
     """
 
     integral: np.ndarray
@@ -39,8 +39,7 @@ def cubic_margin(far):
 
 @inner
 def _add_moved(out, sign, line, first, by, cubic):
-    """Add sign times the values of a line from `first` + `by` steps on, of which those between are
-    on the cubic through four of them."""
+    """Add sign times the values of a line from `first` + `by` steps on, interpolated by cubics."""
     whole = math.floor(by)
     lagrange(cubic, by - whole + 1)
     a, b, c, d = sign * cubic[0], sign * cubic[1], sign * cubic[2], sign * cubic[3]
@@ -53,10 +52,10 @@ def _add_moved(out, sign, line, first, by, cubic):
 
 @inner
 def _fill_light(light, integral_line, cubic, box, width, sigma, phases):
-    """Fill light (n,) with that from a subpixel 0, 1, ... phases away: the second difference of the
-    integral of the normal distribution function, over box and width."""
+    """Fill light (n,) with that from a subpixel 0, 1, ... phases away: the integral of the normal
+    distribution function, differenced over box and width."""
     far, near = (box + width) / 2 * phases, (box - width) / 2 * phases
-    seen = min(int(far + TAIL_END * sigma * phases) + 2, len(light))
+    seen = min(int(far + TAIL_END_SIGMAS * sigma * phases) + 2, len(light))
     zero = cubic_margin(far)
     line, lit = integral_line[: zero + seen + zero], light[:seen]
     integrals(line, zero, 1 / phases, sigma)

@@ -41,8 +41,9 @@ class Subpixel(NamedTuple):
 
 
 @inner
-def by_lens(by_camera, u, v, camera, lens):
-    """Return the Jacobian of the lens, given the camera's; see `exposure_records.Exposure`."""
+def lens_jacobian(by_camera, u, v, camera, lens):
+    """Return the Jacobian of a lens at a photo point, as `view.jacobian` does; by_camera: the
+    camera's. For camera and lens, see `exposure_records.Exposure`."""
     if lens.rectified != 0:
         return jacobian(u, v, lens)
     xu, xv, yu, yv = by_camera
@@ -51,13 +52,13 @@ def by_lens(by_camera, u, v, camera, lens):
 
 
 @inner
-def moved(by_u, by_v, lens):
-    """Return the standard deviation of the motion along one axis, in panel pixels, with a sign."""
+def motion_sigma(by_u, by_v, lens):
+    """Return the standard deviation of motion blur along one axis, in panel pixels, with a sign."""
     return by_u * lens.motion_x + by_v * lens.motion_y
 
 
 @inner
-def still(by_u, by_v, fill, lens_u, lens_v, lens):
+def still_variance(by_u, by_v, fill, lens_u, lens_v, lens):
     """Return the variance of the blur along one axis without its box and without motion, in squared
     panel pixels."""
     short = min(abs(by_u), abs(by_v)) * fill
@@ -74,8 +75,8 @@ def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
     by_u, by_v, lens_u, lens_v = steps
     period = subpixel.period[axis]
     long = max(abs(by_u), abs(by_v)) * camera.fill / period
-    moves = moved(lens_u, lens_v, lens)
-    variance = still(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
+    moves = motion_sigma(lens_u, lens_v, lens)
+    variance = still_variance(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
     variance = variance / (period * period) + subpixel.skew[axis]
     sigma = math.sqrt(variance + MIN_VARIANCE)
     reach = long / 2 + TAIL * sigma
@@ -94,7 +95,7 @@ def fill_blur(out, u, v, camera, lens, subpixel, radius):
     camera, lens: see `exposure_records.Exposure`. subpixel: a Subpixel.
     """
     by_camera = jacobian(u, v, camera)
-    (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, by_lens(by_camera, u, v, camera, lens)
+    (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, lens_jacobian(by_camera, u, v, camera, lens)
     in_x = _fill_axis(out[0], (xu, xv, lxu, lxv), camera, lens, subpixel, 0, radius)
     in_y = _fill_axis(out[1], (yu, yv, lyu, lyv), camera, lens, subpixel, 1, radius)
     return in_x or in_y
@@ -102,7 +103,7 @@ def fill_blur(out, u, v, camera, lens, subpixel, radius):
 
 @inner
 def _phases(blur, axis):
-    """Return how many phases tables of weights need along an axis, over blurs (n, axis, 2)."""
+    """Return how many phases a table of weights needs along an axis, over blurs (n, axis, 2)."""
     most = MAX_PHASES_OF_FEW_NODES if len(blur) <= 4 else MAX_PHASES
     needed = 1.0
     for i in range(len(blur)):
@@ -112,8 +113,8 @@ def _phases(blur, axis):
 
 @inner
 def _taps(blur, widths, radius):
-    """Return how many cells along each axis are looked at, over blurs (n, axis, 2): NARROW_TAPS
-    where none beyond matters."""
+    """Return how many taps each axis needs, over blurs (n, axis, 2): NARROW_TAPS if no cell beyond
+    them matters, else WIDE_TAPS."""
     for i in range(len(blur)):
         for axis in range(2):
             box, sigma, width = blur[i, axis, 0], blur[i, axis, 1], widths[axis]

@@ -26,7 +26,7 @@ def filled():
         tap_weights.fill_node(out, blur, widths, RADIUS, phases, TAPS, scratch)
 
     def filled(box, sigma, width):
-        """Return the weights, (phases + 2, cells) along each axis."""
+        """Return the weights, (phases + 2, taps) along each axis."""
         out = np.full((PHASES.sum() + 4) * TAPS, np.nan, np.float32)
         blur, widths = np.array([[box, sigma]] * 2), np.array([width] * 2)
         fill(out, blur, widths, PHASES, max(RADIUS + 0.5, width / 2))
