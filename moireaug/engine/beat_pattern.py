@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from moireaug.engine.beat_grid import grid_at
-from moireaug.engine.beat_terms import alias_transfer, optics_transfer, plane_transfers
+from moireaug.engine.beat_terms import alias_transfer, plane_transfers
 from moireaug.engine.compiling import inner, loop
+from moireaug.engine.optics import transfer_at
 
 
 @inner
@@ -49,7 +50,7 @@ def lost_pattern_variance(b, i, filters, camera, table, steps):
     power, left = np.zeros(3, np.float64), np.empty(2, np.float64)
     for h in range(len(b.orders)):
         fu, fv = grid.frequency[0, 0, h]
-        passed = optics_transfer(fu, fv, table, steps, camera)
+        passed = transfer_at(fu, fv, table, steps, camera)
         _fill_power_shares(left, fu, fv, b.bayer, grid.sides[0, 0], grid.triangle)
         for plane in range(3):
             lost = 1 - min(left[1 if plane == 1 else 0], 1.0)

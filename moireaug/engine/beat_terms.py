@@ -21,7 +21,7 @@ from moireaug.engine.beat_grid import (
 from moireaug.engine.compiling import inner, loop
 from moireaug.engine.nodes import VIEW_SAMPLES
 
-UNKNOWN_TRANSFER = 2.0  # no transfer is
+UNKNOWN_TRANSFER = 2.0  # above any transfer
 TRANSFER_MARGIN = 1.2  # by how much the transfer may be higher between the samples
 MAX_TERMS = 1024
 SINC_LOBES, STEPS_PER_LOBE = 64, 32  # of the table of sinc
@@ -33,11 +33,9 @@ ZERO = np.float32(0)
 def sinc(x):
     """Return sin(pi x) / (pi x)."""
     x = abs(x)
-    return (
-        optics.transfer(SINC_TABLE, x * STEPS_PER_LOBE)
-        if x < SINC_LOBES
-        else math.sin(math.pi * x) / (math.pi * x)
-    )
+    if x < SINC_LOBES:
+        return optics.look_up(SINC_TABLE, x * STEPS_PER_LOBE)
+    return math.sin(math.pi * x) / (math.pi * x)
 
 
 @loop
@@ -62,16 +60,6 @@ def fits(sites, camera, enlargement, triangle, period, orders, strength):
 
 
 @inner
-def optics_transfer(fu, fv, table, steps, camera):
-    """Return the transfer of aperture and lens at a frequency."""
-    passed = optics.transfer(table, abs(fu) * steps) * optics.transfer(table, abs(fv) * steps)
-    if camera.motion_x != 0 or camera.motion_y != 0:
-        along = fu * camera.motion_x + fv * camera.motion_y
-        passed *= math.exp(-2 * math.pi * math.pi * along * along)
-    return passed
-
-
-@inner
 def _max_optics_transfer(frequency, h, table, steps, camera):
     """Return about the highest transfer of aperture and lens for a harmonic, from every fourth
     sample."""
@@ -79,7 +67,7 @@ def _max_optics_transfer(frequency, h, table, steps, camera):
     for i in range(0, VIEW_SAMPLES, 4):
         for j in range(0, VIEW_SAMPLES, 4):
             fu, fv = frequency[i, j, h, 0], frequency[i, j, h, 1]
-            most = max(most, abs(optics_transfer(fu, fv, table, steps, camera)))
+            most = max(most, abs(optics.transfer_at(fu, fv, table, steps, camera)))
     return min(TRANSFER_MARGIN * most, 1.0)
 
 
@@ -253,7 +241,7 @@ def amplitudes(grid, terms, least, table, steps, camera, bayer):
                 if abs(left) < least[h]:
                     continue
                 if passed == UNKNOWN_TRANSFER:
-                    passed = optics_transfer(fu, fv, table, steps, camera)
+                    passed = optics.transfer_at(fu, fv, table, steps, camera)
                     even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
                 coloured, green = plane_transfers(even_u, even_v, m_u, m_v, bayer)
                 out[r, c, t, 0], out[r, c, t, 1] = passed * left * coloured, passed * left * green

@@ -168,7 +168,7 @@ def modulate(out, work, terms, pattern, passes, position, v, first_row):
             continue
         wave = terms.wave[i]
         _phase(d, position, (wave[0], wave[1], wave[2], wave[3], wave[4]))
-        harmonics.fundamental(cos, sin, d)
+        harmonics.fill_fundamental(cos, sin, d)
         a, b, c = 2 * i * w, (2 * i + 1) * w, (2 * i + 2) * w
         first, second = terms.lines[node], terms.lines[node + 1]
         third, fourth = terms.lines[node + 2], terms.lines[node + 3]

@@ -13,7 +13,7 @@ from moireaug.engine.vectors import add_sum
 
 ZERO, ONE = np.float32(0), np.float32(1)
 TWO = np.float32(2)
-SITES = 4  # sensor pixels of a colour filter cell
+SITES_PER_CELL = 4  # sensor pixels of a colour filter cell
 
 
 class Tone(NamedTuple):
@@ -73,8 +73,8 @@ def workspace(codes, image, raw_width, photo_width):
         lanes,
         tone,
         codes.matrix[image],
-        np.zeros((SITES, 3, lanes), np.float32),
-        np.zeros((3, SITES * (lanes + LANES)), np.float32),
+        np.zeros((SITES_PER_CELL, 3, lanes), np.float32),
+        np.zeros((3, SITES_PER_CELL * (lanes + LANES)), np.float32),
         ring_rows,
         np.empty(photo_width, np.float32),
     )
@@ -137,7 +137,7 @@ def _code(out, gain, tone):
 @inner
 def _colours(colours, ring, y, h, stencil, rows):
     """Fill the workspace's colours with those of cell row y, from the prepared rows in its ring."""
-    for site in range(SITES):
+    for site in range(SITES_PER_CELL):
         if not is_read(rows, 2 * y + site // 2):
             continue
         for channel in range(3):
@@ -158,8 +158,8 @@ def _enter(ring, ring_rows, raw, y, saturates, levels):
     """Prepare cell row y of the packed planes in the ring, unless it is there already."""
     if ring_rows[y % 3] == y:
         return
-    w, wide = raw.shape[2], ring.shape[1] // SITES
-    for plane in range(SITES):
+    w, wide = raw.shape[2], ring.shape[1] // SITES_PER_CELL
+    for plane in range(SITES_PER_CELL):
         start = plane * wide
         _prepare(ring[y % 3, start : start + w + 2], raw[plane, y], saturates, levels)
     ring_rows[y % 3] = y

@@ -1,5 +1,5 @@
-"""The filters of a photo's codes: smooth colour and sharpen brightness; and their transpose. Rows
-are blurred one at a time horizontally, and then a block of them vertically."""
+"""The filter of a photo's codes, which smooths colour and sharpens brightness, and its transpose.
+Rows are blurred one at a time horizontally, and then a block of them vertically."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from moireaug.effects.detail import SMALLEST
 from moireaug.engine.compiling import copy, fill, inner, loop, once
 from moireaug.engine.development_records import LANES
-from moireaug.engine.vectors import SUMS, add_four_sums, add_sum
+from moireaug.engine.vectors import SUMS_AT_ONCE, add_four_sums, add_sum
 
-BLOCK_ROWS = SUMS  # rows that are blurred vertically at once
+BLOCK_ROWS = SUMS_AT_ONCE  # rows that are blurred vertically at once
 GAUSSIAN_REACH_SIGMAS = 4.5  # what lies beyond weighs less than 1e-5
 ZERO, THIRD = np.float32(0), np.float32(1 / 3)
 
@@ -166,9 +166,9 @@ def enter(f, photo, y):
 
 
 @inner
-def _rows_of(f, kernel, y):
-    """Fill weight and offset with the ring's rows that the BLOCK_ROWS rows from y on are made from;
-    rows past the last are made from others."""
+def _fill_block_sources(f, kernel, y):
+    """Fill the Filter's weight and offset for the BLOCK_ROWS rows from y on; those past the last
+    row are not used."""
     size, half, h = len(kernel), len(kernel) // 2, len(f.place)
     for k in range(size + BLOCK_ROWS - 1):
         f.offset[k] = f.place[min(max(y + k - half, 0), h - 1)]
@@ -177,11 +177,11 @@ def _rows_of(f, kernel, y):
         weight = f.weight[i, i : i + size]
         copy(weight, kernel)
         if f.back:
-            _rows_back(weight, kernel, y + i, h)
+            _transpose_sources(weight, kernel, y + i, h)
 
 
 @inner
-def _rows_back(weight, kernel, y, h):
+def _transpose_sources(weight, kernel, y, h):
     """Turn the weights of row y of h into the transpose's: 0 for rows past the ends, and in the
     outermost rows with those of the padding added."""
     size, half = len(kernel), len(kernel) // 2
@@ -223,7 +223,7 @@ def blur_block(f, y):
     for c in range(3):
         kernel = f.sharp if c == 2 else f.chroma
         if c != 1:  # red and blue are made from the same rows
-            _rows_of(f, kernel, y)
+            _fill_block_sources(f, kernel, y)
         soft, weight = f.soft[c].reshape(-1), f.weight.reshape(-1)
         fill(soft, ZERO)
         add_four_sums(soft, weight, f.ring[c], f.offset[: len(kernel) + BLOCK_ROWS - 1])

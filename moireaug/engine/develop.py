@@ -56,9 +56,9 @@ def source_rows(rows, top, bottom):
 def resize_along_row(line, work, r, channel, cols):
     """Fill line (W,) with one colour of row r of a cell, resized."""
     even, odd = work.colours[2 * r, channel], work.colours[2 * r + 1, channel]
-    if work.step == 2 and cols.pairs:
+    if work.step == 2 and cols.halves:
         _mean(line, even, odd)
-    elif work.step == 2 and cols.each:
+    elif work.step == 2 and cols.is_identity:
         _interleave(line, even[: (len(line) + 1) // 2], odd[: len(line) // 2])
     else:
         # the index counts on from the even columns to the odd ones, 3 rows of lanes further on

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.engine.codes import SITES, is_read, light_of_row, mix_row, workspace
+from moireaug.engine.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.develop import gather
 from moireaug.engine.tables import encode_and_slope
@@ -74,9 +74,9 @@ def _deinterleave(even, odd, row):
 def _resize_along_row_back(even, odd, line, step, w, cols):
     """Fill a cell row's even columns, and the odd ones if there are any, with the gradient in them,
     from that in the resized row."""
-    if step == 2 and cols.pairs:
+    if step == 2 and cols.halves:
         _halves(even, odd, line)
-    elif step == 2 and cols.each:
+    elif step == 2 and cols.is_identity:
         _deinterleave(even[: (len(line) + 1) // 2], odd[: len(line) // 2], line)
     else:
         gather(even[:w], line, cols.back_index[0], cols.back_weight[0])
@@ -88,8 +88,8 @@ def _resize_along_row_back(even, odd, line, step, w, cols):
 def _fold_back(raw_grad, total, raw, y, saturates):
     """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is reset
     to 0."""
-    w, wide = raw.shape[2], len(total) // SITES
-    for plane in range(SITES):
+    w, wide = raw.shape[2], len(total) // SITES_PER_CELL
+    for plane in range(SITES_PER_CELL):
         line = total[plane * wide : plane * wide + w + 2]
         out, reading = raw_grad[plane, y], raw[plane, y]
         line[1] += line[0]
@@ -105,7 +105,7 @@ def _light_back(gradients, photo_grad, y, codes, work):
     workspace holds, from photo_grad (3, H, W)."""
     step, w, matrix, line = work.step, work.width, work.matrix, work.resized
     grads = gradients.colours
-    for site in range(SITES):
+    for site in range(SITES_PER_CELL):
         for channel in range(3):
             fill(grads[site, channel], ZERO)
     for r in range(step):
@@ -132,7 +132,7 @@ def _light_back(gradients, photo_grad, y, codes, work):
 def _demosaic_back(gradients, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
     w, stencil = work.width, codes.stencil
-    for site in range(SITES):
+    for site in range(SITES_PER_CELL):
         if not is_read(codes.rows, 2 * y + site // 2):
             continue
         for channel in range(3):

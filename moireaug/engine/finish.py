@@ -1,6 +1,6 @@
 """From raw to a photo by way of every sensor pixel's codes, one image per call, a few rows at a
 time: develop, filter, clip overshoots and resize; and the backward pass from the photo to the
-codes. No more rows are developed ahead than the filter of those needs."""
+codes. Rows are developed only as far ahead as the filter needs them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class _Finish(NamedTuple):
     """What the finish of one image works with.
 
     Args:
-        filter: see there. codes: the Workspace of its development.
+        filter: see `detail.Filter`. codes: see `codes.Workspace`.
         developed: (3, rows, w) float32, the codes of the last rows of sensor pixels. filtered:
             (3, w) float32, those of one row, filtered.
     """
@@ -44,8 +44,8 @@ class _Finish(NamedTuple):
 
 @inner
 def _fill_unclipped(unclipped, row, y):
-    """Fill row y of unclipped (3, h, w) uint8 with whether a clip leaves each value of a row (3, w)
-    as it is."""
+    """Fill row y of unclipped (3, h, w) uint8 with 1 where a clip leaves a value of a row (3, w) as
+    it is, else 0."""
     for c in range(3):
         for i in range(row.shape[1]):
             unclipped[c, y, i] = np.uint8(ZERO <= row[c, i] <= ONE)
@@ -72,7 +72,7 @@ def _resize_row(out, row, y, line, rows, cols, top, bottom):
     for c in range(3):
         for i in range(row.shape[1]):
             row[c, i] = min(max(row[c, i], ZERO), ONE)
-        if cols.pairs:
+        if cols.halves:
             _pairs(line, row[c])
         else:
             gather(line, row[c], cols.index, cols.weight)
@@ -89,7 +89,7 @@ def _resize_row_back(photo_grad, unclipped, grad, y, line, rows, cols):
         fill(line, ZERO)
         for i in range(rows.first[y], rows.last[y] + 1):
             add(line, grad[c, i], rows.taps[i, y - rows.start[i]])
-        if cols.pairs:
+        if cols.halves:
             _pairs_back(photo_grad[c, y], line)
         else:
             gather(photo_grad[c, y], line, cols.back_index[0], cols.back_weight[0])

@@ -109,7 +109,7 @@ def interpolate_to_pixels(out, amplitude, terms, ends, weight):
 
 
 @inner
-def fundamental(cos, sin, d):
+def fill_fundamental(cos, sin, d):
     """Fill cos and sin (n,) with cos and sin of 2 pi d, d (n,) in [-1/2, 1/2]."""
     for i in range(len(d)):
         t = peek(d, i)
@@ -129,11 +129,11 @@ def _next_wave(out, first, last, before):
 
 
 @inner
-def waves(cos, sin, d):
+def fill_waves(cos, sin, d):
     """Fill cos and sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2]; k = 0 is
     there already."""
     if len(cos) > 1:
-        fundamental(cos[1], sin[1], d)
+        fill_fundamental(cos[1], sin[1], d)
     for k in range(2, len(cos)):
         _next_wave(cos[k], cos[1], cos[k - 1], cos[k - 2])
         _next_wave(sin[k], cos[1], sin[k - 1], sin[k - 2])
@@ -157,7 +157,7 @@ def row_amplitudes(even, odd, terms, kind, lines, weight, cos_y, sin_y):
     Args:
         lines: (4, T * n), each term's amplitude on four rows of nodes. weight: (4,) float32, of
             their cubic.
-        cos_y, sin_y: (L + 1, n), from `waves`.
+        cos_y, sin_y: (L + 1, n), from `fill_waves`.
     """
     n = even.shape[1]
     fill(even.reshape(-1), ZERO)
@@ -187,7 +187,7 @@ def rotate_phase(in_phase, quadrature, even, odd, cos_x, sin_x):
     """Fill in_phase and quadrature (K + 1, n) with the harmonics at the pixels, and with the same
     shifted by a quarter of a period.
 
-    even, odd: from `row_amplitudes`. cos_x, sin_x: (K + 1, n), from `waves`.
+    even, odd: from `row_amplitudes`. cos_x, sin_x: (K + 1, n), from `fill_waves`.
     """
     for k in range(len(in_phase)):
         _rotate_phase(in_phase[k], quadrature[k], even[k], odd[k], cos_x[k], sin_x[k])

@@ -55,7 +55,7 @@ def _locate_along_x(row, size, cell, kind):
     """Fill where the pixels look along x in the cells of a kind, and the waves there."""
     offset, period = row.floats[CELL_OFFSET_X], cell.period[kind, 0]
     _split(offset, row.ints[NEAREST_CELL_X], row.position[X], 0.0, period, size[1], cell.radius)
-    harmonics.waves(row.wave[COS_X], row.wave[SIN_X], offset)
+    harmonics.fill_waves(row.wave[COS_X], row.wave[SIN_X], offset)
 
 
 @part
@@ -64,12 +64,13 @@ def _locate_along_y(row, size, cell, i):
     offset, nearest = row.floats[CELL_OFFSET_Y], row.ints[NEAREST_CELL_Y]
     period, centre = cell.period[cell.kind[i], 1], cell.centre[i, 1]
     _split(offset, nearest, row.position[Y], centre, period, size[0], cell.radius)
-    harmonics.waves(row.wave_y[COS_Y], row.wave_y[SIN_Y], offset)
+    harmonics.fill_waves(row.wave_y[COS_Y], row.wave_y[SIN_Y], offset)
 
 
 @part
 def _tap_weights(work, nodes, plane, kind):
-    """Return the pixels' TapWeights along the axis that `lookup.windows` was last called for."""
+    """Return the pixels' TapWeights along the axis for which `lookup.locate_taps` was last
+    called."""
     row, node_share = work.row, work.places.node_share[plane]
     to_next = np.int32(weights_per_node(nodes.phases[kind], nodes.taps[kind])[1])
     index, phase_share = row.ints[WEIGHT_INDEX], row.floats[PHASE_SHARE]
@@ -83,7 +84,7 @@ def _fill_weights_along_y(work, nodes, plane, kind):
     index, phase_share = row.ints[WEIGHT_INDEX], row.floats[PHASE_SHARE]
     offset, nearest = row.floats[CELL_OFFSET_Y], row.ints[NEAREST_CELL_Y]
     first, phases, taps = row.ints[FIRST_CELL_Y], nodes.phases[kind, 1], nodes.taps[kind]
-    lookup.windows(first, index, phase_share, offset, nearest, start, phases, taps)
+    lookup.locate_taps(first, index, phase_share, offset, nearest, start, phases, taps)
     lookup.fill_weights(row.weights_y, _tap_weights(work, nodes, plane, kind), taps)
 
 
@@ -121,7 +122,9 @@ def _fill_content(work, pixels, stride, size, image, plane, i):
     )
     offset, nearest, period = row.floats[CELL_OFFSET_X], row.ints[NEAREST_CELL_X], cell.period[kind]
     _split(offset, nearest, row.position[X], cell.centre[i, 0], period[0], size[1], cell.radius)
-    lookup.windows(first, index, phase_share, offset, nearest, start, nodes.phases[kind, 0], taps)
+    lookup.locate_taps(
+        first, index, phase_share, offset, nearest, start, nodes.phases[kind, 0], taps
+    )
     down = np.int32(period[1] * stride)
     lookup.fill_base(base, first, row.ints[FIRST_CELL_Y], down, _origin(cell, i, stride))
     weights = _tap_weights(work, nodes, plane, kind)

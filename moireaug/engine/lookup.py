@@ -40,7 +40,7 @@ def split_into_cells(offset, cell, position, centre, period, low, high):
 
 
 @inner
-def windows(first, index, phase_share, offset, nearest, start, phases, taps):
+def locate_taps(first, index, phase_share, offset, nearest, start, phases, taps):
     """Find each pixel's first tap along one axis, and its weights in a table of
     `weights.tap_weight_tables`.
 

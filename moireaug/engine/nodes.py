@@ -1,5 +1,5 @@
-"""What varies slowly over a photo, on a grid of nodes, of which the view's change of scale decides
-how many there are."""
+"""Grids of nodes for what varies slowly over a photo. The view's change of scale decides how many
+nodes there are."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def _fill_highest(highest, cell):
 
 @inner
 def _fastest_change(scales, axis_of_photo, highest, passed):
-    """Return how much the logarithm of the view's scale, and the highest frequency, change along u
-    (0) or v (1), if they do so over the whole photo as where they change fastest.
+    """Return how much the logarithm of the view's scale, and the highest frequency, would change
+    along u (0) or v (1), if they did over the whole photo as they do where they change fastest.
 
     passed: the highest frequency that passes the lens, in cycles per sensor pixel.
     """
@@ -79,9 +79,9 @@ def _fastest_change(scales, axis_of_photo, highest, passed):
 
 @inner
 def _motion_change(rows, cols, camera, lens, axis_of_photo):
-    """Return how much motion along the panel's axes changes along u (0) or v (1), as a share of
-    the rest of the blur, if it does so over the whole photo as where it changes sign: there the
-    whole blur is least, with a kink if the rest is small."""
+    """Return how much motion along the panel's axes would change along u (0) or v (1), as a share
+    of the rest of the blur, if it did over the whole photo as it does where it changes sign. There
+    the whole blur is least, with a kink if the rest is small."""
     most = 0.0
     for i in range(VIEW_SAMPLES):
         for j in range(VIEW_SAMPLES - 1):
@@ -98,10 +98,10 @@ def _motion_change(rows, cols, camera, lens, axis_of_photo):
                 a = weights.motion_sigma(here[x], here[y], lens)
                 b = weights.motion_sigma(there[x], there[y], lens)
                 if a * b < 0:
-                    still = weights.still_variance(
+                    variance = weights.still_variance(
                         by_camera[x], by_camera[y], camera.fill, here[x], here[y], lens
                     )
-                    most = max(most, abs(a - b) / math.sqrt(still + weights.MIN_VARIANCE))
+                    most = max(most, abs(a - b) / math.sqrt(variance + weights.MIN_VARIANCE))
     return most * (VIEW_SAMPLES - 1)
 
 
@@ -119,11 +119,8 @@ def counts(rows, cols, camera, lens, cell):
     scales, highest = np.empty((VIEW_SAMPLES, VIEW_SAMPLES, 2)), np.empty(2)
     _fill_scales(scales, rows, cols, camera, lens)
     _fill_highest(highest, cell)
-    change, cycles, passed = (
-        np.empty(2),
-        np.empty(2),
-        PASSED_CYCLES_PER_BLUR / max(camera.blur, 1e-6),
-    )
+    change, cycles = np.empty(2), np.empty(2)
+    passed = PASSED_CYCLES_PER_BLUR / max(camera.blur, 1e-6)
     for k in range(2):
         change[k], cycles[k] = _fastest_change(scales, k, highest, passed)
     out = np.empty((2, 2), np.int64)
@@ -133,8 +130,8 @@ def counts(rows, cols, camera, lens, cell):
             out[0, k], out[1, k] = 4, 2
             continue
         out[0, k] = _count(max(cycles[k] / FREQUENCY_STEP, change[k] / LOG_SCALE_STEP), fewest)
-        swing = _motion_change(rows, cols, camera, lens, k) / MOTION_STEP
-        out[1, k] = _count(max(change[k] / LOG_SCALE_STEP_OF_WEIGHTS, swing), 5)
+        motion_steps = _motion_change(rows, cols, camera, lens, k) / MOTION_STEP
+        out[1, k] = _count(max(change[k] / LOG_SCALE_STEP_OF_WEIGHTS, motion_steps), 5)
     return out
 
 
@@ -146,7 +143,7 @@ def _narrowed(rows, cols, camera, lens, cell, widths, skew):
         for j in range(BLUR_SAMPLES):
             u, v = sample(cols, j, BLUR_SAMPLES), sample(rows, i, BLUR_SAMPLES)
             for kind in range(len(widths)):
-                subpixel = weights.Subpixel(cell.period[kind], widths[kind], skew[kind])
+                subpixel = weights.SubpixelSize(cell.period[kind], widths[kind], skew[kind])
                 if weights.fill_blur(blur, u, v, camera, lens, subpixel, cell.radius):
                     return True
     return False

@@ -40,13 +40,27 @@ def transfer_table(camera, most, steps):
 
 
 @inner
-def transfer(table, f):
+def look_up(table, f):
     """Return the value of a table of an even, smooth function at f >= 0, in the table's steps."""
     i = int(f)
     a, b, g = table[i], table[i + 1], f - i
     # a parabola through two neighbours, of the mean curvature at both
     before, after = table[abs(i - 1)], table[min(i + 2, len(table) - 1)]
     return a + g * (b - a) - g * (1 - g) / 4 * (before - a - b + after)
+
+
+@inner
+def transfer_at(fu, fv, table, scale, camera):
+    """Return the transfer of aperture and lens at a frequency in cycles per sensor pixel along u
+    and v.
+
+    table: from `transfer_table`. scale: its steps per cycle per sensor pixel.
+    """
+    passed = look_up(table, abs(fu) * scale) * look_up(table, abs(fv) * scale)
+    if camera.motion_x != 0 or camera.motion_y != 0:
+        along = fu * camera.motion_x + fv * camera.motion_y
+        passed *= math.exp(-2 * math.pi * math.pi * along * along)
+    return passed
 
 
 @inner
@@ -71,9 +85,7 @@ def _transmit(out, coefficients, step, table, scale, camera):
     """Fill out (n, m), which holds zeros, with the amplitudes of harmonics (n, m) after the optics
     at a node.
 
-    Args:
-        step: (4,), from `_fill_steps`.
-        table: of the transfer. scale: its steps per cycle per sensor pixel.
+    step: (4,), from `_fill_steps`. table, scale: as in `transfer_at`.
     """
     ux, uy, vx, vy = step
     n, m = coefficients.shape
@@ -82,11 +94,7 @@ def _transmit(out, coefficients, step, table, scale, camera):
             if coefficients[k, l] == 0:
                 continue
             fu, fv = k * ux + (l - m // 2) * uy, k * vx + (l - m // 2) * vy
-            passed = transfer(table, abs(fu) * scale) * transfer(table, abs(fv) * scale)
-            if camera.motion_x != 0 or camera.motion_y != 0:
-                along = fu * camera.motion_x + fv * camera.motion_y
-                passed *= math.exp(-2 * math.pi * math.pi * along * along)
-            out[k, l] = coefficients[k, l] * passed
+            out[k, l] = coefficients[k, l] * transfer_at(fu, fv, table, scale, camera)
 
 
 @loop

@@ -93,7 +93,7 @@ def _enlarge(panel, light, alpha, period, ahead, above):
 
 
 @inner
-def _triangles(pixel, weight, size, alpha, period, lead):
+def _fill_triangles(pixel, weight, size, alpha, period, lead):
     """Find which picture pixels each panel pixel shows, (taps, n) int32, and how much of each,
     (taps, n) float32; the rest as in `_fill_axis`."""
     taps, n = pixel.shape
@@ -126,8 +126,8 @@ def shrink(panel, light, alpha, period, ahead, above):
     taps = math.ceil(2 / alpha)  # picture pixels under a triangle
     x, across = np.empty((taps, m), np.int32), np.empty((taps, m), np.float32)
     y, down = np.empty((taps, n), np.int32), np.empty((taps, n), np.float32)
-    _triangles(x, across, w, alpha, period, ahead)
-    _triangles(y, down, h, alpha, 1, above)
+    _fill_triangles(x, across, w, alpha, period, ahead)
+    _fill_triangles(y, down, h, alpha, 1, above)
     row = np.empty(w, np.float32)
     for i in range(n):
         fill(row, ZERO)

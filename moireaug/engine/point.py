@@ -14,7 +14,7 @@ from moireaug.engine.sensor import attenuate, read, reflect
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import look
 
-MARGIN_PIXELS = 2  # panel pixels ahead of a picture, and behind it, until all is its edge pixels
+MARGIN_PIXELS = 2  # panel pixels on each side of a picture, beyond which none differs
 MIN_LIGHT = 1e-12  # that a weighted mean is divided by
 ZERO = np.float32(0)
 ONE32 = np.int32(1)
@@ -37,9 +37,14 @@ class _Axis(NamedTuple):
     dark: bool
 
 
-class _Seen(NamedTuple):
-    """What a row of pixels sees of a subpixel along one axis: its light, (n,) float32, from the
-    pixel shown, (n,) int32, and the next one, share (n,) float32 of the way on."""
+class _AxisLight(NamedTuple):
+    """What n pixels see of a subpixel along one axis.
+
+    Args:
+        light: (n,) float32, of the subpixel.
+        pixel: (n,) int32, the pixel shown that it comes from. share: (n,) float32, how far from
+            there towards the next one.
+    """
 
     light: np.ndarray
     pixel: np.ndarray
@@ -47,9 +52,9 @@ class _Seen(NamedTuple):
 
 
 @part
-def _seen(n):
-    """Return the _Seen of n pixels, not filled."""
-    return _Seen(np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.float32))
+def _empty_axis_light(n):
+    """Return an _AxisLight of n pixels, without values."""
+    return _AxisLight(np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.float32))
 
 
 @inner
@@ -63,7 +68,7 @@ def _axis(size, alpha, raster, dark):
 
 
 @inner
-def _lies_in(column, low, high, around):
+def _covered_share(column, low, high, around):
     """Return the share of a raster column that lies between `low` and `high`, or in their copies
     `around` columns before and behind."""
     covered = max(min(column + 1, high) - max(column, low), 0.0)
@@ -75,13 +80,13 @@ def _lies_in(column, low, high, around):
 
 
 @inner
-def _raster(seen, at, low, high, period, axis):
-    """Fill a _Seen with what is seen at panel coordinates `at` of a rectangle: `low` to `high` in
-    panel pixels, interpolated between the two nearest raster subpixels.
+def _raster(out, at, low, high, period, axis):
+    """Fill an _AxisLight with what is seen at panel coordinates `at` of a rectangle from `low` to
+    `high`, in panel pixels, interpolated between the two nearest raster subpixels.
 
     period: of the cell, panel pixels. axis: an _Axis.
     """
-    light, first, share = seen
+    light, first, share = out
     whole, n = high - low >= period, axis.raster
     ratio, lead, size, end, dark = axis.ratio, axis.lead, axis.size, axis.end, axis.dark
     low, high, around = low * n, high * n, n * period
@@ -92,9 +97,9 @@ def _raster(seen, at, low, high, period, axis):
         first_light = 1 - second_light
         if not whole:
             column = left - np.floor(left / around) * around
-            first_light *= _lies_in(column, low, high, around)
+            first_light *= _covered_share(column, low, high, around)
             column = column + 1 if column + 1 < around else 0.0
-            second_light *= _lies_in(column, low, high, around)
+            second_light *= _covered_share(column, low, high, around)
         here, there = np.floor((left + 0.5) / n) + 0.5, np.floor((left + 1.5) / n) + 0.5
         if dark:
             first_light *= 1.0 if (here >= 0) & (here < end) else 0.0
@@ -113,8 +118,8 @@ def _add_content(out, shown, along_x, along_y, width, passed):
     """Add the content of a subpixel to out (n,).
 
     Args:
-        shown: flat, rows of `width` pixels. along_x, along_y: _Seen. passed: float32, share of its
-            light that is read.
+        shown: flat, rows of `width` pixels. along_x, along_y: _AxisLight.
+        passed: float32, share of the subpixel's light that is read.
     """
     across, left, fx = along_x
     down, top, fy = along_y
@@ -154,7 +159,7 @@ def expose_point(raw, light, image):
     columns = _axis(light.shape[2], camera.alpha, raster, image.dark)
     shown, width = _shown(light, camera.alpha, rows.size, columns.size), np.int32(columns.size)
     x, y, u, vs = np.empty(w), np.empty(w), np.empty(w), np.empty(w)
-    along_x, along_y = _seen(w), _seen(w)
+    along_x, along_y = _empty_axis_light(w), _empty_axis_light(w)
     line, noise, bits = np.empty(w, np.float32), np.empty(w, np.float32), np.empty(w, np.int32)
     step = sites.step
     for r in range(h * step):

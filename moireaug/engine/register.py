@@ -15,6 +15,7 @@ from moireaug.geometry.grids import NEAR_HORIZON
 UNDISTORTION_STEPS = 1024
 ONE = np.float32(1)
 ONE32 = np.int32(1)
+# rows of a _Row's arrays
 X, Y = range(2)
 SQUARE = WEIGHT = 2
 

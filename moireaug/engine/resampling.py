@@ -84,8 +84,8 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int, parity: int) -> Resi
         weight=weight,
         back_index=back_index,
         back_weight=back_weight,
-        each=most == 1 and bool((start == np.arange(size)).all()),
-        pairs=read == 2 * size and most == 2 and bool((taps == 0.5).all()),
+        is_identity=most == 1 and bool((start == np.arange(size)).all()),
+        halves=read == 2 * size and most == 2 and bool((taps == 0.5).all()),
     )
 
 

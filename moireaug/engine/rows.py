@@ -44,7 +44,7 @@ class Places(NamedTuple):
 
 
 @inner
-def _columns(u, column, node_share, sites, plane, nodes):
+def _fill_columns(u, column, node_share, sites, plane, nodes):
     """Fill where each pixel of a plane's row lies on the photo, and between which columns of
     nodes."""
     for i in range(len(u)):
@@ -54,8 +54,8 @@ def _columns(u, column, node_share, sites, plane, nodes):
 
 
 @inner
-def _starts(out, column, size, offset):
-    """Fill out (w,) with where the weights of each pixel's node start."""
+def _fill_starts(out, column, size, offset):
+    """Fill out (w,) int32 with where the weights of each pixel's node start, along one axis."""
     for i in range(len(out)):
         out[i] = column[i] * size + offset
 
@@ -82,11 +82,11 @@ def places_of(w, planes, sites, nodes, filters):
     u, node_share = np.empty((planes, w), np.float64), np.empty((planes, w), np.float32)
     column, start = np.empty(w, np.int32), np.empty((kinds, 2, planes, w), np.int32)
     for plane in range(planes):
-        _columns(u[plane], column, node_share[plane], sites, plane, nodes)
+        _fill_columns(u[plane], column, node_share[plane], sites, plane, nodes)
         for kind in range(kinds):
             along_x, along_both = weights_per_node(nodes.phases[kind], nodes.taps[kind])
-            _starts(start[kind, 0, plane], column, along_both, 0)
-            _starts(start[kind, 1, plane], column, along_both, along_x)
+            _fill_starts(start[kind, 0, plane], column, along_both, 0)
+            _fill_starts(start[kind, 1, plane], column, along_both, along_x)
     first, needs_colour = np.empty(planes, np.int64), np.empty((planes, 3), np.bool_)
     _fill_first(first, needs_colour, sites, filters)
     return Places(u, start, node_share, first, needs_colour)

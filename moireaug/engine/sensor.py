@@ -12,7 +12,7 @@ from moireaug.engine.random_numbers import normal_row
 from moireaug.engine.tables import integral
 
 DARK32 = np.float32(DARK)
-UNCLIPPED_SIGMAS = 5.0  # a mean so far within a bound is not clipped there
+UNCLIPPED_SIGMAS = 5.0  # noise does not matter to a mean so far from a bound
 ZERO, ONE = np.float32(0), np.float32(1)
 
 

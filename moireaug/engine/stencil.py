@@ -11,7 +11,7 @@ from moireaug.engine.nodes import bracket, counts, node_line
 from moireaug.engine.panel import margin
 from moireaug.engine.tap_weights import GUARD_LIGHT
 from moireaug.engine.vectors import peek, poke
-from moireaug.engine.weights import Subpixel, fill_blurs, light_from
+from moireaug.engine.weights import SubpixelSize, fill_blurs, light_from
 
 ZERO = np.float32(0)
 MIN_TAP_WEIGHT = 1e-4  # outer pixels that nowhere weigh more are left out
@@ -117,7 +117,7 @@ def _tap_weights_at(us, vs, camera, lens, cell, widths, skew):
     blur, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
     for i in range(len(cell.channel)):
         colour, kind = cell.channel[i], cell.kind[i]
-        subpixel = Subpixel(cell.period[kind], widths[kind], skew[kind])
+        subpixel = SubpixelSize(cell.period[kind], widths[kind], skew[kind])
         fill_blurs(blur, us, vs, camera, lens, subpixel, radius)
         for axis in range(2):
             past = 0.5 - cell.centre[i, axis]  # no more than half a pixel

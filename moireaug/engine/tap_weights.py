@@ -13,7 +13,7 @@ from moireaug.engine.harmonics import lagrange
 from moireaug.engine.tables import TAIL_END_SIGMAS, integrals
 from moireaug.engine.vectors import peek, poke
 
-GUARD_LIGHT = 1e-9  # of a box: the nearest cell gives it where no cell is seen
+GUARD_LIGHT = 1e-9  # times the box: light of the nearest cell where none gives any
 
 
 class Scratch(NamedTuple):

@@ -23,8 +23,8 @@ TASK_TYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
 def surplus(n: int, rows: int) -> int:
-    """Return how many images are left of n when every thread has taken as many as the others: too
-    few to keep all busy, so that the threads had better share each one's rows."""
+    """Return how many images are left of n when every thread has taken as many as the others. They
+    do not keep all threads busy, which had better share each one's rows; 0 if those are too few."""
     threads = torch.get_num_threads()
     left = n % threads
     return left if left < min(threads, rows // MIN_ROWS_PER_THREAD) else 0

@@ -19,7 +19,7 @@ from moireaug.engine.intrinsics import (
     emit_tap_weights,
 )
 
-SUMS = 4  # of `add_four_sums`
+SUMS_AT_ONCE = 4  # of `add_four_sums`
 VECTOR_LANES = 16  # float32 in a vector of tap weights
 
 
@@ -152,7 +152,10 @@ fill_four_weights, fill_eight_weights = _weights_of(4), _weights_of(8)
 four_by_four, eight_by_six, eight_by_eight = _content_of(4, 4), _content_of(8, 6), _content_of(8, 8)
 # as many sums as there are registers for
 _one_sum, _wide_sum = _vector_of_sums(LANES, 1), _vector_of_sums(4 * LANES, 1)
-_four_sums, _four_wide_sums = _vector_of_sums(LANES, SUMS), _vector_of_sums(2 * LANES, SUMS)
+_four_sums, _four_wide_sums = (
+    _vector_of_sums(LANES, SUMS_AT_ONCE),
+    _vector_of_sums(2 * LANES, SUMS_AT_ONCE),
+)
 
 
 @inner
@@ -172,14 +175,14 @@ def add_sum(out, coefficients, rows, offsets):
 
 @inner
 def add_four_sums(out, coefficients, rows, offsets):
-    """Add SUMS sums of the same rows to out (SUMS * n,): to pixel i of sum j the sum over l of
+    """Add four sums of the same rows to out (4 * n,): to pixel i of sum j the sum over l of
     coefficients[j, l] * rows[offsets[l] + i].
 
     Each row is loaded once; sum by sum, loading takes most of the time.
 
-    coefficients: (SUMS * t,), of which the first taps of each t are used. The rest as in `add_sum`.
+    coefficients: (4 * t,), of which the first taps of each t are used. The rest as in `add_sum`.
     """
-    n, each = len(out) // SUMS, len(coefficients) // SUMS
+    n, each = len(out) // SUMS_AT_ONCE, len(coefficients) // SUMS_AT_ONCE
     wide = n - n % (2 * LANES)
     for i in range(0, wide, 2 * LANES):
         _four_wide_sums(out, i, n, coefficients, each, rows, offsets)

@@ -27,7 +27,7 @@ MAX_PHASE_ERROR = 4e-3  # of a weight that is interpolated linearly between phas
 MIN_CELL_LIGHT = 1e-3  # of a pixel's light: cells that give less are left out
 
 
-class Subpixel(NamedTuple):
+class SubpixelSize(NamedTuple):
     """The size of one kind of subpixel.
 
     Args:
@@ -92,7 +92,7 @@ def fill_blur(out, u, v, camera, lens, subpixel, radius):
     both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `exposure.content.fitted`
     does. Return whether any was narrowed.
 
-    camera, lens: see `exposure_records.Exposure`. subpixel: a Subpixel.
+    camera, lens: see `exposure_records.Exposure`. subpixel: a SubpixelSize.
     """
     by_camera = jacobian(u, v, camera)
     (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, lens_jacobian(by_camera, u, v, camera, lens)
@@ -155,7 +155,7 @@ def tap_weight_tables(us, vs, camera, lens, cell, widths, skew):
     phases, taps = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
     most, finest, farthest = 0, 0, radius + 0.5
     for kind in range(kinds):
-        subpixel = Subpixel(cell.period[kind], widths[kind], skew[kind])
+        subpixel = SubpixelSize(cell.period[kind], widths[kind], skew[kind])
         fill_blurs(blur[kind], us, vs, camera, lens, subpixel, radius)
         for axis in range(2):
             phases[kind, axis] = _phases(blur[kind], axis)
