@@ -91,7 +91,7 @@ def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
     light = _single(raw)
     with torch.autocast(raw.device.type, enabled=False):
         shot = shot.to(raw.device)
-        if dispatch.develops(light, shot):
+        if dispatch.can_develop(light, shot):
             return dispatch.develop(light, shot).to(raw.dtype)
         return pipeline.develop(light, shot).to(raw.dtype)
 
@@ -135,7 +135,7 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
     shot = shot.to(image.device)
     light = _single(image)
     with torch.autocast(image.device.type, enabled=False):
-        if dispatch.exposes(light, shot):
+        if dispatch.can_expose(light, shot):
             return dispatch.expose(light, shot)
         return pipeline.expose(dispatch.as_float(light), shot)
 

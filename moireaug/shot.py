@@ -21,7 +21,7 @@ from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 from moireaug.scene.record import SceneRecord
 
 # sensor pixels to each side from which a colour is demosaiced
-REACH = {"bilinear": 1, "malvar": 2}
+DEMOSAIC_REACH = {"bilinear": 1, "malvar": 2}
 
 
 def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels, SampledPixels]:
@@ -31,7 +31,7 @@ def sampled_by(scene: SceneRecord, size: tuple[int, int]) -> tuple[SampledPixels
         rows, cols = (binned_pixels(n) for n in size)
         return rows, cols
     sensor, develop = scene.sensor, scene.develop
-    reach = REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
+    reach = DEMOSAIC_REACH[develop.demosaic] if sensor.cfa == "rggb" else 0
     # denoisers and filters need every pixel of the sensor
     filtered = any(any(bounds(value)) for value in (develop.chroma_blur, develop.sharpen))
     resize = "all" if develop.denoise or filtered else develop.resize

@@ -19,7 +19,7 @@ KERNEL_SIGMAS = 3.0  # standard deviations that a kernel holds
 LEAST_SAMPLED_VARIANCE = (
     0.5  # variance of Gaussians, in squared pixels, below which they miss the next pixel
 )
-SMALLEST = 1e-3  # least standard deviation: a Gaussian of 0 has no kernel
+LEAST_SIGMA = 1e-3  # least standard deviation: a Gaussian of 0 has no kernel
 
 
 class ChromaBlur(Effect):
@@ -95,7 +95,7 @@ def brightness(photo: Tensor) -> Tensor:
 def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
     """Return planes (B, C, H, W) blurred by Gaussians of sigma (B,) pixels; edge pixels are
     repeated past the border."""
-    sigmas = sigma.clamp(min=SMALLEST).to(planes.dtype)[:, None]
+    sigmas = sigma.clamp(min=LEAST_SIGMA).to(planes.dtype)[:, None]
     kernel, half = get_gaussian_kernel1d(size, sigmas), size // 2
     wide = repeat_edges(planes, half, half, half, half)
     return filter2d_separable(wide, kernel, kernel, padding="valid")
@@ -113,7 +113,7 @@ def kernel_sigma(sigma: Tensor) -> Tensor:
     """Return the standard deviation (B,) whose Gaussian, taken at whole pixels alone, has the
     variance of a Gaussian of sigma (B,) pixels. They differ below 0.7: a narrow Gaussian misses
     the next pixel."""
-    variance = sigma.square().clamp(min=SMALLEST**2)
+    variance = sigma.square().clamp(min=LEAST_SIGMA**2)
     small = variance.clamp(max=LEAST_SAMPLED_VARIANCE)
     w = small / (2 * (1 - small))  # of the next pixel, by Newton steps from that of three pixels
     for _ in range(3):

@@ -29,7 +29,9 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
 MAX_PYRAMID_LEVELS = 10  # halvings of a picture seen from afar or at a grazing angle
-SMALL = 0.5  # most variance of one pass over the neighbours, in squared image pixels
+MAX_NEIGHBOUR_VARIANCE = (
+    0.5  # most variance of one pass over the neighbours, in squared image pixels
+)
 
 
 class Prefilter(Effect):
@@ -47,7 +49,7 @@ class Prefilter(Effect):
 
     def __call__(self, light: Tensor, shot) -> Tensor:
         most = shot.plan.prefilter
-        if most <= SMALL:
+        if most <= MAX_NEIGHBOUR_VARIANCE:
             return spread(light, share_at_centre(shot))
         variance = variance_at(grids.pixel_centres(shot.size, light.device), shot)
         return mipmap(light, variance[:, None].to(light.dtype), levels(most))
@@ -123,7 +125,7 @@ def levels(variance: float) -> int:
 def share_at_centre(shot) -> Tensor:
     """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the
     variance that the middle of the picture needs, in squared image pixels, up to 1/2."""
-    return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=SMALL)
+    return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=MAX_NEIGHBOUR_VARIANCE)
 
 
 def spread(image: Tensor, share: Tensor) -> Tensor:

@@ -19,8 +19,8 @@ from torch import Tensor
 
 INTERVALS = 2048
 PLACES_PER_INTERVAL = 2**21  # in each interval
-MIX = (0x7FEB352D, 0x846CA68B)  # the multipliers of Wellons's lowbias32
-WEYL = 0x9E3779B9
+MIX_FACTORS = (0x7FEB352D, 0x846CA68B)  # the multipliers of Wellons's lowbias32
+WEYL_STEP = 0x9E3779B9
 
 
 @functools.lru_cache(maxsize=1)
@@ -43,7 +43,7 @@ def quantiles() -> tuple[Tensor, Tensor]:
 def keys(seeds: Tensor) -> tuple[Tensor, Tensor]:
     """Return the two 32-bit keys of each seed (B,) int64: (B,) int32 each."""
     first = mix(seeds.to(torch.int32))
-    return first, mix((seeds >> 32).to(torch.int32) ^ first ^ _signed(WEYL))
+    return first, mix((seeds >> 32).to(torch.int32) ^ first ^ _signed(WEYL_STEP))
 
 
 def normal(shape: Sequence[int], seeds: Tensor) -> Tensor:
@@ -71,9 +71,9 @@ def mix(x: Tensor) -> Tensor:
     """Scramble int32 bits in place and return them. Products wrap around; shifts must not carry the
     sign."""
     x ^= (x >> 16).bitwise_and_(0xFFFF)
-    x *= _signed(MIX[0])
+    x *= _signed(MIX_FACTORS[0])
     x ^= (x >> 15).bitwise_and_(0x1FFFF)
-    x *= _signed(MIX[1])
+    x *= _signed(MIX_FACTORS[1])
     x ^= (x >> 16).bitwise_and_(0xFFFF)
     return x
 

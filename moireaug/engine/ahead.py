@@ -11,8 +11,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-CODE = """
+PACKAGE_PARENT = Path(__file__).parents[2]
+PROGRAM = """
 import sys
 sys.path.append(sys.argv[1])
 
@@ -28,7 +28,7 @@ run.compile_show(lower_exposure(shot, decoded=False)[0])
 photo.sum().backward()
 """
 # -P: a torch.py in the folder that somebody works in is not what the code means
-ARGUMENTS = ("-P", "-c", CODE, str(ROOT))
+PYTHON_ARGUMENTS = ("-P", "-c", PROGRAM, str(PACKAGE_PARENT))
 
 
 def start(folder: str | None) -> None:
@@ -48,7 +48,7 @@ def start(folder: str | None) -> None:
     try:
         Path(folder, "ahead").touch(exist_ok=False)
         process = subprocess.Popen(
-            [sys.executable, *ARGUMENTS],
+            [sys.executable, *PYTHON_ARGUMENTS],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

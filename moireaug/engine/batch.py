@@ -13,12 +13,21 @@ from moireaug.engine.compiling import fill, kernel, loop, part
 from moireaug.engine.develop import develop as develop_image
 from moireaug.engine.develop_back import develop_back as develop_image_back
 from moireaug.engine.expose import expose as expose_image
-from moireaug.engine.exposure_records import BinnedImage, Camera, Cell, Given
+from moireaug.engine.exposure_records import (
+    BinnedImage,
+    Camera,
+    Cell,
+    FullImage,
+    Pattern,
+    PointImage,
+    Readout,
+)
 from moireaug.engine.point import expose_point
-from moireaug.engine.register import looked_at, register, register_back, room
+from moireaug.engine.random_numbers import keys
+from moireaug.engine.register import flat_length, register, register_back, rows_read
 
-MOST_PANEL = 16  # panel pixels per sensor pixel, up to which building the panel pays off
-SMALL_PANEL = 2**20  # panel pixels that are never too many
+MAX_PANEL_PIXELS_PER_SENSOR_PIXEL = 16  # up to which building the panel pays off
+SMALL_PANEL_PIXELS = 2**20  # which are never too many
 ZERO = np.float32(0)
 
 
@@ -41,7 +50,8 @@ def fits(e):
     The reference takes views near the horizon, and panels of far more pixels than the sensor.
     """
     out = np.empty(len(e.cameras), np.bool_)
-    most = max(MOST_PANEL * len(e.sites.rows) * len(e.sites.cols), SMALL_PANEL)
+    most = MAX_PANEL_PIXELS_PER_SENSOR_PIXEL * len(e.sites.rows) * len(e.sites.cols)
+    most = max(most, SMALL_PANEL_PIXELS)
     for i in range(len(out)):
         camera = _camera(e.cameras[i])
         h, w = panel.shape(e.size, camera.alpha, e.cell)
@@ -54,7 +64,7 @@ def fits(e):
 @part
 def _light(light, pictures, e, i):
     """Fill light (3, H, W) float32 from picture i."""
-    picture.show(light, pictures[i], e.coded, e.black[i], e.share[i])
+    picture.show(light, pictures[i], e.coded, e.black[i], e.neighbour_share[i])
 
 
 @part
@@ -94,6 +104,19 @@ def _nodes(camera, cell, e, i):
     return nodes.prepare(camera, lens, cell, shapes[0], shapes[1], shapes[2], e.sites)
 
 
+@part
+def _readout(camera, e, i):
+    """Return the Readout of image i."""
+    dark, photons = np.float32(camera.read), np.float32(camera.shot)
+    return Readout(e.noisy, dark, photons, keys(e.seeds[i]), e.clips)
+
+
+@part
+def _size_in_panel_pixels(alpha, e):
+    """Return the height and width of a picture on the panel, rounded up."""
+    return math.ceil(alpha * e.size[0]), math.ceil(alpha * e.size[1])
+
+
 @kernel
 def expose(raw, shown, e, first, last, top, bottom):
     """Fill rows `top` to `bottom` of raw (B, planes, h, w) float32 with the readings of the
@@ -103,20 +126,14 @@ def expose(raw, shown, e, first, last, top, bottom):
         expose_image(
             raw[i],
             _panel(shown[i - first], camera.alpha, e),
-            (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
-            camera,
-            e.filters[i],
-            e.white[i],
-            e.cell,
-            _nodes(camera, e.cell, e, i),
-            e.sites,
-            e.flicker[i],
-            e.noise,
-            e.seeds[i],
-            e.clips,
+            _size_in_panel_pixels(camera.alpha, e),
+            FullImage(
+                camera, e.cell, _nodes(camera, e.cell, e, i), e.sites,
+                e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
+            ),
             top,
             bottom,
-        )
+        )  # fmt: skip
 
 
 @part
@@ -124,7 +141,7 @@ def _content(camera, sensor, cell, e, i):
     """Return the Nodes and the Stencil of image i of a binned reading: one of them is empty."""
     if not stencil.has_stencil(camera, sensor):
         return _nodes(camera, cell, e, i), stencil.no_stencil()
-    none, lens = nodes.none(len(e.widths[i])), _camera(e.lenses[i])
+    none, lens = nodes.no_nodes(len(e.widths[i])), _camera(e.lenses[i])
     return none, stencil.prepare(camera, lens, cell, e.widths[i], e.skew[i], e.sites)
 
 
@@ -157,21 +174,22 @@ def expose_binned(raw, shown, e, b, first, last, top, bottom):
     for i in range(first, last):
         camera, cell = _camera(e.cameras[i]), _cell_of(e.cell, b.centres[i])
         sensor = _camera(b.cameras[i])
-        given = Given(
-            e.filters[i], np.ones((3, 3)), e.white[i], e.flicker[i], e.noise, e.clips,
-            b.coefficients[i], b.mean[i], b.away[i], b.saturates, b.bayer,
-        )  # fmt: skip
+        pattern = Pattern(
+            b.coefficients[i], b.mean[i], b.lost_noise_variance[i], b.saturates, b.bayer
+        )
         content = _content(camera, sensor, cell, e, i)
         terms = beats.prepare(b, i, sensor, e.filters[i], e.size, e.sites)
         expose_bins(
             raw[i],
             _panel(shown[i - first], camera.alpha, e),
-            (math.ceil(camera.alpha * e.size[0]), math.ceil(camera.alpha * e.size[1])),
-            BinnedImage(camera, sensor, cell, content[0], content[1], e.sites, terms, given),
-            e.seeds[i],
+            _size_in_panel_pixels(camera.alpha, e),
+            BinnedImage(
+                camera, sensor, cell, content[0], content[1], e.sites, terms, pattern,
+                e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i),
+            ),
             top,
             bottom,
-        )
+        )  # fmt: skip
 
 
 @kernel
@@ -180,86 +198,77 @@ def expose_points(raw, light, pictures, e, first, last):
     at points of the panel; arguments as in `show`."""
     for i in range(first, last):
         _light(light, pictures, e, i)
-        expose_point(
-            raw[i],
-            light,
-            _camera(e.cameras[i]),
-            e.filters[i],
-            e.white[i],
-            e.cell,
-            e.point,
-            e.point.lit[i],
-            e.sites,
-            e.flicker[i],
-            e.noise,
-            e.seeds[i],
-            e.clips,
-            e.dark,
-        )
+        camera = _camera(e.cameras[i])
+        image = PointImage(
+            camera, e.cell, e.point, e.point.lit[i], e.sites,
+            e.filters[i], e.white[i], e.flicker[i], _readout(camera, e, i), e.dark,
+        )  # fmt: skip
+        expose_point(raw[i], light, image)
 
 
 @part
 def _way_back(registration, i):
+    """Return the homography, k1 and k2 of image i."""
     k1, k2 = registration.lens[i]
     return registration.views[i], k1, k2
 
 
 def photo_size(d) -> int:
     """Return how many values `develop` needs for a photo in the camera's frame."""
-    return room(*d.size) if d.registers else 0
+    return flat_length(*d.size) if d.registers else 0
 
 
 @part
-def _develop(photo, taken, inside, raw, d, i, top, bottom):
-    """Fill rows `top` to `bottom` of photo (3, H, W) from image i's raw."""
+def _develop(out, raw, d, i, top, bottom):
+    """Fill rows `top` to `bottom` of photo i from its raw."""
     h, w = d.size
-    camera_photo, highest, lowest = photo, top, bottom
+    photo, in_camera = out.photos[i], out.photos[i]
+    highest, lowest = top, bottom
     if d.registers:
         view, k1, k2 = _way_back(d.registration, i)
-        camera_photo = taken[: 3 * h * w].reshape(3, h, w)
-        highest, lowest = looked_at(view, k1, k2, h, w, top, bottom)
+        in_camera = out.in_camera[: 3 * h * w].reshape(3, h, w)
+        highest, lowest = rows_read(view, k1, k2, h, w, top, bottom)
     if d.finishes:
-        finish.finish(camera_photo, inside[i : i + 1], raw, d.codes, d.detail, i, highest, lowest)
+        unclipped = out.unclipped[i : i + 1]
+        finish.finish(in_camera, unclipped, raw, d.codes, d.detail, i, highest, lowest)
     else:
-        develop_image(camera_photo, raw, d.codes, i, highest, lowest)
+        develop_image(in_camera, raw, d.codes, i, highest, lowest)
     if d.registers:
-        register(photo, taken, view, k1, k2, top, bottom)
+        register(photo, out.in_camera, view, k1, k2, top, bottom)
 
 
 @kernel
-def develop(photos, taken, inside, raw, d, first, last, top, bottom):
-    """Fill rows `top` to `bottom` of photos (B, 3, H, W) float32, sRGB codes, from `first` to
-    `last` from raw (B, planes, h, w) float32.
-
-    Args:
-        taken: (`photo_size`(d),) float32, workspace of zeros: a look-up at a plane's last pixels
-            reads beyond them with weight 0.
-        inside: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
-        d: see `development_records.Development`.
-    """
+def develop(out, raw, d, first, last, top, bottom):
+    """Fill rows `top` to `bottom` of the photos from `first` to `last` from raw (B, planes, h, w)
+    float32; out, d: see `development_records.Photos` and `Development`."""
     for i in range(first, last):
-        _develop(photos[i], taken, inside, raw[i], d, i, top, bottom)
+        _develop(out, raw[i], d, i, top, bottom)
 
 
 @part
-def _develop_back(raw_grad, grad, taken, inside, raw, d, i):
+def _develop_back(raw_grad, grad, in_camera, unclipped, raw, d, i):
     """Fill raw_grad with the gradient in image i's raw, from that in its photo."""
     h, w = d.size
     if d.registers:
         view, k1, k2 = _way_back(d.registration, i)
-        fill(taken, ZERO)
-        register_back(taken, grad, view, k1, k2)
-        grad = taken[: 3 * h * w].reshape(3, h, w)
+        fill(in_camera, ZERO)
+        register_back(in_camera, grad, view, k1, k2)
+        grad = in_camera[: 3 * h * w].reshape(3, h, w)
     if d.finishes:
         h, w = d.detail.size
         codes_grad = np.empty((3, h, w), np.float32)
-        finish.finish_back(codes_grad, grad, inside[i], d.detail, i)
+        finish.finish_back(codes_grad, grad, unclipped[i], d.detail, i)
         grad = codes_grad
     develop_image_back(raw_grad, grad, raw, d.codes, i)
 
 
 @kernel
-def develop_back(raw_grad, photo_grad, taken, inside, raw, d, first, last):
-    """Fill raw_grad, of raw's shape, with the gradient in raw; arguments as in `develop`."""
+def develop_back(raw_grad, photo_grad, in_camera, unclipped, raw, d, first, last):
+    """Fill the gradients from `first` to `last` in raw, of raw's shape, from those in the photos.
+
+    Args:
+        in_camera: (`photo_size`(d),) float32, workspace. unclipped: what `develop` filled.
+        d: see `development_records.Development`.
+    """
     for i in range(first, last):
-        _develop_back(raw_grad[i], photo_grad[i], taken, inside, raw[i], d, i)
+        _develop_back(raw_grad[i], photo_grad[i], in_camera, unclipped, raw[i], d, i)

@@ -1,5 +1,5 @@
-"""The grid of nodes on which a binned reading's beats are known: the harmonics' frequencies there,
-the sides of the bins, and how many nodes a view needs."""
+"""The grid of nodes on which a binned reading's beats are computed: how many a view needs, and the
+harmonics' frequencies and the bins' sides there."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import numpy as np
 
 from moireaug.engine import optics
 from moireaug.engine.compiling import inner, loop
-from moireaug.engine.nodes import SAMPLES, sample
+from moireaug.engine.nodes import VIEW_SAMPLES, sample
 from moireaug.engine.view import jacobian
 
-FAINT_BEAT = 1e-4  # of full scale: what nowhere exceeds it in a reading is left out
-LOBE = 0.2  # how much a beat's frequency may change between two nodes, in cycles per photo pixel
-BRIGHT = 0.3  # amplitude of a harmonic in a reading for which LOBE is made
-MOST_NODES = 192
+MIN_BEAT_AMPLITUDE = 1e-4  # of full scale: what nowhere exceeds it in a reading is left out
+# cycles per photo pixel: how much a beat's frequency may change from one node to the next, if its
+# harmonic's amplitude in a reading is REFERENCE_AMPLITUDE
+MAX_FREQUENCY_STEP = 0.2
+REFERENCE_AMPLITUDE = 0.3
+MAX_BEAT_NODES = 192
 
 
 class BeatGrid(NamedTuple):
@@ -25,7 +27,7 @@ class BeatGrid(NamedTuple):
         frequency: (rows, cols, K, 2) float64, of each harmonic along u and v, in cycles per sensor
             pixel.
         sides: (rows, cols, 4) float64, u and v of the bins' two sides, in sensor pixels; at least
-            a pixel long, and triangle: float, see `exposure.bins.Bins`.
+            a pixel long. triangle: float, see `exposure.bins.Bins`.
     """
 
     frequency: np.ndarray
@@ -64,16 +66,16 @@ def grid_at(us, vs, camera, enlargement, triangle, period, orders):
 @loop
 def sampled_grid(sites, camera, enlargement, triangle, period, orders):
     """Return the BeatGrid at a few points over the reading; arguments as in `grid_at`."""
-    us, vs = np.empty(SAMPLES, np.float64), np.empty(SAMPLES, np.float64)
-    for i in range(SAMPLES):
-        us[i], vs[i] = sample(sites.cols, i, SAMPLES), sample(sites.rows, i, SAMPLES)
+    us, vs = np.empty(VIEW_SAMPLES, np.float64), np.empty(VIEW_SAMPLES, np.float64)
+    for i in range(VIEW_SAMPLES):
+        us[i], vs[i] = sample(sites.cols, i, VIEW_SAMPLES), sample(sites.rows, i, VIEW_SAMPLES)
     return grid_at(us, vs, camera, enlargement, triangle, period, orders)
 
 
 @loop
 def transfer_of(grid, camera):
-    """Return the modulation transfer for frequencies up to a little more than those of a grid, and
-    how many of its steps a cycle per sensor pixel is."""
+    """Return a table of the modulation transfer for frequencies up to a little more than those of a
+    grid, and its steps per cycle per sensor pixel."""
     most, frequency = 1e-9, grid.frequency
     rows, cols, n, _ = frequency.shape
     for r in range(rows):
@@ -81,47 +83,48 @@ def transfer_of(grid, camera):
             for h in range(n):
                 most = max(most, abs(frequency[r, c, h, 0]), abs(frequency[r, c, h, 1]))
     most *= 1.25
-    count = min(max(optics.STEPS, int(optics.PER_CYCLE * most)), optics.MOST_STEPS)
-    return optics.transfer_table(camera, most, count), count / most
+    steps = optics.transfer_steps(most)
+    return optics.transfer_table(camera, most, steps), steps / most
 
 
 @inner
-def _fastest(grid, amplitude, axis):
-    """Return how many cycles per photo pixel the beats change by along u (0) or v (1), if they do
-    so over the whole photo as where they change fastest.
+def _fastest_change(grid, amplitude, axis):
+    """Return how much the beats' frequency would change along u (0) or v (1), in cycles per photo
+    pixel, if it did over the whole photo as it does where it changes fastest.
 
     amplitude: (K,), of harmonics in a reading. The error of a cubic grows with the fourth power of
     the step: fainter ones need fewer nodes.
     """
     most, frequency = 0.0, grid.frequency
     for h in range(frequency.shape[2]):
-        if amplitude[h] < FAINT_BEAT:
+        if amplitude[h] < MIN_BEAT_AMPLITUDE:
             continue
-        weight = min(amplitude[h] / BRIGHT, 1.0) ** 0.25
-        for i in range(SAMPLES):
-            for j in range(SAMPLES - 1):
+        weight = min(amplitude[h] / REFERENCE_AMPLITUDE, 1.0) ** 0.25
+        for i in range(VIEW_SAMPLES):
+            for j in range(VIEW_SAMPLES - 1):
                 here, there, side = frequency[i, j, h], frequency[i, j + 1, h], grid.sides[i, j]
                 if axis == 1:
                     here, there, side = frequency[j, i, h], frequency[j + 1, i, h], grid.sides[j, i]
                 u, v = there[0] - here[0], there[1] - here[1]
                 change = max(abs(u * side[0] + v * side[1]), abs(u * side[2] + v * side[3]))
                 most = max(most, weight * max(change, max(abs(u), abs(v))))
-    return most * (SAMPLES - 1)
+    return most * (VIEW_SAMPLES - 1)
 
 
 @inner
 def _node_count(change, fewest, pixels):
-    """Return how many nodes a change needs, MOST_NODES + 1 if more than MOST_NODES; no more than
-    pixels, at which they then lie."""
+    """Return how many nodes a change of frequency needs: at most one per pixel, and at most
+    MAX_BEAT_NODES + 1."""
     if change < 1e-6:
         return 4
-    return int(min(max(change / LOBE + 2, fewest), max(pixels, 4), MOST_NODES + 1))
+    count = max(change / MAX_FREQUENCY_STEP + 2, fewest)
+    return int(min(count, max(pixels, 4), MAX_BEAT_NODES + 1))
 
 
 @loop
 def node_counts(grid, amplitude, sites, camera):
     """Return how many nodes the amplitudes need along u and v; grid: from `sampled_grid`,
-    amplitude: from `beat_terms.brightest`."""
+    amplitude: from `beat_terms.max_amplitudes`."""
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
-    across = _node_count(_fastest(grid, amplitude, 0), fewest, len(sites.cols))
-    return across, _node_count(_fastest(grid, amplitude, 1), fewest, len(sites.rows))
+    across = _node_count(_fastest_change(grid, amplitude, 0), fewest, len(sites.cols))
+    return across, _node_count(_fastest_change(grid, amplitude, 1), fewest, len(sites.rows))

@@ -12,20 +12,20 @@ import numpy as np
 
 from moireaug.engine import optics
 from moireaug.engine.beat_grid import (
-    FAINT_BEAT,
-    MOST_NODES,
+    MAX_BEAT_NODES,
+    MIN_BEAT_AMPLITUDE,
     node_counts,
     sampled_grid,
     transfer_of,
 )
 from moireaug.engine.compiling import inner, loop
-from moireaug.engine.nodes import SAMPLES
+from moireaug.engine.nodes import VIEW_SAMPLES
 
-UNKNOWN = 2.0  # no transfer is
-SAFETY = 1.2  # how much more of a harmonic may pass between the samples
-MOST_TERMS = 1024
-LOBES, STEPS = 64, 32  # of the table of sinc, and steps of each
-SINC = np.sinc(np.arange(LOBES * STEPS + 2) / STEPS)
+UNKNOWN_TRANSFER = 2.0  # above any transfer
+TRANSFER_MARGIN = 1.2  # by how much the transfer may be higher between the samples
+MAX_TERMS = 1024
+SINC_LOBES, STEPS_PER_LOBE = 64, 32  # of the table of sinc
+SINC_TABLE = np.sinc(np.arange(SINC_LOBES * STEPS_PER_LOBE + 2) / STEPS_PER_LOBE)
 ZERO = np.float32(0)
 
 
@@ -33,53 +33,46 @@ ZERO = np.float32(0)
 def sinc(x):
     """Return sin(pi x) / (pi x)."""
     x = abs(x)
-    return optics.transfer(SINC, x * STEPS) if x < LOBES else math.sin(math.pi * x) / (math.pi * x)
+    if x < SINC_LOBES:
+        return optics.look_up(SINC_TABLE, x * STEPS_PER_LOBE)
+    return math.sin(math.pi * x) / (math.pi * x)
 
 
 @loop
-def brightest(grid, strength, table, steps, camera):
-    """Return the most that each harmonic makes of a reading, (K,)."""
+def max_amplitudes(grid, strength, table, steps, camera):
+    """Return the highest amplitude of each harmonic in a reading, (K,)."""
     out = np.empty(len(strength), np.float64)
     for h in range(len(strength)):
-        passed = _most_transmitted(grid.frequency, h, table, steps, camera)
+        passed = _max_optics_transfer(grid.frequency, h, table, steps, camera)
         out[h] = strength[h] * passed * max(camera.gain, 1.0)
     return out
 
 
 @loop
 def fits(sites, camera, enlargement, triangle, period, orders, strength):
-    """Return whether the kernels can follow a view: not one whose beats change too fast, or are too
+    """Return whether the kernels can follow a view: not if its beats change too fast or are too
     many."""
     grid = sampled_grid(sites, camera, enlargement, triangle, period, orders)
     table, steps = transfer_of(grid, camera)
-    amplitude = brightest(grid, strength, table, steps, camera)
+    amplitude = max_amplitudes(grid, strength, table, steps, camera)
     across, down = node_counts(grid, amplitude, sites, camera)
-    return len(candidates(grid, amplitude)) < MOST_TERMS and max(across, down) <= MOST_NODES
+    return len(candidate_terms(grid, amplitude)) < MAX_TERMS and max(across, down) <= MAX_BEAT_NODES
 
 
 @inner
-def transmitted(fu, fv, table, steps, camera):
-    """Return what aperture and lens leave of a frequency."""
-    passed = optics.transfer(table, abs(fu) * steps) * optics.transfer(table, abs(fv) * steps)
-    if camera.motion_x != 0 or camera.motion_y != 0:
-        along = fu * camera.motion_x + fv * camera.motion_y
-        passed *= math.exp(-2 * math.pi * math.pi * along * along)
-    return passed
-
-
-@inner
-def _most_transmitted(frequency, h, table, steps, camera):
-    """Return about the most that aperture and lens leave of a harmonic, at every fourth sample."""
+def _max_optics_transfer(frequency, h, table, steps, camera):
+    """Return about the highest transfer of aperture and lens for a harmonic, from every fourth
+    sample."""
     most = 0.0
-    for i in range(0, SAMPLES, 4):
-        for j in range(0, SAMPLES, 4):
+    for i in range(0, VIEW_SAMPLES, 4):
+        for j in range(0, VIEW_SAMPLES, 4):
             fu, fv = frequency[i, j, h, 0], frequency[i, j, h, 1]
-            most = max(most, abs(transmitted(fu, fv, table, steps, camera)))
-    return min(SAFETY * most, 1.0)
+            most = max(most, abs(optics.transfer_at(fu, fv, table, steps, camera)))
+    return min(TRANSFER_MARGIN * most, 1.0)
 
 
 @loop
-def _doubled(terms):
+def _with_twice_the_room(terms):
     """Return terms (T, 3) with room for as many more."""
     out = np.empty((2 * len(terms), 3), np.int64)
     for t in range(len(terms)):
@@ -125,16 +118,17 @@ def _nearest(low, high):
 
 
 @inner
-def _most_held(low, high, m):
-    """Return the most that holding leaves of an alias m of frequencies from `low` to `high`."""
+def _max_interpolation_transfer(low, high, m):
+    """Return the highest transfer of interpolation for an alias m of frequencies from `low` to
+    `high`."""
     nearest = _nearest(low - m / 2, high - m / 2)
     return max(1 - nearest * nearest, 0.0)
 
 
 @inner
-def _most_of_side(cycles, side_u, side_v, m_u, m_v):
-    """Return the most that the mean along a side leaves of an alias, by the ranges of a harmonic's
-    cycles along it, and of the side's coordinates."""
+def _max_side_transfer(cycles, side_u, side_v, m_u, m_v):
+    """Return the highest transfer of the mean along a side for an alias, from the ranges of a
+    harmonic's cycles along it and of the side's coordinates."""
     u = (m_u * side_u[0] / 2, m_u * side_u[1] / 2)
     v = (m_v * side_v[0] / 2, m_v * side_v[1] / 2)
     low = cycles[0] - max(u[0], u[1]) - max(v[0], v[1])
@@ -143,46 +137,47 @@ def _most_of_side(cycles, side_u, side_v, m_u, m_v):
 
 
 @loop
-def candidates(grid, amplitude):
+def candidate_terms(grid, amplitude):
     """Return the terms (T, 3) int64, harmonic and alias along both axes, that may exceed
-    FAINT_BEAT, MOST_TERMS where there are as many or more.
+    MIN_BEAT_AMPLITUDE, MAX_TERMS where there are as many or more.
 
     grid: from `sampled_grid`, so that its ends are about those over the photo. amplitude: from
-    `brightest`.
+    `max_amplitudes`.
     """
     count, n = 0, grid.frequency.shape[2]
     out = np.empty((64, 3), np.int64)
     ranges, side = np.empty((4, 2), np.float64), np.empty((4, 2), np.float64)
     _fill_side_ranges(side, grid.sides)
     for h in range(n):
-        if amplitude[h] <= FAINT_BEAT:
+        if amplitude[h] <= MIN_BEAT_AMPLITUDE:
             continue
         _fill_ranges(ranges, grid, h)
         (low_u, high_u), (low_v, high_v) = ranges[0], ranges[1]
-        if max(high_u - low_u, high_v - low_v) > MOST_TERMS / 2:
-            return np.zeros((MOST_TERMS, 3), np.int64)
-        least = FAINT_BEAT / max(amplitude[h], 1e-30)
+        if max(high_u - low_u, high_v - low_v) > MAX_TERMS / 2:
+            return np.zeros((MAX_TERMS, 3), np.int64)
+        least = MIN_BEAT_AMPLITUDE / max(amplitude[h], 1e-30)
         for m_u in range(math.floor(2 * low_u) - 1, math.floor(2 * high_u) + 3):
-            held = _most_held(low_u, high_u, m_u)
-            if held <= least:
+            transfer_u = _max_interpolation_transfer(low_u, high_u, m_u)
+            if transfer_u <= least:
                 continue
             for m_v in range(math.floor(2 * low_v) - 1, math.floor(2 * high_v) + 3):
-                left = held * _most_held(low_v, high_v, m_v)
-                left *= _most_of_side(ranges[2], side[0], side[1], m_u, m_v)
-                if left * _most_of_side(ranges[3], side[2], side[3], m_u, m_v) <= least:
+                left = transfer_u * _max_interpolation_transfer(low_v, high_v, m_v)
+                left *= _max_side_transfer(ranges[2], side[0], side[1], m_u, m_v)
+                if left * _max_side_transfer(ranges[3], side[2], side[3], m_u, m_v) <= least:
                     continue
-                if count == MOST_TERMS:
+                if count == MAX_TERMS:
                     return out
                 if count == len(out):
-                    out = _doubled(out)
+                    out = _with_twice_the_room(out)
                 out[count, 0], out[count, 1], out[count, 2] = h, m_u, m_v
                 count += 1
     return out[:count]
 
 
 @loop
-def harmonics_of(terms):
-    """Return the harmonics of sorted terms, (H,), and number the terms' own by their places."""
+def number_harmonics(terms):
+    """Return the harmonics of sorted terms, (H,) int64, and replace the terms' own by their indices
+    there."""
     out, count = np.empty(len(terms), np.int64), 0
     for t in range(len(terms)):
         if count == 0 or terms[t, 0] != out[count - 1]:
@@ -193,9 +188,11 @@ def harmonics_of(terms):
 
 
 @inner
-def left_of(fu, fv, m_u, m_v, side, triangle):
-    """Return what is left of an alias without interpolation; side: (4,), of the bin. triangle: see
-    `exposure.bins.Bins`."""
+def alias_transfer(fu, fv, m_u, m_v, side, triangle):
+    """Return the transfer of an alias before interpolation.
+
+    side: (4,), of the bin. triangle: see `exposure.bins.Bins`.
+    """
     u, v = fu - m_u / 2, fv - m_v / 2
     if abs(u) >= 1 or abs(v) >= 1:
         return 0.0
@@ -207,16 +204,16 @@ def left_of(fu, fv, m_u, m_v, side, triangle):
 
 
 @inner
-def interpolated(even, m):
-    """Return what interpolation leaves of an alias, from what it leaves of even ones."""
+def interpolation_transfer(even, m):
+    """Return the transfer of interpolation for an alias, from that for even ones."""
     return even if m % 2 == 0 else 1 - even
 
 
 @inner
-def in_planes(even_u, even_v, m_u, m_v, bayer):
-    """Return what interpolation leaves of an alias in the planes of red and blue, and of green;
-    without colour filters, in all."""
-    in_u, in_v = interpolated(even_u, m_u), interpolated(even_v, m_v)
+def plane_transfers(even_u, even_v, m_u, m_v, bayer):
+    """Return the transfer of interpolation for an alias in the planes of red and blue, and in that
+    of green; without colour filters, in all planes."""
+    in_u, in_v = interpolation_transfer(even_u, m_u), interpolation_transfer(even_v, m_v)
     even = (m_u + m_v) % 2 == 0
     if bayer:
         return in_u * in_v, (in_u + in_v) / 2 if even else 0.0
@@ -233,27 +230,27 @@ def amplitudes(grid, terms, least, table, steps, camera, bayer):
     out = np.empty((rows, cols, len(terms), 2), np.float32)
     for r in range(rows):
         for c in range(cols):
-            last, passed, even_u, even_v, side = -1, UNKNOWN, 0.0, 0.0, grid.sides[r, c]
+            last, passed, even_u, even_v, side = -1, UNKNOWN_TRANSFER, 0.0, 0.0, grid.sides[r, c]
             for t in range(len(terms)):
                 h, m_u, m_v = terms[t, 0], terms[t, 1], terms[t, 2]
                 if h != last:
-                    last, passed = h, UNKNOWN
+                    last, passed = h, UNKNOWN_TRANSFER
                 fu, fv = grid.frequency[r, c, h, 0], grid.frequency[r, c, h, 1]
                 out[r, c, t, 0] = out[r, c, t, 1] = ZERO
-                left = left_of(fu, fv, m_u, m_v, side, grid.triangle)
+                left = alias_transfer(fu, fv, m_u, m_v, side, grid.triangle)
                 if abs(left) < least[h]:
                     continue
-                if passed == UNKNOWN:
-                    passed = transmitted(fu, fv, table, steps, camera)
+                if passed == UNKNOWN_TRANSFER:
+                    passed = optics.transfer_at(fu, fv, table, steps, camera)
                     even_u, even_v = math.cos(math.pi * fu) ** 2, math.cos(math.pi * fv) ** 2
-                coloured, green = in_planes(even_u, even_v, m_u, m_v, bayer)
+                coloured, green = plane_transfers(even_u, even_v, m_u, m_v, bayer)
                 out[r, c, t, 0], out[r, c, t, 1] = passed * left * coloured, passed * left * green
     return out
 
 
 @loop
-def strong(amplitude, terms, strength):
-    """Return which terms exceed FAINT_BEAT at any node; strength: (H,), of harmonics in a
+def strong_terms(amplitude, terms, strength):
+    """Return which terms exceed MIN_BEAT_AMPLITUDE at any node; strength: (H,), of harmonics in a
     reading."""
     rows, cols, n, _ = amplitude.shape
     out, count = np.empty(n, np.int64), 0
@@ -262,7 +259,7 @@ def strong(amplitude, terms, strength):
         for r in range(rows):
             for c in range(cols):
                 most = max(most, abs(amplitude[r, c, t, 0]), abs(amplitude[r, c, t, 1]))
-        if most * strength[terms[t, 0]] > FAINT_BEAT:
+        if most * strength[terms[t, 0]] > MIN_BEAT_AMPLITUDE:
             out[count] = t
             count += 1
     return out[:count]

@@ -12,17 +12,23 @@ import numpy as np
 
 from moireaug.engine import harmonics
 from moireaug.engine.beat_grid import (
-    FAINT_BEAT,
+    MIN_BEAT_AMPLITUDE,
     grid_at,
     node_counts,
     sampled_grid,
     transfer_of,
 )
-from moireaug.engine.beat_pattern import pattern_away
-from moireaug.engine.beat_terms import amplitudes, brightest, candidates, harmonics_of, strong
+from moireaug.engine.beat_pattern import lost_pattern_variance
+from moireaug.engine.beat_terms import (
+    amplitudes,
+    candidate_terms,
+    max_amplitudes,
+    number_harmonics,
+    strong_terms,
+)
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.exposure_records import Terms
-from moireaug.engine.nodes import bracket, cubics, line_of
+from moireaug.engine.nodes import bracket, fill_cubics, node_line
 from moireaug.engine.rows import U, V, X, Y
 from moireaug.engine.vectors import peek, poke
 
@@ -30,12 +36,12 @@ ONE, ZERO = np.float32(1), np.float32(0)
 
 
 @inner
-def _fill_lines(lines, peak, amplitude, kept, ends, weight, strength):
-    """Fill lines (rows, T * 2 * w) with the kept terms' amplitudes at the pixels of each row of
-    nodes, and peak (rows, T) with what the greatest makes of a reading; strength: (T,)."""
+def _fill_lines(lines, peak, amplitude, strong, ends, weight, strength):
+    """Fill lines (rows, T * 2 * w) with the amplitudes of the `strong` terms at the pixels of each
+    row of nodes, and peak (rows, T) with the greatest of each, times strength (T,)."""
     w = weight.shape[1]
     for r in range(len(lines)):
-        for t in range(len(kept)):
+        for t in range(len(strong)):
             peak[r, t] = ZERO
             for plane in range(2):
                 start = (2 * t + plane) * w
@@ -44,18 +50,18 @@ def _fill_lines(lines, peak, amplitude, kept, ends, weight, strength):
                 for j in range(len(ends) - 1):
                     low, high = ends[j], ends[j + 1]
                     for i in range(4):
-                        value = amplitude[r, j + i, kept[t], plane]
+                        value = amplitude[r, j + i, strong[t], plane]
                         peak[r, t] = max(peak[r, t], abs(value) * strength[t])
                         harmonics.add_scaled(line[low:high], weight[i, low:high], value)
 
 
 @inner
-def _fill_waves(wave, sign, terms, kept, cycles, scale, size):
+def _fill_waves(wave, sign, terms, strong, cycles, scale, size):
     """Fill wave (T, 5) with each term's cycles per pixel of the shown panel along x and y, per
-    photo pixel along u and v, and in the photo's middle; and sign (T, 2) with the signs that the
-    planes of blue and of green see it with; cycles: (H, 2), of each harmonic along x and y."""
-    for t in range(len(kept)):
-        h, m_u, m_v = terms[kept[t], 0], terms[kept[t], 1], terms[kept[t], 2]
+    photo pixel along u and v, and in the photo's middle; and sign (T, 2) with its sign in the
+    planes of blue and of green; cycles: (H, 2), of each harmonic along x and y."""
+    for t in range(len(strong)):
+        h, m_u, m_v = terms[strong[t], 0], terms[strong[t], 1], terms[strong[t], 2]
         wave[t, 0], wave[t, 1] = cycles[h, 0], cycles[h, 1]
         wave[t, 2], wave[t, 3] = -m_u * scale / 2, -m_v * scale / 2
         first = m_u * (scale * size[1] / 2 - 0.5) + m_v * (scale * size[0] / 2 - 0.5)
@@ -71,9 +77,9 @@ def prepare(b, i, camera, filters, size, sites):
     triangle = b.triangle[i]
     rough = sampled_grid(sites, camera, enlargement, triangle, period, orders)
     table, steps = transfer_of(rough, camera)
-    most = brightest(rough, b.strength[i], table, steps, camera)
-    terms = candidates(rough, most)
-    used = harmonics_of(terms)
+    most = max_amplitudes(rough, b.strength[i], table, steps, camera)
+    terms = candidate_terms(rough, most)
+    used = number_harmonics(terms)
     own, strength = np.empty((len(used), 2), np.int64), np.empty(len(used), np.float64)
     least, cycles = np.empty(len(used), np.float64), np.empty((len(used), 2), np.float64)
     for h in range(len(used)):
@@ -81,27 +87,27 @@ def prepare(b, i, camera, filters, size, sites):
             own[h, axis] = orders[used[h], axis]
             cycles[h, axis] = own[h, axis] / period[axis] * b.ratio[i]
         strength[h] = b.strength[i, used[h]] * max(camera.gain, 1.0)
-        least[h] = FAINT_BEAT / 8 / strength[h]
+        least[h] = MIN_BEAT_AMPLITUDE / 8 / strength[h]
     n_u, n_v = node_counts(rough, most, sites, camera)
-    us, step_u = line_of(sites.cols, n_u)
-    vs, step_v = line_of(sites.rows, n_v)
+    us, step_u = node_line(sites.cols, n_u)
+    vs, step_v = node_line(sites.rows, n_v)
     grid = grid_at(us, vs, camera, enlargement, triangle, period, own)
     amplitude = amplitudes(grid, terms, least, table, steps, camera, b.bayer)
-    kept = strong(amplitude, terms, strength)
+    strong = strong_terms(amplitude, terms, strength)
     w = len(sites.cols)
     ends, weight = np.empty(n_u - 2, np.int64), np.empty((4, w), np.float32)
-    cubics(ends, weight, sites.cols, us[0], step_u)
-    lines = np.empty((n_v, len(kept) * 2 * w), np.float32)
-    peak = np.empty((n_v, len(kept)), np.float32)
-    harmonic, shown = np.empty(len(kept), np.int64), np.empty(len(kept), np.float32)
-    for t in range(len(kept)):
-        harmonic[t] = used[terms[kept[t], 0]]
-        shown[t] = strength[terms[kept[t], 0]]
-    _fill_lines(lines, peak, amplitude, kept, ends, weight, shown)
-    wave, sign = np.empty((len(kept), 5), np.float64), np.empty((len(kept), 2), np.float32)
-    _fill_waves(wave, sign, terms, kept, cycles, camera.scale_u, size)
-    pattern = pattern_away(b, i, filters, camera, table, steps)
-    return Terms(harmonic, wave, sign, lines, peak, step_v, pattern)
+    fill_cubics(ends, weight, sites.cols, us[0], step_u)
+    lines = np.empty((n_v, len(strong) * 2 * w), np.float32)
+    peak = np.empty((n_v, len(strong)), np.float32)
+    harmonic, shown = np.empty(len(strong), np.int64), np.empty(len(strong), np.float32)
+    for t in range(len(strong)):
+        harmonic[t] = used[terms[strong[t], 0]]
+        shown[t] = strength[terms[strong[t], 0]]
+    _fill_lines(lines, peak, amplitude, strong, ends, weight, shown)
+    wave, sign = np.empty((len(strong), 5), np.float64), np.empty((len(strong), 2), np.float32)
+    _fill_waves(wave, sign, terms, strong, cycles, camera.scale_u, size)
+    lost_variance = lost_pattern_variance(b, i, filters, camera, table, steps)
+    return Terms(harmonic, wave, sign, lines, peak, step_v, lost_variance)
 
 
 @inner
@@ -138,15 +144,15 @@ def _add_beat(out, amplitude, cos, sin, real, imaginary):
 
 
 @inner
-def modulate(out, work, terms, given, asked, at, v, first_row):
-    """Fill out (3, 3, w), by filter and channel, with the sum of the terms on a row v.
+def modulate(out, work, terms, pattern, passes, position, v, first_row):
+    """Fill out (3, 3, w), by colour filter and channel, with the sum of the terms on a row v.
 
     Args:
         work: (5, w) float32, workspace.
-        terms: from `prepare`. given: see `exposure_records.Given`.
-        asked: (3, 3), which channels a filter passes.
-        at: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of the
-            first node.
+        terms: from `prepare`. pattern: see `exposure_records.Pattern`.
+        passes: (3, 3) bool, which channels a filter passes.
+        position: (4, w) float64, where the pixels look and lie, see `rows.Row`. first_row: row of
+            the first nodes.
     """
     w = out.shape[2]
     fill(out.reshape(-1), ZERO)
@@ -158,28 +164,28 @@ def modulate(out, work, terms, given, asked, at, v, first_row):
             max(terms.peak[node, i], terms.peak[node + 1, i]),
             max(terms.peak[node + 2, i], terms.peak[node + 3, i]),
         )
-        if most < FAINT_BEAT:
+        if most < MIN_BEAT_AMPLITUDE:
             continue
         wave = terms.wave[i]
-        _phase(d, at, (wave[0], wave[1], wave[2], wave[3], wave[4]))
-        harmonics.first_wave(cos, sin, d)
+        _phase(d, position, (wave[0], wave[1], wave[2], wave[3], wave[4]))
+        harmonics.fill_fundamental(cos, sin, d)
         a, b, c = 2 * i * w, (2 * i + 1) * w, (2 * i + 2) * w
         first, second = terms.lines[node], terms.lines[node + 1]
         third, fourth = terms.lines[node + 2], terms.lines[node + 3]
         _blend(coloured, first[a:b], second[a:b], third[a:b], fourth[a:b], four)
-        if given.bayer:
+        if pattern.bayer:
             _blend(green, first[b:c], second[b:c], third[b:c], fourth[b:c], four)
         h = terms.harmonic[i]
         for plane in range(3):
             sign = ONE
-            if given.bayer and plane > 0:
+            if pattern.bayer and plane > 0:
                 sign = terms.sign[i, 0] if plane == 2 else terms.sign[i, 1]
             for channel in range(3):
-                if not asked[plane, channel]:
+                if not passes[plane, channel]:
                     continue
-                real = sign * given.coefficients[channel, h, 0]
-                imaginary = sign * given.coefficients[channel, h, 1]
-                if given.bayer and plane == 1:
+                real = sign * pattern.coefficients[channel, h, 0]
+                imaginary = sign * pattern.coefficients[channel, h, 1]
+                if pattern.bayer and plane == 1:
                     _add_beat(out[plane, channel], green, cos, sin, real, imaginary)
                 else:
                     _add_beat(out[plane, channel], coloured, cos, sin, real, imaginary)

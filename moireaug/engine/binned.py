@@ -8,13 +8,24 @@ from typing import NamedTuple
 import numpy as np
 
 from moireaug.engine import beats, stencil
-from moireaug.engine.compiling import fill, inner, once, part
-from moireaug.engine.expose import BANDS, cell_weights
-from moireaug.engine.glow import glow
-from moireaug.engine.random_numbers import keys
+from moireaug.engine.compiling import copy, fill, inner, once, part
+from moireaug.engine.expose import MIN_BANDS, fill_band_weights
+from moireaug.engine.irradiance import panel_irradiance
 from moireaug.engine.register import photo_row, undistortion
-from moireaug.engine.rows import BITS, LIGHT, NUMBERS, Places, Row, U, V, X, Y, places_of, row_of
-from moireaug.engine.sensor import attenuate, clip_mean, read, reflect
+from moireaug.engine.rows import (
+    LIGHT,
+    NOISE,
+    NOISE_BITS,
+    Places,
+    Row,
+    U,
+    V,
+    X,
+    Y,
+    places_of,
+    row_of,
+)
+from moireaug.engine.sensor import add_noise, attenuate, clip_mean, reflect
 from moireaug.engine.view import inverse
 
 ZERO = np.float32(0)
@@ -25,7 +36,7 @@ class _Work(NamedTuple):
 
     Args:
         places, row: see there. modulation: (3, 3, w) float32, see `beats.modulate`. lines: (5, w)
-            float32. asked: (3, 3) bool, which channels each colour filter passes.
+            float32. passes: (3, 3) bool, which channels each colour filter passes.
         ideal: (3, w), forward: (3, 3), factor: (n,) and per_square, float64, see
             `register.photo_row`.
     """
@@ -34,7 +45,7 @@ class _Work(NamedTuple):
     row: Row
     modulation: np.ndarray
     lines: np.ndarray
-    asked: np.ndarray
+    passes: np.ndarray
     ideal: np.ndarray
     forward: np.ndarray
     factor: np.ndarray
@@ -44,20 +55,20 @@ class _Work(NamedTuple):
 @part
 def _work_of(w, planes, image):
     """Return the _Work of a reading w wide."""
-    filters, forward = image.given.filters, np.empty((3, 3), np.float64)
-    asked = np.empty((3, 3), np.bool_)
+    forward, passes = np.empty((3, 3), np.float64), np.empty((3, 3), np.bool_)
     back = inverse(image.sensor)
     for i in range(3):
         for j in range(3):
-            asked[i, j] = filters[i, j] != 0
+            passes[i, j] = image.filters[i, j] != 0
             forward[i, j] = back[3 * i + j]
     factor, per_square = undistortion(image.sensor.k1, image.sensor.k2)
+    every_colour = np.ones((3, 3))  # in the irradiance; filters come after the beats
     return _Work(
-        places_of(w, planes, image.sites, image.nodes, image.given.shown),
+        places_of(w, planes, image.sites, image.nodes, every_colour),
         row_of(w, image.cell, image.nodes),
         np.empty((3, 3, w), np.float32),
         np.empty((5, w), np.float32),
-        asked,
+        passes,
         np.empty((3, w), np.float64),
         forward,
         factor,
@@ -66,9 +77,9 @@ def _work_of(w, planes, image):
 
 
 @inner
-def _place(work, r, v, sensor, size):
+def _locate(work, r, v, sensor, size):
     """Fill where row r of the bins, v about the centre, lies on the photo."""
-    at = work.row.at
+    at = work.row.position
     if sensor.rectified != 0:
         photo_row(at[U], at[V], work.ideal, r, work.forward, work.factor, work.per_square, size)
         return
@@ -78,7 +89,7 @@ def _place(work, r, v, sensor, size):
 
 
 @inner
-def _pulse(light, bands, v, height):
+def _flicker(light, bands, v, height):
     """Multiply a row by the panel's pulses at photo rows v (w,) about the centre."""
     last = len(bands) - 2.0
     for i in range(len(light)):
@@ -88,62 +99,67 @@ def _pulse(light, bands, v, height):
 
 
 @inner
-def _add_lit(light, content, modulation, passed, mean):
+def _add_modulated(light, content, modulation, passed, mean):
+    """Add a row of content, modulated, to the light; passed: of it by the colour filter."""
     for i in range(len(light)):
         light[i] += content[i] * (passed * (mean + modulation[i]))
 
 
 @once
-def _expose(raw, panel, size, image, work, noise_keys, top, bottom):
+def _expose(raw, panel, size, image, work, top, bottom):
     """Do the same as `expose`, in buffers that it allocated."""
     planes, h, w = raw.shape
-    given, camera, nodes, sites = image.given, image.camera, image.nodes, image.sites
-    row, places = work.row, work.places
-    light, numbers, bits = row.line[LIGHT], row.line[NUMBERS], row.whole[BITS]
-    band = max(1, h // BANDS)
+    pattern, nodes, sites = image.pattern, image.nodes, image.sites
+    row, passes, modulation = work.row, work.passes, work.modulation
+    position, first_row = row.position, sites.rows[0]
+    light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
+    band = max(1, h // MIN_BANDS)
     for r in range(top, bottom):
         v = sites.rows[r]
-        _place(work, r, v, image.sensor, (h, w))
+        _locate(work, r, v, image.sensor, (h, w))
         if image.stencil.taps > 0:
-            stencil.look_straight(row.at[X], row.at[Y], r)
-            stencil.content(row.glow, work.lines[0], image.stencil, panel, image.cell, sites, r)
+            stencil.look_straight(position[X], position[Y], r)
+            line = work.lines[0]
+            stencil.content(row.irradiance, line, image.stencil, panel, image.cell, sites, r)
         else:
             if r % band == 0 or r == top:
                 start = r - r % band
                 middle = (sites.rows[start] + sites.rows[min(start + band, h) - 1]) / 2
-                cell_weights(row.weights, nodes, middle, sites.rows[0])
-            glow(row, panel, size, camera, image.cell, nodes, sites, places, 0, v)
-        beats.modulate(
-            work.modulation, work.lines, image.terms, given, work.asked, row.at, v, sites.rows[0]
-        )
+                fill_band_weights(row.weights, nodes, middle, first_row)
+            panel_irradiance(work, panel, size, image, 0, v)
+        beats.modulate(modulation, work.lines, image.terms, pattern, passes, position, v, first_row)
         for plane in range(planes):
             colour = sites.channel[plane]
             fill(light, ZERO)
             for channel in range(3):
-                if work.asked[colour, channel]:
-                    passed = np.float32(given.filters[colour, channel])
-                    mean, modulation = np.float32(given.mean[channel]), work.modulation
-                    _add_lit(light, row.glow[channel], modulation[colour, channel], passed, mean)
-            if len(given.flicker) > 0:
-                _pulse(light, given.flicker, row.at[V], h)
-            reflect(light, row.at[U], row.at[V], given.white[plane], camera)
-            attenuate(light, row.at[U], row.at[V], camera)
-            out, start = raw[plane, r], (plane * h + r) * w
-            read(out, light, camera, start, given.noise, noise_keys, numbers, bits, False)
-            if given.clips:
-                pattern = image.terms.pattern[colour] if given.saturates else ZERO
-                clip_mean(out, given.away[0], given.away[1], pattern)
+                if passes[colour, channel]:
+                    passed, beat = image.filters[colour, channel], modulation[colour, channel]
+                    content, mean = row.irradiance[channel], pattern.mean[channel]
+                    _add_modulated(light, content, beat, np.float32(passed), np.float32(mean))
+            if len(image.flicker) > 0:
+                _flicker(light, image.flicker, position[V], h)
+            reflect(light, position[U], position[V], image.white[plane], image.camera)
+            attenuate(light, position[U], position[V], image.camera)
+            out, away = raw[plane, r], pattern.lost_noise_variance
+            add_noise(light, (plane * h + r) * w, image.readout, noise, bits)
+            if image.readout.clips:
+                lost_pattern_variance = (
+                    image.terms.lost_pattern_variance[colour] if pattern.saturates else ZERO
+                )
+                clip_mean(out, light, away[0], away[1], lost_pattern_variance)
+            else:
+                copy(out, light)
 
 
 @part
-def expose(raw, panel, size, image, seed, top, bottom):
+def expose(raw, panel, size, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the binned reading of one
     image.
 
     Args:
         panel: (3, ...) float32, from `panel.show`.
         size: (height, width) of the panel in panel pixels, rounded up.
-        image: see `exposure_records.BinnedImage`. seed: int64, of the noise.
+        image: see `exposure_records.BinnedImage`.
     """
     planes, _, w = raw.shape
-    _expose(raw, panel, size, image, _work_of(w, planes, image), keys(seed), top, bottom)
+    _expose(raw, panel, size, image, _work_of(w, planes, image), top, bottom)

@@ -9,45 +9,74 @@ import numpy as np
 from moireaug.engine.compiling import copy, fill, inner, loop
 from moireaug.engine.development_records import LANES
 from moireaug.engine.tables import encode
-from moireaug.engine.vectors import add_taps
+from moireaug.engine.vectors import add_sum
 
 ZERO, ONE = np.float32(0), np.float32(1)
 TWO = np.float32(2)
-SITES = 4
+SITES_PER_CELL = 4  # sensor pixels of a colour filter cell
+
+
+class Tone(NamedTuple):
+    """How one image's light becomes codes; see `development_records.Codes`.
+
+    Passing it to a function costs little, unlike a record of arrays.
+    """
+
+    coded: bool
+    toned: bool
+    shoulder: np.float32
+    contrast: np.float32
+    brighten: np.float32
 
 
 class Workspace(NamedTuple):
-    """The rows that a development works on.
+    """What the development of one image works with.
 
     Args:
-        step: sensor rows, and columns, of a cell. width: a cell row's pixels; lanes: those with
-            padding.
-        colours: (4 sites, 3, lanes) float32, the colours of a cell row; a site is twice its row,
-            plus its column, in the cell.
-        ring: (3, 4 planes * (lanes + LANES)) float32, prepared cell rows. held: (3,), which ones.
+        step: rows, and columns, of sensor pixels in a cell. width: cells in a row. lanes: width
+            with padding.
+        matrix: (3, 3) float32, see `development_records.Codes`.
+        colours: (4 sites, 3, lanes) float32, the colours of a cell row. A site's index is twice its
+            row plus its column in the cell.
+        ring: (3, 4 planes * (lanes + LANES)) float32, prepared cell rows. ring_rows: (3,) int64,
+            the cell rows that it holds.
+        resized: (W,) float32, one colour of a sensor row at the photo's width.
     """
 
     step: int
     width: int
     lanes: int
+    tone: Tone
+    matrix: np.ndarray
     colours: np.ndarray
     ring: np.ndarray
-    held: np.ndarray
+    ring_rows: np.ndarray
+    resized: np.ndarray
 
 
 @loop
-def workspace(codes, w):
-    """Return the Workspace of readings w wide."""
-    lanes = (w + LANES - 1) // LANES * LANES
-    held = np.empty(3, np.int64)
-    fill(held, -1)
+def workspace(codes, image, raw_width, photo_width):
+    """Return the Workspace of a reading `raw_width` pixels wide; image: index in the batch."""
+    lanes = (raw_width + LANES - 1) // LANES * LANES
+    tone = Tone(
+        codes.coded,
+        codes.toned,
+        codes.shoulder[image],
+        codes.contrast[image],
+        codes.brighten[image],
+    )
+    ring_rows = np.empty(3, np.int64)
+    fill(ring_rows, -1)
     return Workspace(
         2 if codes.mosaic else 1,
-        w,
+        raw_width,
         lanes,
-        np.zeros((SITES, 3, lanes), np.float32),
-        np.zeros((3, SITES * (lanes + LANES)), np.float32),
-        held,
+        tone,
+        codes.matrix[image],
+        np.zeros((SITES_PER_CELL, 3, lanes), np.float32),
+        np.zeros((3, SITES_PER_CELL * (lanes + LANES)), np.float32),
+        ring_rows,
+        np.empty(photo_width, np.float32),
     )
 
 
@@ -86,29 +115,6 @@ def _mix(red, green, blue, matrix):
         blue[i] = br * r + bg * g + bb * b
 
 
-class Tone(NamedTuple):
-    """How one image's light becomes codes; see `development_records.Codes`. Passing it costs
-    little, unlike a record of arrays."""
-
-    coded: bool
-    toned: bool
-    shoulder: np.float32
-    contrast: np.float32
-    brighten: np.float32
-
-
-@inner
-def tone_of(codes, image):
-    """Return an image's Tone."""
-    return Tone(
-        codes.coded,
-        codes.toned,
-        codes.shoulder[image],
-        codes.contrast[image],
-        codes.brighten[image],
-    )
-
-
 @inner
 def _code(out, gain, tone):
     """Turn a row of an image's light into codes, in place."""
@@ -131,7 +137,7 @@ def _code(out, gain, tone):
 @inner
 def _colours(colours, ring, y, h, stencil, rows):
     """Fill the workspace's colours with those of cell row y, from the prepared rows in its ring."""
-    for site in range(SITES):
+    for site in range(SITES_PER_CELL):
         if not is_read(rows, 2 * y + site // 2):
             continue
         for channel in range(3):
@@ -143,29 +149,20 @@ def _colours(colours, ring, y, h, stencil, rows):
                 count = stencil.count[site, channel, dy + 1]
                 if not count:
                     continue
-                add_taps(
-                    colour,
-                    0,
-                    len(colour),
-                    stencil.weight,
-                    first,
-                    count,
-                    ring[row],
-                    stencil.offset,
-                    0,
-                )
+                weight = stencil.weight[first : first + count]
+                add_sum(colour, weight, ring[row], stencil.offset[first : first + count])
 
 
 @inner
-def _fill(ring, held, raw, y, saturates, levels):
+def _enter(ring, ring_rows, raw, y, saturates, levels):
     """Prepare cell row y of the packed planes in the ring, unless it is there already."""
-    if held[y % 3] == y:
+    if ring_rows[y % 3] == y:
         return
-    w, wide = raw.shape[2], ring.shape[1] // SITES
-    for plane in range(SITES):
+    w, wide = raw.shape[2], ring.shape[1] // SITES_PER_CELL
+    for plane in range(SITES_PER_CELL):
         start = plane * wide
         _prepare(ring[y % 3, start : start + w + 2], raw[plane, y], saturates, levels)
-    held[y % 3] = y
+    ring_rows[y % 3] = y
 
 
 @inner
@@ -176,7 +173,7 @@ def light_of_row(work, raw, y, codes):
     ring, saturates, levels = work.ring, codes.saturates, codes.levels
     if codes.mosaic:
         for dy in range(-1, 2):
-            _fill(ring, work.held, raw, min(max(y + dy, 0), h - 1), saturates, levels)
+            _enter(ring, work.ring_rows, raw, min(max(y + dy, 0), h - 1), saturates, levels)
         _colours(work.colours, ring, y, h, codes.stencil, codes.rows)
         return
     for channel in range(3):
@@ -192,9 +189,9 @@ def mix_row(colours, r, step, w, matrix):
 
 
 @inner
-def codes_of_row(work, raw, y, codes, tone, image):
+def codes_of_row(work, raw, y, codes):
     """Fill the workspace's colours with the codes of row y of raw."""
-    w, matrix = raw.shape[2], codes.matrix[image]
+    w, matrix = raw.shape[2], work.matrix
     light_of_row(work, raw, y, codes)
     for r in range(work.step):
         if not is_read(codes.rows, y * work.step + r):
@@ -204,4 +201,4 @@ def codes_of_row(work, raw, y, codes, tone, image):
         for channel in range(3):
             gain = ONE if codes.mixes else matrix[channel, channel]
             for site in range(2 * r, 2 * r + work.step):
-                _code(work.colours[site, channel, :w], gain, tone)
+                _code(work.colours[site, channel, :w], gain, work.tone)

@@ -1,4 +1,4 @@
-"""Compilation: what is compiled into what, and where the result is kept."""
+"""Compilation: what is compiled into what, and where the result is cached."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ import numba
 from filelock import FileLock
 from numba import njit
 
-HERE = Path(__file__).parent
-# outside this folder, what kernels take numbers from: they are compiled in
-CONSTANTS = (
+ENGINE = Path(__file__).parent
+# files outside this folder whose numbers are compiled into kernels
+CONSTANT_SOURCES = (
     "effects/detail.py",
     "effects/random_numbers.py",
     "effects/sensor.py",
@@ -26,52 +26,52 @@ CONSTANTS = (
     "geometry/distortion.py",
     "geometry/grids.py",
 )
-# a product and a sum may round once
-FUSED = {"contract"}
+# a product and a sum may be rounded together
+FAST_MATH = {"contract"}
 # divisions by zero give infinity and need no branch
-loop = njit(error_model="numpy", fastmath=FUSED, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+loop = njit(error_model="numpy", fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 # for what only calls loops: a part of its caller before types are inferred, which saves a sixth of
 # the compilation of all kernels
-part = njit(error_model="numpy", fastmath=FUSED, inline="always")
+part = njit(error_model="numpy", fastmath=FAST_MATH, inline="always")
 # for loops that neither allocate nor return arrays: their callers hold all that they work on, so
 # they need not count references, which took a quarter of a kernel's time
 _inner = functools.partial(
     njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
 )
-inner = _inner(fastmath=FUSED)
+inner = _inner(fastmath=FAST_MATH)
 # the same for what must round as PyTorch does; without `fastmath`, numba takes the caller's
 exact = _inner(fastmath=False)
 # the same for what a single function calls for each row: passing hundreds of numbers on takes a
 # twentieth of its time
-once = _inner(fastmath=FUSED, forceinline=True)
+once = _inner(fastmath=FAST_MATH, forceinline=True)
 
 
 @functools.lru_cache(maxsize=1)
 def folder() -> str | None:
     """Return the folder of compiled kernels, named by a hash of the sources and of numba's and
     llvmlite's versions; None if no place is writable."""
-    sources = sorted(HERE.glob("*.py")) + [HERE.parent / name for name in CONSTANTS]
+    sources = sorted(ENGINE.glob("*.py")) + [ENGINE.parent / name for name in CONSTANT_SOURCES]
     text = b"".join(source.read_bytes() for source in sources)
     text += f"{numba.__version__} {llvmlite.__version__}".encode()
     name = hashlib.sha256(text).hexdigest()[:16]
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "moireaug"
-    for place in (numba.config.CACHE_DIR, HERE / "__pycache__", home):
-        if not place:
+    for parent in (numba.config.CACHE_DIR, ENGINE / "__pycache__", home):
+        if not parent:
             continue
-        kept = Path(place) / f"moireaug-{name}"
+        path = Path(parent) / f"moireaug-{name}"
         try:
-            kept.mkdir(parents=True, exist_ok=True)
+            path.mkdir(parents=True, exist_ok=True)
         except OSError:
             continue
-        if os.access(kept, os.W_OK):
-            return str(kept)
+        if os.access(path, os.W_OK):
+            return str(path)
     return None
 
 
 def cold() -> bool:
     """Return whether these kernels are yet to be compiled on this machine."""
-    kept = folder()
-    return kept is None or not any(Path(kept).rglob("*.nbi"))
+    path = folder()
+    return path is None or not any(Path(path).rglob("*.nbi"))
 
 
 def kernel(function):
@@ -81,15 +81,15 @@ def kernel(function):
     Numba's own cache checks only the function's own file, and would miss a change in what the
     function calls.
     """
-    kept, before = folder(), numba.config.CACHE_DIR
-    if kept is None:
+    path, before = folder(), numba.config.CACHE_DIR
+    if path is None:
         return njit(error_model="numpy", nogil=True)(function)
-    numba.config.CACHE_DIR = kept
+    numba.config.CACHE_DIR = path
     try:
         compiled = njit(error_model="numpy", nogil=True, cache=True)(function)
     finally:
         numba.config.CACHE_DIR = before
-    compiled.compile = _locked(compiled.compile, Path(kept) / f"{function.__name__}.lock")
+    compiled.compile = _locked(compiled.compile, Path(path) / f"{function.__name__}.lock")
     return compiled
 
 
@@ -98,18 +98,18 @@ def _locked(compile_, path):
     finds the result in numba's cache."""
 
     def locked(signature):
-        with contextlib.ExitStack() as held:
+        with contextlib.ExitStack() as stack:
             with contextlib.suppress(OSError):  # a file system without locks
-                held.enter_context(FileLock(path, fallback_to_soft=False))
-            held.enter_context(_uncollected())
-            return _aside(functools.partial(compile_, signature))
+                stack.enter_context(FileLock(path, fallback_to_soft=False))
+            stack.enter_context(_without_garbage_collection())
+            return _in_own_thread(functools.partial(compile_, signature))
 
     return locked
 
 
-def _aside(task):
-    """Return what a task returns in a thread of its own. A compilation takes a sixth longer in the
-    main thread, whose memory goes back to the system again and again."""
+def _in_own_thread(task):
+    """Run a task in a thread of its own, and return what it returns. A compilation takes a sixth
+    longer in the main thread, whose memory goes back to the system again and again."""
     done: Future = Future()
 
     def work():
@@ -124,8 +124,8 @@ def _aside(task):
 
 
 @contextlib.contextmanager
-def _uncollected():
-    """Pause garbage collection: passing over what torch holds takes a sixth of a compilation."""
+def _without_garbage_collection():
+    """Pause garbage collection, which takes a sixth of a compilation: torch has many objects."""
     if not gc.isenabled():
         yield
         return

@@ -1,5 +1,5 @@
-"""The filters of a photo's codes: smooth colour and sharpen brightness; and their transpose. Rows
-are blurred one at a time horizontally, and then a block of them vertically."""
+"""The filter of a photo's codes, which smooths colour and sharpens brightness, and its transpose.
+Rows are blurred one at a time horizontally, and then a block of them vertically."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moireaug.effects.detail import SMALLEST
+from moireaug.effects.detail import LEAST_SIGMA
 from moireaug.engine.compiling import copy, fill, inner, loop, once
 from moireaug.engine.development_records import LANES
-from moireaug.engine.vectors import FOUR, add_taps, add_taps_of_four
+from moireaug.engine.vectors import SUMS_AT_ONCE, add_four_sums, add_sum
 
-BLOCK = FOUR  # rows that are blurred vertically at once
-FARTHEST = 4.5  # standard deviations: what lies beyond weighs less than 1e-5
+BLOCK_ROWS = SUMS_AT_ONCE  # rows that are blurred vertically at once
+GAUSSIAN_REACH_SIGMAS = 4.5  # what lies beyond weighs less than 1e-5
 ZERO, THIRD = np.float32(0), np.float32(1 / 3)
 
 
-class _Filter(NamedTuple):
+class Filter(NamedTuple):
     """A linear filter of photos, and the rows that it works on.
 
     Args:
@@ -26,12 +26,12 @@ class _Filter(NamedTuple):
         amount: float32, strength of the mask. back: whether this is the filter's transpose.
         reach: rows above and below that a row is made from.
         padded: (3, lanes + ends) float32, a row's red, blue and brightness, padded at both ends.
-            full: a blurred row with its padding.
+            full: (lanes + ends,) float32, a blurred row with its padding.
         ring: (3, rows * lanes) float32, horizontally blurred rows, as many as a block is made from.
-            place: (h,), where each row begins in a plane of the ring.
-        soft: (3, BLOCK, lanes) float32, a block blurred both ways.
-        steps: 0, 1, 2, ... int64. weight: (BLOCK, rows) and offset: (rows,), the ring's rows that
-            those of a block are made from.
+            place: (h,) int64, where each row begins in a plane of the ring.
+        soft: (3, BLOCK_ROWS, lanes) float32, a block blurred both ways.
+        steps: (taps,) int64, 0, 1, 2, ... weight: (BLOCK_ROWS, rows) float32 and offset: (rows,)
+            int64, of the ring's rows that those of a block are made from.
     """
 
     chroma: np.ndarray
@@ -53,8 +53,8 @@ class _Filter(NamedTuple):
 def _gaussian(sigma, size):
     """Return a Gaussian's weights, float32, which sum to 1: `size`, which is odd, or fewer if the
     outermost are negligible."""
-    sigma = max(sigma, SMALLEST)
-    half = min(size // 2, math.ceil(FARTHEST * sigma))
+    sigma = max(sigma, LEAST_SIGMA)
+    half = min(size // 2, math.ceil(GAUSSIAN_REACH_SIGMAS * sigma))
     weights, total = np.empty(2 * half + 1, np.float64), 0.0
     for k in range(len(weights)):
         weights[k] = math.exp(-((k - half) ** 2) / (2 * sigma * sigma))
@@ -67,20 +67,20 @@ def _gaussian(sigma, size):
 
 @loop
 def filter_of(detail, image, back):
-    """Return the _Filter of one image's Detail, or its transpose."""
+    """Return the Filter of one image's Detail, or its transpose."""
     h, w = detail.size
     chroma = _gaussian(detail.chroma[image], detail.chroma_size)
     amount = detail.amount[image]
     # a single 1 where nothing is sharpened
     sharp = _gaussian(detail.sharp[image], detail.sharp_size if amount != 0 else 1)
     size, lanes = max(len(chroma), len(sharp)), (w + LANES - 1) // LANES * LANES
-    rows = size + BLOCK - 1
+    rows = size + BLOCK_ROWS - 1
     steps, place = np.empty(size, np.int64), np.empty(h, np.int64)
     for k in range(size):
         steps[k] = k
     for y in range(h):
         place[y] = y % rows * lanes
-    return _Filter(
+    return Filter(
         chroma,
         sharp,
         amount,
@@ -90,9 +90,9 @@ def filter_of(detail, image, back):
         np.zeros(lanes + size + LANES, np.float32),
         np.zeros((3, rows * lanes), np.float32),
         place,
-        np.zeros((3, BLOCK, lanes), np.float32),
+        np.zeros((3, BLOCK_ROWS, lanes), np.float32),
         steps,
-        np.empty((BLOCK, rows), np.float32),
+        np.empty((BLOCK_ROWS, rows), np.float32),
         np.empty(rows, np.int64),
     )
 
@@ -110,7 +110,7 @@ def _split(red, blue, grey, photo, y):
 
 
 @inner
-def _along(out, padded, kernel, f, w):
+def _blur_row(out, padded, kernel, f, w):
     """Fill out (lanes,) with a blurred row of w pixels, padded with its end pixels; the row begins
     half a kernel into `padded`."""
     half = len(kernel) // 2
@@ -118,17 +118,17 @@ def _along(out, padded, kernel, f, w):
     for i in range(half):
         padded[i], padded[half + w + i] = first, last
     fill(out, ZERO)
-    add_taps(out, 0, len(out), kernel, 0, len(kernel), padded, f.steps, 0)
+    add_sum(out, kernel, padded, f.steps[: len(kernel)])
 
 
 @inner
-def _along_back(out, padded, kernel, f, w):
-    """Apply the transpose of `_along`: what falls into the padding is added to the end pixels. The
-    row begins a whole kernel, less one, into `padded`, which is 0 elsewhere."""
+def _blur_row_back(out, padded, kernel, f, w):
+    """Apply the transpose of `_blur_row`: what falls into the padding is added to the end pixels.
+    The row begins a whole kernel, less one, into `padded`, which is 0 elsewhere."""
     size, half = len(kernel), len(kernel) // 2
     lanes = (w + size - 1 + LANES - 1) // LANES * LANES
     fill(f.full, ZERO)
-    add_taps(f.full, 0, lanes, kernel, 0, size, padded, f.steps, 0)
+    add_sum(f.full[:lanes], kernel, padded, f.steps[:size])
     copy(out[:w], f.full[half : half + w])
     first = out[0]
     for i in range(half):
@@ -160,30 +160,30 @@ def enter(f, photo, y):
     for c in range(3):
         kernel, out = f.sharp if c == 2 else f.chroma, f.ring[c, start : start + lanes]
         if f.back:
-            _along_back(out, padded[c], kernel, f, w)
+            _blur_row_back(out, padded[c], kernel, f, w)
         else:
-            _along(out, padded[c], kernel, f, w)
+            _blur_row(out, padded[c], kernel, f, w)
 
 
 @inner
-def _rows_of(f, kernel, y):
-    """Fill weight and offset with the ring's rows that the BLOCK rows from y on are made from;
-    rows past the last are made from others."""
+def _fill_block_sources(f, kernel, y):
+    """Fill the Filter's weight and offset for the BLOCK_ROWS rows from y on; those past the last
+    row are not used."""
     size, half, h = len(kernel), len(kernel) // 2, len(f.place)
-    for k in range(size + BLOCK - 1):
+    for k in range(size + BLOCK_ROWS - 1):
         f.offset[k] = f.place[min(max(y + k - half, 0), h - 1)]
     fill(f.weight.reshape(-1), ZERO)
-    for i in range(BLOCK):
+    for i in range(BLOCK_ROWS):
         weight = f.weight[i, i : i + size]
         copy(weight, kernel)
         if f.back:
-            _rows_back(weight, kernel, y + i, h)
+            _transpose_sources(weight, kernel, y + i, h)
 
 
 @inner
-def _rows_back(weight, kernel, y, h):
-    """Turn the weights of row y of h into the transpose's: none of a row past the ends, and in the
-    outermost rows those of the padding, too."""
+def _transpose_sources(weight, kernel, y, h):
+    """Turn the weights of row y of h into the transpose's: 0 for rows past the ends, and in the
+    outermost rows with those of the padding added."""
     size, half = len(kernel), len(kernel) // 2
     before = after = ZERO
     for k in range(size):
@@ -200,35 +200,33 @@ def _rows_back(weight, kernel, y, h):
 
 
 @inner
-def above(f, y):
+def first_source_row(f, y):
     """Return the first row that row y is made from."""
     return max(y - f.reach, 0)
 
 
 @inner
-def needed(f, y):
+def rows_needed(f, y):
     """Return how many rows must have entered the ring before row y is blurred vertically."""
     return min(y + f.reach + 1, len(f.place))
 
 
 @inner
-def held(f):
+def rows_at_once(f):
     """Return how many rows of a photo `enter` and `filter_row` need at once."""
-    return min(f.reach + BLOCK, len(f.place))
+    return min(f.reach + BLOCK_ROWS, len(f.place))
 
 
 @once
 def blur_block(f, y):
-    """Blur the BLOCK rows from y on vertically."""
-    lanes = f.soft.shape[2]
+    """Blur the BLOCK_ROWS rows from y on vertically."""
     for c in range(3):
         kernel = f.sharp if c == 2 else f.chroma
         if c != 1:  # red and blue are made from the same rows
-            _rows_of(f, kernel, y)
+            _fill_block_sources(f, kernel, y)
         soft, weight = f.soft[c].reshape(-1), f.weight.reshape(-1)
         fill(soft, ZERO)
-        count = len(kernel) + BLOCK - 1
-        add_taps_of_four(soft, lanes, weight, f.weight.shape[1], count, f.ring[c], f.offset)
+        add_four_sums(soft, weight, f.ring[c], f.offset[: len(kernel) + BLOCK_ROWS - 1])
 
 
 @once

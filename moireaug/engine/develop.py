@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.engine.codes import codes_of_row, is_read, tone_of, workspace
+from moireaug.engine.codes import codes_of_row, is_read, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.vectors import add, peek, poke
 
@@ -35,7 +35,7 @@ def _mean(out, even, odd):
 
 
 @inner
-def _weave(out, even, odd):
+def _interleave(out, even, odd):
     for i in range(len(odd)):
         poke(out, 2 * i, peek(even, i))
         poke(out, 2 * i + 1, peek(odd, i))
@@ -44,7 +44,7 @@ def _weave(out, even, odd):
 
 
 @inner
-def sources(rows, top, bottom):
+def source_rows(rows, top, bottom):
     """Return the first and one past the last sensor row that photo rows `top` to `bottom` are made
     from."""
     if bottom <= top:
@@ -53,13 +53,13 @@ def sources(rows, top, bottom):
 
 
 @inner
-def along(line, work, r, channel, cols):
+def resize_along_row(line, work, r, channel, cols):
     """Fill line (W,) with one colour of row r of a cell, resized."""
     even, odd = work.colours[2 * r, channel], work.colours[2 * r + 1, channel]
-    if work.step == 2 and cols.pairs:
+    if work.step == 2 and cols.halves:
         _mean(line, even, odd)
-    elif work.step == 2 and cols.each:
-        _weave(line, even[: (len(line) + 1) // 2], odd[: len(line) // 2])
+    elif work.step == 2 and cols.is_identity:
+        _interleave(line, even[: (len(line) + 1) // 2], odd[: len(line) // 2])
     else:
         # the index counts on from the even columns to the odd ones, 3 rows of lanes further on
         start = (2 * r * 3 + channel) * work.lanes
@@ -67,14 +67,14 @@ def along(line, work, r, channel, cols):
 
 
 @inner
-def blank(photo, top, bottom):
+def clear(photo, top, bottom):
     """Fill rows `top` to `bottom` of photo (3, H, W) with zeros."""
     for c in range(3):
         fill(photo[c, top:bottom].reshape(-1), ZERO)
 
 
 @inner
-def bound(photo, top, bottom):
+def clip(photo, top, bottom):
     """Clip rows `top` to `bottom` of photo (3, H, W): sums of weighted codes round to just above 1.
 
     The backward pass leaves this out, as the codes themselves lie in [0, 1]."""
@@ -85,23 +85,23 @@ def bound(photo, top, bottom):
 
 
 @inner
-def _develop(photo, raw, codes, work, tone, image, line, top, bottom):
+def _develop(photo, raw, codes, work, top, bottom):
     """Do the same as `develop`, in buffers that it allocated."""
-    rows = codes.rows
-    blank(photo, top, bottom)
-    first, last = sources(rows, top, bottom)
+    rows, line = codes.rows, work.resized
+    clear(photo, top, bottom)
+    first, last = source_rows(rows, top, bottom)
     for y in range(first // work.step, (last + work.step - 1) // work.step):
-        codes_of_row(work, raw, y, codes, tone, image)
+        codes_of_row(work, raw, y, codes)
         for r in range(work.step):
             row = y * work.step + r
             if not is_read(rows, row):
                 continue
             for channel in range(3):
-                along(line, work, r, channel, codes.cols)
+                resize_along_row(line, work, r, channel, codes.cols)
                 for i in range(rows.first[row], rows.last[row] + 1):
                     if top <= i < bottom:
                         add(photo[channel, i], line, rows.taps[i, row - rows.start[i]])
-    bound(photo, top, bottom)
+    clip(photo, top, bottom)
 
 
 @part
@@ -112,6 +112,5 @@ def develop(photo, raw, codes, image, top, bottom):
     Args:
         codes: see `development_records.Codes`. image: index in the batch.
     """
-    work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
-    line = np.empty(photo.shape[2], np.float32)
-    _develop(photo, raw, codes, work, tone, image, line, top, bottom)
+    work = workspace(codes, image, raw.shape[2], photo.shape[2])
+    _develop(photo, raw, codes, work, top, bottom)

@@ -3,9 +3,11 @@ recomputes the colours of `develop`."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from moireaug.engine.codes import SITES, is_read, light_of_row, mix_row, tone_of, workspace
+from moireaug.engine.codes import SITES_PER_CELL, is_read, light_of_row, mix_row, workspace
 from moireaug.engine.compiling import fill, inner, part
 from moireaug.engine.develop import gather
 from moireaug.engine.tables import encode_and_slope
@@ -15,10 +17,24 @@ ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 TWO, SIX = np.float32(2), np.float32(6)
 
 
+class _Gradients(NamedTuple):
+    """The gradients that a backward pass works with, float32.
+
+    Args:
+        colours: of `codes.Workspace`'s shape, the gradient in the light of a cell row.
+        ring: likewise, that in the prepared cell rows.
+        transposed: (3, 3), of the image's matrix.
+    """
+
+    colours: np.ndarray
+    ring: np.ndarray
+    transposed: np.ndarray
+
+
 @inner
 def _code_slope(out, light, gain, tone):
-    """Multiply a gradient by the slope of `_code` at `light`; a clip's is 1 at its bounds, 0
-    beyond."""
+    """Multiply a gradient by the slope of `codes._code` at `light`. A clip's slope is 1 at its
+    bounds, and 0 beyond."""
     shoulder, contrast = tone.shoulder, tone.contrast
     for i in range(len(out)):
         x = light[i] * gain
@@ -45,7 +61,7 @@ def _halves(even, odd, row):
 
 
 @inner
-def _unweave(even, odd, row):
+def _deinterleave(even, odd, row):
     """Take a row's even and odd pixels apart."""
     for i in range(len(odd)):
         even[i] = row[2 * i]
@@ -55,13 +71,13 @@ def _unweave(even, odd, row):
 
 
 @inner
-def _along_back(even, odd, line, step, w, cols):
+def _resize_along_row_back(even, odd, line, step, w, cols):
     """Fill a cell row's even columns, and the odd ones if there are any, with the gradient in them,
     from that in the resized row."""
-    if step == 2 and cols.pairs:
+    if step == 2 and cols.halves:
         _halves(even, odd, line)
-    elif step == 2 and cols.each:
-        _unweave(even[: (len(line) + 1) // 2], odd[: len(line) // 2], line)
+    elif step == 2 and cols.is_identity:
+        _deinterleave(even[: (len(line) + 1) // 2], odd[: len(line) // 2], line)
     else:
         gather(even[:w], line, cols.back_index[0], cols.back_weight[0])
         if step == 2:
@@ -72,8 +88,8 @@ def _along_back(even, odd, line, step, w, cols):
 def _fold_back(raw_grad, total, raw, y, saturates):
     """Fill cell row y of raw_grad from the gradient `total` of its prepared row, which is reset
     to 0."""
-    w, wide = raw.shape[2], len(total) // SITES
-    for plane in range(SITES):
+    w, wide = raw.shape[2], len(total) // SITES_PER_CELL
+    for plane in range(SITES_PER_CELL):
         line = total[plane * wide : plane * wide + w + 2]
         out, reading = raw_grad[plane, y], raw[plane, y]
         line[1] += line[0]
@@ -84,11 +100,12 @@ def _fold_back(raw_grad, total, raw, y, saturates):
 
 
 @inner
-def _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, line):
-    """Fill grads, as large as the workspace's colours, with the gradient in the light of cell row
-    y, which the workspace holds, from photo_grad (3, H, W)."""
-    step, w = work.step, work.width
-    for site in range(SITES):
+def _light_back(gradients, photo_grad, y, codes, work):
+    """Fill the _Gradients' colours with the gradient in the light of cell row y, which the
+    workspace holds, from photo_grad (3, H, W)."""
+    step, w, matrix, line = work.step, work.width, work.matrix, work.resized
+    grads = gradients.colours
+    for site in range(SITES_PER_CELL):
         for channel in range(3):
             fill(grads[site, channel], ZERO)
     for r in range(step):
@@ -103,25 +120,25 @@ def _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, lin
             for i in range(codes.rows.first[row], codes.rows.last[row] + 1):
                 add(line, photo_grad[channel, i], codes.rows.taps[i, row - codes.rows.start[i]])
             even, odd = grads[2 * r, channel], grads[2 * r + 1, channel]
-            _along_back(even, odd, line, step, w, codes.cols)
+            _resize_along_row_back(even, odd, line, step, w, codes.cols)
             for site in range(2 * r, 2 * r + step):
                 light = work.colours[site, channel, :w]
-                _code_slope(grads[site, channel, :w], light, gain, tone)
+                _code_slope(grads[site, channel, :w], light, gain, work.tone)
         if codes.mixes:
-            mix_row(grads, r, step, w, transposed)
+            mix_row(grads, r, step, w, gradients.transposed)
 
 
 @inner
-def _demosaic_back(total, grads, y, h, codes, work):
+def _demosaic_back(gradients, y, h, codes, work):
     """Add the gradient in the colours of cell row y to that in the rows they are made from."""
     w, stencil = work.width, codes.stencil
-    for site in range(SITES):
+    for site in range(SITES_PER_CELL):
         if not is_read(codes.rows, 2 * y + site // 2):
             continue
         for channel in range(3):
-            colour = grads[site, channel, :w]
+            colour = gradients.colours[site, channel, :w]
             for dy in range(-1, 2):
-                target = total[min(max(y + dy, 0), h - 1) % 3]
+                target = gradients.ring[min(max(y + dy, 0), h - 1) % 3]
                 first = stencil.first[site, channel, dy + 1]
                 for tap in range(first, first + stencil.count[site, channel, dy + 1]):
                     offset = stencil.offset[tap]
@@ -129,15 +146,15 @@ def _demosaic_back(total, grads, y, h, codes, work):
 
 
 @inner
-def _develop_back(raw_grad, photo_grad, raw, codes, work, tone, matrix, transposed, buffers):
+def _develop_back(raw_grad, photo_grad, raw, codes, work, gradients):
     """Do the same as `develop_back`, in buffers that it allocated."""
     _, h, w = raw.shape
-    grads, line, total = buffers
+    grads, total = gradients.colours, gradients.ring
     for y in range(h):
         light_of_row(work, raw, y, codes)
-        _light_back(grads, photo_grad, y, codes, work, tone, matrix, transposed, line)
+        _light_back(gradients, photo_grad, y, codes, work)
         if codes.mosaic:
-            _demosaic_back(total, grads, y, h, codes, work)
+            _demosaic_back(gradients, y, h, codes, work)
             # no later row adds to the row above
             if y > 0:
                 _fold_back(raw_grad, total[(y - 1) % 3], raw, y - 1, codes.saturates)
@@ -154,11 +171,10 @@ def _develop_back(raw_grad, photo_grad, raw, codes, work, tone, matrix, transpos
 def develop_back(raw_grad, photo_grad, raw, codes, image):
     """Fill raw_grad, of raw's shape, with the gradient in raw, from photo_grad (3, H, W); arguments
     as in `develop`."""
-    work, tone = workspace(codes, raw.shape[2]), tone_of(codes, image)
-    grads = np.zeros(work.colours.shape, np.float32)
-    line = np.empty(photo_grad.shape[2], np.float32)
-    total = np.zeros(work.ring.shape, np.float32)
-    matrix = codes.matrix[image]
-    _develop_back(
-        raw_grad, photo_grad, raw, codes, work, tone, matrix, matrix.T.copy(), (grads, line, total)
+    work = workspace(codes, image, raw.shape[2], photo_grad.shape[2])
+    gradients = _Gradients(
+        np.zeros(work.colours.shape, np.float32),
+        np.zeros(work.ring.shape, np.float32),
+        work.matrix.T.copy(),
     )
+    _develop_back(raw_grad, photo_grad, raw, codes, work, gradients)

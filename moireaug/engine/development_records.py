@@ -1,4 +1,4 @@
-"""What the kernels of developing take: plain numbers and arrays."""
+"""The records that the kernels of developing take, of plain numbers and arrays."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-LANES = 16  # pixels that kernels work on at once; rows are padded to a multiple
+LANES = 16  # float32 that kernels work on at once; rows are padded to a multiple
 
 
 class Stencil(NamedTuple):
@@ -16,7 +16,8 @@ class Stencil(NamedTuple):
     Args:
         weight: (taps,) float32. offset: (taps,) int64, where in a prepared cell row the tap's pixel
             is.
-        first, count: (4 sites, 3 channels, 3 rows) int64, which taps belong to each.
+        first, count: (4 sites, 3 channels, 3 rows) int64, index of each one's first
+            tap, and how many it has.
     """
 
     weight: np.ndarray
@@ -33,11 +34,11 @@ class Resize(NamedTuple):
         taps: (m, T) float32, the weights from there on.
         first, last: (n,) int64, the photo pixels that each sensor pixel contributes to; none where
             last < first.
-        index, weight: (T, m) int32 and float32, the same in the order in which `develop` holds a
-            row's colours.
-        back_index, back_weight: (p, T', n / p), the transpose; p is 2 if even and odd columns are
-            held apart, else 1.
-        each: each photo pixel is a sensor pixel. pairs: each is the mean of two of its own.
+        index, weight: (T, m) int32 and float32, the taps' places in a row of colours, as `develop`
+            lays it out, and their weights.
+        back_index, back_weight: (p, T', n / p), the transpose; p is 2 if even and odd columns lie
+            apart, else 1.
+        is_identity: each photo pixel is a sensor pixel. halves: each is the mean of two.
     """
 
     start: np.ndarray
@@ -48,12 +49,12 @@ class Resize(NamedTuple):
     weight: np.ndarray
     back_index: np.ndarray
     back_weight: np.ndarray
-    each: bool
-    pairs: bool
+    is_identity: bool
+    halves: bool
 
 
 class Registration(NamedTuple):
-    """A batch's way back to the image's frame; of length 0 if nothing is registered.
+    """What brings a batch's photos back to the image's frame; of length 0 if nothing does.
 
     Args:
         views: (B, 3, 3) float64, see `register.register`.
@@ -65,8 +66,8 @@ class Registration(NamedTuple):
 
 
 class Detail(NamedTuple):
-    """A batch's way from the codes of every sensor pixel to photos; neutral if no filter is
-    planned.
+    """What makes photos of a batch's codes of sensor pixels: filters, neutral if none is planned,
+    and a resize.
 
     Args:
         size: height and width of the codes. rows, cols: the resize along both axes.
@@ -86,7 +87,7 @@ class Detail(NamedTuple):
 
 
 class Codes(NamedTuple):
-    """A batch's way from readings to codes, and their resize.
+    """What makes codes of a batch's readings, and resizes them.
 
     Args:
         mosaic: the readings are packed planes. rows, cols: the resize along both axes.
@@ -113,12 +114,27 @@ class Codes(NamedTuple):
     brighten: np.ndarray
 
 
+class Photos(NamedTuple):
+    """What the development of a batch fills.
+
+    Args:
+        photos: (B, 3, H, W) float32, sRGB codes.
+        in_camera: (`batch.photo_size`,) float32, workspace of zeros: a photo in the camera's frame.
+            A look-up at a plane's last pixels reads beyond them with weight 0.
+        unclipped: (B, 3, ...) uint8, see `finish.finish`; (0, 3, ...) if not needed.
+    """
+
+    photos: np.ndarray
+    in_camera: np.ndarray
+    unclipped: np.ndarray
+
+
 class Development(NamedTuple):
     """A batch's development, as `run.develop` takes it.
 
     Args:
         size: height and width of the photos.
-        finishes: `codes` leaves every sensor pixel, and `detail` makes photos of them.
+        finishes: `codes` keeps every sensor pixel, and `detail` makes photos of them.
         registers: the photos come back to the image's frame.
     """
 

@@ -17,18 +17,18 @@ from torch.autograd import forward_ad
 
 from moireaug import pipeline
 from moireaug.effects.demosaic import merged_greens
-from moireaug.effects.prefilter import SMALL
+from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine import graph
 from moireaug.numeric import may_be_dual, saturate
 from moireaug.plan import Plan
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
-SWITCH = "MOIREAUG_ENGINE"  # the environment variable that may force the reference
-OFF = ("off", "0", "false", "no")  # its values that do, in capitals or not
-ON = ("", "on", "1", "true", "yes")
-NO_JIT = "NUMBA_DISABLE_JIT"  # numba's own
-EXPOSURES = ("spectral", "mean", "point")
+ENGINE_VARIABLE = "MOIREAUG_ENGINE"  # the environment variable that may force the reference
+OFF_VALUES = ("off", "0", "false", "no")  # its values that do, in capitals or not
+ON_VALUES = ("", "on", "1", "true", "yes")
+NO_JIT_VARIABLE = "NUMBA_DISABLE_JIT"  # numba's own
+ENGINE_EXPOSURES = ("spectral", "mean", "point")
 _blocks = 0  # `with reference()` blocks that are open, in any thread
 _counting = threading.Lock()
 
@@ -78,13 +78,13 @@ def reasons(scene: SceneRecord) -> dict[str, str]:
     return {"expose": off or _no_exposing(plan), "develop": off or _no_developing(plan)}
 
 
-def exposes(light: Tensor, shot: ShotRecord) -> bool:
+def can_expose(light: Tensor, shot: ShotRecord) -> bool:
     """Return whether the engine can expose these images (B, 3, H, W)."""
     asks = torch.is_grad_enabled() and (light.requires_grad or shot.requires_grad)
     return not asks and _runs(light) and not _no_exposing(shot.plan) and not _is_dual(shot)
 
 
-def develops(raw: Tensor, shot: ShotRecord) -> bool:
+def can_develop(raw: Tensor, shot: ShotRecord) -> bool:
     """Return whether the engine can develop these readings."""
     asks = torch.is_grad_enabled() and shot.requires_grad
     return not asks and _runs(raw) and not _no_developing(shot.plan) and not _is_dual(shot)
@@ -99,7 +99,9 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     from moireaug.engine import run
     from moireaug.engine.shot_exposure import lower_exposure
 
-    varies = shot.plan.prefilter > SMALL  # over the image: the reference does that blur
+    varies = (
+        shot.plan.prefilter > MAX_NEIGHBOUR_VARIANCE
+    )  # over the image: the reference does that blur
     exposure, beats = lower_exposure(shot, decoded=varies)
     fits = run.fits(exposure, beats)
     if not fits.any():
@@ -175,7 +177,7 @@ def _is_dual(shot: ShotRecord) -> bool:
 
 def _unavailable() -> str:
     """Return why no scene gets the engine, or an empty string."""
-    if _blocks or _switched_off(os.environ.get(SWITCH, "")):
+    if _blocks or _switched_off(os.environ.get(ENGINE_VARIABLE, "")):
         return "the engine is turned off"
     return _without_compiler()
 
@@ -191,9 +193,9 @@ def _switched_off(value: str) -> bool:
     Raises:
         ValueError: a value that says neither.
     """
-    if value.lower() not in (*OFF, *ON):
-        raise ValueError(f"{SWITCH} must be 'off', or unset; got {value!r}.")
-    return value.lower() in OFF
+    if value.lower() not in (*OFF_VALUES, *ON_VALUES):
+        raise ValueError(f"{ENGINE_VARIABLE} must be 'off', or unset; got {value!r}.")
+    return value.lower() in OFF_VALUES
 
 
 @functools.cache
@@ -202,7 +204,7 @@ def _without_compiler() -> str:
     if importlib.util.find_spec("numba") is None:
         return "numba is not installed"
     if _is_jit_disabled():
-        return f"{NO_JIT} is set, and numba compiles nothing"
+        return f"{NO_JIT_VARIABLE} is set, and numba compiles nothing"
     return ""
 
 
@@ -213,7 +215,7 @@ def _is_jit_disabled() -> bool:
     if config is not None:
         return bool(config.DISABLE_JIT)
     try:
-        return bool(int(os.environ.get(NO_JIT, "0")))
+        return bool(int(os.environ.get(NO_JIT_VARIABLE, "0")))
     except ValueError:  # numba takes it for 0
         return False
 
@@ -222,7 +224,7 @@ def _no_exposing(plan: Plan) -> str:
     method = plan.method
     if "exposure" not in plan:
         return "nothing is exposed"
-    if method.name not in EXPOSURES:
+    if method.name not in ENGINE_EXPOSURES:
         return f"the engine has no exposure {method.name!r}"
     return ""
 

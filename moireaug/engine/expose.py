@@ -3,89 +3,87 @@ a time."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from moireaug.engine.compiling import fill, inner, once, part
-from moireaug.engine.glow import glow
+from moireaug.engine.irradiance import panel_irradiance
 from moireaug.engine.nodes import bracket
-from moireaug.engine.random_numbers import keys
-from moireaug.engine.rows import BITS, LIGHT, NUMBERS, V, places_of, row_of
+from moireaug.engine.rows import LIGHT, NOISE, NOISE_BITS, Places, Row, V, places_of, row_of
 from moireaug.engine.sensor import attenuate, read, reflect
-from moireaug.engine.shares import sizes
+from moireaug.engine.tap_weights import weights_per_node
 from moireaug.engine.vectors import add
 from moireaug.engine.weights import blend
 
 ZERO = np.float32(0)
-BANDS = 224  # at least so many, if a photo has the rows; rows of a band share their weights
+# a photo is divided into at least so many bands, if it has the rows; rows of a band share their
+# tap weights
+MIN_BANDS = 224
+
+
+class _Work(NamedTuple):
+    """What a row of a reading is computed in; see `rows`."""
+
+    places: Places
+    row: Row
 
 
 @inner
-def cell_weights(out, nodes, v, first):
-    """Fill out (kinds, n) with the weights of cells on a row v."""
+def fill_band_weights(out, nodes, v, first):
+    """Fill out (kinds, n) with the tap weights of all nodes on a row v; first: row of the first
+    nodes."""
     kinds, rows = nodes.tables.shape[:2]
     node, t = bracket(v, first, nodes.step_vw, rows, 1)
     for kind in range(kinds):
-        n = nodes.columns * sizes(nodes.phases[kind], nodes.cells[kind])[1]
+        n = nodes.columns * weights_per_node(nodes.phases[kind], nodes.taps[kind])[1]
         low, high = nodes.tables[kind, node, :n], nodes.tables[kind, node + 1, :n]
         blend(out[kind, :n], low, high, np.float32(t))
 
 
 @once
-def _expose(
-    raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, noise_keys,
-    clips, places, row, top, bottom,
-):  # fmt: skip
+def _expose(raw, panel, size, image, work, top, bottom):
     """Do the same as `expose`, in buffers that it allocated."""
     planes, h, w = raw.shape
+    row, places, camera, sites = work.row, work.places, image.camera, image.sites
     rows, step = sites.rows, sites.step
-    light, numbers, bits = row.line[LIGHT], row.line[NUMBERS], row.whole[BITS]
-    band = max(1, len(rows) // BANDS)
+    light, noise, bits = row.floats[LIGHT], row.floats[NOISE], row.ints[NOISE_BITS]
+    band = max(1, len(rows) // MIN_BANDS)
     for r in range(top * step, bottom * step):
         v = rows[r]
         if r % band == 0 or r == top * step:
             start = r - r % band
             end = min(start + band, len(rows)) - 1
             middle = (rows[start] + rows[end]) / 2
-            cell_weights(row.weights, nodes, middle, rows[0])
-        fill(row.at[V], v)
-        pulse = flicker[r] if len(flicker) > 0 else 1.0
+            fill_band_weights(row.weights, image.nodes, middle, rows[0])
+        fill(row.position[V], v)
+        pulse = image.flicker[r] if len(image.flicker) > 0 else 1.0
         for plane in range(planes):
             if sites.row[plane] != r % step:
                 continue
             if places.first[plane] == plane:
-                glow(row, panel, size, camera, cell, nodes, sites, places, plane, v)
+                panel_irradiance(work, panel, size, image, plane, v)
             fill(light, ZERO)
             for colour in range(3):
-                passed = filters[sites.channel[plane], colour] * pulse
-                add(light, row.glow[colour], np.float32(passed))
+                passed = image.filters[sites.channel[plane], colour] * pulse
+                add(light, row.irradiance[colour], np.float32(passed))
             u = places.u[plane]
-            reflect(light, u, row.at[V], white[plane], camera)
-            attenuate(light, u, row.at[V], camera)
-            start = (plane * h + r // step) * w
-            out = raw[plane, r // step]
-            read(out, light, camera, start, noise, noise_keys, numbers, bits, clips)
+            reflect(light, u, row.position[V], image.white[plane], camera)
+            attenuate(light, u, row.position[V], camera)
+            out, start = raw[plane, r // step], (plane * h + r // step) * w
+            read(out, light, start, image.readout, noise, bits)
 
 
 @part
-def expose(
-    raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, seed, clips, top,
-    bottom,
-):  # fmt: skip
+def expose(raw, panel, size, image, top, bottom):
     """Fill rows `top` to `bottom` of raw (planes, h, w) float32 with the reading of one image.
 
     Args:
         panel: (3, ...) float32, from `panel.show`.
         size: (height, width) of the panel in panel pixels, rounded up.
-        camera, cell, nodes, sites: see `exposure_records`.
-        filters, white: (3, 3) and (planes,) float64, see `exposure_records.Exposure`.
-        flicker: (rows,) float64, each sensor row's light relative to the mean; empty without
-            flicker.
-        noise: whether there is any. seed: int64, of the noise.
-        clips: whether the reading is clipped to [0, 1].
+        image: see `exposure_records.FullImage`.
     """
     planes, _, w = raw.shape
-    places, row = places_of(w, planes, sites, nodes, filters), row_of(w, cell, nodes)
-    _expose(
-        raw, panel, size, camera, filters, white, cell, nodes, sites, flicker, noise, keys(seed),
-        clips, places, row, top, bottom,
-    )  # fmt: skip
+    places = places_of(w, planes, image.sites, image.nodes, image.filters)
+    work = _Work(places, row_of(w, image.cell, image.nodes))
+    _expose(raw, panel, size, image, work, top, bottom)

@@ -1,5 +1,5 @@
-"""What the kernels of exposing take, plain numbers and arrays: one `Camera` per image, one `Cell`
-and one `Sites` per batch."""
+"""The records that the kernels of exposing take, of plain numbers and arrays: one `Camera` per
+image, one `Cell` and one `Sites` per batch."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Camera(NamedTuple):
-    """One image's drawn numbers, floats.
+    """One image's camera, as numbers.
 
     h00 ... h22 is the homography from ideal photo coordinates about the photo's centre to image
     coordinates; `bend` is 4 / (H^2 + W^2), which scales squared radii for the lens's k1 and k2.
@@ -35,29 +35,29 @@ class Camera(NamedTuple):
     olpf: float
     gain: float
     read: float  # standard deviation of the noise in the dark
-    shot: float  # and of photon noise at full scale
+    shot: float  # standard deviation of photon noise at full scale
     falloff: float  # squared tangent of the corner's ray; 0 is no vignetting
-    motion_x: float  # standard deviation of the motion's spread, sensor pixels
+    motion_x: float  # standard deviation of motion blur, sensor pixels
     motion_y: float
     glare: float  # light that the glass reflects, as a share of a white screen's
-    glare_u: float  # and what a photo pixel to the right, and down, adds to it
+    glare_u: float  # what a photo pixel to the right, and one down, adds to it
     glare_v: float
     rectified: float  # 1 if pixels lie in the image's frame; then h is about both centres
 
 
 class Cell(NamedTuple):
-    """The panel's subpixels: n of several kinds; a kind is a shape and a period. The cell of a kind
-    is what its copies repeat with.
+    """The panel's subpixels: n of several kinds. A kind is a shape and a period; its cell is what
+    repeats with that period.
 
     Args:
-        whole: (2,) int64, a period of them all: panel pixels along x and y.
+        whole: (2,) int64, a common period of all kinds, panel pixels along x and y.
         period: (kinds, 2) int64, panel pixels along x and y.
         orders: (kinds, 2) int64, the highest harmonic along x and y, in cycles per cell.
-        channel, kind: (n,) int64. height, row: (n,) int64, the same for those of one height and one
-            period along y, and for those that are of one kind, too.
+        channel, kind: (n,) int64. height: (n,) int64, equal for subpixels of the same height and
+            period along y. row: (n,) int64, equal for those that are of the same kind, too.
         centre: (n, 2) float64, panel pixels. pixel: (n, 2) int64, the panel pixel whose value it
             shows.
-        radius: r; content is taken from 2 r + 1 cells along each axis.
+        radius: r in cells; content is taken from 2 r + 1 of them along each axis.
     """
 
     whole: np.ndarray
@@ -91,7 +91,7 @@ class Sites(NamedTuple):
 
 
 class Point(NamedTuple):
-    """What a point exposure knows of the panel.
+    """The panel of a point exposure.
 
     Args:
         rectangles: (n, 4) float64, the subpixels' x0, y0, x1, y1 in panel pixels from the cell's
@@ -110,23 +110,24 @@ class Exposure(NamedTuple):
 
     Args:
         size: height and width of the pictures.
-        cameras: (B, fields) float64, those of one `Camera` per image, of pixels. lenses: likewise,
-            of what blurs them: the same, or of a binned reading, those of sensor pixels.
+        cameras: (B, fields) float64, the fields of one `Camera` per image, of the pixels that are
+            read. lenses: likewise, of their blur: the same, or in a binned reading, those of sensor
+            pixels.
         filters: (B, 3, 3) float64, what each filter passes of red, green and blue light.
         white: (B, planes) float64, what each plane reads of a white screen on average.
         black: (B,) float32, light of a black pixel as a share of a white one's.
         coefficients: (B, kinds, K + 1, 2 L + 1) float64, of harmonics k = 0 ... K and l = -L ... L
             of each kind's mask, in cycles per cell.
-        widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: the variance that
-            its slant adds.
+        widths: (B, kinds, 2) float64, of each kind along x and y, in cells. skew: (B, kinds, 2)
+            float64, the variance that its slant adds, in squared cells.
         flicker: (B, rows) float64, each sensor row's light relative to the mean; or (B, 0).
-        seeds: (B,) int64, of the noise. noise: whether there is any.
+        seeds: (B,) int64, of the noise. noisy: whether there is any.
         coded: the pictures hold sRGB codes and the panel turns them into light.
-        share: (B,) float32, share of a picture pixel's light that comes from its neighbours; see
-            `picture.show`.
+        neighbour_share: (B,) float32, share of a picture pixel's light that comes from its
+            neighbours; see `picture.show`.
         dark: the panel is black beyond the picture, else it repeats the outermost pixel.
         clips: the reading is clipped to [0, 1].
-        point: for a point exposure, which reads no coefficients, widths and skew; else None.
+        point: of a point exposure, which does not use coefficients, widths and skew; else None.
     """
 
     size: tuple[int, int]
@@ -142,21 +143,21 @@ class Exposure(NamedTuple):
     sites: Sites
     flicker: np.ndarray
     seeds: np.ndarray
-    noise: bool
+    noisy: bool
     coded: bool
-    share: np.ndarray
+    neighbour_share: np.ndarray
     dark: bool
     clips: bool
     point: Point | None = None
 
 
 class Beats(NamedTuple):
-    """What a batch's binned readings know of the panel beside its Exposure, whose cameras are those
-    of photo pixels, and whose cell holds one pixel for each colour.
+    """What a batch's binned readings take of the panel besides its Exposure, whose cameras are of
+    photo pixels and whose cell holds one pixel of each colour.
 
     Args:
         cameras: (B, fields) float64, those of one `Camera` per image, of sensor pixels.
-        enlargement: (B,) float64, by how much bins are enlarged to be as large as a sensor pixel.
+        enlargement: (B,) float64, factor by which bins are enlarged to the size of a sensor pixel.
             triangle: (B,) float64, see `exposure.bins.Bins`. ratio: (B,) float64, panel pixels per
             pixel of the panel that is shown.
         centres: (B, 3, 2) float64, where each colour's pixel lies in its cell.
@@ -164,7 +165,8 @@ class Beats(NamedTuple):
         coefficients: (B, 3, K, 2) float32, twice those of each channel's light, real and imaginary
             part. strength: (B, K) float64, the greatest of a harmonic. mean: (B, 3) float64, share
             of the panel's area that emits each channel.
-        away: (B, 2) float32, variance of the noise that was averaged away; see `sensor.clip_mean`.
+        lost_noise_variance: (B, 2) float32, of the noise that bins average away: in the dark, and
+            what a reading of 1 adds.
         saturates: whether the pattern can fill a sensor pixel's well. bayer: whether the sensor has
             colour filters.
     """
@@ -179,13 +181,13 @@ class Beats(NamedTuple):
     coefficients: np.ndarray
     strength: np.ndarray
     mean: np.ndarray
-    away: np.ndarray
+    lost_noise_variance: np.ndarray
     saturates: bool
     bayer: bool
 
 
 class Terms(NamedTuple):
-    """What `beats.prepare` finds for one image: T waves.
+    """The waves of one image's beats, T of them, from `beats.prepare`.
 
     Args:
         harmonic: (T,) int64. wave: (T, 5) float64 and sign: (T, 2) float32, see
@@ -193,8 +195,8 @@ class Terms(NamedTuple):
         lines: (rows of nodes, T * 2 * w) float32, each term's amplitude at each pixel of a row, as
             the planes of red and blue, and of green, read it. peak: (rows, T) float32, the greatest
             of a row. step_v: from one row of nodes to the next.
-        pattern: (3,) float32, variance of the panel's pattern that is averaged away, by colour
-            filter; see `sensor.clip_mean`.
+        lost_pattern_variance: (3,) float32, of the panel's pattern that bins average away, as a
+            share of the squared mean light, by colour filter.
     """
 
     harmonic: np.ndarray
@@ -203,35 +205,28 @@ class Terms(NamedTuple):
     lines: np.ndarray
     peak: np.ndarray
     step_v: float
-    pattern: np.ndarray
+    lost_pattern_variance: np.ndarray
 
 
-class Given(NamedTuple):
-    """What one image's binned reading takes of its Exposure and Beats; see there. `shown` are the
-    filters of a sensor whose planes all see every channel that any of them does."""
+class Pattern(NamedTuple):
+    """One image's rows of its Beats; see there."""
 
-    filters: np.ndarray
-    shown: np.ndarray
-    white: np.ndarray
-    flicker: np.ndarray
-    noise: bool
-    clips: bool
     coefficients: np.ndarray
     mean: np.ndarray
-    away: np.ndarray
+    lost_noise_variance: np.ndarray
     saturates: bool
     bayer: bool
 
 
 class Nodes(NamedTuple):
-    """What `nodes.prepare` finds for one image.
+    """What varies slowly over one image's photo, from `nodes.prepare`.
 
     Args:
         terms: (T, 4) int64, see `harmonics`.
         lines: (columns of a filter cell, rows of nodes, T * w) float32, each term's amplitude at
             each pixel of a row.
         step_v: from one row of nodes to the next.
-        tables, phases, cells: from `weights.weights`, on `columns` nodes a row.
+        tables, phases, taps: from `weights.tap_weight_tables`, on `columns` nodes a row.
         step_uw, step_vw: from one of the tables' nodes to the next.
     """
 
@@ -240,14 +235,14 @@ class Nodes(NamedTuple):
     step_v: float
     tables: np.ndarray
     phases: np.ndarray
-    cells: np.ndarray
+    taps: np.ndarray
     columns: int
     step_uw: float
     step_vw: float
 
 
 class Stencil(NamedTuple):
-    """What `stencil.prepare` finds for one image.
+    """The weights of one image's bins, from `stencil.prepare`.
 
     Args:
         lines: (rows of nodes, 3 * 2 * taps * w) float32, of each colour the weights along x, and
@@ -261,9 +256,66 @@ class Stencil(NamedTuple):
     step_v: float
 
 
+class TapWeights(NamedTuple):
+    """Where in a table the tap weights of n pixels lie, along one axis and for one kind of
+    subpixel.
+
+    Args:
+        table: flat float32, from `weights.tap_weight_tables`. to_next: int32, from a node's weights
+            to the next node's.
+        weight_index: (n,) int32, index in the table of the weights of the phase before each pixel.
+        phase_share: (n,) float32, how far the pixel is towards the next phase. node_share: (n,)
+            float32, how far it is towards the next node.
+    """
+
+    table: np.ndarray
+    to_next: np.int32
+    weight_index: np.ndarray
+    phase_share: np.ndarray
+    node_share: np.ndarray
+
+
+class Readout(NamedTuple):
+    """How the sensor turns one image's light into readings; plain numbers.
+
+    Args:
+        noisy: whether readings have noise. dark_noise: float32, its standard deviation in the dark.
+            photon_noise: float32, that of photon noise at full scale.
+        keys: of the noise, two uint32 from `random_numbers.keys`.
+        clips: readings are clipped to [0, 1].
+    """
+
+    noisy: bool
+    dark_noise: np.float32
+    photon_noise: np.float32
+    keys: tuple[np.uint32, np.uint32]
+    clips: bool
+
+
+class FullImage(NamedTuple):
+    """What one image's full reading is computed from.
+
+    filters, white, flicker: the image's rows of its Exposure; see there.
+    """
+
+    camera: Camera
+    cell: Cell
+    nodes: Nodes
+    sites: Sites
+    filters: np.ndarray
+    white: np.ndarray
+    flicker: np.ndarray
+    readout: Readout
+
+
 class BinnedImage(NamedTuple):
-    """What one image's binned reading is computed from: `camera` of photo pixels, `sensor` of
-    sensor pixels, and either `nodes` or a stencil."""
+    """What one image's binned reading is computed from.
+
+    Args:
+        camera: of photo pixels. sensor: of sensor pixels.
+        nodes, stencil: one of them is empty.
+        filters, white, flicker: the image's rows of its Exposure; see there.
+    """
 
     camera: Camera
     sensor: Camera
@@ -272,4 +324,28 @@ class BinnedImage(NamedTuple):
     stencil: Stencil
     sites: Sites
     terms: Terms
-    given: Given
+    pattern: Pattern
+    filters: np.ndarray
+    white: np.ndarray
+    flicker: np.ndarray
+    readout: Readout
+
+
+class PointImage(NamedTuple):
+    """What one image's point exposure is computed from.
+
+    Args:
+        lit: share of each subpixel that emits.
+        filters, white, flicker: the image's rows of its Exposure; dark: as there.
+    """
+
+    camera: Camera
+    cell: Cell
+    point: Point
+    lit: float
+    sites: Sites
+    filters: np.ndarray
+    white: np.ndarray
+    flicker: np.ndarray
+    readout: Readout
+    dark: bool

@@ -11,26 +11,26 @@ from torch import Tensor
 from moireaug.shot import ShotRecord
 
 # a shot as an operator takes it: drawn numbers, seeds, scene as JSON, and size
-SHOT = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
+SHOT_SCHEMA = "Tensor[] numbers, Tensor seeds, str scene, SymInt[] size"
 
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings of images, without a gradient."""
-    return torch.ops.moireaug.expose(light, *_given(shot), shot.raw_shape()[1:])
+    return torch.ops.moireaug.expose(light, *_schema_values(shot), shot.raw_shape()[1:])
 
 
 def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return the photos of readings, with a gradient in them."""
-    return torch.ops.moireaug.develop(raw, *_given(shot))
+    return torch.ops.moireaug.develop(raw, *_schema_values(shot))
 
 
-def _given(shot: ShotRecord) -> tuple[list[Tensor], Tensor, str, tuple[int, int]]:
-    """Return what `SHOT` lists."""
+def _schema_values(shot: ShotRecord) -> tuple[list[Tensor], Tensor, str, tuple[int, int]]:
+    """Return what `SHOT_SCHEMA` lists."""
     text = vars(shot.scene)["_text"]  # which its plan has left there
     return list(shot.numbers().values()), shot.seed, text, shot.size
 
 
-def _keep(ctx: Any, inputs: tuple, output: Tensor) -> None:
+def _save(ctx: Any, inputs: tuple, output: Tensor) -> None:
     raw, numbers, seeds, ctx.scene, ctx.size = inputs
     ctx.save_for_backward(raw, seeds, *numbers)
 
@@ -43,9 +43,9 @@ def _backward(ctx: Any, grad: Tensor) -> tuple:
 
 # by hand, as in `effects.sensor`: `custom_op` imports the compiler
 LIBRARY = torch.library.Library("moireaug", "FRAGMENT")
-LIBRARY.define(f"expose(Tensor light, {SHOT}, SymInt[] shape) -> Tensor")
-LIBRARY.define(f"develop(Tensor raw, {SHOT}) -> Tensor")
-LIBRARY.define(f"develop_back(Tensor raw, Tensor grad, {SHOT}) -> Tensor")
+LIBRARY.define(f"expose(Tensor light, {SHOT_SCHEMA}, SymInt[] shape) -> Tensor")
+LIBRARY.define(f"develop(Tensor raw, {SHOT_SCHEMA}) -> Tensor")
+LIBRARY.define(f"develop_back(Tensor raw, Tensor grad, {SHOT_SCHEMA}) -> Tensor")
 
 
 @torch.library.register_fake("moireaug::expose", lib=LIBRARY)
@@ -63,4 +63,4 @@ def _(raw, grad, numbers, seeds, scene, size):
     return raw.new_empty(raw.shape)
 
 
-torch.library.register_autograd("moireaug::develop", _backward, setup_context=_keep, lib=LIBRARY)
+torch.library.register_autograd("moireaug::develop", _backward, setup_context=_save, lib=LIBRARY)

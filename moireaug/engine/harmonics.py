@@ -13,18 +13,20 @@ import numpy as np
 from moireaug.engine.compiling import fill, inner, loop
 from moireaug.engine.vectors import peek, poke
 
-FAINT = 2e-5  # of full scale: terms that nowhere exceed it in a reading are left out
+MIN_AMPLITUDE = 2e-5  # of full scale: terms that nowhere exceed it in a reading are left out
 KIND, K, L, SINE = 0, 1, 2, 3
 ONE, TWO, ZERO = np.float32(1), np.float32(2), np.float32(0)
 # sin and cos of 2 pi d for d in [-1/2, 1/2], by Taylor's series of s(t) = sin(t) and c(t) = cos(t)
 # at t = pi d / 2
-S = [
+SIN_SERIES = [
     np.float32((math.pi / 2) ** (2 * i + 1) * (-1) ** i / math.factorial(2 * i + 1))
     for i in range(5)
 ]
-C = [np.float32((math.pi / 2) ** (2 * i) * (-1) ** i / math.factorial(2 * i)) for i in range(5)]
-S0, S1, S2, S3, S4 = S
-C0, C1, C2, C3, C4 = C
+COS_SERIES = [
+    np.float32((math.pi / 2) ** (2 * i) * (-1) ** i / math.factorial(2 * i)) for i in range(5)
+]
+S0, S1, S2, S3, S4 = SIN_SERIES
+C0, C1, C2, C3, C4 = COS_SERIES
 
 
 @inner
@@ -55,12 +57,12 @@ def fold(amplitude):
 
 @loop
 def terms_of(amplitude, gain):
-    """Return the terms (T, 4) int64 that, times the gain, exceed FAINT at any node, in order, of
-    folded amplitudes (rows, cols, kinds, n, m)."""
+    """Return the terms (T, 4) int64 that, times the gain, exceed MIN_AMPLITUDE at any node, in
+    order, of folded amplitudes (rows, cols, kinds, n, m)."""
     rows, cols, kinds, n, m = amplitude.shape
     half = m // 2
     out, count = np.empty((kinds * n * m, 4), np.int64), 0
-    least = FAINT / max(gain, 1.0)
+    least = MIN_AMPLITUDE / max(gain, 1.0)
     for kind in range(kinds):
         for k in range(n):
             for l in range(m):
@@ -84,7 +86,7 @@ def add_scaled(out, weight, value):
 
 
 @inner
-def along_row(out, amplitude, terms, ends, weight):
+def interpolate_to_pixels(out, amplitude, terms, ends, weight):
     """Fill out (rows, T * n) float32 with each term's amplitude at n pixels of each row of nodes.
 
     Args:
@@ -107,7 +109,7 @@ def along_row(out, amplitude, terms, ends, weight):
 
 
 @inner
-def first_wave(cos, sin, d):
+def fill_fundamental(cos, sin, d):
     """Fill cos and sin (n,) with cos and sin of 2 pi d, d (n,) in [-1/2, 1/2]."""
     for i in range(len(d)):
         t = peek(d, i)
@@ -127,11 +129,11 @@ def _next_wave(out, first, last, before):
 
 
 @inner
-def waves(cos, sin, d):
+def fill_waves(cos, sin, d):
     """Fill cos and sin (count, n) with cos and sin of 2 pi k d, d (n,) in [-1/2, 1/2]; k = 0 is
     there already."""
     if len(cos) > 1:
-        first_wave(cos[1], sin[1], d)
+        fill_fundamental(cos[1], sin[1], d)
     for k in range(2, len(cos)):
         _next_wave(cos[k], cos[1], cos[k - 1], cos[k - 2])
         _next_wave(sin[k], cos[1], sin[k - 1], sin[k - 2])
@@ -148,14 +150,14 @@ def _add(out, first, second, third, fourth, weight, wave):
 
 
 @inner
-def across(even, odd, terms, kind, lines, weight, cy, sy):
+def row_amplitudes(even, odd, terms, kind, lines, weight, cos_y, sin_y):
     """Fill even and odd (K + 1, n) with the amplitudes of cos(k x) and sin(k x) on a row, of one
     kind of subpixel.
 
     Args:
         lines: (4, T * n), each term's amplitude on four rows of nodes. weight: (4,) float32, of
             their cubic.
-        cy, sy: (L + 1, n), from `waves`.
+        cos_y, sin_y: (L + 1, n), from `fill_waves`.
     """
     n = even.shape[1]
     fill(even.reshape(-1), ZERO)
@@ -167,44 +169,47 @@ def across(even, odd, terms, kind, lines, weight, cy, sy):
         k, l, a, b = terms[i, K], terms[i, L], i * n, (i + 1) * n
         first, second, third, fourth = lines[0, a:b], lines[1, a:b], lines[2, a:b], lines[3, a:b]
         if terms[i, SINE]:
-            _add(odd[k], first, second, third, fourth, four, sy[l])
+            _add(odd[k], first, second, third, fourth, four, sin_y[l])
         else:
-            _add(even[k], first, second, third, fourth, four, cy[l])
+            _add(even[k], first, second, third, fourth, four, cos_y[l])
 
 
 @inner
-def _turn(here, beside, even, odd, cos, sin):
-    for i in range(len(here)):
+def _rotate_phase(in_phase, quadrature, even, odd, cos, sin):
+    for i in range(len(in_phase)):
         e, o, c, s = peek(even, i), peek(odd, i), peek(cos, i), peek(sin, i)
-        poke(here, i, e * c + o * s)
-        poke(beside, i, e * s - o * c)
+        poke(in_phase, i, e * c + o * s)
+        poke(quadrature, i, e * s - o * c)
 
 
 @inner
-def turn(here, beside, even, odd, cx, sx):
-    """Fill here and beside (K + 1, n) with the harmonics of amplitudes from `across`, and with the
-    same shifted by a quarter of a period; cx, sx: (K + 1, n), from `waves`."""
-    for k in range(len(here)):
-        _turn(here[k], beside[k], even[k], odd[k], cx[k], sx[k])
+def rotate_phase(in_phase, quadrature, even, odd, cos_x, sin_x):
+    """Fill in_phase and quadrature (K + 1, n) with the harmonics at the pixels, and with the same
+    shifted by a quarter of a period.
+
+    even, odd: from `row_amplitudes`. cos_x, sin_x: (K + 1, n), from `fill_waves`.
+    """
+    for k in range(len(in_phase)):
+        _rotate_phase(in_phase[k], quadrature[k], even[k], odd[k], cos_x[k], sin_x[k])
 
 
 @inner
-def _add_shifted(out, here, beside, cos, sin):
+def _add_shifted(out, in_phase, quadrature, cos, sin):
     for i in range(len(out)):
-        poke(out, i, out[i] + cos * peek(here, i) + sin * peek(beside, i))
+        poke(out, i, out[i] + cos * peek(in_phase, i) + sin * peek(quadrature, i))
 
 
 @inner
-def shine(light, content, here, beside, cos, sin, through):
+def modulate(light, content, in_phase, quadrature, cos, sin, modulation):
     """Add the content (n,) of one subpixel, times the sum of its harmonics, to light (n,).
 
     Args:
-        here, beside: from `turn`. cos, sin: (K + 1,) float32, of k times the angle of its place in
-            the cell.
-        through: (n,) workspace.
+        in_phase, quadrature: from `rotate_phase`. cos, sin: (K + 1,) float32, of k times the angle
+            of the subpixel's centre in the cell.
+        modulation: (n,) float32, workspace.
     """
-    fill(through, ZERO)
-    for k in range(len(here)):
-        _add_shifted(through, here[k], beside[k], cos[k], sin[k])
+    fill(modulation, ZERO)
+    for k in range(len(in_phase)):
+        _add_shifted(modulation, in_phase[k], quadrature[k], cos[k], sin[k])
     for i in range(len(light)):
-        poke(light, i, light[i] + peek(content, i) * peek(through, i))
+        poke(light, i, light[i] + peek(content, i) * peek(modulation, i))

@@ -8,7 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
-INDEX = ir.IntType(64)
+INDEX_TYPE = ir.IntType(64)
 
 
 def emit_peek(context, builder, signature, args):
@@ -29,59 +29,51 @@ def emit_poke(context, builder, signature, args):
     return context.get_dummy_value()
 
 
-def emit_taps(lanes, sums, context, builder, signature, args):
-    """Write what `vectors._taps` makes."""
-    start, apart, first, each, count, base = _indices(
-        context, builder, signature, args, (1, 2, 4, 5, 6, 9)
-    )
-
-    at = _pointers(context, builder, signature, args)
-    targets = [at(0, place) for place in _steps(builder, start, apart, sums)]
+def emit_sums(lanes, sums, context, builder, signature, args):
+    """Write what `vectors._vector_of_sums` makes."""
+    pixel, apart, each = _indices(context, builder, signature, args, (1, 2, 4))
+    at = _pointers(context, builder, signature.args, args)
+    count = context.make_array(signature.args[6])(context, builder, args[6]).nitems
+    targets = [at(0, place) for place in _steps(builder, pixel, apart, sums)]
     totals = [cgutils.alloca_once_value(builder, _load(builder, to, lanes)) for to in targets]
     with cgutils.for_range(builder, count, intp=count.type) as tap:
-        index = builder.add(first, tap.index)
-        offset = builder.load(at(8, index), typ=base.type)
-        row = _load(builder, at(7, builder.add(base, offset)), lanes)
-        for total, place in zip(totals, _steps(builder, index, each, sums), strict=True):
-            weight = _spread(builder, builder.load(at(3, place), typ=ir.FloatType()), lanes)
+        offset = builder.load(at(6, tap.index), typ=pixel.type)
+        row = _load(builder, at(5, builder.add(pixel, offset)), lanes)
+        for total, place in zip(totals, _steps(builder, tap.index, each, sums), strict=True):
+            weight = _broadcast(builder, builder.load(at(3, place), typ=ir.FloatType()), lanes)
             builder.store(_fma(builder, weight, row, builder.load(total)), total)
     for total, target in zip(totals, targets, strict=True):
         _store(builder, builder.load(total), target)
     return context.get_dummy_value()
 
 
-def emit_down_weights(cells, pixels, context, builder, signature, args):
-    """Write what `vectors._down_weights` makes."""
-    to_next, first = _indices(context, builder, signature, args, (2, 6))
-    at = _pointers(context, builder, signature, args)
-    places = _whole_numbers(builder, at(3, first), pixels)
-    between, share = _load(builder, at(4, first), pixels), _load(builder, at(5, first), pixels)
-    found = _weights(builder, partial(at, 1), to_next, places, between, share, cells)
-    start = builder.mul(first, ir.Constant(first.type, cells))
-    _store(builder, found, at(0, start))
+def emit_tap_weights(taps, pixels, context, builder, signature, args):
+    """Write what `vectors._vector_of_weights` makes."""
+    (first,) = _indices(context, builder, signature, args, (2,))
+    weights = _tap_weights(context, builder, signature.args[1], args[1], first, (taps, pixels))
+    start = builder.mul(first, ir.Constant(first.type, taps))
+    _store(builder, weights, _pointers(context, builder, signature.args, args)(0, start))
     return context.get_dummy_value()
 
 
-def emit_weighted_cells(cells, rows, pixels, context, builder, signature, args):
-    """Write what `vectors._weighted_cells` makes."""
-    stride, to_next, first = _indices(context, builder, signature, args, (3, 5, 10))
-    at = _pointers(context, builder, signature, args)
-    places = _whole_numbers(builder, at(6, first), pixels)
-    between, share = _load(builder, at(7, first), pixels), _load(builder, at(8, first), pixels)
-    across = _weights(builder, partial(at, 4), to_next, places, between, share, cells)
-    start = builder.mul(first, ir.Constant(first.type, cells))
-    down = _load(builder, at(9, start), pixels * cells)
+def emit_content(taps, rows, pixels, context, builder, signature, args):
+    """Write what `vectors._vector_of_content` makes."""
+    stride, first = _indices(context, builder, signature, args, (3, 6))
+    at = _pointers(context, builder, signature.args, args)
+    across = _tap_weights(context, builder, signature.args[4], args[4], first, (taps, pixels))
+    start = builder.mul(first, ir.Constant(first.type, taps))
+    down = _load(builder, at(5, start), pixels * taps)
     bases, total = _whole_numbers(builder, at(2, first), pixels), None
-    for j in range(cells):
-        if (cells - rows) // 2 <= j < (cells + rows) // 2:
-            row = _joined(builder, [_load(builder, at(1, base), cells) for base in bases])
-            weight = _lanes(builder, down, [p * cells + j for p in _each(pixels, cells)])
+    for j in range(taps):
+        if (taps - rows) // 2 <= j < (taps + rows) // 2:
+            row = _joined(builder, [_load(builder, at(1, base), taps) for base in bases])
+            weight = _lanes(builder, down, [p * taps + j for p in _each(pixels, taps)])
             if total is None:
                 total = builder.fmul(weight, row)
             else:
                 total = _fma(builder, weight, row, total)
         bases = [builder.add(base, stride) for base in bases]
-    sums = _totals(builder, builder.fmul(total, across), cells)
+    sums = _totals(builder, builder.fmul(total, across), taps)
     _store(builder, sums, at(0, first))
     return context.get_dummy_value()
 
@@ -100,10 +92,10 @@ def _indices(context, builder, signature, args, places):
 
 def _steps(builder, first, step, count):
     """Return `count` indices from the first on, a step apart."""
-    found = [first]
+    indices = [first]
     for _ in range(count - 1):
-        found.append(builder.add(found[-1], step))
-    return found
+        indices.append(builder.add(indices[-1], step))
+    return indices
 
 
 def _address(context, builder, array_type, array, index_type, index):
@@ -129,25 +121,25 @@ def _store(builder, vector, pointer):
     store.align = 4
 
 
-def _pointers(context, builder, signature, args):
-    """Return a function that gives the address of an element: of which argument, and where."""
+def _pointers(context, builder, array_types, arrays):
+    """Return a function that gives the address of an element: of which array, and where."""
 
     def at(i, index):
-        return _address(context, builder, signature.args[i], args[i], types.intp, index)
+        return _address(context, builder, array_types[i], arrays[i], types.intp, index)
 
     return at
 
 
 def _whole_numbers(builder, pointer, count):
     """Load `count` numbers, int32, from `pointer`, each as an index."""
-    found = []
+    numbers = []
     for i in range(count):
-        place = builder.gep(pointer, [ir.Constant(INDEX, i)], inbounds=True)
-        found.append(builder.sext(builder.load(place, typ=ir.IntType(32)), INDEX))
-    return found
+        place = builder.gep(pointer, [ir.Constant(INDEX_TYPE, i)], inbounds=True)
+        numbers.append(builder.sext(builder.load(place, typ=ir.IntType(32)), INDEX_TYPE))
+    return numbers
 
 
-def _spread(builder, scalar, lanes):
+def _broadcast(builder, scalar, lanes):
     """Return a vector with one number in all lanes."""
     one = builder.insert_element(
         ir.Constant(_vector(1), ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
@@ -183,28 +175,37 @@ def _fma(builder, a, b, c):
     return builder.call(function, [a, b, c])
 
 
-def _totals(builder, vector, cells):
-    """Return the sum of every `cells` numbers of a vector."""
-    lanes, apart = vector.type.count, cells // 2
+def _totals(builder, vector, group):
+    """Return the sum of each `group` of neighbouring numbers of a vector."""
+    lanes, apart = vector.type.count, group // 2
     while apart:
         other = _lanes(builder, vector, [i ^ apart for i in range(lanes)])
         vector, apart = builder.fadd(vector, other), apart // 2
-    return _lanes(builder, vector, list(range(0, lanes, cells)))
+    return _lanes(builder, vector, list(range(0, lanes, group)))
 
 
 def _between(builder, a, b, share):
     return _fma(builder, share, builder.fsub(b, a), a)
 
 
-def _weights(builder, table, to_next, places, between, share, cells):
-    """Return `cells` numbers of a table for each of some pixels: `between` of the way from those at
-    its place to those behind them, and `share` of the way to those `to_next` ahead."""
-    # a phase's weights and the next one's lie side by side
+def _tap_weights(context, builder, record_type, record, first, counts):
+    """Return the tap weights of some pixels, as a vector.
+
+    Args:
+        record: an `exposure_records.TapWeights`. first: the first of the pixels.
+        counts: taps per pixel, and pixels.
+    """
+    taps, pixels = counts
+    fields = [builder.extract_value(record, i) for i in range(len(record_type.types))]
+    at = _pointers(context, builder, record_type.types, fields)
+    table, to_next = partial(at, 0), context.cast(builder, fields[1], record_type[1], types.intp)
+    places = _whole_numbers(builder, at(2, first), pixels)
+    phase_share, node_share = (_load(builder, at(i, first), pixels) for i in (3, 4))
     ahead = [builder.add(place, to_next) for place in places]
-    here = _joined(builder, [_load(builder, table(place), 2 * cells) for place in places])
-    there = _joined(builder, [_load(builder, table(place), 2 * cells) for place in ahead])
-    pixels = len(places)
-    both = _between(builder, here, there, _lanes(builder, share, _each(pixels, 2 * cells)))
-    firsts = [2 * cells * p + i for p in range(pixels) for i in range(cells)]
-    phase, next_phase = (_lanes(builder, both, [i + k for i in firsts]) for k in (0, cells))
-    return _between(builder, phase, next_phase, _lanes(builder, between, _each(pixels, cells)))
+    # a phase's weights and the next one's lie side by side
+    here = _joined(builder, [_load(builder, table(place), 2 * taps) for place in places])
+    there = _joined(builder, [_load(builder, table(place), 2 * taps) for place in ahead])
+    both = _between(builder, here, there, _lanes(builder, node_share, _each(pixels, 2 * taps)))
+    firsts = [2 * taps * p + i for p in range(pixels) for i in range(taps)]
+    phase, next_phase = (_lanes(builder, both, [i + k for i in firsts]) for k in (0, taps))
+    return _between(builder, phase, next_phase, _lanes(builder, phase_share, _each(pixels, taps)))

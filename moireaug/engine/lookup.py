@@ -1,4 +1,4 @@
-"""A row of sensor pixels of one plane: where they look on the panel, and the content there.
+"""Where a row of sensor pixels of one plane looks on the panel, and the content there.
 
 Each loop does one thing, so that it vectorises.
 """
@@ -11,91 +11,90 @@ from moireaug.engine.compiling import inner
 from moireaug.engine.vectors import (
     eight_by_eight,
     eight_by_six,
-    eight_weights,
+    fill_eight_weights,
+    fill_four_weights,
     four_by_four,
-    four_weights,
     peek,
     poke,
 )
 
-ROUND = 1.5 * 2.0**52  # adding it rounds to whole numbers
+ROUNDING_OFFSET = 1.5 * 2.0**52  # adding it to a float64 rounds to whole numbers
 HALF, ZERO = np.float32(0.5), np.float32(0)
-NARROW, WIDE = 4, 8  # cells along each axis that a pixel's content is taken from
-SIX_ROWS = 2  # up to so many taps, the outermost two of WIDE rows have no light
+NARROW_TAPS, WIDE_TAPS = 4, 8  # cells along each axis that a pixel's content is taken from
+MAX_RADIUS_OF_SIX_ROWS = 2  # cells: up to it, the outermost two of WIDE_TAPS rows have no light
 
 
 @inner
-def cells(d, n, x, centre, period, low, high):
-    """Split panel coordinates x (n,) into whole cells n, int32 between `low` and `high`, and the
-    remainder d, float32 in cells."""
+def split_into_cells(offset, cell, position, centre, period, low, high):
+    """Split panel coordinates (n,) into whole cells, (n,) int32 between `low` and `high`, and the
+    offset from there, (n,) float32 in cells.
+
+    position: (n,) float64, panel pixels. centre, period: of the cells, panel pixels.
+    """
     scale = 1 / period
-    for i in range(len(x)):
-        q = (peek(x, i) - centre) * scale
-        whole = (q + ROUND) - ROUND
-        poke(d, i, q - whole)
-        poke(n, i, np.int32(min(max(whole, low), high)))
+    for i in range(len(position)):
+        q = (peek(position, i) - centre) * scale
+        whole = (q + ROUNDING_OFFSET) - ROUNDING_OFFSET
+        poke(offset, i, q - whole)
+        poke(cell, i, np.int32(min(max(whole, low), high)))
 
 
 @inner
-def windows(start, place, between, d, n, column, phases, width):
-    """Find the first of the `width` cells around each pixel, and their weights in the table of
-    `weights.weights`.
+def locate_taps(first, index, phase_share, offset, nearest, start, phases, taps):
+    """Find each pixel's first tap along one axis, and its weights in a table of
+    `weights.tap_weight_tables`.
 
     Args:
-        start: (n,) int32, filled with the cell. place: (n,) int32, filled with where in the table
-            the weights of the phase before are; between: (n,) float32, filled with how far the
-            pixel is towards the next phase.
-        d, n: from `cells`. column: (n,) int32, where the left node's weights along this axis begin.
+        first: (n,) int32, filled with the cell of the first tap. index, phase_share: (n,) int32 and
+            float32, filled as in `exposure_records.TapWeights`.
+        offset, nearest: (n,), from `split_into_cells`. start: (n,) int32, index in the table of the
+            left node's weights along this axis. phases, taps: see `exposure_records.Nodes`.
     """
     scale, last = np.float32(phases), np.int32(phases - 1)
-    size, half = np.int32(width), np.int32(width // 2)
-    for i in range(len(d)):
-        at = (peek(d, i) + HALF) * scale
+    size, half = np.int32(taps), np.int32(taps // 2)
+    for i in range(len(offset)):
+        at = (peek(offset, i) + HALF) * scale
         whole = np.int32(min(np.int32(at), last))
-        right = np.int32(peek(d, i) >= ZERO)
-        poke(between, i, at - np.float32(whole))
-        poke(place, i, np.int32(np.int32(np.int32(whole + right) * size) + peek(column, i)))
-        poke(start, i, np.int32(np.int32(peek(n, i) + right) - half))
+        right = np.int32(peek(offset, i) >= ZERO)
+        poke(phase_share, i, at - np.float32(whole))
+        poke(index, i, np.int32(np.int32(np.int32(whole + right) * size) + peek(start, i)))
+        poke(first, i, np.int32(np.int32(peek(nearest, i) + right) - half))
 
 
 @inner
-def base_of(base, x, y, stride, origin):
-    """Fill base (n,) int32 with the places of cells (x, y) on the flattened panel."""
+def fill_base(base, x, y, stride, origin):
+    """Fill base (n,) int32 with the indices of cells (x, y) on the flattened panel."""
     for i in range(len(base)):
         row = np.int32(peek(y, i) * stride)
         poke(base, i, np.int32(np.int32(row + peek(x, i)) + origin))
 
 
 @inner
-def down(out, table, to_next, place, between, share, width):
-    """Fill out (n * width,) with the weights of each pixel's `width` rows of cells.
+def fill_weights(out, weights, taps):
+    """Fill out (n * taps,) float32 with the pixels' tap weights along one axis.
 
-    Args:
-        table: flat, of one kind, from `weights.weights`. to_next: int32, from a node's weights to
-            the next node's.
-        place, between: (n,), from `windows`. share: (n,) float32, how far the pixel is towards the
-            next node.
+    weights: see `exposure_records.TapWeights`.
     """
-    if width == NARROW:
-        four_weights(out, table, to_next, place, between, share)
+    if taps == NARROW_TAPS:
+        fill_four_weights(out, weights)
     else:
-        eight_weights(out, table, to_next, place, between, share)
+        fill_eight_weights(out, weights)
 
 
 @inner
-def content(out, panel, base, stride, table, to_next, place, between, share, rows, width, taps):
-    """Fill out (n,) with the content of `width` x `width` cells, weighted.
+def content(out, panel, base, stride, weights, weights_y, taps, radius):
+    """Fill out (n,) float32 with the weighted content of `taps` x `taps` cells.
 
     Args:
-        panel: flat. base: (n,) int32, the first cell. stride: int32, from a row of cells to the
-            next.
-        table, to_next, place, between, share: of the columns of cells, as in `down`.
-        rows: the weights of the rows of cells, from `down`.
-        taps: cells to each side of the nearest one that give light.
+        panel: flat. base: (n,) int32, index of the first cell. stride: int32, from a row of cells
+            to the next.
+        weights: along x, see `exposure_records.TapWeights`. weights_y: along y, from
+            `fill_weights`.
+        radius: see `exposure_records.Cell`.
     """
-    if width == NARROW:
-        four_by_four(out, panel, base, stride, table, to_next, place, between, share, rows)
-    elif taps <= SIX_ROWS:
-        eight_by_six(out, panel, base, stride, table, to_next, place, between, share, rows)
+    if taps == NARROW_TAPS:
+        four_by_four(out, panel, base, stride, weights, weights_y)
+    elif radius <= MAX_RADIUS_OF_SIX_ROWS:
+        eight_by_six(out, panel, base, stride, weights, weights_y)
     else:
-        eight_by_eight(out, panel, base, stride, table, to_next, place, between, share, rows)
+        eight_by_eight(out, panel, base, stride, weights, weights_y)

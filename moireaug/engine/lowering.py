@@ -9,7 +9,7 @@ import numpy as np
 
 from moireaug.engine.exposure_records import Camera, Cell, Sites
 
-HOMOGRAPHY = [f"h{row}{column}" for row in range(3) for column in range(3)]
+HOMOGRAPHY_FIELDS = [f"h{row}{column}" for row in range(3) for column in range(3)]
 
 
 def lower_cameras(
@@ -30,7 +30,7 @@ def lower_cameras(
             planned.
     """
     h, w = size
-    homography = dict(zip(HOMOGRAPHY, inverse.reshape(-1, 9).T, strict=True))
+    homography = dict(zip(HOMOGRAPHY_FIELDS, inverse.reshape(-1, 9).T, strict=True))
     derived = {
         "bend": 4 / (h * h + w * w),
         "scale_u": scales[1],

@@ -1,5 +1,5 @@
-"""What varies slowly over a photo, on a grid of nodes: as many as the view's change of scale
-needs."""
+"""Grids of nodes for what varies slowly over a photo. The view's change of scale decides how many
+nodes there are."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from moireaug.engine.compiling import fill, inner, loop, part
 from moireaug.engine.exposure_records import Nodes
 from moireaug.engine.view import jacobian
 
-FLAT = 5e-4  # if the logarithm of the view's scale changes by less, 4 and 2 nodes are enough
-MOST = 65
-SAMPLES = 9  # along each axis of the photo, of how its view's scale changes
-SEEN = 5  # and of how many cells a pixel sees
-# how much the logarithm of the view's scale may change between two nodes of the amplitudes, and of
-# the weights
-STEP, STEP_OF_WEIGHTS = 0.15, 0.06
-SWING = 0.3  # and how much the motion, where it changes sign, as a share of the rest of the spread
-CYCLES = 0.12  # and how much the highest frequency may, in cycles per sensor pixel
-PASSED = 0.8  # in units of 1 / blur: a frequency of which a Gaussian passes less than 1e-5
+# if the logarithm of the view's scale changes by less, 4 nodes of the amplitudes and 2 of the tap
+# weights are enough
+FLAT_LOG_SCALE = 5e-4
+MAX_NODES = 65  # along each axis of the photo
+VIEW_SAMPLES = 9  # along each axis of the photo, where the view's scale is taken
+BLUR_SAMPLES = 5  # along each axis of the photo, where the blur is taken
+# how much may change from one node to the next: the logarithm of the view's scale for amplitudes
+# and for tap weights; where motion changes sign, motion as a share of the rest of the blur; and the
+# highest frequency, in cycles per sensor pixel
+LOG_SCALE_STEP, LOG_SCALE_STEP_OF_WEIGHTS, MOTION_STEP, FREQUENCY_STEP = 0.15, 0.06, 0.3, 0.12
+PASSED_CYCLES_PER_BLUR = 0.8  # a Gaussian passes less than 1e-5 of higher frequencies
 
 
 @inner
@@ -31,19 +32,19 @@ def sample(positions, k, count):
 
 
 @inner
-def _fill_scales(seen, rows, cols, camera, lens):
-    """Fill seen (samples along v, along u, 2) with how many of the panel's pixels a pixel spans
-    along both axes of the panel."""
-    for i in range(SAMPLES):
-        for j in range(SAMPLES):
-            u, v = sample(cols, j, SAMPLES), sample(rows, i, SAMPLES)
+def _fill_scales(scales, rows, cols, camera, lens):
+    """Fill scales (samples along v, along u, 2) with how many panel pixels a pixel spans along both
+    axes of the panel."""
+    for i in range(VIEW_SAMPLES):
+        for j in range(VIEW_SAMPLES):
+            u, v = sample(cols, j, VIEW_SAMPLES), sample(rows, i, VIEW_SAMPLES)
             xu, xv, yu, yv = jacobian(u, v, camera)
             x, y = xu * xu + xv * xv, yu * yu + yv * yv
-            if lens.rectified != 0:  # pixels are alike, and what varies is the lens's spread
+            if lens.rectified != 0:  # pixels are alike, and what varies is the lens's blur
                 xu, xv, yu, yv = jacobian(u, v, lens)
                 blur = 12 * lens.blur * lens.blur
                 x, y = x + (xu * xu + xv * xv) * blur, y + (yu * yu + yv * yv) * blur
-            seen[i, j, 0], seen[i, j, 1] = math.sqrt(x), math.sqrt(y)
+            scales[i, j, 0], scales[i, j, 1] = math.sqrt(x), math.sqrt(y)
 
 
 @inner
@@ -56,95 +57,94 @@ def _fill_highest(highest, cell):
 
 
 @inner
-def _fastest(seen, axis_of_photo, highest, passed):
-    """Return how much the logarithm of the view's scale, and the highest frequency, change along u
-    (0) or v (1), if they do so over the whole photo as where they change fastest.
+def _fastest_change(scales, axis_of_photo, highest, passed):
+    """Return how much the logarithm of the view's scale, and the highest frequency, would change
+    along u (0) or v (1), if they did over the whole photo as they do where they change fastest.
 
     passed: the highest frequency that passes the lens, in cycles per sensor pixel.
     """
     least, cycles = 1.0, 0.0
-    for i in range(SAMPLES):
-        for j in range(SAMPLES - 1):
+    for i in range(VIEW_SAMPLES):
+        for j in range(VIEW_SAMPLES - 1):
             for axis in range(2):
-                here, there = seen[i, j, axis], seen[i, j + 1, axis]
+                here, there = scales[i, j, axis], scales[i, j + 1, axis]
                 if axis_of_photo == 1:
-                    here, there = seen[j, i, axis], seen[j + 1, i, axis]
+                    here, there = scales[j, i, axis], scales[j + 1, i, axis]
                 high = max(here, there)
                 ratio = min(here, there) / high
                 least = min(least, ratio)
                 cycles = max(cycles, min(high * highest[axis], passed) * (1 - ratio))
-    return -math.log(least) * (SAMPLES - 1), cycles * (SAMPLES - 1)
+    return -math.log(least) * (VIEW_SAMPLES - 1), cycles * (VIEW_SAMPLES - 1)
 
 
 @inner
-def _swing(rows, cols, camera, lens, axis_of_photo):
-    """Return how much the motion along the panel's axes changes along u (0) or v (1), as a share of
-    the rest of the spread, if it does so over the whole photo as where it changes sign: there the
-    whole spread has its least value, with a kink if the rest is small."""
-    found = 0.0
-    for i in range(SAMPLES):
-        for j in range(SAMPLES - 1):
-            u, v = sample(cols, j, SAMPLES), sample(rows, i, SAMPLES)
-            u2, v2 = sample(cols, j + 1, SAMPLES), v
+def _motion_change(rows, cols, camera, lens, axis_of_photo):
+    """Return how much motion along the panel's axes would change along u (0) or v (1), as a share
+    of the rest of the blur, if it did over the whole photo as it does where it changes sign. There
+    the whole blur is least, with a kink if the rest is small."""
+    most = 0.0
+    for i in range(VIEW_SAMPLES):
+        for j in range(VIEW_SAMPLES - 1):
+            u, v = sample(cols, j, VIEW_SAMPLES), sample(rows, i, VIEW_SAMPLES)
+            u2, v2 = sample(cols, j + 1, VIEW_SAMPLES), v
             if axis_of_photo == 1:
-                u, v = sample(cols, i, SAMPLES), sample(rows, j, SAMPLES)
-                u2, v2 = u, sample(rows, j + 1, SAMPLES)
+                u, v = sample(cols, i, VIEW_SAMPLES), sample(rows, j, VIEW_SAMPLES)
+                u2, v2 = u, sample(rows, j + 1, VIEW_SAMPLES)
             by_camera = jacobian(u, v, camera)
-            here = weights.by_lens(by_camera, u, v, camera, lens)
-            there = weights.by_lens(jacobian(u2, v2, camera), u2, v2, camera, lens)
+            here = weights.lens_jacobian(by_camera, u, v, camera, lens)
+            there = weights.lens_jacobian(jacobian(u2, v2, camera), u2, v2, camera, lens)
             for axis in range(2):
                 x, y = 2 * axis, 2 * axis + 1
-                a = weights.moved(here[x], here[y], lens)
-                b = weights.moved(there[x], there[y], lens)
+                a = weights.motion_sigma(here[x], here[y], lens)
+                b = weights.motion_sigma(there[x], there[y], lens)
                 if a * b < 0:
-                    still = weights.still(
+                    variance = weights.still_variance(
                         by_camera[x], by_camera[y], camera.fill, here[x], here[y], lens
                     )
-                    found = max(found, abs(a - b) / math.sqrt(still + weights.NARROWEST))
-    return found * (SAMPLES - 1)
+                    most = max(most, abs(a - b) / math.sqrt(variance + weights.MIN_VARIANCE))
+    return most * (VIEW_SAMPLES - 1)
 
 
 @inner
 def _count(steps, fewest):
-    """Return how many nodes are as many steps apart: at least `fewest`, and at most MOST + 1."""
-    return int(min(max(steps + 2, fewest), MOST + 1))
+    """Return how many nodes a change of so many steps needs: at least `fewest`, and at most
+    MAX_NODES + 1."""
+    return int(min(max(steps + 2, fewest), MAX_NODES + 1))
 
 
 @loop
 def counts(rows, cols, camera, lens, cell):
-    """Return how many nodes the amplitudes and the weights (first axis) need along u and v (second
-    axis): (2, 2) int64, MOST + 1 where they need more than MOST."""
-    seen, highest = np.empty((SAMPLES, SAMPLES, 2)), np.empty(2)
-    _fill_scales(seen, rows, cols, camera, lens)
+    """Return how many nodes the amplitudes and the tap weights (first axis) need along u and v
+    (second axis): (2, 2) int64, at most MAX_NODES + 1."""
+    scales, highest = np.empty((VIEW_SAMPLES, VIEW_SAMPLES, 2)), np.empty(2)
+    _fill_scales(scales, rows, cols, camera, lens)
     _fill_highest(highest, cell)
-    change, cycles, passed = np.empty(2), np.empty(2), PASSED / max(camera.blur, 1e-6)
+    change, cycles = np.empty(2), np.empty(2)
+    passed = PASSED_CYCLES_PER_BLUR / max(camera.blur, 1e-6)
     for k in range(2):
-        change[k], cycles[k] = _fastest(seen, k, highest, passed)
+        change[k], cycles[k] = _fastest_change(scales, k, highest, passed)
     out = np.empty((2, 2), np.int64)
     fewest = 9 if camera.k1 != 0 or camera.k2 != 0 else 6
     for k in range(2):
-        if max(change[0], change[1]) < FLAT:
+        if max(change[0], change[1]) < FLAT_LOG_SCALE:
             out[0, k], out[1, k] = 4, 2
             continue
-        out[0, k] = _count(max(cycles[k] / CYCLES, change[k] / STEP), fewest)
-        swing = _swing(rows, cols, camera, lens, k) / SWING
-        out[1, k] = _count(max(change[k] / STEP_OF_WEIGHTS, swing), 5)
+        out[0, k] = _count(max(cycles[k] / FREQUENCY_STEP, change[k] / LOG_SCALE_STEP), fewest)
+        motion_steps = _motion_change(rows, cols, camera, lens, k) / MOTION_STEP
+        out[1, k] = _count(max(change[k] / LOG_SCALE_STEP_OF_WEIGHTS, motion_steps), 5)
     return out
 
 
 @loop
 def _narrowed(rows, cols, camera, lens, cell, widths, skew):
-    """Return whether any of a few sensor pixels over the photo sees more cells than are looked
-    at."""
-    spread = np.empty((2, 2), np.float64)
-    for i in range(SEEN):
-        for j in range(SEEN):
-            u, v = sample(cols, j, SEEN), sample(rows, i, SEEN)
+    """Return whether any of a few sensor pixels over the photo sees more cells than its taps."""
+    blur = np.empty((2, 2), np.float64)
+    for i in range(BLUR_SAMPLES):
+        for j in range(BLUR_SAMPLES):
+            u, v = sample(cols, j, BLUR_SAMPLES), sample(rows, i, BLUR_SAMPLES)
             for kind in range(len(widths)):
-                period, width = cell.period[kind], widths[kind]
-                if weights.spreads(
-                    spread, u, v, camera, lens, period, width, skew[kind], cell.radius
-                ):
+                subpixel = weights.SubpixelSize(cell.period[kind], widths[kind], skew[kind])
+                if weights.fill_blur(blur, u, v, camera, lens, subpixel, cell.radius):
                     return True
     return False
 
@@ -152,18 +152,18 @@ def _narrowed(rows, cols, camera, lens, cell, widths, skew):
 @loop
 def fits(camera, lens, cell, widths, skew, sites, dark):
     """Return whether the kernels can follow a view: not one near the horizon, nor, if `dark`, one
-    from so far away that a pixel sees more cells than are looked at. Arguments as in
+    from so far away that a pixel sees more cells than its taps. Arguments as in
     `expose.expose` and `panel.show`."""
     if dark and _narrowed(sites.rows, sites.cols, camera, lens, cell, widths, skew):
         return False
     count, most = counts(sites.rows, sites.cols, camera, lens, cell), 0
     for k in range(2):
         most = max(most, count[0, k], count[1, k])
-    return most <= MOST
+    return most <= MAX_NODES
 
 
 @part
-def line_of(positions, count):
+def node_line(positions, count):
     """Return `count` nodes from the first to the last position, and the step between two; for one
     position all nodes are there, and the step is 1."""
     first, last = positions[0], positions[len(positions) - 1]
@@ -187,8 +187,9 @@ def bracket(at, first, step, count, most):
 
 
 @part
-def cubics(ends, weight, positions, first, step):
-    """Fill ends and weight of `harmonics.along_row` for pixels at (n,) ascending positions.
+def fill_cubics(ends, weight, positions, first, step):
+    """Fill ends and weight of `harmonics.interpolate_to_pixels` for pixels at ascending positions
+    (n,).
 
     first, step: the first node, and from one to the next.
     """
@@ -210,8 +211,8 @@ def prepare(camera, lens, cell, coefficients, widths, skew, sites):
     """Return the Nodes of an image; arguments as in `exposure_records.Exposure`."""
     rows, cols, step = sites.rows, sites.cols, sites.step
     count = counts(rows, cols, camera, lens, cell)
-    us, step_u = line_of(cols, count[0, 0])
-    vs, step_v = line_of(rows, count[0, 1])
+    us, step_u = node_line(cols, count[0, 0])
+    vs, step_v = node_line(rows, count[0, 1])
     amplitude = optics.amplitudes(us, vs, camera, cell, coefficients)
     harmonics.fold(amplitude)
     terms = harmonics.terms_of(amplitude, camera.gain)
@@ -219,16 +220,16 @@ def prepare(camera, lens, cell, coefficients, widths, skew, sites):
     lines = np.empty((step, len(vs), len(terms) * w), np.float32)
     ends, weight = np.empty(len(us) - 2, np.int64), np.empty((4, w), np.float32)
     for column in range(step):
-        cubics(ends, weight, cols[column::step], us[0], step_u)
-        harmonics.along_row(lines[column], amplitude, terms, ends, weight)
-    us, step_uw = line_of(cols, count[1, 0])
-    vs, step_vw = line_of(rows, count[1, 1])
-    tables, phases, cells = weights.weights(us, vs, camera, lens, cell, widths, skew)
-    return Nodes(terms, lines, step_v, tables, phases, cells, len(us), step_uw, step_vw)
+        fill_cubics(ends, weight, cols[column::step], us[0], step_u)
+        harmonics.interpolate_to_pixels(lines[column], amplitude, terms, ends, weight)
+    us, step_uw = node_line(cols, count[1, 0])
+    vs, step_vw = node_line(rows, count[1, 1])
+    tables, phases, taps = weights.tap_weight_tables(us, vs, camera, lens, cell, widths, skew)
+    return Nodes(terms, lines, step_v, tables, phases, taps, len(us), step_uw, step_vw)
 
 
 @part
-def none(kinds):
+def no_nodes(kinds):
     """Return the Nodes of an image that needs none."""
     tables, phases = np.empty((kinds, 0, 0), np.float32), np.zeros((kinds, 2), np.int64)
     terms, lines = np.empty((0, 4), np.int64), np.empty((1, 0, 0), np.float32)

@@ -12,7 +12,14 @@ import numpy as np
 from moireaug.engine.compiling import inner, loop
 from moireaug.engine.view import jacobian
 
-STEPS, PER_CYCLE, MOST_STEPS = 512, 64, 2**16
+MIN_TRANSFER_STEPS, TRANSFER_STEPS_PER_CYCLE, MAX_TRANSFER_STEPS = 512, 64, 2**16
+
+
+@inner
+def transfer_steps(most):
+    """Return how many steps a `transfer_table` needs up to a frequency in cycles per sensor
+    pixel."""
+    return min(max(MIN_TRANSFER_STEPS, int(TRANSFER_STEPS_PER_CYCLE * most)), MAX_TRANSFER_STEPS)
 
 
 @loop
@@ -33,21 +40,33 @@ def transfer_table(camera, most, steps):
 
 
 @inner
-def transfer(table, f):
-    """Return the value of a table of an even, smooth function at f >= 0, in steps of the table."""
+def look_up(table, f):
+    """Return the value of a table of an even, smooth function at f >= 0, in the table's steps."""
     i = int(f)
     a, b, g = table[i], table[i + 1], f - i
-    # the parabola through two neighbours and the mean curvature at both: the table holds an even,
-    # smooth function
+    # a parabola through two neighbours, of the mean curvature at both
     before, after = table[abs(i - 1)], table[min(i + 2, len(table) - 1)]
     return a + g * (b - a) - g * (1 - g) / 4 * (before - a - b + after)
 
 
 @inner
-def _fill_views(views, us, vs, camera, cell):
-    """Fill views (rows, cols, kinds, 4) with how many cells along x and y a step to the next sensor
-    pixel goes by, along u and then along v. Return the highest frequency, in cycles per sensor
-    pixel."""
+def transfer_at(fu, fv, table, scale, camera):
+    """Return the transfer of aperture and lens at a frequency in cycles per sensor pixel along u
+    and v.
+
+    table: from `transfer_table`. scale: its steps per cycle per sensor pixel.
+    """
+    passed = look_up(table, abs(fu) * scale) * look_up(table, abs(fv) * scale)
+    if camera.motion_x != 0 or camera.motion_y != 0:
+        along = fu * camera.motion_x + fv * camera.motion_y
+        passed *= math.exp(-2 * math.pi * math.pi * along * along)
+    return passed
+
+
+@inner
+def _fill_steps(steps, us, vs, camera, cell):
+    """Fill steps (rows, cols, kinds, 4) with the cells along x and y from one sensor pixel to the
+    next along u, and then along v. Return the highest frequency, in cycles per sensor pixel."""
     most = 1e-9
     for r in range(len(vs)):
         for c in range(len(us)):
@@ -55,49 +74,45 @@ def _fill_views(views, us, vs, camera, cell):
             for kind in range(len(cell.period)):
                 (px, py), (k, l) = cell.period[kind], cell.orders[kind]
                 ux, uy, vx, vy = xu / px, yu / py, xv / px, yv / py
-                view = views[r, c, kind]
-                view[0], view[1], view[2], view[3] = ux, uy, vx, vy
+                step = steps[r, c, kind]
+                step[0], step[1], step[2], step[3] = ux, uy, vx, vy
                 most = max(most, k * abs(ux) + l * abs(uy), k * abs(vx) + l * abs(vy))
     return most
 
 
 @inner
-def _pass(out, coefficients, view, table, scale, camera):
-    """Fill out (n, m), zeros, with the amplitudes of harmonics (n, m) that pass at a node.
+def _transmit(out, coefficients, step, table, scale, camera):
+    """Fill out (n, m), which holds zeros, with the amplitudes of harmonics (n, m) after the optics
+    at a node.
 
-    view: (4,), from `_fill_views`. table, scale: the transfer at a frequency is at `scale` times it
-    in the table.
+    step: (4,), from `_fill_steps`. table, scale: as in `transfer_at`.
     """
-    ux, uy, vx, vy = view
+    ux, uy, vx, vy = step
     n, m = coefficients.shape
     for k in range(n):
         for l in range(m):
             if coefficients[k, l] == 0:
                 continue
             fu, fv = k * ux + (l - m // 2) * uy, k * vx + (l - m // 2) * vy
-            passed = transfer(table, abs(fu) * scale) * transfer(table, abs(fv) * scale)
-            if camera.motion_x != 0 or camera.motion_y != 0:
-                along = fu * camera.motion_x + fv * camera.motion_y
-                passed *= math.exp(-2 * math.pi * math.pi * along * along)
-            out[k, l] = coefficients[k, l] * passed
+            out[k, l] = coefficients[k, l] * transfer_at(fu, fv, table, scale, camera)
 
 
 @loop
 def amplitudes(us, vs, camera, cell, coefficients):
     """Return (rows, cols, kinds, n, m) float32, each harmonic's amplitude on nodes of the photo.
 
-    coefficients: (kinds, n, m) of harmonics k = 0 ... K and l = -L ... L, n = K + 1 and m = 2 L +
-    1.
+    coefficients: (kinds, n, m) of harmonics k = 0 ... K and l = -L ... L, where n = K + 1 and
+    m = 2 L + 1.
     """
     kinds, n, m = coefficients.shape
-    views = np.empty((len(vs), len(us), kinds, 4), np.float64)
-    most = _fill_views(views, us, vs, camera, cell)
-    steps = min(max(STEPS, int(PER_CYCLE * most)), MOST_STEPS)
-    table, scale = transfer_table(camera, most, steps), steps / most
+    steps = np.empty((len(vs), len(us), kinds, 4), np.float64)
+    most = _fill_steps(steps, us, vs, camera, cell)
+    count = transfer_steps(most)
+    table, scale = transfer_table(camera, most, count), count / most
     out = np.zeros((len(vs), len(us), kinds, n, m), np.float32)
     for r in range(len(vs)):
         for c in range(len(us)):
             for kind in range(kinds):
-                view, amplitude = views[r, c, kind], out[r, c, kind]
-                _pass(amplitude, coefficients[kind], view, table, scale, camera)
+                step, amplitude = steps[r, c, kind], out[r, c, kind]
+                _transmit(amplitude, coefficients[kind], step, table, scale, camera)
     return out

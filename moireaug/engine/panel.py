@@ -11,14 +11,14 @@ from moireaug.engine.compiling import copy, fill, inner, loop, part
 from moireaug.engine.vectors import add, peek, poke
 
 ZERO = np.float32(0)
-AROUND = 5  # cells of margin beyond the cell's `radius`: half of the widest window, and one
+MARGIN_CELLS = 5  # beyond the cell's `radius`: half of the widest window, and one
 
 
 @inner
 def shape(size, alpha, cell):
     """Return the height and width of the panel's picture with its margins, whole cells of every
     kind."""
-    around, px, py = 2 * (cell.radius + AROUND), cell.whole[0], cell.whole[1]
+    around, px, py = 2 * (cell.radius + MARGIN_CELLS), cell.whole[0], cell.whole[1]
     return (math.ceil(alpha * size[0] / py) + around) * py, (
         math.ceil(alpha * size[1] / px) + around
     ) * px
@@ -27,7 +27,7 @@ def shape(size, alpha, cell):
 @inner
 def margin(cell, axis):
     """Return how many panel pixels of margin lie ahead of the picture."""
-    return (cell.radius + AROUND) * cell.whole[axis]
+    return (cell.radius + MARGIN_CELLS) * cell.whole[axis]
 
 
 @inner
@@ -41,14 +41,14 @@ def _period_of(cell, channel):
 
 @inner
 def _pixel_at(i, n, period):
-    """Return the place of the panel pixel that is stored as number i of n: the first pixels of
-    cells of so many, then their second, and so on."""
+    """Return the position of the panel pixel that is stored as number i of n: the first pixels of
+    all cells of `period` pixels come first, then their second, and so on."""
     cells = n // period
     return i % cells * period + i // cells
 
 
 @inner
-def _axis(n, size, alpha, period, lead, first, share):
+def _fill_axis(n, size, alpha, period, lead, first, share):
     """Find where each of n panel pixels lies between two picture pixels.
 
     period: see `_pixel_at`. lead: panel pixels ahead of the picture.
@@ -61,7 +61,7 @@ def _axis(n, size, alpha, period, lead, first, share):
 
 
 @inner
-def _between(out, first, second, f):
+def _interpolate_rows(out, first, second, f):
     """Fill out (w + 1,) with a row interpolated between two (w,), its last pixel repeated."""
     w = len(first)
     for i in range(w):
@@ -70,7 +70,7 @@ def _between(out, first, second, f):
 
 
 @inner
-def _across(out, row, first, share):
+def _interpolate_row(out, row, first, share):
     for i in range(len(out)):
         x = peek(first, i)
         low = peek(row, x)
@@ -83,19 +83,19 @@ def _enlarge(panel, light, alpha, period, ahead, above):
     (h, w), (n, m) = light.shape, panel.shape
     x, fx = np.empty(m, np.int32), np.empty(m, np.float32)
     y, fy = np.empty(n, np.int32), np.empty(n, np.float32)
-    _axis(n, h, alpha, 1, above, y, fy)
-    _axis(m, w, alpha, period, ahead, x, fx)
+    _fill_axis(n, h, alpha, 1, above, y, fy)
+    _fill_axis(m, w, alpha, period, ahead, x, fx)
     row = np.empty(w + 1, np.float32)
     for i in range(n):
         low = np.int64(y[i])
-        _between(row, light[low], light[min(low + 1, h - 1)], fy[i])
-        _across(panel[i], row, x, fx)
+        _interpolate_rows(row, light[low], light[min(low + 1, h - 1)], fy[i])
+        _interpolate_row(panel[i], row, x, fx)
 
 
 @inner
-def _triangles(pixel, weight, size, alpha, period, lead):
+def _fill_triangles(pixel, weight, size, alpha, period, lead):
     """Find which picture pixels each panel pixel shows, (taps, n) int32, and how much of each,
-    (taps, n) float32; the rest as in `_axis`."""
+    (taps, n) float32; the rest as in `_fill_axis`."""
     taps, n = pixel.shape
     for i in range(n):
         at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
@@ -126,8 +126,8 @@ def shrink(panel, light, alpha, period, ahead, above):
     taps = math.ceil(2 / alpha)  # picture pixels under a triangle
     x, across = np.empty((taps, m), np.int32), np.empty((taps, m), np.float32)
     y, down = np.empty((taps, n), np.int32), np.empty((taps, n), np.float32)
-    _triangles(x, across, w, alpha, period, ahead)
-    _triangles(y, down, h, alpha, 1, above)
+    _fill_triangles(x, across, w, alpha, period, ahead)
+    _fill_triangles(y, down, h, alpha, 1, above)
     row = np.empty(w, np.float32)
     for i in range(n):
         fill(row, ZERO)
@@ -140,12 +140,12 @@ def shrink(panel, light, alpha, period, ahead, above):
 
 
 @inner
-def _ends(seen, size, alpha, period, lead):
-    """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `_axis`."""
-    n = len(seen)
+def _fill_on_picture(on_picture, size, alpha, period, lead):
+    """Find whether each panel pixel is on the picture, (n,) bool; the rest as in `_fill_axis`."""
+    n = len(on_picture)
     for i in range(n):
         at = (_pixel_at(i, n, period) - lead + 0.5) / alpha
-        seen[i] = 0 <= at < size
+        on_picture[i] = 0 <= at < size
 
 
 @loop
@@ -153,8 +153,8 @@ def _blacken(panel, size, alpha, period, ahead, above):
     """Blacken what lies beyond the picture, on one colour's panel (n, m)."""
     n, m = panel.shape
     x, y = np.empty(m, np.bool_), np.empty(n, np.bool_)
-    _ends(x, size[1], alpha, period, ahead)
-    _ends(y, size[0], alpha, 1, above)
+    _fill_on_picture(x, size[1], alpha, period, ahead)
+    _fill_on_picture(y, size[0], alpha, 1, above)
     for i in range(n):
         for j in range(m):
             if not (y[i] and x[j]):

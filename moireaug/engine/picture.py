@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from moireaug.engine.compiling import inner, loop
-from moireaug.engine.tables import DECODE_BYTES, decode
+from moireaug.engine.tables import DECODE_BYTE_TABLE, decode
 
 HALF, ONE = np.float32(0.5), np.float32(1)
 
 
 @inner
-def _decoded(out, row, byte, coded, black):
+def _decode_row(out, row, byte, coded, black):
     """Fill out (w + 2,) with the light of a row (w,) of the picture, its end values repeated."""
     w = len(row)
     if byte and coded:
         for i in range(w):
-            out[i + 1] = DECODE_BYTES[np.uint32(row[i])]
+            out[i + 1] = DECODE_BYTE_TABLE[np.uint32(row[i])]
     elif byte:
         for i in range(w):
             out[i + 1] = np.float32(row[i]) * np.float32(1 / 255)
@@ -33,37 +33,38 @@ def _decoded(out, row, byte, coded, black):
 
 
 @inner
-def _spread(out, before, row, after, share):
-    """Fill out with a row, `share` of it in equal parts from its neighbours."""
-    keep, half = ONE - share, HALF * share
+def _blur(out, before, row, after, neighbour_share):
+    """Fill out with a row of which `neighbour_share` comes in equal parts from its neighbours."""
+    own, half = ONE - neighbour_share, HALF * neighbour_share
     for i in range(len(out)):
-        out[i] = keep * row[i] + half * (before[i] + after[i])
+        out[i] = own * row[i] + half * (before[i] + after[i])
 
 
 @loop
-def show(light, picture, coded, black, share):
+def show(light, picture, coded, black, neighbour_share):
     """Fill light (3, H, W) float32 from picture (3, H, W) float32 or uint8.
 
     Args:
         coded: the picture holds sRGB codes.
         black: float32, light of a black pixel as a share of a white one's.
-        share: float32, share of a pixel's light that comes from its neighbours along each axis;
-            see `prefilter.spread`.
+        neighbour_share: float32, share of a pixel's light that comes from its neighbours along each
+            axis; see `prefilter.spread`.
     """
     _, h, w = picture.shape
     byte = picture.itemsize == 1
     line, ring = np.empty(w + 2, np.float32), np.empty((3, w), np.float32)
     for c in range(3):
-        if share == 0:
+        if neighbour_share == 0:
             for y in range(h):
-                _decoded(line, picture[c, y], byte, coded, black)
+                _decode_row(line, picture[c, y], byte, coded, black)
                 for i in range(w):
                     light[c, y, i] = line[i + 1]
             continue
         for y in range(h + 1):
             if y < h:
-                _decoded(line, picture[c, y], byte, coded, black)
-                _spread(ring[y % 3], line[:w], line[1 : w + 1], line[2:], share)
+                _decode_row(line, picture[c, y], byte, coded, black)
+                _blur(ring[y % 3], line[:w], line[1 : w + 1], line[2:], neighbour_share)
             if y > 0:
                 above, below = max(y - 2, 0) % 3, min(y, h - 1) % 3
-                _spread(light[c, y - 1], ring[above], ring[(y - 1) % 3], ring[below], share)
+                row = ring[(y - 1) % 3]
+                _blur(light[c, y - 1], ring[above], row, ring[below], neighbour_share)

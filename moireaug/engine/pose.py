@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from moireaug.geometry.homography import AHEAD, BORDER, FAR_AWAY
+from moireaug.geometry.homography import BEHIND_CAMERA, BORDER, LEAST_DEPTH
 
 
 def camera_pose(
@@ -54,10 +54,10 @@ def _fitting_zoom(
     half = np.array([w / 2, h / 2])
     points = np.array(BORDER) * half
     depth = points @ m[:, 2, :2].T + 1  # (16, B)
-    ahead = depth > AHEAD
+    ahead = depth > LEAST_DEPTH
     depth = np.where(ahead, depth, 1)
-    x = np.where(ahead, points @ m[:, 0, :2].T / depth, FAR_AWAY)
-    y = np.where(ahead, points @ m[:, 1, :2].T / depth, FAR_AWAY)
+    x = np.where(ahead, points @ m[:, 0, :2].T / depth, BEHIND_CAMERA)
+    y = np.where(ahead, points @ m[:, 1, :2].T / depth, BEHIND_CAMERA)
     to_edge = 1 / np.maximum(np.abs(x) / half[0], np.abs(y) / half[1])
     r2 = (x * x + y * y) * to_edge * to_edge * (4 / (h * h + w * w))
     return (to_edge * (1 + r2 * (k1 + k2 * r2))).min(0)

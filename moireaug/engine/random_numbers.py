@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from moireaug.effects.random_numbers import INTERVALS, MIX, PLACES_PER_INTERVAL, WEYL, quantiles
+from moireaug.effects.random_numbers import (
+    INTERVALS,
+    MIX_FACTORS,
+    PLACES_PER_INTERVAL,
+    WEYL_STEP,
+    quantiles,
+)
 from moireaug.engine.compiling import exact, inner
 from moireaug.engine.vectors import peek, poke
 
 # compile-time constants: the compiler then knows that no row it writes overlaps them, and
 # vectorises
-LOW, STEP = (table.numpy() for table in quantiles())
-FIRST_FACTOR, SECOND_FACTOR = np.uint32(MIX[0]), np.uint32(MIX[1])
-SHIFT = np.uint32(PLACES_PER_INTERVAL.bit_length() - 1)
-LOWER = np.uint32(PLACES_PER_INTERVAL - 1)
-UPPER = np.uint32(INTERVALS - 1)
-KEY = np.uint32(WEYL)
-LOW_BITS = 2**32 - 1
+LOW_QUANTILE, QUANTILE_STEP = (table.numpy() for table in quantiles())
+FIRST_FACTOR, SECOND_FACTOR = np.uint32(MIX_FACTORS[0]), np.uint32(MIX_FACTORS[1])
+INTERVAL_SHIFT = np.uint32(PLACES_PER_INTERVAL.bit_length() - 1)
+PLACE_MASK = np.uint32(PLACES_PER_INTERVAL - 1)
+INTERVAL_MASK = np.uint32(INTERVALS - 1)
+KEY_OFFSET = np.uint32(WEYL_STEP)
+UINT32_MASK = 2**32 - 1
 
 
 @inner
@@ -32,8 +38,9 @@ def mix(x):
 @inner
 def keys(seed):
     """Return the two keys, uint32, of an image's seed, int64."""
-    first = mix(np.uint32(seed & LOW_BITS))
-    return first, mix(np.uint32(np.uint32(np.uint32((seed >> 32) & LOW_BITS) ^ first) ^ KEY))
+    first = mix(np.uint32(seed & UINT32_MASK))
+    high = np.uint32((seed >> 32) & UINT32_MASK)
+    return first, mix(np.uint32(np.uint32(high ^ first) ^ KEY_OFFSET))
 
 
 @inner
@@ -52,6 +59,6 @@ def normal_row(out, bits, start, first, second):
     _hash(bits, start, first, second)
     for i in range(len(out)):
         drawn = np.uint32(peek(bits, i))
-        interval = np.uint32(drawn >> SHIFT) & UPPER
-        place = np.float32(np.int32(drawn & LOWER))
-        poke(out, i, peek(LOW, interval) + peek(STEP, interval) * place)
+        interval = np.uint32(drawn >> INTERVAL_SHIFT) & INTERVAL_MASK
+        place = np.float32(np.int32(drawn & PLACE_MASK))
+        poke(out, i, peek(LOW_QUANTILE, interval) + peek(QUANTILE_STEP, interval) * place)

@@ -12,14 +12,15 @@ from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import undistorted
 from moireaug.geometry.grids import NEAR_HORIZON
 
-STEPS = 1024
+UNDISTORTION_STEPS = 1024
 ONE = np.float32(1)
 ONE32 = np.int32(1)
+# rows of a _Row's arrays
 X, Y = range(2)
 SQUARE = WEIGHT = 2
 
 
-def room(h: int, w: int) -> int:
+def flat_length(h: int, w: int) -> int:
     """Return the length of a photo's flattened planes, with the values beyond them that a bilinear
     look-up at the last pixel reads with weight 0."""
     return 3 * h * w + w + 1
@@ -27,14 +28,14 @@ def room(h: int, w: int) -> int:
 
 @loop
 def undistortion(k1, k2):
-    """Return the factor that takes ideal points to photo points, at STEPS + 2 squares of the ideal
-    radius from 0 to that of the photo's corners; and how many steps there are to 1."""
+    """Return a table of the factor that takes ideal points to photo points, at UNDISTORTION_STEPS +
+    2 squares of the ideal radius from 0 to that of the photo's corners; and its steps per unit."""
     edge = (1 + k1 + k2) ** 2
-    out = np.empty(STEPS + 2)
-    for i in range(STEPS + 2):
-        ideal = math.sqrt(i * edge / STEPS)
+    out = np.empty(UNDISTORTION_STEPS + 2)
+    for i in range(UNDISTORTION_STEPS + 2):
+        ideal = math.sqrt(i * edge / UNDISTORTION_STEPS)
         out[i] = undistorted(ideal, k1, k2) / ideal if ideal > 1e-12 else 1.0
-    return out, STEPS / edge
+    return out, UNDISTORTION_STEPS / edge
 
 
 class _Row(NamedTuple):
@@ -60,10 +61,10 @@ def _row_of(w):
 
 
 @inner
-def _aim(x, y, square, r, view, per_square, h, w):
+def _fill_ideal(x, y, square, r, view, per_square, h, w):
     """Fill x, y and square (w,), the `_Row`'s ideal, for row r of an image."""
     v = r + 0.5 - h / 2
-    half_w, bend, last = w / 2, 4.0 / (h * h + w * w), STEPS + 0.5
+    half_w, bend, last = w / 2, 4.0 / (h * h + w * w), UNDISTORTION_STEPS + 0.5
     ax, bx, ay, by, az, bz = (
         view[0, 0],
         view[0, 1] * v + view[0, 2],
@@ -85,7 +86,7 @@ def _aim(x, y, square, r, view, per_square, h, w):
 def photo_row(u, v, ideal, r, view, factor, per_square, size):
     """Fill u and v (w,) with where row r of an image (height, width) lies on the photo, about its
     centre; ideal: (3, w) float64, workspace. The rest as in `register`."""
-    _aim(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, size[0], size[1])
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, size[0], size[1])
     for i in range(len(u)):
         square = peek(ideal[SQUARE], i)
         k = np.int32(square)
@@ -96,8 +97,8 @@ def photo_row(u, v, ideal, r, view, factor, per_square, size):
 
 
 @inner
-def _bend(at, share, ideal, factor, h, w):
-    """Fill `at` and share of a `_Row`."""
+def _distort(at, share, ideal, factor, h, w):
+    """Fill `at` and share of a `_Row` from its `ideal`."""
     fx, fy, weight = share[X], share[Y], share[WEIGHT]
     half_w, half_h = w / 2, h / 2
     for i in range(len(at)):
@@ -120,12 +121,12 @@ def _place(row, r, view, factor, per_square, h, w):
     """Fill the _Row with where row r of an image (h, w) looks."""
     ideal = row.ideal
     # in a loop without look-ups, which vectorises
-    _aim(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, h, w)
-    _bend(row.at, row.share, ideal, factor, h, w)
+    _fill_ideal(ideal[X], ideal[Y], ideal[SQUARE], r, view, per_square, h, w)
+    _distort(row.at, row.share, ideal, factor, h, w)
 
 
 @inner
-def _look(out, photo, at, share, down):
+def _sample(out, photo, at, share, down):
     """Fill a row from a plane of the photo, whose rows lie `down` apart."""
     fx, fy, weight, right = share[X], share[Y], share[WEIGHT], ONE32
     for i in range(len(out)):
@@ -154,7 +155,7 @@ def _scatter(photo, grad, at, share, down):
 
 
 @part
-def looked_at(view, k1, k2, h, w, top, bottom):
+def rows_read(view, k1, k2, h, w, top, bottom):
     """Return the first and one past the last row of a photo (3, h, w) that `register` reads for
     rows `top` to `bottom`."""
     if bottom - top == h:
@@ -175,7 +176,7 @@ def register(out, photo, view, k1, k2, top, bottom):
     photo does not show the image.
 
     Args:
-        photo: (`room`(H, W),) float32, the planes one after another, and zeros.
+        photo: (`flat_length`(H, W),) float32, the planes one after another, and zeros.
         view: (3, 3) float64, homography from image coordinates about the centre to ideal photo
             coordinates about it.
         k1, k2: of the lens.
@@ -186,7 +187,7 @@ def register(out, photo, view, k1, k2, top, bottom):
     for r in range(top, bottom):
         _place(row, r, view, factor, per_square, h, w)
         for c in range(3):
-            _look(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
+            _sample(out[c, r], photo[c * h * w :], row.at, row.share, np.int32(w))
 
 
 @part

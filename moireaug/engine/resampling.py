@@ -13,7 +13,7 @@ from moireaug.effects.resize import area_weights
 from moireaug.engine.development_records import LANES, Resize, Stencil
 
 
-def _padded(n: int) -> int:
+def _lanes(n: int) -> int:
     """Return how many lanes a row of n values takes."""
     return -(-n // LANES) * LANES
 
@@ -84,8 +84,8 @@ def _resize(start: np.ndarray, taps: np.ndarray, read: int, parity: int) -> Resi
         weight=weight,
         back_index=back_index,
         back_weight=back_weight,
-        each=most == 1 and bool((start == np.arange(size)).all()),
-        pairs=read == 2 * size and most == 2 and bool((taps == 0.5).all()),
+        is_identity=most == 1 and bool((start == np.arange(size)).all()),
+        halves=read == 2 * size and most == 2 and bool((taps == 0.5).all()),
     )
 
 
@@ -103,7 +103,7 @@ def _gathered(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return where each tap's pixel is in a row of colours, and its weight, (T, m) each."""
     # a colour of the odd columns lies the three colours of the even ones further on
-    lanes = _padded(-(-read // parity))
+    lanes = _lanes(-(-read // parity))
     index = pixel % parity * 3 * lanes + pixel // parity
     weight = np.where(used, taps, 0.0)
     return index.T.astype(np.int32, "C"), weight.T.astype(np.float32, "C")
@@ -117,12 +117,12 @@ def _transposed(
     most = max(1, int(np.max(np.bincount(pixel[used]))))
     index = np.zeros((parity, most, read // parity), np.int32)
     weight = np.zeros((parity, most, read // parity), np.float32)
-    found = [0] * read
+    count = [0] * read
     for tap, photo in zip(*np.nonzero(used.T), strict=True):
         at = pixel[photo, tap]
-        place = at % parity, found[at], at // parity
+        place = at % parity, count[at], at // parity
         index[place], weight[place] = photo, taps[photo, tap]
-        found[at] += 1
+        count[at] += 1
     return index, weight
 
 
@@ -137,7 +137,7 @@ def lower_stencil(demosaic: Callable[[Tensor], Tensor] | None, cells: int) -> St
     weights: list[float] = []
     offsets: list[int] = []
     first, count = np.zeros((4, 3, 3), np.int64), np.zeros((4, 3, 3), np.int64)
-    wide = _padded(cells) + LANES
+    wide = _lanes(cells) + LANES
     for site, channel, dy, taps in _taps(demosaic) if demosaic else ():
         first[site, channel, dy], count[site, channel, dy] = len(weights), len(taps)
         for plane, dx, value in taps:
@@ -160,7 +160,7 @@ def _taps(
     colours = demosaic(torch.nn.functional.pixel_shuffle(planes, 2)[:, 0])
     # the two by two pixels of the cell in the middle
     middle = colours[..., side - 1 : side + 1, side - 1 : side + 1]
-    found = []
+    of_rows = []
     for site in range(4):
         for channel in range(3):
             seen = middle[:, channel, site // 2, site % 2].reshape(4, 3, 3)
@@ -172,5 +172,5 @@ def _taps(
                     if seen[plane, dy, dx] != 0
                 ]
                 if taps:
-                    found.append((site, channel, dy, tuple(taps)))
-    return tuple(found)
+                    of_rows.append((site, channel, dy, tuple(taps)))
+    return tuple(of_rows)

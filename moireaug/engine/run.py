@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from moireaug.engine import ahead, batch, compiling
-from moireaug.engine.development_records import Development
+from moireaug.engine.development_records import Development, Photos
 from moireaug.engine.exposure_records import Beats, Exposure
 from moireaug.engine.threads import each, each_share, surplus
 from moireaug.numeric import is_batched
 
-HELD = 2**16  # values of small panels that are filled before any is read
+SHOWN_VALUES_AT_ONCE = 2**16  # of small panels, which are filled before any is read
 
 
 def announce(message: str) -> None:
@@ -70,14 +70,14 @@ def expose(picture: Tensor, exposure: Exposure, beats: Beats | None) -> Tensor:
     sites, n = exposure.sites, len(picture)
     h, w = len(sites.rows) // sites.step, len(sites.cols) // sites.step
     raw = _empty(n, len(sites.channel), h, w)
-    given = raw.numpy(), _array(picture), exposure
+    pictures = _array(picture)
     if exposure.point:
-        each(functools.partial(_expose_points, *given), n)
+        each(functools.partial(_expose_points, raw.numpy(), pictures, exposure), n)
         return raw
     whole, read = n - surplus(n, h), _reader(raw.numpy(), exposure, beats)
-    each(functools.partial(_expose_images, read, *given[1:]), whole)
+    each(functools.partial(_expose_images, read, pictures, exposure), whole)
     for i in range(whole, n):
-        _expose_shared(read, *given[1:], i, h)
+        _expose_shared(read, pictures, exposure, i, h)
     return raw
 
 
@@ -89,8 +89,7 @@ def _expose_points(
 
 
 def _reader(readings: np.ndarray, exposure: Exposure, beats: Beats | None) -> Callable[..., None]:
-    """Return the kernel that fills readings, full or binned, given what is shown, and which images
-    and rows."""
+    """Return a function that fills rows of some readings, full or binned, from what is shown."""
 
     def read(shown: np.ndarray, first: int, last: int, top: int, bottom: int) -> None:
         if beats is None:
@@ -107,10 +106,10 @@ def _expose_images(
     """Fill the readings from `first` to `last`: show some pictures, then read them."""
     size, light = batch.panel_size(exposure), _light(exposure)
     rows = len(exposure.sites.rows) // exposure.sites.step
-    held = max(1, HELD // size)
-    shown = np.empty((held, size), np.float32)
-    for start in range(first, last, held):
-        end = min(start + held, last)
+    count = max(1, SHOWN_VALUES_AT_ONCE // size)
+    shown = np.empty((count, size), np.float32)
+    for start in range(first, last, count):
+        end = min(start + count, last)
         batch.show(shown, light, pictures, exposure, start, end)
         read(shown, start, end, 0, rows)
 
@@ -125,7 +124,7 @@ def _expose_shared(
 
 
 def _light(exposure: Exposure) -> np.ndarray:
-    """Return room for a picture's light."""
+    """Return workspace for a picture's light, (3, H, W) float32."""
     return np.empty((3, *exposure.size), np.float32)
 
 
@@ -134,8 +133,8 @@ def _array(tensor: Tensor) -> np.ndarray:
 
 
 def _empty(*shape: int) -> Tensor:
-    """Return an uninitialised tensor, float32. NumPy asks for huge pages where it is large: small
-    ones cost a fifth of the time that a large photo takes."""
+    """Return an uninitialised tensor, float32. NumPy asks for huge pages where it is large; with
+    small ones a large photo takes a fifth longer."""
     return torch.from_numpy(np.empty(shape, np.float32))
 
 
@@ -145,12 +144,12 @@ class _Develop(torch.autograd.Function):
     @staticmethod
     def forward(ctx, raw: Tensor, d: Development, reference: Callable[[Tensor], Tensor]) -> Tensor:
         n, h = len(raw), d.size[0]
-        noted = n if d.finishes and ctx.needs_input_grad[0] else 0
-        inside = torch.empty(noted, 3, *d.detail.size, dtype=torch.uint8, device="cpu")
-        ctx.save_for_backward(raw, inside)
+        count = n if d.finishes and ctx.needs_input_grad[0] else 0
+        unclipped = torch.empty(count, 3, *d.detail.size, dtype=torch.uint8, device="cpu")
+        ctx.save_for_backward(raw, unclipped)
         ctx.development, ctx.reference = d, reference
         photo = _empty(n, 3, *d.size)
-        work = functools.partial(_develop, photo.numpy(), inside.numpy(), _array(raw), d)
+        work = functools.partial(_develop, photo.numpy(), unclipped.numpy(), _array(raw), d)
         whole = n - surplus(n, h)
         each(functools.partial(work, top=0, bottom=h), whole)
         for i in range(whole, n):
@@ -159,22 +158,22 @@ class _Develop(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None, None]:
-        (raw, inside), d = ctx.saved_tensors, ctx.development
-        again = torch.is_grad_enabled()  # the gradient itself is to be differentiated
-        if again or is_batched(grad):
+        (raw, unclipped), d = ctx.saved_tensors, ctx.development
+        twice = torch.is_grad_enabled()  # the gradient itself is to be differentiated
+        if twice or is_batched(grad):
             # autocast may be on where backward is called
             with torch.enable_grad(), torch.autocast("cpu", enabled=False):
                 photo = ctx.reference(raw)
-                return torch.autograd.grad(photo, raw, grad, create_graph=again)[0], None, None
+                return torch.autograd.grad(photo, raw, grad, create_graph=twice)[0], None, None
         out = _empty(*raw.shape)
-        given = out.numpy(), _array(grad), inside.numpy(), _array(raw), d
-        each(functools.partial(_develop_back, *given), len(raw))
+        arrays = out.numpy(), _array(grad), unclipped.numpy(), _array(raw)
+        each(functools.partial(_develop_back, *arrays, d), len(raw))
         return out, None, None
 
 
 def _develop(
     photos: np.ndarray,
-    inside: np.ndarray,
+    unclipped: np.ndarray,
     readings: np.ndarray,
     d: Development,
     first: int,
@@ -183,22 +182,22 @@ def _develop(
     bottom: int,
 ) -> None:
     """Fill rows `top` to `bottom` of the photos from `first` to `last`; see `batch.develop`."""
-    taken = np.zeros(batch.photo_size(d), np.float32)
-    batch.develop(photos, taken, inside, readings, d, first, last, top, bottom)
+    out = Photos(photos, np.zeros(batch.photo_size(d), np.float32), unclipped)
+    batch.develop(out, readings, d, first, last, top, bottom)
 
 
 def _develop_back(
     raw_grads: np.ndarray,
     photo_grads: np.ndarray,
-    inside: np.ndarray,
+    unclipped: np.ndarray,
     readings: np.ndarray,
     d: Development,
     first: int,
     last: int,
 ) -> None:
     """Fill the gradients from `first` to `last` in the readings; see `batch.develop_back`."""
-    taken = np.empty(batch.photo_size(d), np.float32)
-    batch.develop_back(raw_grads, photo_grads, taken, inside, readings, d, first, last)
+    in_camera = np.empty(batch.photo_size(d), np.float32)
+    batch.develop_back(raw_grads, photo_grads, in_camera, unclipped, readings, d, first, last)
 
 
 def develop(raw: Tensor, development: Development, reference: Callable[[Tensor], Tensor]) -> Tensor:

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from moireaug.effects.sensor import DARK, LEAST_VARIANCE
-from moireaug.engine.compiling import inner
+from moireaug.effects.sensor import DARK_LEVEL, LEAST_VARIANCE
+from moireaug.engine.compiling import copy, inner
 from moireaug.engine.random_numbers import normal_row
 from moireaug.engine.tables import integral
 
-DARK32 = np.float32(DARK)
-FARTHEST = 5.0  # standard deviations from a bound at which nothing is clipped
+DARK32 = np.float32(DARK_LEVEL)
+UNCLIPPED_SIGMAS = 5.0  # noise does not matter to a mean so far from a bound
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
@@ -42,53 +42,64 @@ def attenuate(line, u, v, camera):
 
 
 @inner
-def _add_noise(line, numbers, read, shot):
-    if shot == 0:
-        for i in range(len(numbers)):
-            line[i] += numbers[i] * read
+def _scale_and_add(line, noise, dark, photons):
+    """Add standard normal noise to a row, times its standard deviation; dark, photons: float32, see
+    `exposure_records.Readout`."""
+    if photons == 0:
+        for i in range(len(noise)):
+            line[i] += noise[i] * dark
         return
-    for i in range(len(numbers)):
-        variance = read * read + shot * shot * max(line[i], DARK32)
-        line[i] += numbers[i] * np.float32(math.sqrt(variance))
+    for i in range(len(noise)):
+        variance = dark * dark + photons * photons * max(line[i], DARK32)
+        line[i] += noise[i] * np.float32(math.sqrt(variance))
 
 
 @inner
 def _mean_excess(mean, variance):
     """Return the mean of max(x, 0) of normally distributed x."""
-    if variance <= LEAST_VARIANCE or mean * mean > FARTHEST * FARTHEST * variance:
+    if variance <= LEAST_VARIANCE or mean * mean > UNCLIPPED_SIGMAS * UNCLIPPED_SIGMAS * variance:
         return max(mean, 0.0)
     return integral(mean, math.sqrt(variance))
 
 
 @inner
-def clip_mean(line, read, shot, pattern):
-    """Replace a row of readings by the mean of their sensor pixels, clipped to [0, 1], as
-    `effects.sensor.expected_clip` does.
+def clip_mean(out, light, dark, photons, pattern):
+    """Fill a row of binned readings (w,) from its light with the mean of sensor pixels clipped to
+    [0, 1], as `effects.sensor.expected_clip` does.
 
-    read, shot: float32, variance of the noise that was averaged away, in the dark and what a
-    reading of 1 adds. pattern: that of the panel's pattern, as a share of the squared reading.
+    Args:
+        dark, photons: float32, variance of the noise that was averaged away: in the dark, and what
+            a reading of 1 adds.
+        pattern: float32, that of the panel's pattern as a share of the squared reading.
     """
-    for i in range(len(line)):
-        value = line[i]
-        noise = read + shot * max(value, DARK32)
+    for i in range(len(out)):
+        value = light[i]
+        noise = dark + photons * max(value, DARK32)
         above = _mean_excess(float(value) - 1.0, noise + value * value * pattern)
-        line[i] = np.float32(value + _mean_excess(-float(value), noise) - above)
+        out[i] = np.float32(value + _mean_excess(-float(value), noise) - above)
 
 
 @inner
-def read(out, light, camera, start, noise, keys, numbers, bits, clips):
-    """Fill a row of readings (w,) from its light, whose first pixel is number `start` of the
+def add_noise(light, start, readout, noise, bits):
+    """Add noise to the light on a row of pixels (w,), the first of which is number `start` of the
     image's raw.
 
-    keys: of the noise, from `random_numbers.keys`. numbers, bits: (w,) workspaces, float32 and
-    int32. The rest as in `expose.expose`.
+    Args:
+        readout: see `exposure_records.Readout`.
+        noise, bits: (w,) workspaces, float32 and int32.
     """
-    if noise:
-        normal_row(numbers, bits, start, keys[0], keys[1])
-        _add_noise(light, numbers, np.float32(camera.read), np.float32(camera.shot))
-    if clips:
+    if readout.noisy:
+        normal_row(noise, bits, start, readout.keys[0], readout.keys[1])
+        _scale_and_add(light, noise, readout.dark_noise, readout.photon_noise)
+
+
+@inner
+def read(out, light, start, readout, noise, bits):
+    """Fill a row of readings (w,) from its light: noisy, and clipped; arguments as in
+    `add_noise`."""
+    add_noise(light, start, readout, noise, bits)
+    if readout.clips:
         for i in range(len(out)):
             out[i] = min(max(light[i], ZERO), ONE)
     else:
-        for i in range(len(out)):
-            out[i] = light[i]
+        copy(out, light)

@@ -27,7 +27,7 @@ class BinScales(NamedTuple):
 
     @property
     def enlargement(self) -> np.ndarray:
-        """By how much bins are enlarged to be as large as a sensor pixel, (B,)."""
+        """Factor by which bins are enlarged to the size of a sensor pixel, (B,)."""
         return np.maximum(1 / self.bin, 1)
 
 
@@ -131,23 +131,23 @@ def lower_beats(shot: ShotRecord, sensors: np.ndarray, seen: Content, scales: Bi
         coefficients=waves.astype(np.float32),
         strength=np.ascontiguousarray(np.sqrt((waves**2).sum(-1)).max(1)),
         mean=mean,
-        away=_noise_away(shot, scales.bin),
+        lost_noise_variance=_lost_noise_variance(shot, scales.bin),
         saturates="saturate" in shot.plan,
         bayer=shot.scene.cells == "binned",
     )
 
 
-def _share_away(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
-    """Return the share of the variance of sensor pixels that is averaged away, (B,)."""
+def _lost_variance_share(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
+    """Return the share of the variance of sensor pixels that bins average away, (B,)."""
     return (1 - 1 / averaged_pixels(shot, torch.from_numpy(scale))).numpy()
 
 
-def _noise_away(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
-    """Return the variance of noise that is averaged away, (B, 2) float32, in the dark and what a
-    reading of 1 adds; zeros without noise."""
+def _lost_noise_variance(shot: ShotRecord, scale: np.ndarray) -> np.ndarray:
+    """Return the variance of the noise that bins average away, (B, 2) float32: in the dark, and
+    what a reading of 1 adds; zeros without noise."""
     out = np.zeros((len(shot), 2), np.float32)
     if "noise" in shot.plan:
-        away, drawn = _share_away(shot, scale), shot.numbers()
+        share, drawn = _lost_variance_share(shot, scale), shot.numbers()
         for i, name in enumerate(("sensor.read_noise", "sensor.shot_noise")):
-            out[:, i] = away * drawn[name].detach().numpy() ** 2
+            out[:, i] = share * drawn[name].detach().numpy() ** 2
     return out

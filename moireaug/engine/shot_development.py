@@ -20,7 +20,7 @@ from moireaug.engine.development_records import (
 )
 from moireaug.engine.resampling import lower_means, lower_resize, lower_stencil
 from moireaug.engine.shot_numbers import (
-    KEPT,
+    MAX_CACHED_SCENES,
     bin_scale_of,
     distortion_of,
     homography_of,
@@ -28,7 +28,7 @@ from moireaug.engine.shot_numbers import (
 )
 from moireaug.geometry.sensor import SampledPixels
 from moireaug.scene.record import SceneRecord
-from moireaug.shot import REACH, ShotRecord, sampled_by
+from moireaug.shot import DEMOSAIC_REACH, ShotRecord, sampled_by
 
 
 def lower_development(shot: ShotRecord) -> Development:
@@ -113,7 +113,7 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray
         both = torch.from_numpy(np.minimum(np.stack([chroma, sharp]) / scale, max(shot.size)))
         chroma, sharp = kernel_sigma(both).numpy()
     return Detail(
-        (_kept(rows), _kept(cols)),
+        (_pixel_count(rows), _pixel_count(cols)),
         _resize_of_photo(rows, how.resize),
         _resize_of_photo(cols, how.resize),
         chroma,
@@ -124,7 +124,7 @@ def _detail_of(shot: ShotRecord, drawn: dict[str, np.ndarray], scale: np.ndarray
     )
 
 
-@functools.lru_cache(maxsize=KEPT)
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _resampling(
     scene: SceneRecord, size: tuple[int, int], *, whole: bool
 ) -> tuple[Stencil, Resize, Resize]:
@@ -134,7 +134,7 @@ def _resampling(
     rows, cols = sampled_by(scene, size)
     demosaic, reach = None, 0
     if mosaic:
-        demosaic, reach = DEMOSAICS[how.demosaic], REACH[how.demosaic]
+        demosaic, reach = DEMOSAICS[how.demosaic], DEMOSAIC_REACH[how.demosaic]
     stencil = lower_stencil(demosaic, len(cols.index) // 2)
     return (
         stencil,
@@ -143,19 +143,20 @@ def _resampling(
     )
 
 
-def _kept(pixels: SampledPixels) -> int:
+def _pixel_count(pixels: SampledPixels) -> int:
+    """Return how many sensor pixels make up photo pixels; others complete filter cells."""
     return pixels.kept.stop - pixels.kept.start
 
 
 def _resize_of_photo(pixels: SampledPixels, how: str) -> Resize:
-    kept = _kept(pixels)
-    return lower_resize(kept, pixels.size, kept, how, 1)
+    count = _pixel_count(pixels)
+    return lower_resize(count, pixels.size, count, how, 1)
 
 
 def _resize(pixels: SampledPixels, how: str, reach: int, parity: int, *, whole: bool) -> Resize:
-    read, kept = len(pixels.index), _kept(pixels)
+    read, count = len(pixels.index), _pixel_count(pixels)
     if whole:
-        return lower_resize(read, kept, kept, "area", parity)
+        return lower_resize(read, count, count, "area", parity)
     if how == "point" and pixels.step > 1:
         return lower_means(read, pixels.size, pixels.step, pixels.lead, reach, parity)
-    return lower_resize(read, pixels.size, kept, how, parity)
+    return lower_resize(read, pixels.size, count, how, parity)

@@ -20,7 +20,7 @@ from moireaug.engine.shot_binned import (
     shapes_in_bins,
 )
 from moireaug.engine.shot_numbers import (
-    KEPT,
+    MAX_CACHED_SCENES,
     distortion_of,
     homography_of,
     numbers_of,
@@ -79,9 +79,9 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         sites=_sites(shot.scene, shot.size),
         flicker=_flicker_of(shot),
         seeds=np.ascontiguousarray(shot.seed.numpy()),  # kernels are compiled for each layout
-        noise="noise" in plan,
+        noisy="noise" in plan,
         coded="decode" in plan and not decoded,
-        share=share,
+        neighbour_share=share,
         dark=not shot.scene.develop.registered,
         clips="full_well" in plan,
         point=_point_of(shot) if plan.exposure == "point" else None,
@@ -167,7 +167,7 @@ def _flicker_of(shot: ShotRecord) -> np.ndarray:
     return light_of_rows(rows, shot).detach().contiguous().numpy()
 
 
-@functools.lru_cache(maxsize=KEPT)
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _kinds(scene: SceneRecord) -> dict[tuple, Subpixel]:
     """Return the shapes and periods of a layout's subpixels, and one subpixel of each."""
     kinds: dict[tuple, Subpixel] = {}
@@ -184,14 +184,14 @@ def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
     return list(_kinds(scene)).index(_shape(subpixel))
 
 
-@functools.lru_cache(maxsize=KEPT)
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _orders(scene: SceneRecord, method: Method) -> list[np.ndarray]:
     """Return the k and l of each kind of subpixel's harmonics, (2, n) int64."""
-    layout, found = as_layout(scene.panel.layout), []
+    layout, of_kinds = as_layout(scene.panel.layout), []
     for subpixel in _kinds(scene).values():
         orders = np.array(own_orders(subpixel, layout, method.harmonics), np.int64)
-        found.append(orders.reshape(-1, 2).T.copy())
-    return found
+        of_kinds.append(orders.reshape(-1, 2).T.copy())
+    return of_kinds
 
 
 def _subpixels(scene: SceneRecord) -> list[Subpixel]:
@@ -201,7 +201,7 @@ def _subpixels(scene: SceneRecord) -> list[Subpixel]:
     return sorted(subpixels, key=lambda s: (_kind(scene, s), s.centre[1]))
 
 
-@functools.lru_cache(maxsize=KEPT)
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _cell(scene: SceneRecord, method: Method) -> Cell:
     if method.name == "mean":
         subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
@@ -212,7 +212,7 @@ def _cell(scene: SceneRecord, method: Method) -> Cell:
     return lowering.lower_cell(subpixels, periods, _orders(scene, method), method.taps // 2)
 
 
-@functools.lru_cache(maxsize=KEPT)
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
 def _sites(scene: SceneRecord, size: tuple[int, int]) -> Sites:
     rows, cols = (pixels.positions().numpy() for pixels in sampled_by(scene, size))
     return lowering.lower_sites(rows, cols, size, CFA[scene.cells])

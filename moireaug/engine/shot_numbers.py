@@ -9,7 +9,7 @@ from moireaug.engine import pose
 from moireaug.scene.fields import bounds
 from moireaug.shot import ShotRecord
 
-KEPT = 64  # scenes and sizes whose tables are cached
+MAX_CACHED_SCENES = 64  # scenes and sizes whose tables are cached
 
 
 def numbers_of(shot: ShotRecord) -> dict[str, np.ndarray]:

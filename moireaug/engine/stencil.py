@@ -1,5 +1,5 @@
-"""The content of bins that are the image's own pixels: all look at the same place in theirs, so
-that the weights of the pixels around change only with the lens's spread, slowly over the photo."""
+"""The content of bins that are the image's own pixels. All look at the same place in their pixels,
+so that their tap weights change only with the lens's blur, slowly over the photo."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy as np
 
 from moireaug.engine.compiling import fill, inner, loop, part
 from moireaug.engine.exposure_records import Stencil
-from moireaug.engine.nodes import bracket, counts, line_of
+from moireaug.engine.nodes import bracket, counts, node_line
 from moireaug.engine.panel import margin
-from moireaug.engine.shares import GUARD
+from moireaug.engine.tap_weights import GUARD_LIGHT
 from moireaug.engine.vectors import peek, poke
-from moireaug.engine.weights import fill_spreads, light_from
+from moireaug.engine.weights import SubpixelSize, fill_blurs, light_from
 
 ZERO = np.float32(0)
-LEAST_SHARE = 1e-4  # of a bin's light: outer pixels that nowhere give more are not looked at
-THREE = 3  # pixels along each axis, of which no sum is kept in memory
+MIN_TAP_WEIGHT = 1e-4  # outer pixels that nowhere weigh more are left out
+FUSED_TAPS = 3  # along each axis, of which no sum is kept in memory
 
 
 @inner
@@ -31,51 +31,56 @@ def no_stencil():
 
 
 @inner
-def _fill_shares(out, spread, width, past, radius):
+def _fill_tap_weights(out, blur, width, past, radius):
     """Fill out (n,) with the shares of a bin's light that come from its own pixel, in the middle,
-    and `radius` to each side; see `shares`. past: where it looks, from that pixel's light."""
+    and `radius` to each side; see `tap_weights`.
+
+    Args:
+        blur: (2,), from `weights.fill_blur`. width: of the pixel's light, in pixels.
+        past: where the bin looks, from the middle of that light, in pixels.
+    """
     half = len(out) // 2
     fill(out, 0.0)
     total = 0.0
     for k in range(-radius, radius + 1):
-        light = light_from(abs(k - past), spread[0], spread[1], width)
-        out[half + k] = light + GUARD * spread[0] if k == 0 else light
+        light = light_from(abs(k - past), blur[0], blur[1], width)
+        out[half + k] = light + GUARD_LIGHT * blur[0] if k == 0 else light
         total += out[half + k]
     for k in range(len(out)):
         out[k] /= total
 
 
 @inner
-def _reach(shares):
-    """Return how many pixels to each side matter anywhere, at least 1, of shares (n, pixels)."""
-    half = shares.shape[1] // 2
+def _reach(weights):
+    """Return how many pixels to each side matter anywhere, at least 1; weights: (n, pixels)."""
+    half = weights.shape[1] // 2
     for reach in range(half, 1, -1):
-        for i in range(len(shares)):
-            if max(shares[i, half - reach], shares[i, half + reach]) > LEAST_SHARE:
+        for i in range(len(weights)):
+            if max(weights[i, half - reach], weights[i, half + reach]) > MIN_TAP_WEIGHT:
                 return reach
     return 1
 
 
 @inner
-def _trim(shares, reach):
-    """Make the shares of pixels up to `reach` to each side sum to 1."""
-    half = shares.shape[1] // 2
-    for i in range(len(shares)):
+def _trim(weights, reach):
+    """Make the weights of pixels up to `reach` to each side sum to 1."""
+    half = weights.shape[1] // 2
+    for i in range(len(weights)):
         total = 0.0
         for k in range(half - reach, half + reach + 1):
-            total += shares[i, k]
-        for k in range(len(shares[i])):
-            shares[i, k] /= total
+            total += weights[i, k]
+        for k in range(len(weights[i])):
+            weights[i, k] /= total
 
 
 @inner
-def _columns(ends, share, cols, first, step):
-    """Fill ends (nodes,) with the first bin past each node of a row, and share (w,) float32 with
-    how far each bin is towards the next node."""
+def _columns(ends, node_share, cols, first, step):
+    """Fill ends (nodes,) with the first bin past each node of a row, and node_share (w,) float32
+    with how far each bin is towards the next node."""
     done = 0
     for i in range(len(cols)):
         node, t = bracket(cols[i], first, step, len(ends), 1)
-        share[i] = t
+        node_share[i] = t
         while done <= node:
             ends[done] = i
             done += 1
@@ -84,41 +89,41 @@ def _columns(ends, share, cols, first, step):
 
 
 @inner
-def _between(out, share, low, high):
-    """Fill out (n,) with values that are a share (n,) of the way from one number to another."""
+def _interpolate(out, share, low, high):
+    """Fill out (n,) with values between two numbers; share: (n,), how far each is towards the
+    second."""
     for i in range(len(out)):
         poke(out, i, low + peek(share, i) * (high - low))
 
 
 @inner
-def _fill_lines(lines, start, shares, tap, ends, share):
-    """Fill lines (rows, ...) from `start` on with the shares of one pixel at each bin, from those
-    at nodes (rows * columns, pixels); ends, share: from `_columns`."""
+def _fill_lines(lines, start, weights, tap, ends, node_share):
+    """Fill lines (rows, ...) from `start` on with the weights of one pixel at each bin, from those
+    at nodes (rows * columns, pixels); ends, node_share: from `_columns`."""
     columns = len(ends)
     for r in range(len(lines)):
         for c in range(columns - 1):
             low, high = ends[c], ends[c + 1]
-            a, b = shares[r * columns + c, tap], shares[r * columns + c + 1, tap]
-            _between(
-                lines[r, start + low : start + high], share[low:high], np.float32(a), np.float32(b)
-            )
+            a, b = weights[r * columns + c, tap], weights[r * columns + c + 1, tap]
+            line = lines[r, start + low : start + high]
+            _interpolate(line, node_share[low:high], np.float32(a), np.float32(b))
 
 
 @loop
-def _shares_at(us, vs, camera, lens, cell, widths, skew):
-    """Return the shares at nodes of the photo, (colours, axes, nodes, pixels) float64: at least a
-    pixel to each side, without light if the cell's radius is 0."""
+def _tap_weights_at(us, vs, camera, lens, cell, widths, skew):
+    """Return the tap weights at nodes of the photo, (colours, axes, nodes, pixels) float64: at
+    least a pixel to each side, without light if the cell's radius is 0."""
     radius, nodes = cell.radius, len(us) * len(vs)
-    spread, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
+    blur, out = np.empty((nodes, 2, 2)), np.empty((3, 2, nodes, 2 * max(radius, 1) + 1))
     for i in range(len(cell.channel)):
         colour, kind = cell.channel[i], cell.kind[i]
-        period, width = cell.period[kind], widths[kind]
-        fill_spreads(spread, us, vs, camera, lens, period, width, skew[kind], radius)
+        subpixel = SubpixelSize(cell.period[kind], widths[kind], skew[kind])
+        fill_blurs(blur, us, vs, camera, lens, subpixel, radius)
         for axis in range(2):
             past = 0.5 - cell.centre[i, axis]  # no more than half a pixel
             for node in range(nodes):
-                shares, seen = out[colour, axis, node], spread[node, axis]
-                _fill_shares(shares, seen, width[axis], past, radius)
+                weights, width = out[colour, axis, node], widths[kind, axis]
+                _fill_tap_weights(weights, blur[node, axis], width, past, radius)
     return out
 
 
@@ -127,31 +132,31 @@ def prepare(camera, lens, cell, widths, skew, sites):
     """Return the Stencil of an image that has one; widths, skew: (kinds, 2), see
     `exposure_records.Exposure`."""
     count = counts(sites.rows, sites.cols, camera, lens, cell)[1]
-    us, step_u = line_of(sites.cols, count[0])
-    vs, step_v = line_of(sites.rows, count[1])
-    shares = _shares_at(us, vs, camera, lens, cell, widths, skew)
-    table = shares.reshape(-1, shares.shape[3])
-    half, reach = shares.shape[3] // 2, _reach(table)
+    us, step_u = node_line(sites.cols, count[0])
+    vs, step_v = node_line(sites.rows, count[1])
+    weights = _tap_weights_at(us, vs, camera, lens, cell, widths, skew)
+    table = weights.reshape(-1, weights.shape[3])
+    half, reach = weights.shape[3] // 2, _reach(table)
     _trim(table, reach)
     w, taps, done = len(sites.cols), 2 * reach + 1, 0
-    ends, share = np.empty(len(us), np.int64), np.empty(w, np.float32)
-    _columns(ends, share, sites.cols, us[0], step_u)
+    ends, node_share = np.empty(len(us), np.int64), np.empty(w, np.float32)
+    _columns(ends, node_share, sites.cols, us[0], step_u)
     lines = np.empty((len(vs), 6 * taps * w), np.float32)
     for colour in range(3):
         for axis in range(2):
             for tap in range(half - reach, half + reach + 1):
-                _fill_lines(lines, done, shares[colour, axis], tap, ends, share)
+                _fill_lines(lines, done, weights[colour, axis], tap, ends, node_share)
                 done += w
     return Stencil(lines, taps, step_v)
 
 
 @inner
-def _mixed(low, high, past):
+def _interpolated(low, high, past):
     return low + past * (high - low)
 
 
 @inner
-def _nine(out, low, high, past, pixels, start, stride):
+def _three_by_three(out, low, high, past, pixels, start, stride):
     """Fill out (w,) with the content of 3 x 3 pixels.
 
     Args:
@@ -161,12 +166,12 @@ def _nine(out, low, high, past, pixels, start, stride):
     """
     w, second, third = len(out), start + stride, start + 2 * stride
     for i in range(w):
-        a = _mixed(peek(low, i), peek(high, i), past)
-        b = _mixed(peek(low, i + w), peek(high, i + w), past)
-        c = _mixed(peek(low, i + 2 * w), peek(high, i + 2 * w), past)
-        d = _mixed(peek(low, i + 3 * w), peek(high, i + 3 * w), past)
-        e = _mixed(peek(low, i + 4 * w), peek(high, i + 4 * w), past)
-        f = _mixed(peek(low, i + 5 * w), peek(high, i + 5 * w), past)
+        a = _interpolated(peek(low, i), peek(high, i), past)
+        b = _interpolated(peek(low, i + w), peek(high, i + w), past)
+        c = _interpolated(peek(low, i + 2 * w), peek(high, i + 2 * w), past)
+        d = _interpolated(peek(low, i + 3 * w), peek(high, i + 3 * w), past)
+        e = _interpolated(peek(low, i + 4 * w), peek(high, i + 4 * w), past)
+        f = _interpolated(peek(low, i + 5 * w), peek(high, i + 5 * w), past)
         at = start + i
         above = a * peek(pixels, at) + b * peek(pixels, at + 1) + c * peek(pixels, at + 2)
         at = second + i
@@ -178,15 +183,15 @@ def _nine(out, low, high, past, pixels, start, stride):
 
 @inner
 def _add_weighed(out, low, high, past, values, start):
-    """Add values (n,) from `start` on to out (w,), weighed as in `_nine`."""
+    """Add values (n,) from `start` on to out (w,), weighed as in `_three_by_three`."""
     for i in range(len(out)):
-        weight = _mixed(peek(low, i), peek(high, i), past)
+        weight = _interpolated(peek(low, i), peek(high, i), past)
         poke(out, i, out[i] + weight * peek(values, start + i))
 
 
 @inner
 def _square(out, line, low, high, past, pixels, start, stride):
-    """Do the same as `_nine` for more pixels; line: (w,) float32, workspace."""
+    """Do the same as `_three_by_three` for more pixels; line: (w,) float32, workspace."""
     w = len(out)
     taps = len(low) // (2 * w)
     fill(out, ZERO)
@@ -214,8 +219,10 @@ def content(out, line, stencil, panel, cell, sites, row):
     start = (margin(cell, 1) + row - reach) * stride + margin(cell, 0) - reach
     for colour in range(3):
         a, b = colour * size, (colour + 1) * size
-        if stencil.taps == THREE:
-            _nine(out[colour], before[a:b], behind[a:b], past, flat[colour], start, stride)
+        if stencil.taps == FUSED_TAPS:
+            _three_by_three(
+                out[colour], before[a:b], behind[a:b], past, flat[colour], start, stride
+            )
         else:
             _square(out[colour], line, before[a:b], behind[a:b], past, flat[colour], start, stride)
 

@@ -1,4 +1,4 @@
-"""Threads over the images of a batch, or the rows of an image: PyTorch's own where it has OpenMP's,
+"""Threads over the images of a batch, or the rows of an image: PyTorch's where they are OpenMP's,
 else Python's.
 
 OpenMP's threads wait for work by spinning. Threads of our own would share the cores with them after
@@ -17,17 +17,17 @@ import torch
 
 from moireaug.engine.forks import is_forked
 
-PARTS = 4  # of a batch per thread, one after another, as images take different times
-LEAST = 32  # rows of an image that are worth a thread
-TASK = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+PARTS_PER_THREAD = 4  # of a batch, one after another, as images take different times
+MIN_ROWS_PER_THREAD = 32  # of an image: fewer are not worth a thread
+TASK_TYPE = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
 def surplus(n: int, rows: int) -> int:
-    """Return how many of n images are too few to keep every thread busy with one, so that all
-    threads had better share each one's rows."""
+    """Return how many images are left of n when every thread has taken as many as the others. They
+    do not keep all threads busy, which had better share each one's rows; 0 if those are too few."""
     threads = torch.get_num_threads()
     left = n % threads
-    return left if left < min(threads, rows // LEAST) else 0
+    return left if left < min(threads, rows // MIN_ROWS_PER_THREAD) else 0
 
 
 def each(work: Callable[[int, int], None], n: int) -> None:
@@ -35,13 +35,13 @@ def each(work: Callable[[int, int], None], n: int) -> None:
 
     Raises whatever `work` raises first.
     """
-    _each(work, n, max(1, n // (PARTS * torch.get_num_threads())))
+    _each(work, n, max(1, n // (PARTS_PER_THREAD * torch.get_num_threads())))
 
 
 def each_share(work: Callable[[int, int], None], rows: int) -> None:
-    """Do the same as `each`, with one part per thread: for an image's rows, which all take as long,
-    and of which each part costs some more."""
-    _each(work, rows, max(LEAST, math.ceil(rows / torch.get_num_threads())))
+    """Do the same as `each`, with one part per thread: for an image's rows, which take equally long
+    and of which each part adds some work."""
+    _each(work, rows, max(MIN_ROWS_PER_THREAD, math.ceil(rows / torch.get_num_threads())))
 
 
 def _each(work: Callable[[int, int], None], n: int, part: int) -> None:
@@ -73,7 +73,7 @@ def together(task: Callable[[], None], threads: int) -> None:
             for _ in range(threads):
                 pool.submit(task)
         return
-    parallel(TASK(lambda _: task()), None, threads, 0)
+    parallel(TASK_TYPE(lambda _: task()), None, threads, 0)
 
 
 @functools.cache
@@ -84,6 +84,6 @@ def _openmp() -> Callable | None:
         parallel = ctypes.CDLL(torch._C.__file__).GOMP_parallel
     except (OSError, AttributeError):
         return None
-    parallel.argtypes = [TASK, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint]
+    parallel.argtypes = [TASK_TYPE, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint]
     parallel.restype = None
     return parallel

@@ -10,15 +10,17 @@ from numba.extending import intrinsic
 
 from moireaug.engine.compiling import inner
 from moireaug.engine.development_records import LANES
+from moireaug.engine.exposure_records import TapWeights
 from moireaug.engine.intrinsics import (
-    emit_down_weights,
+    emit_content,
     emit_peek,
     emit_poke,
-    emit_taps,
-    emit_weighted_cells,
+    emit_sums,
+    emit_tap_weights,
 )
 
-FOUR = 4  # sums of `add_taps_of_four`
+SUMS_AT_ONCE = 4  # of `add_four_sums`
+VECTOR_LANES = 16  # float32 in a vector of tap weights
 
 
 def _row(array) -> bool:
@@ -31,6 +33,13 @@ def _floats(*arrays) -> bool:
 
 def _indices(*arrays) -> bool:
     return all(_row(a) and a.dtype == types.int32 for a in arrays)
+
+
+def _is_tap_weights(record) -> bool:
+    if not isinstance(record, types.NamedTuple) or record.instance_class is not TapWeights:
+        return False
+    table, _, index, phase_share, node_share = record.types
+    return _floats(table, phase_share, node_share) and _indices(index)
 
 
 @intrinsic
@@ -53,123 +62,132 @@ def poke(typing, array, index, value):
     return types.none(array, index, value), emit_poke
 
 
-def _down_weights(cells: int, pixels: int):
-    """Make an intrinsic that stores the weights of so many cells for as many pixels."""
+def _vector_of_weights(taps: int, pixels: int):
+    """Make an intrinsic that stores `taps` tap weights for each of `pixels` pixels."""
 
     @intrinsic
-    def down_weights(typing, out, table, to_next, place, between, share, first):
-        """Do the same as `four_weights`, for the `pixels` pixels from `first` on."""
-        if not _floats(out, table, between, share) or not _indices(place):
+    def store_weights(typing, out, weights, first):
+        """Do the same as `fill_four_weights`, for the `pixels` pixels from `first` on."""
+        if not _floats(out) or not _is_tap_weights(weights):
             return None
-        kinds = out, table, to_next, place, between, share, first
-        return types.none(*kinds), partial(emit_down_weights, cells, pixels)
+        return types.none(out, weights, first), partial(emit_tap_weights, taps, pixels)
 
-    return down_weights
+    return store_weights
 
 
-def _weights_of(cells: int):
-    """Make what fills a row with the weights of so many cells: 16 of them at once."""
-    at_once = 16 // cells
-    many, one = _down_weights(cells, at_once), _down_weights(cells, 1)
+def _weights_of(taps: int):
+    """Make the function that fills a row with `taps` tap weights per pixel, a vector at a time."""
+    at_once = VECTOR_LANES // taps
+    store_many, store_one = _vector_of_weights(taps, at_once), _vector_of_weights(taps, 1)
 
     @inner
-    def weights(out, table, to_next, place, between, share):
-        """Fill out (n * cells,) with the numbers of a table for each pixel, see
-        `intrinsics._weights`; the other arrays are (n,)."""
-        whole = len(share) - len(share) % at_once
+    def fill_weights(out, weights):
+        """Fill out (n * taps,) with the tap weights of n pixels.
+
+        weights: see `exposure_records.TapWeights`.
+        """
+        n = len(weights.weight_index)
+        whole = n - n % at_once
         for i in range(0, whole, at_once):
-            many(out, table, to_next, place, between, share, i)
-        for i in range(whole, len(share)):
-            one(out, table, to_next, place, between, share, i)
+            store_many(out, weights, i)
+        for i in range(whole, n):
+            store_one(out, weights, i)
 
-    return weights
+    return fill_weights
 
 
-def _weighted_cells(cells: int, rows: int, pixels: int):
-    """Make an intrinsic that weighs the `rows` rows in the middle of `cells` x `cells` cells of a
-    panel, for as many pixels; those above and below weigh nothing."""
+def _vector_of_content(taps: int, rows: int, pixels: int):
+    """Make an intrinsic that weighs `taps` x `taps` cells of a panel for each of `pixels` pixels.
+    Only the `rows` rows in the middle have weight."""
 
     @intrinsic
-    def weighted_cells(
-        typing, out, panel, base, stride, table, to_next, place, between, share, down, first
-    ):
+    def store_content(typing, out, panel, base, stride, weights, down, first):
         """Do the same as `four_by_four`, for the `pixels` pixels from `first` on."""
-        floats = _floats(out, panel, table, between, share, down)
-        if not floats or not _indices(base, place):
+        if not _floats(out, panel, down) or not _indices(base) or not _is_tap_weights(weights):
             return None
-        kinds = out, panel, base, stride, table, to_next, place, between, share, down, first
-        return types.none(*kinds), partial(emit_weighted_cells, cells, rows, pixels)
+        kinds = out, panel, base, stride, weights, down, first
+        return types.none(*kinds), partial(emit_content, taps, rows, pixels)
 
-    return weighted_cells
+    return store_content
 
 
-def _content_of(cells: int, rows: int):
-    """Make what weighs the cells that a row of pixels looks at: 16 columns of them at once."""
-    at_once = 16 // cells
-    many, one = _weighted_cells(cells, rows, at_once), _weighted_cells(cells, rows, 1)
+def _content_of(taps: int, rows: int):
+    """Make the function that weighs the cells that a row of pixels sees, a vector at a time."""
+    at_once = VECTOR_LANES // taps
+    store_many = _vector_of_content(taps, rows, at_once)
+    store_one = _vector_of_content(taps, rows, 1)
 
     @inner
-    def content(out, panel, base, stride, table, to_next, place, between, share, down):
+    def content(out, panel, base, stride, weights, down):
         """Fill out (n,), for each pixel, with the sum of
-        panel[base + j * stride + i] * across[i] * down[cells * pixel + j] over i, j < cells.
+        panel[base + j * stride + i] * across[i] * down[taps * pixel + j] over i, j < taps.
 
-        across is `cells` numbers of the table, see `intrinsics._weights`.
+        across: the pixel's tap weights along x, from `weights`, an `exposure_records.TapWeights`.
         """
         whole = len(out) - len(out) % at_once
         for i in range(0, whole, at_once):
-            many(out, panel, base, stride, table, to_next, place, between, share, down, i)
+            store_many(out, panel, base, stride, weights, down, i)
         for i in range(whole, len(out)):
-            one(out, panel, base, stride, table, to_next, place, between, share, down, i)
+            store_one(out, panel, base, stride, weights, down, i)
 
     return content
 
 
-def _taps(lanes: int, sums: int):
-    """Make an intrinsic that sums rows for `lanes` pixels at once, with as many sets of
-    coefficients."""
+def _vector_of_sums(lanes: int, sums: int):
+    """Make an intrinsic that sums rows for `lanes` pixels, with `sums` sets of coefficients."""
 
     @intrinsic
-    def taps(typing, out, start, apart, coefficients, first, each, count, rows, offsets, base):
-        """Do the same as `add_taps`, for the `lanes` pixels from `start` on; the sums lie `apart`
-        from one another, and their coefficients `each` from one another."""
+    def store_sums(typing, out, pixel, apart, coefficients, each, rows, offsets):
+        """Do the same as `add_four_sums`, for the `lanes` pixels from `pixel` on. The sums lie
+        `apart` from one another in out, and their coefficients `each` from one another."""
         if not _floats(out, coefficients, rows):
             return None
-        kinds = out, start, apart, coefficients, first, each, count, rows, offsets, base
-        return types.none(*kinds), partial(emit_taps, lanes, sums)
+        kinds = out, pixel, apart, coefficients, each, rows, offsets
+        return types.none(*kinds), partial(emit_sums, lanes, sums)
 
-    return taps
+    return store_sums
 
 
-four_weights, eight_weights = _weights_of(4), _weights_of(8)
+fill_four_weights, fill_eight_weights = _weights_of(4), _weights_of(8)
 four_by_four, eight_by_six, eight_by_eight = _content_of(4, 4), _content_of(8, 6), _content_of(8, 8)
 # as many sums as there are registers for
-_few, _many = _taps(LANES, 1), _taps(4 * LANES, 1)
-_few_of_four, _more_of_four = _taps(LANES, FOUR), _taps(2 * LANES, FOUR)
+_one_sum, _wide_sum = _vector_of_sums(LANES, 1), _vector_of_sums(4 * LANES, 1)
+_four_sums, _four_wide_sums = (
+    _vector_of_sums(LANES, SUMS_AT_ONCE),
+    _vector_of_sums(2 * LANES, SUMS_AT_ONCE),
+)
 
 
 @inner
-def add_taps(out, start, lanes, coefficients, first, count, rows, offsets, base):
-    """Add the sum over l < count of coefficients[first + l] * rows[base + offsets[first + l] + i]
-    to out[start + i], for i < lanes, a multiple of LANES. Offsets are int64, the other arrays
-    float32."""
-    wide = lanes - lanes % (4 * LANES)
+def add_sum(out, coefficients, rows, offsets):
+    """Add the sum over l of coefficients[l] * rows[offsets[l] + i] to out[i] (n,), n a multiple of
+    LANES.
+
+    coefficients, offsets: (taps,) float32 and int64. rows: flat float32.
+    """
+    n = len(out)
+    wide = n - n % (4 * LANES)
     for i in range(0, wide, 4 * LANES):
-        _many(out, start + i, 0, coefficients, first, 0, count, rows, offsets, base + i)
-    for i in range(wide, lanes, LANES):
-        _few(out, start + i, 0, coefficients, first, 0, count, rows, offsets, base + i)
+        _wide_sum(out, i, 0, coefficients, 0, rows, offsets)
+    for i in range(wide, n, LANES):
+        _one_sum(out, i, 0, coefficients, 0, rows, offsets)
 
 
 @inner
-def add_taps_of_four(out, lanes, coefficients, size, count, rows, offsets):
-    """Add four sums of the same rows to out, which holds them one after another: to pixel i of sum
-    j the sum over l < count of coefficients[j * size + l] * rows[offsets[l] + i]. Each row is
-    loaded once; for one sum after another, loading takes most of the time. The rest as in
-    `add_taps`."""
-    wide = lanes - lanes % (2 * LANES)
+def add_four_sums(out, coefficients, rows, offsets):
+    """Add four sums of the same rows to out (4 * n,): to pixel i of sum j the sum over l of
+    coefficients[j, l] * rows[offsets[l] + i].
+
+    Each row is loaded once; sum by sum, loading takes most of the time.
+
+    coefficients: (4 * t,), of which the first taps of each t are used. The rest as in `add_sum`.
+    """
+    n, each = len(out) // SUMS_AT_ONCE, len(coefficients) // SUMS_AT_ONCE
+    wide = n - n % (2 * LANES)
     for i in range(0, wide, 2 * LANES):
-        _more_of_four(out, i, lanes, coefficients, 0, size, count, rows, offsets, i)
-    for i in range(wide, lanes, LANES):
-        _few_of_four(out, i, lanes, coefficients, 0, size, count, rows, offsets, i)
+        _four_wide_sums(out, i, n, coefficients, each, rows, offsets)
+    for i in range(wide, n, LANES):
+        _four_sums(out, i, n, coefficients, each, rows, offsets)
 
 
 @inner

@@ -9,7 +9,7 @@ from moireaug.engine.vectors import peek, poke
 from moireaug.geometry.distortion import NEWTON_STEPS
 from moireaug.geometry.grids import NEAR_HORIZON
 
-BEYOND = 1.2  # radius, of the photo's corners, up to which the lens is undone
+MAX_LENS_RADIUS = 1.2  # in units of the photo's corner, up to which distortion is undone
 
 
 @inner
@@ -49,13 +49,13 @@ def inverse(camera):
 def undistorted(ideal, k1, k2):
     """Return the radius that a lens takes to an ideal one, as `distortion.inverse_radial_factor`
     does up to a little past the photo's corners."""
-    turn = -0.3 * k1 / k2
-    r = math.sqrt(turn) if 0 < turn < 1 else min(ideal, 1.0)
+    inflection = -0.3 * k1 / k2  # squared radius, where Newton's method may start
+    r = math.sqrt(inflection) if 0 < inflection < 1 else min(ideal, 1.0)
     for _ in range(NEWTON_STEPS):
         r2 = r * r
         error = r * (1 + r2 * (k1 + k2 * r2)) - ideal
         slope = max(1 + r2 * (3 * k1 + 5 * k2 * r2), 0.05)
-        r = min(max(r - error / slope, 0.0), BEYOND)
+        r = min(max(r - error / slope, 0.0), MAX_LENS_RADIUS)
     return r
 
 

@@ -1,4 +1,4 @@
-"""The cells that a sensor pixel's light comes from, and their weights.
+"""The tap weights of the cells that a sensor pixel's light comes from, as tables.
 
 They change slowly over a photo: they are computed on a grid of nodes and interpolated linearly.
 """
@@ -6,29 +6,44 @@ They change slowly over a photo: they are computed on a grid of nodes and interp
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from moireaug.engine.compiling import inner, loop
-from moireaug.engine.lookup import NARROW, WIDE
-from moireaug.engine.shares import Scratch, beside, fill_node, sizes
+from moireaug.engine.lookup import NARROW_TAPS, WIDE_TAPS
 from moireaug.engine.tables import integral
+from moireaug.engine.tap_weights import Scratch, cubic_margin, fill_node, weights_per_node
 from moireaug.engine.vectors import peek, poke
 from moireaug.engine.view import jacobian
-from moireaug.exposure.content import TAIL
+from moireaug.exposure.content import TAIL_SIGMAS
 
-NARROWEST = 1e-12  # variance in cells
-GRAIN = 16  # phases are a multiple of it
-# of which there are at most so many; at a few nodes, as in a frontal view, whose pixels may all lie
-# where a weight has a kink, at most FINEST
-MOST_PHASES, FINEST = 512, 8192
-SMOOTH = 4e-3  # error of a weight that is interpolated linearly between phases
-FAINT = 1e-3  # of a pixel's light: cells that give less are not looked at
+MIN_VARIANCE = 1e-12  # of a blur, squared cells
+PHASE_MULTIPLE = 16  # of which the number of phases is a multiple
+MAX_PHASES = 512
+# at a few nodes, as in a frontal view, whose pixels may all lie where a weight has a kink
+MAX_PHASES_OF_FEW_NODES = 8192
+MAX_PHASE_ERROR = 4e-3  # of a weight that is interpolated linearly between phases
+MIN_CELL_LIGHT = 1e-3  # of a pixel's light: cells that give less are left out
+
+
+class SubpixelSize(NamedTuple):
+    """The size of one kind of subpixel.
+
+    Args:
+        period: (2,) int64, of its cell in panel pixels. width, skew: (2,) float64, in cells and
+            squared cells, see `exposure_records.Exposure`.
+    """
+
+    period: np.ndarray
+    width: np.ndarray
+    skew: np.ndarray
 
 
 @inner
-def by_lens(by_camera, u, v, camera, lens):
-    """Return the Jacobian of the lens, given the camera's; see `exposure_records.Exposure`."""
+def lens_jacobian(by_camera, u, v, camera, lens):
+    """Return the Jacobian of a lens at a photo point, as `view.jacobian` does; by_camera: the
+    camera's. For camera and lens, see `exposure_records.Exposure`."""
     if lens.rectified != 0:
         return jacobian(u, v, lens)
     xu, xv, yu, yv = by_camera
@@ -37,68 +52,75 @@ def by_lens(by_camera, u, v, camera, lens):
 
 
 @inner
-def moved(by_u, by_v, lens):
-    """Return the standard deviation of the motion along one axis, in panel pixels, with a sign."""
+def motion_sigma(by_u, by_v, lens):
+    """Return the standard deviation of motion blur along one axis, in panel pixels, with a sign."""
     return by_u * lens.motion_x + by_v * lens.motion_y
 
 
 @inner
-def still(by_u, by_v, fill, lens_u, lens_v, lens):
-    """Return the variance along one axis without motion, beside the box: squared panel pixels."""
+def still_variance(by_u, by_v, fill, lens_u, lens_v, lens):
+    """Return the variance of the blur along one axis without its box and without motion, in squared
+    panel pixels."""
     short = min(abs(by_u), abs(by_v)) * fill
-    beside = lens.blur * lens.blur + lens.olpf * lens.olpf / 4
-    return short * short / 12 + (lens_u * lens_u + lens_v * lens_v) * beside
+    of_lens = lens.blur * lens.blur + lens.olpf * lens.olpf / 4
+    return short * short / 12 + (lens_u * lens_u + lens_v * lens_v) * of_lens
 
 
 @inner
-def _spread(out, by_camera, by_lens_, camera, lens, period, width, skew, taps):
-    """Do the same as `spreads` along one axis, along which a step to the next pixel's u and v goes
-    by so many panel pixels."""
-    (by_u, by_v), (lens_u, lens_v) = by_camera, by_lens_
+def _fill_axis(out, steps, camera, lens, subpixel, axis, radius):
+    """Do the same as `fill_blur` along one axis.
+
+    steps: panel pixels per sensor pixel along u and v, by the camera's Jacobian and by the lens's.
+    """
+    by_u, by_v, lens_u, lens_v = steps
+    period = subpixel.period[axis]
     long = max(abs(by_u), abs(by_v)) * camera.fill / period
-    moves = moved(lens_u, lens_v, lens)
-    variance = still(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
-    variance = variance / (period * period) + skew
-    sigma = math.sqrt(variance + NARROWEST)
-    reach = long / 2 + TAIL * sigma
-    shrink = min(1.0, max(taps + 0.5 - width / 2, NARROWEST) / reach)
+    moves = motion_sigma(lens_u, lens_v, lens)
+    variance = still_variance(by_u, by_v, camera.fill, lens_u, lens_v, lens) + moves * moves
+    variance = variance / (period * period) + subpixel.skew[axis]
+    sigma = math.sqrt(variance + MIN_VARIANCE)
+    reach = long / 2 + TAIL_SIGMAS * sigma
+    room = max(radius + 0.5 - subpixel.width[axis] / 2, MIN_VARIANCE)
+    shrink = min(1.0, room / reach)
     out[0], out[1] = long * shrink, sigma * shrink
     return shrink < 1
 
 
 @inner
-def spreads(out, u, v, camera, lens, period, width, skew, taps):
-    """Fill out (axis, 2) with the box and the standard deviation of the light along both axes, in
-    cells, at a photo point; narrowed to what 2 `taps` + 1 cells hold, as `exposure.content.fitted`
-    does. Return whether any was narrowed."""
+def fill_blur(out, u, v, camera, lens, subpixel, radius):
+    """Fill out (axis, 2) with the blur at a photo point: the box and the standard deviation along
+    both axes, in cells, narrowed to what 2 `radius` + 1 cells hold, as `exposure.content.fitted`
+    does. Return whether any was narrowed.
+
+    camera, lens: see `exposure_records.Exposure`. subpixel: a SubpixelSize.
+    """
     by_camera = jacobian(u, v, camera)
-    (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, by_lens(by_camera, u, v, camera, lens)
-    x, lens_x, y, lens_y = (xu, xv), (lxu, lxv), (yu, yv), (lyu, lyv)
-    in_x = _spread(out[0], x, lens_x, camera, lens, period[0], width[0], skew[0], taps)
-    in_y = _spread(out[1], y, lens_y, camera, lens, period[1], width[1], skew[1], taps)
+    (xu, xv, yu, yv), (lxu, lxv, lyu, lyv) = by_camera, lens_jacobian(by_camera, u, v, camera, lens)
+    in_x = _fill_axis(out[0], (xu, xv, lxu, lxv), camera, lens, subpixel, 0, radius)
+    in_y = _fill_axis(out[1], (yu, yv, lyu, lyv), camera, lens, subpixel, 1, radius)
     return in_x or in_y
 
 
 @inner
-def _phases(spread, axis):
-    """Return how many phases tables of weights need along an axis, over spreads (n, axis, 2)."""
-    most = FINEST if len(spread) <= 4 else MOST_PHASES
+def _phases(blur, axis):
+    """Return how many phases a table of weights needs along an axis, over blurs (n, axis, 2)."""
+    most = MAX_PHASES_OF_FEW_NODES if len(blur) <= 4 else MAX_PHASES
     needed = 1.0
-    for i in range(len(spread)):
-        needed = max(needed, 1 / math.sqrt(SMOOTH * spread[i, axis, 0] * spread[i, axis, 1]))
-    return GRAIN * min(math.ceil(needed / GRAIN), most // GRAIN)
+    for i in range(len(blur)):
+        needed = max(needed, 1 / math.sqrt(MAX_PHASE_ERROR * blur[i, axis, 0] * blur[i, axis, 1]))
+    return PHASE_MULTIPLE * min(math.ceil(needed / PHASE_MULTIPLE), most // PHASE_MULTIPLE)
 
 
 @inner
-def _cells(spread, widths, taps):
-    """Return how many cells along each axis are looked at, over spreads (n, axis, 2): NARROW where
-    none beyond matters."""
-    for i in range(len(spread)):
+def _taps(blur, widths, radius):
+    """Return how many taps each axis needs, over blurs (n, axis, 2): NARROW_TAPS if no cell beyond
+    them matters, else WIDE_TAPS."""
+    for i in range(len(blur)):
         for axis in range(2):
-            box, sigma, width = spread[i, axis, 0], spread[i, axis, 1], widths[axis]
-            if taps > 1 and light_from(2.0, box, sigma, width) > FAINT * box * width:
-                return WIDE
-    return NARROW
+            box, sigma, width = blur[i, axis, 0], blur[i, axis, 1], widths[axis]
+            if radius > 1 and light_from(2.0, box, sigma, width) > MIN_CELL_LIGHT * box * width:
+                return WIDE_TAPS
+    return NARROW_TAPS
 
 
 @inner
@@ -110,60 +132,59 @@ def light_from(x, box, sigma, width):
 
 
 @inner
-def fill_spreads(out, us, vs, camera, lens, period, widths, skew, taps):
-    """Fill out (rows * cols, axis, 2) with the `spreads` at nodes of the photo."""
+def fill_blurs(out, us, vs, camera, lens, subpixel, radius):
+    """Fill out (rows * cols, axis, 2) with the blur at nodes of the photo; see `fill_blur`."""
     for r in range(len(vs)):
         for c in range(len(us)):
             node = out[r * len(us) + c]
-            spreads(node, us[c], vs[r], camera, lens, period, widths, skew, taps)
+            fill_blur(node, us[c], vs[r], camera, lens, subpixel, radius)
 
 
 @loop
-def weights(us, vs, camera, lens, cell, widths, skew):
-    """Return the weights of cells on nodes of the photo, the phases of each kind along both axes,
-    (kinds, 2) int64, and its cells along each axis, (kinds,) int64.
+def tap_weight_tables(us, vs, camera, lens, cell, widths, skew):
+    """Return the tap weights on nodes of the photo, the phases of each kind along both axes,
+    (kinds, 2) int64, and its taps along each axis, (kinds,) int64.
 
     The weights are (kinds, rows, n) float32: of the nodes of a row one after another, (phases + 2,
-    cells) along x and then along y; see `shares.fill_node`.
+    taps) along x and then along y; see `tap_weights.fill_node`.
 
     widths, skew: (kinds, 2), see `exposure_records.Exposure`.
     """
-    kinds, rows, cols, taps = len(widths), len(vs), len(us), cell.radius
-    spread = np.empty((kinds, rows * cols, 2, 2), np.float64)
-    phases, cells = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
-    most, finest, farthest = 0, 0, taps + 0.5
+    kinds, rows, cols, radius = len(widths), len(vs), len(us), cell.radius
+    blur = np.empty((kinds, rows * cols, 2, 2), np.float64)
+    phases, taps = np.empty((kinds, 2), np.int64), np.empty(kinds, np.int64)
+    most, finest, farthest = 0, 0, radius + 0.5
     for kind in range(kinds):
-        fill_spreads(
-            spread[kind], us, vs, camera, lens, cell.period[kind], widths[kind], skew[kind], taps
-        )
+        subpixel = SubpixelSize(cell.period[kind], widths[kind], skew[kind])
+        fill_blurs(blur[kind], us, vs, camera, lens, subpixel, radius)
         for axis in range(2):
-            phases[kind, axis] = _phases(spread[kind], axis)
+            phases[kind, axis] = _phases(blur[kind], axis)
             finest = max(finest, phases[kind, axis])
             farthest = max(farthest, widths[kind, axis] / 2)
-        cells[kind] = _cells(spread[kind], widths[kind], taps)
-        most = max(most, sizes(phases[kind], cells[kind])[1])
+        taps[kind] = _taps(blur[kind], widths[kind], radius)
+        most = max(most, weights_per_node(phases[kind], taps[kind])[1])
     tables = np.empty((kinds, rows, cols * most), np.float32)
-    distances = (2 * taps + 1) * finest // 2 + 1
+    distances = (2 * radius + 1) * finest // 2 + 1
     scratch = Scratch(
-        np.empty(distances + 2 * beside(farthest * finest), np.float64),
+        np.empty(distances + 2 * cubic_margin(farthest * finest), np.float64),
         np.empty(distances, np.float64),
         np.empty(finest // 2 + 1, np.float64),
         np.empty(4, np.float64),
     )
     for kind in range(kinds):
-        n = sizes(phases[kind], cells[kind])[1]
+        n = weights_per_node(phases[kind], taps[kind])[1]
         for r in range(rows):
             for c in range(cols):
                 fill_node(
                     tables[kind, r, c * n : (c + 1) * n],
-                    spread[kind, r * cols + c],
+                    blur[kind, r * cols + c],
                     widths[kind],
-                    taps,
+                    radius,
                     phases[kind],
-                    cells[kind],
+                    taps[kind],
                     scratch,
                 )
-    return tables, phases, cells
+    return tables, phases, taps
 
 
 @inner

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from moireaug.exposure.optics import Optics
 
-TAIL = 1.0  # standard deviations of the spread that taps must reach
+TAIL_SIGMAS = 1.0  # standard deviations of the spread that taps must reach
 # share of the nearest panel pixel where none is seen, so that shares can be normalised
 LEAST_SHARE = 1e-9
 LEAST_EXPONENT = -80.0  # not far below, float32 numbers are denormal and many times slower
@@ -32,7 +32,7 @@ class Footprint(NamedTuple):
 
     def reach(self) -> Tensor:
         """Return how far to each side it sees, in cells."""
-        return self.box / 2 + TAIL * self.variance.sqrt()
+        return self.box / 2 + TAIL_SIGMAS * self.variance.sqrt()
 
 
 def footprint(step: Tensor, optics: Optics) -> Footprint:

@@ -16,8 +16,8 @@ from torch import Tensor
 
 from moireaug.geometry.distortion import radial_factor
 
-FAR_AWAY = 1e9  # where points behind the camera are put
-AHEAD = 1e-9  # depth above which a point counts as in front of the camera
+BEHIND_CAMERA = 1e9  # where points behind the camera are put
+LEAST_DEPTH = 1e-9  # depth above which a point counts as in front of the camera
 BORDER_STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 # points of a picture's border, in halves of its sides
 BORDER = [(x, y) for x in BORDER_STEPS for y in BORDER_STEPS if max(abs(x), abs(y)) == 1]
@@ -154,5 +154,7 @@ def apply_homography(m: Tensor, points: Tensor) -> Tensor:
     kornia's `transform_points` mirrors them to the front.
     """
     lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
-    ahead = lifted[..., 2:] > AHEAD
-    return torch.where(ahead, lifted[..., :2] / torch.where(ahead, lifted[..., 2:], 1.0), FAR_AWAY)
+    ahead = lifted[..., 2:] > LEAST_DEPTH
+    return torch.where(
+        ahead, lifted[..., :2] / torch.where(ahead, lifted[..., 2:], 1.0), BEHIND_CAMERA
+    )

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from moireaug.effects.random_numbers import normal
-from moireaug.effects.sensor import DARK, add_noise, quantise
+from moireaug.effects.sensor import DARK_LEVEL, add_noise, quantise
 
 SEEDS = torch.tensor([3, 11, 3, 2**53 - 1])
 
@@ -43,14 +43,14 @@ def test_read_noise_is_as_large_as_it_says_and_none_is_none():
 def test_photon_noise_ends_at_the_dark_current():
     """Below it, and below zero, its slope and size stay finite."""
     raw = (
-        torch.tensor([-1.0, 0.0, DARK, 1.0], dtype=torch.float64)
+        torch.tensor([-1.0, 0.0, DARK_LEVEL, 1.0], dtype=torch.float64)
         .reshape(1, 1, 1, 4)
         .requires_grad_()
     )
     read, shot = torch.zeros(1, dtype=torch.float64), torch.full((1,), 0.1, dtype=torch.float64)
     noisy = add_noise(raw, read, shot, SEEDS[:1])
     size = (noisy - raw) / normal(raw.shape[1:], SEEDS[:1])
-    assert size.flatten().tolist() == pytest.approx([0.1 * DARK**0.5] * 3 + [0.1])
+    assert size.flatten().tolist() == pytest.approx([0.1 * DARK_LEVEL**0.5] * 3 + [0.1])
     (gradient,) = torch.autograd.grad(noisy.sum(), raw)
     assert gradient.isfinite().all() and gradient.flatten()[:2].tolist() == [1, 1]
 

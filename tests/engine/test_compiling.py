@@ -50,10 +50,12 @@ def test_kernels_are_found():
 
 def test_all_constants_outside_the_engine_are_named():
     outside = [source for source in compiled() if source.parent != ENGINE]
-    assert sorted(str(s.relative_to(PACKAGE)) for s in outside) == sorted(compiling.CONSTANTS)
+    assert sorted(str(s.relative_to(PACKAGE)) for s in outside) == sorted(
+        compiling.CONSTANT_SOURCES
+    )
 
 
-@pytest.mark.parametrize("name", compiling.CONSTANTS)
+@pytest.mark.parametrize("name", compiling.CONSTANT_SOURCES)
 def test_a_change_of_a_constant_makes_another_folder(name, tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     before = compiling.folder.__wrapped__()
@@ -68,7 +70,7 @@ def test_a_change_of_a_constant_makes_another_folder(name, tmp_path, monkeypatch
 
 def test_a_compilation_runs_aside_and_its_error_reaches_the_caller(tmp_path, monkeypatch):
     monkeypatch.setattr(compiling, "folder", lambda: str(tmp_path))
-    assert compiling._aside(threading.current_thread) is not threading.current_thread()
+    assert compiling._in_own_thread(threading.current_thread) is not threading.current_thread()
 
     def double(x):
         return 2 * x

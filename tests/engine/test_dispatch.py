@@ -111,11 +111,11 @@ def test_a_tangent_is_not_lost():
     [("off", True), ("OFF", True), ("0", True), ("false", True), ("", False), ("on", False)],
 )
 def test_the_environment_turns_the_engine_off(value, off, monkeypatch):
-    monkeypatch.setenv(dispatch.SWITCH, value)
+    monkeypatch.setenv(dispatch.ENGINE_VARIABLE, value)
     assert ("turned off" in dispatch.explain(Scene.preset("screen_photo"))) == off
 
 
 def test_a_switch_that_says_neither_is_refused(monkeypatch):
-    monkeypatch.setenv(dispatch.SWITCH, "of")
+    monkeypatch.setenv(dispatch.ENGINE_VARIABLE, "of")
     with pytest.raises(ValueError, match="MOIREAUG_ENGINE must be 'off', or unset; got 'of'"):
         Scene.preset("screen_photo").capture(torch.rand(1, 3, 8, 8))

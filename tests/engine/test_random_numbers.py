@@ -6,12 +6,12 @@ import torch
 from numba import njit
 
 from moireaug.effects.random_numbers import keys, normal
-from moireaug.engine.compiling import FUSED
+from moireaug.engine.compiling import FAST_MATH
 from moireaug.engine.random_numbers import normal_row
 
 
 # the kernels' products and sums are fused, which these must not be
-@njit(fastmath=FUSED)
+@njit(fastmath=FAST_MATH)
 def fill(out, bits, start, first, second):
     normal_row(out, bits, start, first, second)
 

@@ -189,7 +189,7 @@ def test_what_is_compiled_ahead_is_what_is_called(tmp_path):
 from moireaug.engine import batch
 print([len(k.stats.cache_misses) for k in (batch.develop, batch.develop_back)])
 """
-    given = [a + count if a == ahead.CODE else a for a in ahead.ARGUMENTS]
+    given = [a + count if a == ahead.PROGRAM else a for a in ahead.PYTHON_ARGUMENTS]
     command = [sys.executable, *given]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.stdout == "[0, 0]\n", done.stderr

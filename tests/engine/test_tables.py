@@ -30,7 +30,7 @@ def test_encoding_and_its_slope_are_those_of_srgb(encoded):
     light = light.astype(np.float32)
     code, slope = encoded(light)
     exact = light.astype(np.float64)
-    bright, above = exact > tables.KNEE, np.maximum(exact, tables.KNEE)
+    bright, above = exact > tables.SRGB_KNEE, np.maximum(exact, tables.SRGB_KNEE)
     codes = np.where(bright, 1.055 * above ** (1 / 2.4) - 0.055, 12.92 * exact)
     slopes = np.where(bright, 1.055 / 2.4 * above ** (1 / 2.4 - 1), 12.92)
     assert (np.abs(code - codes) < 5e-6 * np.maximum(np.abs(codes), 1)).all()

@@ -6,32 +6,32 @@ import numba
 import numpy as np
 import pytest
 
-from moireaug.engine import shares
+from moireaug.engine import tap_weights
 
-TAPS, CELLS = 2, 8
+RADIUS, TAPS = 2, 8
 PHASES = np.array([48, 512])
 
 
 @pytest.fixture(scope="module")
 def filled():
     @numba.njit(error_model="numpy")
-    def fill(out, spread, widths, phases, farthest):
-        most = (2 * TAPS + 1) * phases.max() // 2 + 1
-        scratch = shares.Scratch(
-            np.empty(most + 2 * shares.beside(farthest * phases.max())),
+    def fill(out, blur, widths, phases, farthest):
+        most = (2 * RADIUS + 1) * phases.max() // 2 + 1
+        scratch = tap_weights.Scratch(
+            np.empty(most + 2 * tap_weights.cubic_margin(farthest * phases.max())),
             np.empty(most),
             np.empty(phases.max() // 2 + 1),
             np.empty(4),
         )
-        shares.fill_node(out, spread, widths, TAPS, phases, CELLS, scratch)
+        tap_weights.fill_node(out, blur, widths, RADIUS, phases, TAPS, scratch)
 
     def filled(box, sigma, width):
-        """Return the weights, (phases + 2, cells) along each axis."""
-        out = np.full((PHASES.sum() + 4) * CELLS, np.nan, np.float32)
-        spread, widths = np.array([[box, sigma]] * 2), np.array([width] * 2)
-        fill(out, spread, widths, PHASES, max(TAPS + 0.5, width / 2))
-        along_x, along_y = np.split(out, [(PHASES[0] + 2) * CELLS])
-        return along_x.reshape(-1, CELLS), along_y.reshape(-1, CELLS)
+        """Return the weights, (phases + 2, taps) along each axis."""
+        out = np.full((PHASES.sum() + 4) * TAPS, np.nan, np.float32)
+        blur, widths = np.array([[box, sigma]] * 2), np.array([width] * 2)
+        fill(out, blur, widths, PHASES, max(RADIUS + 0.5, width / 2))
+        along_x, along_y = np.split(out, [(PHASES[0] + 2) * TAPS])
+        return along_x.reshape(-1, TAPS), along_y.reshape(-1, TAPS)
 
     return filled
 
@@ -50,14 +50,14 @@ def light(x, box, sigma, width):
 
 def exact(phases, box, sigma, width):
     """Return the weights that `filled` should have."""
-    out = np.zeros((phases + 2, CELLS))
+    out = np.zeros((phases + 2, TAPS))
     for row in range(phases + 2):
         at = (row - (row > phases // 2)) / phases - 0.5  # distance 0 is there twice
-        first = -CELLS // 2 + (row > phases // 2)
-        for j in range(CELLS):
-            if abs(first + j) <= TAPS:
+        first = -TAPS // 2 + (row > phases // 2)
+        for j in range(TAPS):
+            if abs(first + j) <= RADIUS:
                 # the guard, where no cell is seen
-                guard = shares.GUARD * box * (first + j == 0)
+                guard = tap_weights.GUARD_LIGHT * box * (first + j == 0)
                 out[row, j] = max(light(first + j - at, box, sigma, width), 0) + guard
         out[row] /= out[row].sum()
     return out
@@ -72,9 +72,9 @@ def exact(phases, box, sigma, width):
         (1.9, 1.2, 3e-5),
         (4.0, 0.3, 3e-5),
         (1e-6, 0.4, 2e-4),  # of what is left of digits that cancel
-        (0.9, 0.02, 2e-3),  # more than 48 phases are taken where a spread is as sharp
+        (0.9, 0.02, 2e-3),  # more than 48 phases are taken where light is blurred as little
     ],
 )
-def test_shares_are_the_closed_form(filled, box, sigma, width, close):
+def test_tap_weights_are_the_closed_form(filled, box, sigma, width, close):
     for phases, got in zip(PHASES, filled(box, sigma, width), strict=True):
         np.testing.assert_allclose(got, exact(phases, box, sigma, width), atol=close)
