@@ -30,7 +30,7 @@ from benchmarks import build_up, measure
 from benchmarks.executions import EXECUTIONS, draw, in_both, taking
 from benchmarks.problems import images
 from moireaug import Scene, develop, expose
-from moireaug.engine import dispatch
+from moireaug.engine import program
 from moireaug.scene.presets import PRESETS
 
 FULL = {
@@ -163,12 +163,13 @@ def changed(scene: Scene, changes: dict[str, Any]) -> Scene:
 
 def run_by(scene: Scene) -> str:
     """Return the stages of a capture that the engine runs, and with which effect it leaves off."""
-    taken = [stage for stage, reason in dispatch.reasons(scene).items() if not reason]
-    found = " and ".join(taken) or "nothing"
-    rest = dispatch.finishing(scene.plan(), rectified=scene.is_rectified)
-    if "develop" in taken and rest:
-        found += f"; reference from {rest[0].name!r} on"
-    return found
+    parts = program.program_of(scene, scene.plan())
+    why_not = {"expose": parts.no_exposing, "develop": parts.no_developing}
+    stages = [stage for stage, reason in why_not.items() if not reason]
+    line = " and ".join(stages) or "nothing"
+    if "develop" in stages and parts.rest:
+        line += f"; reference from {parts.rest[0]!r} on"
+    return line
 
 
 def photo_report(photo: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from benchmarks.checkouts import Checkout, plain
 from moireaug import Shot, engine, expose
-from moireaug.engine import dispatch, run
+from moireaug.engine import program, run
 from moireaug.engine.shot_exposure import lower_exposure
 
 WITHOUT = "one panel pixel"
@@ -33,7 +33,7 @@ def runs_of(shots: dict[str, Shot], shown: Tensor, before: Checkout | None) -> d
     says so."""
     runs = {}
     for name, shot in shots.items():
-        by = "reference" if dispatch.reasons(shot.scene)["expose"] else "engine"
+        by = "reference" if program.program_of(shot.scene, shot.plan).no_exposing else "engine"
         runs[name] = Run(
             by, shot, partial(expose, shown, shot), partial(expose, shown[:1], shot[:1])
         )

@@ -24,8 +24,9 @@ from moireaug.checks import (
     check_shape,
     check_shot,
 )
-from moireaug.engine import dispatch
+from moireaug.engine import dispatch, program
 from moireaug.mixed_shot import MixedShot
+from moireaug.numeric import as_float
 from moireaug.shot import ShotRecord
 
 
@@ -91,7 +92,7 @@ def _photo_of_reading(raw: Tensor, shot: ShotRecord) -> Tensor:
     light = _single(raw)
     with torch.autocast(raw.device.type, enabled=False):
         shot = shot.to(raw.device)
-        if dispatch.can_develop(light, shot):
+        if program.can_develop(light, shot):
             return dispatch.develop(light, shot).to(raw.dtype)
         return pipeline.develop(light, shot).to(raw.dtype)
 
@@ -135,9 +136,9 @@ def reading_of(image: Tensor, shot: ShotRecord) -> Tensor:
     shot = shot.to(image.device)
     light = _single(image)
     with torch.autocast(image.device.type, enabled=False):
-        if dispatch.can_expose(light, shot):
+        if program.can_expose(light, shot):
             return dispatch.expose(light, shot)
-        return pipeline.expose(dispatch.as_float(light), shot)
+        return pipeline.expose(as_float(light), shot)
 
 
 def _single(values: Tensor) -> Tensor:

@@ -99,3 +99,8 @@ def is_transformed() -> bool:
     """Return whether values are unknown: a graph is traced, or a torch.func transform is at
     work."""
     return torch.compiler.is_compiling() or torch._C._are_functorch_transforms_active()
+
+
+def as_float(images: Tensor) -> Tensor:
+    """Return uint8 images as float32 in [0, 1], others unchanged."""
+    return images.float() / 255 if images.dtype == torch.uint8 else images

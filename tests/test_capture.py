@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
-from moireaug.engine.dispatch import reference
+from moireaug.engine import reference
 from moireaug.geometry.sensor import SampledPixels
 from moireaug.scene.presets import PRESETS
 

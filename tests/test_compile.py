@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, develop, expose
-from moireaug.engine.dispatch import reference
+from moireaug.engine import reference
 
 SCENES = {
     "released chain": Scene.preset("paper_code"),

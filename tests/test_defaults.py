@@ -19,7 +19,7 @@ from torchvision import tv_tensors
 from moireaug import Develop, Lens, Panel, Scene, Sensor, Shot, View, attacks, capture
 from moireaug.defenses import DEFENSES, Quilting, restore_mean
 from moireaug.defenses.demoire.tiles import tiled
-from moireaug.engine import dispatch
+from moireaug.engine import switch
 from moireaug.evaluation import evaluate
 from moireaug.evaluation.corruptions import CORRUPTIONS
 from moireaug.evaluation.visibility import visibility
@@ -106,7 +106,7 @@ def photo(name):
 
 def gradient(name):
     images = IMAGES.clone().requires_grad_()
-    with dispatch.reference():
+    with switch.reference():
         taken = capture(images, SCENES[name].sample(2, SIZE))
     return taken, torch.autograd.grad(taken.square().sum(), images)
 

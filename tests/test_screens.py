@@ -9,7 +9,7 @@ import torch.nn.functional as F
 
 from moireaug import Develop, Layout, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
 from moireaug.effects.sensor import averaged_pixels
-from moireaug.engine import dispatch
+from moireaug.engine import switch
 from moireaug.exposure import extremes
 from moireaug.exposure.bins import pixels_on_photo
 from moireaug.scene.presets import PRESETS
@@ -154,7 +154,7 @@ def before_and_after(scene):
     small = dataclasses.replace(shot, size=(48, 64))
     found = []
     for one, picture in ((shot, large), (small, F.interpolate(large, (48, 64), mode="area"))):
-        with dispatch.reference():
+        with switch.reference():
             moire = capture(picture, one) - capture(picture, without_moire(one))
         found.append(F.interpolate(moire, (48, 64), mode="area"))
     return found

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from moireaug import Scene, extras
-from moireaug.engine import dispatch
+from moireaug.engine import program, switch
 
 ROOT = Path(__file__).resolve().parents[1]
 SWITCHES = {
@@ -67,12 +67,14 @@ def test_the_reference_runs_where_numba_compiles_nothing(environment, reason, mo
     monkeypatch.delitem(sys.modules, "numba.core.config", raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    dispatch._without_compiler.cache_clear()
+    switch._without_compiler.cache_clear()
     try:
-        for stage in dispatch.reasons(Scene.preset("screen_photo")).values():
-            assert stage.startswith(reason) and bool(stage) == bool(reason)
+        scene = Scene.preset("screen_photo")
+        found = program.program_of(scene, scene.plan())
+        for why in (found.no_exposing, found.no_developing):
+            assert why.startswith(reason) and bool(why) == bool(reason)
     finally:
-        dispatch._without_compiler.cache_clear()
+        switch._without_compiler.cache_clear()
 
 
 @pytest.mark.parametrize(("backend", "kept"), [("svg", True), ("nothing", False)])

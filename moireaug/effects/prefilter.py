@@ -29,9 +29,7 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
 
 MAX_PYRAMID_LEVELS = 10  # halvings of a picture seen from afar or at a grazing angle
-MAX_NEIGHBOUR_VARIANCE = (
-    0.5  # most variance of one pass over the neighbours, in squared image pixels
-)
+MAX_NEIGHBOUR_VARIANCE = 0.5  # squared image pixels, of one pass over the neighbours
 
 
 class Prefilter(Effect):

@@ -14,9 +14,7 @@ from moireaug.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
 
-DARK_LEVEL = (
-    1e-4  # the level, of full scale, below which photon noise falls no further: dark current
-)
+DARK_LEVEL = 1e-4  # of full scale, below which photon noise falls no further: dark current
 LEAST_VARIANCE = 1e-10  # of readings that count as different
 NOISE_SIGMAS = 6  # how far noise reaches, in standard deviations
 
@@ -119,13 +117,12 @@ def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
     seed (B,) int64.
 
     Photon noise is Poisson noise in its Gaussian limit; a full well of N electrons has
-    `shot = N^-1/2`. Its variance stops falling at `raw = DARK_LEVEL`. Differentiable in raw, read and
-    shot. Replays bit for bit on any device.
+    `shot = N^-1/2`. Its variance stops falling at `raw = DARK_LEVEL`. Differentiable in raw, read
+    and shot. Replays bit for bit on any device.
     """
     noise = torch.ops.moireaug.normal(raw.shape[1:], seeds).to(raw.dtype)
-    variance = per_image(read, raw).square() + per_image(shot, raw).square() * raw.clamp(
-        min=DARK_LEVEL
-    )
+    read, shot = per_image(read, raw), per_image(shot, raw)
+    variance = read.square() + shot.square() * raw.clamp(min=DARK_LEVEL)
     some = variance > 0  # the root has no slope at 0
     return raw + noise * torch.where(some, torch.where(some, variance, 1.0).sqrt(), 0.0)
 

@@ -10,6 +10,7 @@ Importing this package does not import numba; the first photo does.
 """
 
 import moireaug.engine.forks  # noqa: F401  one thread in forked processes, before any is forked
-from moireaug.engine.dispatch import explain, reference
+from moireaug.engine.program import explain
+from moireaug.engine.switch import reference
 
 __all__ = ["explain", "reference"]

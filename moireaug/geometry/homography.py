@@ -155,6 +155,5 @@ def apply_homography(m: Tensor, points: Tensor) -> Tensor:
     """
     lifted = points @ m[:, :, :2].mT + m[:, None, :, 2]
     ahead = lifted[..., 2:] > LEAST_DEPTH
-    return torch.where(
-        ahead, lifted[..., :2] / torch.where(ahead, lifted[..., 2:], 1.0), BEHIND_CAMERA
-    )
+    depth = torch.where(ahead, lifted[..., 2:], 1.0)
+    return torch.where(ahead, lifted[..., :2] / depth, BEHIND_CAMERA)

@@ -13,10 +13,10 @@ from torch import Tensor, nn
 
 from moireaug.capture import photo_of
 from moireaug.checks import channels_last, check_images
-from moireaug.engine import dispatch
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture
 from moireaug.networks import in_evaluation_mode
+from moireaug.numeric import as_float
 from moireaug.scene.naming import changed_fields, preset_name
 from moireaug.scenes import Scene, Shot
 
@@ -109,7 +109,7 @@ def as_shown(images: Tensor) -> Tensor:
     """Return images of any accepted type as the capture's float RGB, (B, 3, H, W); see
     `photograph`."""
     check_format(images)
-    return dispatch.as_float(images).expand(-1, 3, -1, -1)
+    return as_float(images).expand(-1, 3, -1, -1)
 
 
 def as_model_takes(images: Tensor, model: object) -> Tensor:
@@ -133,7 +133,7 @@ def model_of_photos(
     """
     if images.shape[-3] != 1:
         return model
-    grey = as_model_takes(dispatch.as_float(images[:1]), model)
+    grey = as_model_takes(as_float(images[:1]), model)
     try:
         with in_evaluation_mode(model), torch.no_grad():
             model(grey.clone())

@@ -3,7 +3,7 @@
 import torch
 
 from moireaug import expose, pipeline
-from moireaug.engine import dispatch
+from moireaug.engine import program
 from moireaug.exposure.bins import pixels_on_photo
 
 RMS, MOST = 1e-4, 1 / 512
@@ -13,7 +13,7 @@ def readings(scene, size, n=2):
     """What the engine and the reference read of the same shot."""
     shot = scene.sample(n, size, torch.Generator().manual_seed(3))
     images = torch.rand(n, 3, *size, generator=torch.Generator().manual_seed(4))
-    assert dispatch.can_expose(images, shot)
+    assert program.can_expose(images, shot)
     both = expose(images, shot).double(), pipeline.expose(images.double(), shot)
     if not scene.is_rectified:
         return both

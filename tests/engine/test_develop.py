@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from moireaug import Develop, Lens, Scene, Sensor, View, develop, pipeline
 from moireaug.effects.demosaic import DEMOSAICS
 from moireaug.effects.resize import area_means
-from moireaug.engine import dispatch
+from moireaug.engine import program
 from moireaug.engine.resampling import lower_resize, lower_stencil
 
 LIGHT = Develop(linear_light=True)
@@ -128,7 +128,7 @@ def both(scene, size, n=2):
     reading = torch.rand(shot.raw_shape()) * 1.3 - 0.1
     reading[..., :3] = reading[..., :3].round()  # exactly on the bounds, too
     raw, precise = reading.clone().requires_grad_(), reading.double().requires_grad_()
-    assert dispatch.can_develop(raw, shot)
+    assert program.can_develop(raw, shot)
     photo, expected = develop(raw, shot), pipeline.develop(precise, shot)
     ahead = torch.randn_like(photo)
     (grad,), (slope,) = (

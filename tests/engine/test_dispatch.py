@@ -7,7 +7,7 @@ import torch
 from torch.autograd import forward_ad
 
 from moireaug import Develop, Scene, Sensor, View, capture, develop, expose
-from moireaug.engine import dispatch, explain, reference
+from moireaug.engine import explain, program, reference, switch
 
 SHOT = Scene.preset("screen_photo").sample(4, (16, 20), torch.Generator().manual_seed(0))
 IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
@@ -111,11 +111,11 @@ def test_a_tangent_is_not_lost():
     [("off", True), ("OFF", True), ("0", True), ("false", True), ("", False), ("on", False)],
 )
 def test_the_environment_turns_the_engine_off(value, off, monkeypatch):
-    monkeypatch.setenv(dispatch.ENGINE_VARIABLE, value)
-    assert ("turned off" in dispatch.explain(Scene.preset("screen_photo"))) == off
+    monkeypatch.setenv(switch.ENGINE_VARIABLE, value)
+    assert ("turned off" in program.explain(Scene.preset("screen_photo"))) == off
 
 
 def test_a_switch_that_says_neither_is_refused(monkeypatch):
-    monkeypatch.setenv(dispatch.ENGINE_VARIABLE, "of")
+    monkeypatch.setenv(switch.ENGINE_VARIABLE, "of")
     with pytest.raises(ValueError, match="MOIREAUG_ENGINE must be 'off', or unset; got 'of'"):
         Scene.preset("screen_photo").capture(torch.rand(1, 3, 8, 8))

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, expose, pipeline
-from moireaug.engine import dispatch, run
+from moireaug.engine import program, run
 from moireaug.engine.exposure_records import Camera
 from moireaug.engine.shot_exposure import lower_exposure
 from tests.engine.readings import assert_equal
@@ -43,7 +43,7 @@ def of(scene, *size, n=2):
 
 
 def assert_reads_alike(images, shot):
-    assert dispatch.can_expose(images, shot)
+    assert program.can_expose(images, shot)
     assert_equal(expose(images, shot).double(), pipeline.expose(images.double(), shot))
 
 

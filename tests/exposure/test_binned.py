@@ -9,7 +9,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, capture, expose, pipeline
 from moireaug.effects import sensor
-from moireaug.engine import dispatch
+from moireaug.engine import switch
 from moireaug.scene.by_name import parts_with
 from moireaug.synthesis import without_moire
 from tests.engine.readings import assert_equal, readings
@@ -123,7 +123,7 @@ def test_bins_in_the_images_frame_are_a_large_photo_registered_and_shrunk(case):
 def test_a_saturated_binned_photo_is_nearly_the_full_one(monkeypatch):
     """Sensor pixels saturate one by one: the mean of clipped pixels is not their mean clipped."""
     case = {"panel": Panel(scale=3.3), "sensor": {"scale": 8.0, "gain": 3.0}}
-    with dispatch.reference():
+    with switch.reference():
         full, _ = photo("full", **case)
         binned, _ = photo("binned", **case)
         monkeypatch.setattr(sensor, "expected_clip", lambda raw, noise, pattern: raw.clamp(0, 1))
