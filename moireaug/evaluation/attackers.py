@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
-from moireaug.attacks.pose import moved_fields
+from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.problem import single
 from moireaug.capture import capture
 from moireaug.defenses import Defended
@@ -224,7 +224,7 @@ def turnable(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
     for part in ("view", "panel"):
         try:
             for one in scenes_of(scene):
-                moved_fields(one, (part,))
+                searched_fields(one, (part,))
             found.append(part)
         except ValueError as error:
             why = why or str(error)
