@@ -1,4 +1,4 @@
-"""Suites: which tables answer which question, each a short definition.
+"""Suites: the tables that answer a question, each a short definition.
 
 Rows and columns are laid out so that the controls stand beside the attack that they control: the
 same shots without noise, and with noise of random sign.
@@ -65,14 +65,14 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
     "recipes": ("worst_case", "unseen"),
 }
-UNATTACKED = ("threat", "unseen")
-# what some suites have no use for, and the suites that have
-USES: dict[str, tuple[str, ...]] = {
-    "eps": (*(name for name in SUITES if name not in (*UNATTACKED, "worst_case")), "paper"),
+ATTACK_FREE_SUITES = ("threat", "unseen")
+# options that only some suites use, and those suites
+OPTION_SUITES: dict[str, tuple[str, ...]] = {
+    "eps": (*(name for name in SUITES if name not in (*ATTACK_FREE_SUITES, "worst_case")), "paper"),
     "targets": ("transfer", "trust", "paper"),
     "defences": ("mean_normalised", "jpeg", "defences", "noise_position", "adaptive", "paper"),
     "networks": ("demoireing", "paper"),
-    "lpips": tuple(name for name in (*SUITES, *GROUPS) if name not in UNATTACKED),
+    "lpips": tuple(name for name in (*SUITES, *GROUPS) if name not in ATTACK_FREE_SUITES),
 }
 
 
@@ -80,10 +80,10 @@ def check_used(suite: str, option: str, suites: Sequence[str]) -> None:
     """Refuse an option that a suite would ignore.
 
     Args:
-        suites: those that have a use for it, such as `USES["targets"]`.
+        suites: suites that use it, such as `OPTION_SUITES["targets"]`.
 
     Raises:
-        ValueError: says which they are.
+        ValueError: names these suites.
     """
     if suite not in suites:
         raise ValueError(
