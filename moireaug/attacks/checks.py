@@ -87,11 +87,8 @@ def as_tensor(array: np.ndarray, name: str) -> Tensor:
 
 
 def check_labels(labels: Tensor | np.ndarray, n: int, name: str) -> Tensor:
-    """Return labels as int64, and refuse any but (n,) integers >= 0, in a tensor or NumPy array.
-
-    Raises:
-        TypeError, ValueError: with the labels' type or shape and the allowed one.
-    """
+    """Return labels (n,) as int64, and refuse any but integers >= 0 in a tensor or NumPy array:
+    TypeError or ValueError."""
     labels = as_tensor(labels, name) if isinstance(labels, np.ndarray) else labels
     is_numeric = isinstance(labels, Tensor) and labels.dtype != torch.bool
     if not is_numeric or labels.is_floating_point() or labels.is_complex():
@@ -177,12 +174,8 @@ def _describe_output(output: Any) -> str:
 
 
 def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Tensor) -> None:
-    """Refuse a model that has no answer to any of the clean images; it is called only where no row
-    of `logits` is finite.
-
-    Raises:
-        NoAnswerError: a ValueError.
-    """
+    """Refuse a model without an answer to any of the clean images: NoAnswerError. The model is
+    called only where no row of `logits` is finite."""
     if not len(logits) or has_prediction(logits).any():
         return
     with torch.no_grad():

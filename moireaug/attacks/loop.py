@@ -266,12 +266,8 @@ class Attack(ABC):
     def _check(
         self, active: ActiveImages, images: Tensor, logits: Tensor, best: BestPoints | None
     ) -> None:
-        """Check the logits of the first step, and ask the model twice where images stop once
-        fooled.
-
-        Raises:
-            ValueError: logits that do not match the labels, or none that is finite.
-        """
+        """Refuse logits of the first step that do not match the labels, or of which none is finite,
+        and ask the model twice where images stop once fooled."""
         classes, loss_targets = active.goals()
         if loss_targets is not None:
             classes = torch.maximum(classes, loss_targets)

@@ -114,8 +114,8 @@ class APGD(Rule):
           one, as in the paper.
         - Noise on a raw reading is bounded by eps and, above, by the full well: a reading may go
           below 0, where it still changes the photo.
-        - The best point here is that of the greatest loss; what an attack returns is that of the
-          greatest margin.
+        - The best point here is that of the greatest loss; an attack returns that of the greatest
+          margin.
     """
 
     # (B,) each: step size, loss at the previous point, best loss so far and at the last checkpoint,

@@ -25,8 +25,8 @@ HALVING_QUERIES = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
 class SquareMoire(MoireAttack):
     """Random search for raw noise in the manner of the Square Attack (Andriushchenko et al., 2020,
     Algorithms 1 and 2): starts from vertical stripes of +-eps, then sets square windows of
-    shrinking side to +-eps, one sign per plane, and keeps what raises an image's loss. The model
-    needs no gradient.
+    shrinking side to +-eps, one sign per plane, and keeps those that raise an image's loss. The
+    model needs no gradient.
 
     Args:
         steps: queries of the model per restart: one for the stripes, one for each window.

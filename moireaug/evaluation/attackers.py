@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
 from moireaug.attacks.pose import searched_fields
-from moireaug.attacks.problem import single
+from moireaug.attacks.problem import Result, single
 from moireaug.capture import capture
 from moireaug.defenses import Defended
 from moireaug.evaluation.conditions import Condition, EvalBatch, Model, codes
@@ -122,10 +123,7 @@ class MoireAttacker(Attacker):
             optimise=self.optimise,
             until_fooled=self.until_fooled,
         )
-        goals = self.goals(batch)
-        return single(
-            attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
-        ).images
+        return attack_shot(attack, batch, *self.goals(batch)).images
 
     def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
         if self.optimise != ("noise",):  # there is no photo of the same pose to compare with
@@ -190,6 +188,13 @@ class PixelAttacker(Attacker):
         attack = ATTACKS[self.attack](model=batch.model, **settings)
         goals = self.goals(batch)
         return single(attack(batch.images, *goals, generator=batch.generator)).images
+
+
+def attack_shot(
+    attack: Callable[..., Result | list[Result]], batch: EvalBatch, *goals: Tensor | None
+) -> Result:
+    """Return the result of an attack on the batch's own shot."""
+    return single(attack(batch.images, *goals, shot=batch.shot, generator=batch.generator))
 
 
 def _attack_name(attack: str, eps: float, *variants: str, until_fooled: bool) -> str:

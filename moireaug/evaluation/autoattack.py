@@ -11,8 +11,13 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import MoireAttack, MultiTargeted, SquareMoire, evaluating
-from moireaug.attacks.problem import single
-from moireaug.evaluation.attackers import Attacker, behind_defence, defence_draws, known_defence
+from moireaug.evaluation.attackers import (
+    Attacker,
+    attack_shot,
+    behind_defence,
+    defence_draws,
+    known_defence,
+)
 from moireaug.evaluation.conditions import EvalBatch, codes
 from moireaug.evaluation.judges import Judge
 
@@ -65,9 +70,7 @@ class Apgd(Attacker):
             rule="apgd",
             until_fooled=True,
         )
-        result = single(
-            first(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
-        )
+        result = attack_shot(first, batch, batch.labels)
         still_right = (~result.success).nonzero()[:, 0]
         if not len(still_right):
             return result.images
@@ -92,10 +95,7 @@ class SquareAttacker(Attacker):
         attack = SquareMoire(
             model=batch.model, scene=scene, eps=self.eps, steps=self.steps, until_fooled=True
         )
-        goals = self.goals(batch)
-        return single(
-            attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
-        ).images
+        return attack_shot(attack, batch, *self.goals(batch)).images
 
 
 def perturb_toward_classes(batch: EvalBatch, eps: float, steps: int, classes: int) -> Tensor:
@@ -114,6 +114,4 @@ def perturb_toward_classes(batch: EvalBatch, eps: float, steps: int, classes: in
         until_fooled=True,
     )
     multitargeted = MultiTargeted(attack, targets=classes)
-    return single(
-        multitargeted(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
-    ).images
+    return attack_shot(multitargeted, batch, batch.labels).images

@@ -45,7 +45,7 @@ def digest(model: object) -> str:
 
 
 def require_identity(name: str, value: object) -> None:
-    """Refuse what a later process could not identify.
+    """Refuse a part that a later process could not identify.
 
     Raises:
         ValueError: a lambda, a closure or a function of the script itself, or an object that holds

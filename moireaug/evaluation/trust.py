@@ -207,7 +207,7 @@ def _check_order(inputs: CheckInputs) -> Check:
     verdict = "pass"
     for name, (attacked, chance) in inputs.transfer.items():
         summary += f"; {name} {_percent(attacked)}, random noise {_percent(chance)}"
-        # another model may be weaker, so what counts is what the noise adds to chance
+        # another model may be weaker: compare the gains over chance
         if not -inputs.slack <= attacked - chance <= white - random + inputs.slack:
             verdict = "warning"
     if white < random - inputs.slack:

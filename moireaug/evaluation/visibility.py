@@ -68,14 +68,7 @@ class LPIPS(nn.Module):
         return torch.cat(distances)
 
     def require_side(self, side: int) -> None:
-        """Refuse images that are too small for the network.
-
-        Args:
-            side: shorter side, in pixels.
-
-        Raises:
-            ValueError: names the smallest side.
-        """
+        """Refuse images whose shorter side, in pixels, is too small for the network: ValueError."""
         if side < self.least:
             raise ValueError(
                 f"lpips: {self.network} takes images of at least {self.least} x {self.least} "
@@ -130,11 +123,7 @@ def ssim(changed: Tensor, original: Tensor) -> Tensor:
 
 def _features_in(path: str | Path) -> dict[str, Tensor]:
     """Return the tensors of a file's convolutions, by torchvision's names without "features."; no
-    code in it is run.
-
-    Raises:
-        ValueError: a file that is missing, damaged or no state_dict.
-    """
+    code in it is run."""
     features = {}
     for name, value in read_state_dict(path, "lpips", _advice()).items():
         if name.startswith("features."):
@@ -143,11 +132,7 @@ def _features_in(path: str | Path) -> dict[str, Tensor]:
 
 
 def _network_of(features: Mapping[str, Tensor], path: str | Path) -> str:
-    """Return the network whose convolutions these are, by their names and shapes.
-
-    Raises:
-        ValueError: none of them.
-    """
+    """Return the network whose convolutions these are, by their names and shapes."""
     import torchvision  # takes seconds to import
 
     shapes = {name: value.shape for name, value in features.items()}

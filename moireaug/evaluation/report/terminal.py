@@ -113,7 +113,7 @@ def _table(grid: Grid) -> Table:
 
 
 def run_summary(metrics: Metrics) -> str:
-    """Return what `run_parts` does, as plain text."""
+    """Return the same as `run_parts`, as plain text."""
     return plain(run_parts(metrics))
 
 

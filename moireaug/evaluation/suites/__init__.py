@@ -77,14 +77,8 @@ OPTION_SUITES: dict[str, tuple[str, ...]] = {
 
 
 def check_used(suite: str, option: str, suites: Sequence[str]) -> None:
-    """Refuse an option that a suite would ignore.
-
-    Args:
-        suites: suites that use it, such as `OPTION_SUITES["targets"]`.
-
-    Raises:
-        ValueError: names these suites.
-    """
+    """Refuse an option that only other suites use, such as those of `OPTION_SUITES["targets"]`:
+    ValueError."""
     if suite not in suites:
         raise ValueError(
             f"{option}= is for suite={' or '.join(suites)}; suite={suite} has no use for it."

@@ -32,9 +32,7 @@ def adaptive(config: SuiteConfig) -> Table:
     }
     parts, reason = searchable_parts(config.scene)
     if parts:
-        columns["turning"] = MoireAttacker(
-            eps=eps, steps=steps, variant="turns_the_camera", optimise=("noise", *parts)
-        )
+        columns["turning"] = _turning(eps, steps, parts)
     cells = cross({"undefended": UNDEFENDED}, columns)
     for name in ATTACKED_DEFENCES:
         judge = config.behind(name)
@@ -60,9 +58,7 @@ def standard(config: SuiteConfig) -> Table:
             "pose_unknown": PoseUnknown(eps=eps, steps=steps),
         }
         if parts:
-            columns["turning"] = MoireAttacker(
-                eps=eps, steps=steps, variant="turns_the_camera", optimise=("noise", *parts)
-            )
+            columns["turning"] = _turning(eps, steps, parts)
         cells += row_of(row, columns)
         worst_columns = [column for column in columns if column not in ("clean", "random")]
         cells.append(worst_of(cells, row, worst_columns))
@@ -88,6 +84,11 @@ def worst_case(config: SuiteConfig) -> Table:
         cells.append(worst_of(cells, row, WORST_CASE_COLUMNS))
         cells.append(Cell(row, "pgd", (PixelAttacker(attack="pgd", eps=eps, steps=steps),)))
     return Table("worst_case", tuple(cells), pictures=_picture_places(cells, eps_row(WORST_EPS[0])))
+
+
+def _turning(eps: float, steps: int, parts: tuple[str, ...]) -> MoireAttacker:
+    optimise = ("noise", *parts)
+    return MoireAttacker(eps=eps, steps=steps, variant="turns_the_camera", optimise=optimise)
 
 
 def _picture_places(cells: list[Cell], row: str) -> tuple[tuple[str, str], ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
@@ -89,13 +90,9 @@ def jpeg(config: SuiteConfig) -> Table:
     judges = {"undefended": UNDEFENDED}
     for quality in JPEG_QUALITIES:
         judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    columns = controls(config.middle) | paper_attacks(config)
-    return Table(
-        "jpeg",
-        tuple(cross(judges, columns)),
-        pictures=tuple(("undefended", column) for column in columns),
-        published=is_published(config),
-    )
+    table = _attacks_table("jpeg", config, judges, {})
+    pictures = tuple(("undefended", column) for column in table.columns)
+    return dataclasses.replace(table, pictures=pictures)
 
 
 def defences(config: SuiteConfig) -> Table:
@@ -104,13 +101,7 @@ def defences(config: SuiteConfig) -> Table:
     for name in config.defences:
         if not name.startswith("jpeg_") and name != "gain":
             judges[name] = config.behind(name)
-    columns = controls(config.middle) | paper_attacks(config)
-    return Table(
-        "defences",
-        tuple(cross(judges, columns)),
-        empty=config.without,
-        published=is_published(config),
-    )
+    return _attacks_table("defences", config, judges, config.without)
 
 
 def transfer(config: SuiteConfig) -> Table:
@@ -122,13 +113,15 @@ def transfer(config: SuiteConfig) -> Table:
             missing[name] = "weights not at hand"
         else:
             judges[name] = Judge(name, model=model)
-    columns = controls(config.middle) | paper_attacks(config)
-    return Table(
-        "transfer",
-        tuple(cross(judges, columns)),
-        empty=missing,
-        published=is_published(config),
-    )
+    return _attacks_table("transfer", config, judges, missing)
+
+
+def _attacks_table(
+    name: str, config: SuiteConfig, judges: Mapping[str, Judge], empty: Mapping[str, str]
+) -> Table:
+    """Lay out the paper's attacks, and their controls, before each judge."""
+    cells = cross(judges, controls(config.middle) | paper_attacks(config))
+    return Table(name, tuple(cells), empty=empty, published=is_published(config))
 
 
 def budget(config: SuiteConfig) -> Table:

@@ -40,7 +40,7 @@ def _unregistered(scene: Scene) -> Scene:
 
 
 def shifts(config: SuiteConfig) -> Table:
-    """Lay out what robustness to moiré gains or costs elsewhere: each row unattacked, and, where
+    """Lay out the gains and costs of robustness to moiré elsewhere: each row unattacked, and, where
     there is an attacker, attacked at the middle eps."""
     eps, steps = config.middle, config.steps
     cells: list[Cell] = []
