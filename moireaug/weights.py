@@ -14,9 +14,9 @@ from torch import Tensor
 from moireaug.extras import require
 
 SAFETENSORS = ".safetensors"
-# keys of the state_dict in checkpoints; averaged weights only where there are no others
+# keys of the state_dict in checkpoints; averaged weights last, where there are no others
 STATE_DICT_KEYS = ("state_dict", "model_state_dict", "model")
-EMA_STATE_DICT_KEYS = ("state_dict_ema", "ema_state_dict", "model_ema")
+STATE_DICT_KEYS += ("state_dict_ema", "ema_state_dict", "model_ema")
 # prefixes of names by DataParallel, AveragedModel, a LightningModule and torch.compile
 WRAPPER_PREFIXES = ("module.", "model.", "_orig_mod.")
 
@@ -34,11 +34,11 @@ def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Te
     content = read_weights(path, subject, advice)
     candidates = [content]
     if isinstance(content, Mapping):
-        candidates += [content.get(name) for name in (*STATE_DICT_KEYS, *EMA_STATE_DICT_KEYS)]
+        candidates += [content.get(name) for name in STATE_DICT_KEYS]
     for candidate in candidates:
         if _is_state_dict(candidate):
             return _without_wrappers(dict(candidate))
-    names = ", ".join(map(repr, (*STATE_DICT_KEYS, *EMA_STATE_DICT_KEYS)))
+    names = ", ".join(map(repr, STATE_DICT_KEYS))
     raise ValueError(
         f"{subject}: the weights file {str(path)!r} holds something other than a state_dict (a "
         f"mapping of names to tensors), alone or as its {names}. {advice}"

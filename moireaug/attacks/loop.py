@@ -202,12 +202,8 @@ class Attack(ABC):
         if problem.pose is not None:
             point["pose"] = problem.pose
             if restart:
-                fraction = torch.rand(
-                    problem.pose.shape,
-                    generator=task.generator,
-                    dtype=torch.float64,
-                    device="cpu",
-                )
+                shape, dtype = problem.pose.shape, torch.float64
+                fraction = torch.rand(shape, generator=task.generator, dtype=dtype, device="cpu")
                 point["pose"] = (fraction * 2 - 1).to(device)
         return point
 
@@ -216,10 +212,8 @@ class Attack(ABC):
         problem, eps = task.problem, task.eps
         # noise that starts outside the ball (N-FGSM) takes its step without being pulled back
         bound = eps if self.random_start <= 1 else math.inf
-        noise_ball = Ball(
-            eps, bound, self.steps, self.step_size, problem.base, problem.effective_range
-        )
-        balls = {"noise": noise_ball}
+        noise = Ball(eps, bound, self.steps, self.step_size, problem.base, problem.effective_range)
+        balls = {"noise": noise}
         if problem.pose is not None:
             balls["pose"] = Ball(1.0, 1.0, self.steps, self.step_size)
         rules = {}

@@ -71,22 +71,13 @@ class MultiTargeted:
             scene, noise_at = as_scenes(self.attack.scene), self.attack.noise_at
         drawn = drawn_shot(scene, images, shot, generator)
         if not isinstance(drawn, MixedShot):
-            return self._attack_scene(images, labels, shot=drawn, generator=generator)
+            return self._attack_scene(images, labels, drawn, generator)
         batches = split_by_scene(drawn, images, *check_goals(images, labels, None))
-        results = []
-        for batch in batches:
-            results.append(
-                self._attack_scene(batch.images, batch.labels, shot=batch.shot, generator=generator)
-            )
+        results = [self._attack_scene(b.images, b.labels, b.shot, generator) for b in batches]
         return join_results(drawn, batches, results, noise_at)
 
     def _attack_scene(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        *,
-        shot: Shot | None,
-        generator: torch.Generator | None,
+        self, images: Tensor, labels: Tensor, shot: Shot | None, generator: torch.Generator | None
     ) -> Result | list[Result]:
         """Attack a batch of one scene."""
         images = check_images(images)

@@ -89,14 +89,8 @@ def _pasted(images: Tensor, mask: Tensor) -> Problem:
     def subset(rows: Tensor) -> Problem:
         return _pasted(images[rows], mask[rows])
 
+    shape = tuple(images.shape)
     base = images if images.dtype == torch.float64 else images.float()
     return Problem(
-        render,
-        render,
-        tuple(images.shape),
-        images,
-        subset,
-        base=base,
-        effective_range=(0.0, 1.0),
-        mask=mask,
+        render, render, shape, images, subset, base=base, effective_range=(0.0, 1.0), mask=mask
     )

@@ -61,16 +61,9 @@ class PGD(Attack):
         def subset(rows: Tensor) -> Problem:
             return self.problem(images[rows], None, generator)
 
+        shape = tuple(images.shape)
         base = images if images.dtype == torch.float64 else images.float()
-        return Problem(
-            render,
-            render,
-            tuple(images.shape),
-            images,
-            subset,
-            base=base,
-            effective_range=(0.0, 1.0),
-        )
+        return Problem(render, render, shape, images, subset, base=base, effective_range=(0.0, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)

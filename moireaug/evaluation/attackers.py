@@ -223,7 +223,7 @@ def known_defence(knows: Judge | None) -> dict[str, str]:
     return {} if knows is None else {"knows": knows.identity}
 
 
-def searchable_parts(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
+def movable_parts(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
     """Return the parts, of view and panel, that an attacker can search in every scene of a mixture,
     and, where there is none, the reason."""
     parts, reason = [], ""

@@ -26,10 +26,12 @@ from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
 from moireaug.scenes import Scene
 
+Batch = tuple[Tensor, Tensor]  # images and labels
+
 
 def evaluate(
     model: Model,
-    loader: Iterable[tuple[Tensor, Tensor]],
+    loader: Iterable[Batch],
     suite: str = "ladder",
     scene: Scene | str | dict | list | tuple = "screen_photo",
     *,
@@ -104,13 +106,8 @@ def evaluate(
         networks={name: Demoire(network) for name, network in (networks or {}).items()},
     )
     tables = tables_of(suite, config)
-    options = {
-        "eps": eps,
-        "targets": targets,
-        "defences": defences,
-        "networks": networks,
-        "lpips": lpips,
-    }
+    options: dict[str, object] = {"eps": eps, "targets": targets, "defences": defences}
+    options |= {"networks": networks, "lpips": lpips}
     for option, value in options.items():
         if value:
             check_used(suite, option, OPTION_SUITES[option])
@@ -134,9 +131,7 @@ def evaluate(
         return images_frame(tables, runner, indices)
 
 
-def show_progress(
-    jobs: Iterable[Job], total: int, title: str, *, enabled: bool = True
-) -> Iterable[Job]:
+def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool) -> Iterable[Job]:
     """Show a bar of the jobs that are done."""
     with tqdm(total=total, desc=title, unit="job", leave=False, disable=not enabled) as bar:
         for job in jobs:
@@ -145,9 +140,7 @@ def show_progress(
             yield job
 
 
-def collect_batches(
-    loader: Iterable[tuple[Tensor, Tensor]], n: int | None
-) -> list[tuple[Tensor, Tensor]]:
+def collect_batches(loader: Iterable[Batch], n: int | None) -> list[Batch]:
     """Return the first n images of a loader, in its batches; empty ones are left out.
 
     Raises:

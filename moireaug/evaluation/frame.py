@@ -30,20 +30,18 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
     `undecided`, whether the logits were not finite; `seconds`, the image's share; and measures such
     as `psnr`.
     """
-    frames: dict[tuple[str, str], pd.DataFrame] = {}
+    condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
     cell_frames = []
     for table in tables:
         for cell in table.cells:
-            condition_frames = []
+            frames = []
             for condition in cell.conditions:
                 key = (condition.name, cell.judge.name)
-                if key not in frames:
-                    frames[key] = _condition_frame(condition, cell.judge, runner, indices)
-                condition_frames.append(frames[key])
-            if cell.worst:
-                cell_frame = _worst(condition_frames)
-            else:
-                cell_frame = pd.concat(condition_frames, ignore_index=True)
+                if key not in condition_frames:
+                    frame = _condition_frame(condition, cell.judge, runner, indices)
+                    condition_frames[key] = frame
+                frames.append(condition_frames[key])
+            cell_frame = _worst(frames) if cell.worst else pd.concat(frames, ignore_index=True)
             names = {"table": table.name, "row": cell.row, "column": cell.column}
             cell_frames.append(cell_frame.assign(**names))
     if not cell_frames:

@@ -45,12 +45,8 @@ def digest(model: object) -> str:
 
 
 def require_identity(name: str, value: object) -> None:
-    """Refuse a part that a later process could not identify.
-
-    Raises:
-        ValueError: a lambda, a closure or a function of the script itself, or an object that holds
-            one; names it.
-    """
+    """Refuse a part that a later process could not identify: a lambda, a closure or a function of
+    the script itself, or an object that holds one: ValueError."""
     if any(part.startswith(UNNAMED_PREFIX) for part in _digest_parts(value, ())):
         raise ValueError(
             f"records are kept by what was asked, and nothing tells {name}, a "

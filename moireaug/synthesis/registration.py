@@ -85,9 +85,8 @@ def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Regist
         ValueError: too few features agree, they fold the picture, or the refined photo does not
             look like the picture.
     """
-    grey_photo, grey_picture = (
-        cv2.cvtColor(_interleaved(p), cv2.COLOR_RGB2GRAY) for p in (photo, picture)
-    )
+    greys = [cv2.cvtColor(_interleaved(p), cv2.COLOR_RGB2GRAY) for p in (photo, picture)]
+    grey_photo, grey_picture = greys
     matrix, matches = _by_features(grey_picture, grey_photo)
     if matrix is None or matches < MIN_MATCHES or _is_folded(matrix, grey_picture.shape):
         raise ValueError(
@@ -125,9 +124,8 @@ def _by_features(picture: Grey, photo: Grey) -> tuple[Matrix | None, int]:
     points, descriptions, to_small = [], [], []
     for grey in (picture, photo):
         small, matrix = _shrink(grey, FEATURE_SIDE)
-        key, description = sift.detectAndCompute(
-            cv2.GaussianBlur(small, (0, 0), FEATURE_SIGMA), None
-        )
+        blurred = cv2.GaussianBlur(small, (0, 0), FEATURE_SIGMA)
+        key, description = sift.detectAndCompute(blurred, None)
         points.append(
             np.array([k.pt for k in key], np.float32) + 0.5
         )  # OpenCV's centres are whole numbers
@@ -136,9 +134,8 @@ def _by_features(picture: Grey, photo: Grey) -> tuple[Matrix | None, int]:
     if any(description is None or len(description) < MIN_MATCHES for description in descriptions):
         return None, 0
     pairs = cv2.BFMatcher().knnMatch(descriptions[0], descriptions[1], k=2)
-    matches = [
-        first for first, second in pairs if first.distance < MAX_DISTANCE_RATIO * second.distance
-    ]
+    ratio = MAX_DISTANCE_RATIO
+    matches = [first for first, second in pairs if first.distance < ratio * second.distance]
     if len(matches) < MIN_MATCHES:
         return None, len(matches)
     source = points[0][[match.queryIdx for match in matches]]

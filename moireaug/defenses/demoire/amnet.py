@@ -42,9 +42,8 @@ class AMNet(DemoireNet):
         self.additive = nn.Conv2d(fine, 3, 3, padding=1)
         factors = scaled(FACTOR_CHANNELS, width)
         blocks = [Multiplicative(factors) for _ in range(FACTOR_BLOCKS)]
-        self.brightness = nn.Sequential(
-            conv(3, factors, stride=2), conv(factors, factors, stride=2), *blocks
-        )
+        shrink = [conv(3, factors, stride=2), conv(factors, factors, stride=2)]
+        self.brightness = nn.Sequential(*shrink, *blocks)
         self.spread = nn.Sequential(self.twice, conv(factors, factors), self.twice)
         self.multiplicative = nn.Conv2d(factors, 3, 3, padding=1)
 

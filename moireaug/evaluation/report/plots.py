@@ -21,10 +21,10 @@ MODEL_COLOUR, BASELINE_COLOUR = "#0072B2", "#D55E00"  # this model, the baseline
 TEXT_COLOUR, GRID_COLOUR = "#222222", "#DDDDDD"
 FIGURE_INCHES = (4.6, 3.3)  # readable on a phone, and two abreast on a page
 SOLID_LINE, DASHED_LINE = "-", (0, (3, 1.5))
-TrainMetrics = Mapping[str, Any]
+Training = Mapping[str, Any]
 
 
-def curves(trains: Mapping[str, TrainMetrics | None]) -> list[str]:
+def curves(trains: Mapping[str, Training | None]) -> list[str]:
     """Draw loss and validation accuracy per epoch, one plot each; none where no model has a
     history.
 
@@ -62,7 +62,7 @@ def curves(trains: Mapping[str, TrainMetrics | None]) -> list[str]:
     return [svg(loss), svg(rate)]
 
 
-def _series(train: TrainMetrics | None, key: str) -> tuple[list[int], list[float]]:
+def _series(train: Training | None, key: str) -> tuple[list[int], list[float]]:
     """Return the epochs, counted from 1, with known values, and those values."""
     epochs, values = [], []
     for i, row in enumerate((train or {}).get("history") or []):
@@ -74,23 +74,14 @@ def _series(train: TrainMetrics | None, key: str) -> tuple[list[int], list[float
 
 
 def _ring_best_epoch(
-    ax: Axes,
-    train: TrainMetrics | None,
-    epochs: Sequence[int],
-    heights: Sequence[float],
-    colour: str,
+    ax: Axes, train: Training | None, epochs: Sequence[int], heights: Sequence[float], colour: str
 ) -> None:
     """Mark the epoch whose weights were saved."""
     best_epoch = finite((train or {}).get("best_epoch"))
     if best_epoch is not None and best_epoch + 1 in epochs:
         height = heights[epochs.index(int(best_epoch) + 1)]
-        ring: dict[str, Any] = {
-            "color": colour,
-            "markersize": 10,
-            "fillstyle": "none",
-            "clip_on": False,
-        }
-        ax.plot([best_epoch + 1], [height], "o", **ring)
+        ring: dict[str, Any] = {"markersize": 10, "fillstyle": "none", "clip_on": False}
+        ax.plot([best_epoch + 1], [height], "o", color=colour, **ring)
 
 
 def finish(ax: Axes, x: str, y: str) -> None:

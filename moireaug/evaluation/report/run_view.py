@@ -212,15 +212,8 @@ def _shares(
             successes.append(row["sides"][kind]["success"].value if row else None)
         camera, photo, attacked = successes
         if camera is not None and photo is not None and attacked is not None:
-            model = name_of(sides[kind])
-            shares.append(
-                {
-                    "name": model,
-                    "camera": camera,
-                    "moire": photo - camera,
-                    "noise": attacked - photo,
-                }
-            )
+            model, moire, noise = name_of(sides[kind]), photo - camera, attacked - photo
+            shares.append({"name": model, "camera": camera, "moire": moire, "noise": noise})
     return shares
 
 
@@ -231,9 +224,8 @@ def _unanswered(sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
         for row in side["reattack"]:
             if finite(row.get("undecided")):
                 title = f"{name_of(side)}, {title_of(row['name'], 'ladder')}"
-                unanswered.append(
-                    {"undecided": row["undecided"], "n": row.get("n", 0), "title": title}
-                )
+                counts = {"undecided": row["undecided"], "n": row.get("n", 0)}
+                unanswered.append(counts | {"title": title})
     return unanswered
 
 

@@ -3,12 +3,7 @@ worst of them."""
 
 from __future__ import annotations
 
-from moireaug.evaluation.attackers import (
-    MoireAttacker,
-    PixelAttacker,
-    PoseUnknown,
-    searchable_parts,
-)
+from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker, PoseUnknown, movable_parts
 from moireaug.evaluation.autoattack import Apgd, SquareAttacker, TargetedApgd
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.judges import UNDEFENDED
@@ -30,7 +25,7 @@ def adaptive(config: SuiteConfig) -> Table:
         "adaptive": Apgd(eps=eps, steps=steps),
         "pose_unknown": PoseUnknown(eps=eps, steps=steps),
     }
-    parts, reason = searchable_parts(config.scene)
+    parts, reason = movable_parts(config.scene)
     if parts:
         columns["turning"] = _turning(eps, steps, parts)
     cells = cross({"undefended": UNDEFENDED}, columns)
@@ -47,7 +42,7 @@ def standard(config: SuiteConfig) -> Table:
     """Lay out the standard ensemble (AutoAttack; Croce & Hein, 2020), on the raw reading, with
     attackers of the camera's own; each image at the worst of them and of the photo alone."""
     all_eps, steps = config.bounds(WORST_EPS), config.steps
-    parts, reason = searchable_parts(config.scene)
+    parts, reason = movable_parts(config.scene)
     cells: list[Cell] = []
     for eps in all_eps:
         row = eps_row(eps)
