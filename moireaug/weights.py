@@ -15,8 +15,8 @@ from moireaug.extras import require
 
 SAFETENSORS = ".safetensors"
 # keys of the state_dict in checkpoints; averaged weights last, where there are no others
-STATE_DICT_KEYS = ("state_dict", "model_state_dict", "model")
-STATE_DICT_KEYS += ("state_dict_ema", "ema_state_dict", "model_ema")
+STATE_DICT_KEYS = ["state_dict", "model_state_dict", "model"]
+STATE_DICT_KEYS += ["state_dict_ema", "ema_state_dict", "model_ema"]
 # prefixes of names by DataParallel, AveragedModel, a LightningModule and torch.compile
 WRAPPER_PREFIXES = ("module.", "model.", "_orig_mod.")
 

@@ -38,9 +38,8 @@ class Normalized(nn.Module):
     ) -> None:
         super().__init__()
         means, stds = (torch.as_tensor(t, dtype=torch.float32, device="cpu") for t in (mean, std))
-        same_shape = means.shape == stds.shape and means.shape in ((1,), (3,))
-        is_finite = means.isfinite().all() and stds.isfinite().all()
-        if not (same_shape and is_finite and (stds > 0).all()):
+        has_shape = means.shape == stds.shape and means.shape in ((1,), (3,))
+        if not (has_shape and torch.cat([means, stds]).isfinite().all() and (stds > 0).all()):
             raise ValueError(
                 "mean and std must each be a list of finite numbers, 3 for the channels or 1 for "
                 f"all, and every std must be above 0; got mean = {mean}, std = {std}."

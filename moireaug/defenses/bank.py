@@ -129,9 +129,8 @@ def _content(images: Tensor | Iterable[Tensor]) -> str:
     descriptions = []
     for part in (images, getattr(images, "dataset", None)):
         if part is not None:
-            descriptions.append(
-                f"{type(part).__name__} {len(part) if isinstance(part, Sized) else '?'}"
-            )
+            length = len(part) if isinstance(part, Sized) else "?"
+            descriptions.append(f"{type(part).__name__} {length}")
     return " ".join(descriptions)
 
 

@@ -42,8 +42,8 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
                     condition_frames[key] = frame
                 frames.append(condition_frames[key])
             cell_frame = _worst(frames) if cell.worst else pd.concat(frames, ignore_index=True)
-            names = {"table": table.name, "row": cell.row, "column": cell.column}
-            cell_frames.append(cell_frame.assign(**names))
+            cell_frame = cell_frame.assign(table=table.name, row=cell.row, column=cell.column)
+            cell_frames.append(cell_frame)
     if not cell_frames:
         return pd.DataFrame(columns=[*CELL_COLUMNS, *CONDITION_COLUMNS, "image", "correct"])
     frame = pd.concat(cell_frames, ignore_index=True)
@@ -107,8 +107,7 @@ def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def rates(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per cell: rates with their 95 % intervals, denominators, means of the measures,
-    seconds.
+    """Return a row per cell: rates with their 95 % intervals, denominators, mean measures, seconds.
 
     Columns: those of `images_frame` up to `judge`; `accuracy`, `accuracy_low`, `accuracy_high` of
     all images; `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are

@@ -9,9 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-REGION_SIDE = (
-    8  # side of the regions within which non-local attention looks, in pixels of its scale
-)
+REGION_SIDE = 8  # of the regions of non-local attention, in pixels of its scale
 LEAKY_SLOPE = 0.1  # of leaky ReLUs
 
 

@@ -169,8 +169,7 @@ def _others(table: Table, cells: Cells, row: str, attack: str) -> dict[str, Any]
 
 
 def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
-    """Return the rows where the moiré alone adds most and least; None for a table with an
-    attacker."""
+    """Return the rows where the moiré alone adds most and least; None if there is an attacker."""
     if table.name not in MOIRE_COLUMNS:
         return None
     with_moire, without = MOIRE_COLUMNS[table.name]

@@ -52,15 +52,11 @@ def shifts(config: SuiteConfig) -> Table:
         cells.append(Cell(name, UNATTACKED_COLUMN, (photo,)))
         cells.append(Cell(name, ATTACKED_COLUMN, (attacked,)))
     cells.append(Cell("image", UNATTACKED_COLUMN, (Clean(),)))
-    cells.append(
-        Cell("image", ATTACKED_COLUMN, (PixelAttacker(attack="pgd", eps=eps, steps=steps),))
-    )
+    pgd = PixelAttacker(attack="pgd", eps=eps, steps=steps)
+    cells.append(Cell("image", ATTACKED_COLUMN, (pgd,)))
     for corruption, (_, amounts) in CORRUPTIONS.items():
         for amount in amounts:
             corrupted = Corrupted(corruption=corruption, amount=amount)
             cells.append(Cell(corrupted.name, UNATTACKED_COLUMN, (corrupted,)))
-    pictures = []
-    for cell in cells:
-        if cell.column == UNATTACKED_COLUMN:
-            pictures.append((cell.row, cell.column))
+    pictures = [(cell.row, cell.column) for cell in cells if cell.column == UNATTACKED_COLUMN]
     return Table("shifts", tuple(cells), pictures=tuple(pictures), facts={"codes": codes(eps)})
