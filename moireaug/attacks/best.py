@@ -40,13 +40,8 @@ class BestPoints:
         return self.stops_fooled and not len(self.active_rows())
 
     def update(self, point: Point, logits: Tensor, rows: Tensor) -> None:
-        """Keep the point of each image whose margin has grown.
-
-        Args:
-            point: variables of all images.
-            logits: (views * b, K) logits of the images `rows`.
-            rows: (b,) indices.
-        """
+        """Keep the point of each image whose margin has grown, by the logits (views * b, K) of the
+        images `rows`, (b,)."""
         labels = self.labels[rows].repeat(self.views)
         targets = None if self.targets is None else self.targets[rows].repeat(self.views)
         goal = labels if targets is None else targets

@@ -65,14 +65,8 @@ def join_results(
     results: Sequence[Result | list[Result]],
     noise_at: str,
 ) -> Result | list[Result]:
-    """Return the results of all scenes as one Result, or as one per bound; see `Result`.
-
-    Args:
-        shot: shot of the whole batch.
-        batches: batches of `split_by_scene`.
-        results: results of each batch: one, or a list with one per bound.
-        noise_at: place of the noise, as in `MoireAttack`.
-    """
+    """Return the results of the batches of a shot, each one Result or a list with one per bound, as
+    those of the whole shot; see `Result`. `noise_at` is that of `MoireAttack`."""
     lists = [result if isinstance(result, list) else [result] for result in results]
     joined = [_join(shot, batches, of_bound, noise_at) for of_bound in zip(*lists, strict=True)]
     return joined if isinstance(results[0], list) else joined[0]

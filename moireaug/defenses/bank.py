@@ -122,9 +122,8 @@ def _content(images: Tensor | Iterable[Tensor]) -> str:
     if isinstance(images, Tensor):
         digest = hashlib.sha256()
         if images.numel():
-            digest.update(
-                images.detach().cpu().contiguous().view(torch.uint8).flatten().numpy().data
-            )
+            content = images.detach().cpu().contiguous().view(torch.uint8)
+            digest.update(content.flatten().numpy().data)
         return f"{tuple(images.shape)} {images.dtype} {digest.hexdigest()}"
     descriptions = []
     for part in (images, getattr(images, "dataset", None)):

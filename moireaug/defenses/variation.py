@@ -75,9 +75,8 @@ def objective(z: Tensor, x: Tensor, mask: Tensor, weight: float) -> Tensor:
     """Return the objective of `minimise` per image and channel: (B, C, H, W) three times to
     (B, C)."""
     down, right = F.pad(z.diff(dim=2), (0, 0, 0, 1)), F.pad(z.diff(dim=3), (0, 1))
-    return (mask * (z - x).square() / 2 + weight * (down.square() + right.square()).sqrt()).sum(
-        (2, 3)
-    )
+    variation = (down.square() + right.square()).sqrt()
+    return (mask * (z - x).square() / 2 + weight * variation).sum((2, 3))
 
 
 @torch.no_grad()
@@ -142,7 +141,5 @@ def fill(x: Tensor, mask: Tensor) -> Tensor:
     # 0 / 0.1 if none of four is kept
     coarse = F.avg_pool2d(mask * x, 2, ceil_mode=True) / kept_share.clamp(min=0.1)
     coarse = fill(coarse, (kept_share > 0).to(x))
-    coarse = coarse.repeat_interleave(2, 2).repeat_interleave(2, 3)[
-        ..., : x.shape[-2], : x.shape[-1]
-    ]
-    return torch.where(mask > 0, x, coarse)
+    fine = coarse.repeat_interleave(2, 2).repeat_interleave(2, 3)
+    return torch.where(mask > 0, x, fine[..., : x.shape[-2], : x.shape[-1]])

@@ -265,9 +265,8 @@ def _check_photo(inputs: CheckInputs) -> Check:
     """Warn where the photo alone fools nearly every image, so that no attack can add to it."""
     photo = inputs.success["moire"]
     verdict = "warning" if photo > MAX_PHOTO_SUCCESS else "pass"
-    return Check(
-        "the photo leaves something to attack", verdict, f"the photo alone fools {_percent(photo)}"
-    )
+    summary = f"the photo alone fools {_percent(photo)}"
+    return Check("the photo leaves something to attack", verdict, summary)
 
 
 CHECKS: tuple[Callable[[CheckInputs], Check], ...] = (

@@ -252,15 +252,10 @@ class AdversarialMoire(RandomMoire):
         return {**plain, **super().get_transform_init_args(), "id": id(self)}
 
     def get_transform_init_args(self) -> dict[str, Any]:
-        a = self.attack
-        settings = {"eps": a.eps, "steps": a.steps, "step_size": a.step_size, "loss": a.loss}
-        model = type(a.model).__name__
-        return {
-            "model": model,
-            **super().get_transform_init_args(),
-            **settings,
-            "random_start": a.random_start,
-        }
+        args = {"model": type(self.attack.model).__name__, **super().get_transform_init_args()}
+        for name in ("eps", "steps", "step_size", "loss", "random_start"):
+            args[name] = getattr(self.attack, name)
+        return args
 
     def draw(
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator

@@ -85,11 +85,8 @@ class RandomMoire(v2.Transform):
         self._transformed_types = IMAGE_TYPES + annotations
 
     def check_inputs(self, flat_inputs: list[Any]) -> None:
-        leaves = [
-            x
-            for x, needed in zip(flat_inputs, self._needs_transform_list(flat_inputs), strict=True)
-            if needed
-        ]
+        needs_transform = self._needs_transform_list(flat_inputs)
+        leaves = [x for x, needed in zip(flat_inputs, needs_transform, strict=True) if needed]
         images = [x for x in leaves if not isinstance(x, ANNOTATION_TYPES)]
         _refuse_arrays(flat_inputs, images)
         counts = sorted({_count(x) for x in images})
@@ -103,14 +100,9 @@ class RandomMoire(v2.Transform):
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
         n = next((_count(x) for x in flat_inputs if not isinstance(x, ANNOTATION_TYPES)), 1)
+        chosen = (torch.rand(n, dtype=torch.float32, device="cpu") < self.p).nonzero().flatten()
         # the draw does not depend on the size, and each leaf has its own
-        return {
-            "chosen": (torch.rand(n, dtype=torch.float32, device="cpu") < self.p)
-            .nonzero()
-            .flatten(),
-            "n": n,
-            "shot": self.scene.sample(n, (1, 1)),
-        }
+        return {"chosen": chosen, "n": n, "shot": self.scene.sample(n, (1, 1))}
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
         chosen, shot = params["chosen"], params["shot"]

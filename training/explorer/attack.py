@@ -109,10 +109,10 @@ def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int
     return found
 
 
-def as_html(ladder_conditions: Sequence[Rung]) -> str:
+def as_html(rungs: Sequence[Rung]) -> str:
     """Return a ladder as HTML figures: each rung's picture, and the model's answer below it."""
     figures = []
-    for rung in ladder_conditions:
+    for rung in rungs:
         picture = embedded_picture(rung.picture, rung.title)
         title, answer = html.escape(rung.title), html.escape(rung.answer)
         said = f"{answer}, {rung.probability:.0%}: {rung.verdict}"

@@ -105,9 +105,8 @@ def _curves(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
     figures = []
     for svg, (quantity, caption) in zip(plots.curves(trains), texts, strict=False):
         alt = f"{quantity} against the epoch, a line for {' and '.join(trains)}"
-        figures.append(
-            {"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": alt, "caption": caption}
-        )
+        uri = page.uri(svg.encode(), "image/svg+xml")
+        figures.append({"uri": uri, "alt": alt, "caption": caption})
     return figures
 
 
