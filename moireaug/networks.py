@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from moireaug.object_graph import walk
 
-COLLECTIONS = (list, tuple, deque, Mapping)
+COLLECTION_TYPES = (list, tuple, deque, Mapping)
 
 # modules that are lent: how many blocks hold each, and the mode that the last of them restores
 _borrowers: weakref.WeakKeyDictionary[nn.Module, int] = weakref.WeakKeyDictionary()
@@ -129,7 +129,7 @@ def networks_of(model: object) -> list[nn.Module]:
 def _can_hold_networks(part: Any) -> bool:
     if isinstance(part, (ModuleType, BuiltinFunctionType, Tensor)):
         return False
-    return callable(part) or isinstance(part, (*COLLECTIONS, staticmethod, property))
+    return callable(part) or isinstance(part, (*COLLECTION_TYPES, staticmethod, property))
 
 
 def device_of(model: object) -> torch.device | None:

@@ -1,4 +1,4 @@
-"""What an object leads to: the parts that it holds, and those of the functions that it calls."""
+"""The graph of an object: the parts that it holds, and those of the functions that it calls."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def walk(root: Any, is_searched: Callable[[Any], bool]) -> Iterator[Any]:
     """Yield an object and whatever it leads to, each part once, always in the same order.
 
     Args:
-        is_searched: whether what a part holds is looked at, too.
+        is_searched: function of a part that returns whether to search it, too.
     """
     queue = [root]
     visited: set[int] = set()

@@ -14,31 +14,31 @@ from torch import Tensor
 from moireaug.extras import require
 
 SAFETENSORS = ".safetensors"
-# how checkpoints name the state_dict that they hold; averaged weights only where there are no other
-HOLDERS = ("state_dict", "model_state_dict", "model")
-EMA_HOLDERS = ("state_dict_ema", "ema_state_dict", "model_ema")
-# what DataParallel, AveragedModel, a LightningModule and torch.compile put before the names
-WRAPPERS = ("module.", "model.", "_orig_mod.")
+# keys of the state_dict in checkpoints; averaged weights last, where there are no others
+STATE_DICT_KEYS = ["state_dict", "model_state_dict", "model"]
+STATE_DICT_KEYS += ["state_dict_ema", "ema_state_dict", "model_ema"]
+# prefixes of names by DataParallel, AveragedModel, a LightningModule and torch.compile
+WRAPPER_PREFIXES = ("module.", "model.", "_orig_mod.")
 
 
 def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Tensor]:
     """Return the state_dict that a file holds, alone or in a checkpoint, with the names of the bare
     model.
 
-    A wrapper's prefix is taken off the names, and what the wrapper holds besides the model, such as
-    a counter or the buffers of metrics, is left out: a model with layers called "module" or "model"
-    next to others cannot be read.
+    A wrapper's prefix is taken off the names, and the wrapper's own tensors, such as a counter or
+    the buffers of metrics, are left out: a model with layers called "module" or "model" next to
+    others cannot be read.
 
     Args, Raises: as `read_weights`; ValueError also for a file without a state_dict.
     """
     content = read_weights(path, subject, advice)
     candidates = [content]
     if isinstance(content, Mapping):
-        candidates += [content.get(name) for name in (*HOLDERS, *EMA_HOLDERS)]
+        candidates += [content.get(name) for name in STATE_DICT_KEYS]
     for candidate in candidates:
         if _is_state_dict(candidate):
             return _without_wrappers(dict(candidate))
-    names = ", ".join(map(repr, (*HOLDERS, *EMA_HOLDERS)))
+    names = ", ".join(map(repr, STATE_DICT_KEYS))
     raise ValueError(
         f"{subject}: the weights file {str(path)!r} holds something other than a state_dict (a "
         f"mapping of names to tensors), alone or as its {names}. {advice}"
@@ -46,12 +46,12 @@ def read_state_dict(path: str | Path, subject: str, advice: str) -> dict[str, Te
 
 
 def read_weights(path: str | Path, subject: str, advice: str) -> Any:
-    """Return what a file of weights holds, on the CPU; no code in it is run.
+    """Return the content of a file of weights, on the CPU; no code in it is run.
 
     Args:
         path: a file of `torch.save`, or of safetensors with that suffix.
-        subject: what the weights are for; errors begin with it.
-        advice: a sentence that says which file to pass; errors end with it.
+        subject: purpose of the weights, with which errors begin.
+        advice: sentence on the file to pass, with which errors end.
 
     Raises:
         ValueError: the file is missing, damaged or holds more than tensors, or the package
@@ -84,7 +84,7 @@ def _content(path: str | Path) -> Any:
 
 
 def _is_state_dict(content: Any) -> bool:
-    """Return whether this is a mapping of names to tensors."""
+    """Return whether a content is a mapping of names to tensors."""
     if not isinstance(content, Mapping):
         return False
     return all(isinstance(name, str) and isinstance(content[name], Tensor) for name in content)
@@ -92,7 +92,9 @@ def _is_state_dict(content: Any) -> bool:
 
 def _without_wrappers(state: dict[str, Tensor]) -> dict[str, Tensor]:
     """Return the part of a state_dict that is the wrapped model's, with the model's names."""
-    while prefix := next((p for p in WRAPPERS if any(name.startswith(p) for name in state)), None):
+    while prefix := next(
+        (p for p in WRAPPER_PREFIXES if any(name.startswith(p) for name in state)), None
+    ):
         wrapped = {}
         for name, value in state.items():
             if name.startswith(prefix):

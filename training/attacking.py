@@ -14,7 +14,7 @@ import torch
 from torch import nn
 
 from moireaug.evaluation import SuiteConfig, Table, tables_of
-from moireaug.evaluation.evaluate import with_bar
+from moireaug.evaluation.evaluate import show_progress
 from moireaug.evaluation.frame import images_frame, rates, with_paper
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of
@@ -138,7 +138,7 @@ class Plan:
                 done = self.runner.run(jobs, mine)
                 total = len(jobs) * len(mine)
                 shown = rank == 0 and sys.stderr.isatty()
-                for _ in with_bar(done, total, f"{title}, {phase}", shown=shown):
+                for _ in show_progress(done, total, f"{title}, {phase}", enabled=shown):
                     pass
                 self.seconds[phase] = time.perf_counter() - began
 

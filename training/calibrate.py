@@ -40,7 +40,7 @@ from moireaug.evaluation.report.page import environment, uri
 from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
-from moireaug.synthesis.statistics import SMALLEST
+from moireaug.synthesis.statistics import MIN_CROP_SIDE
 from training import runs, scenes, settings
 from training.calibration import fit
 from training.calibration.compare import Line, distance, lines, measured, number, said, shown
@@ -146,7 +146,7 @@ def check(cfg: Config) -> None:
             "fit=true needs to know what was on the screen: pass picture=FILE, or pairs="
         )
     for key, least in (
-        ("size", SMALLEST),
+        ("size", MIN_CROP_SIDE),
         ("crops", 1),
         ("seed", 0),
         ("evaluations", 1),

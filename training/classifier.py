@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.attacks import NoAnswerError, predicted
-from moireaug.evaluation.statistics import mix
+from moireaug.evaluation.statistics import mix_seeds
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 from training.adversaries import STRONG, Adversaries, strengthened
@@ -126,7 +126,7 @@ class Classifier(L.LightningModule):
 
     def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
         # all draws follow from seed, epoch, batch and rank, so that a resumed run repeats them
-        torch.manual_seed(mix(self.seed, self.current_epoch, index, self.global_rank))
+        torch.manual_seed(mix_seeds(self.seed, self.current_epoch, index, self.global_rank))
         images, labels = batch
         images = augment(images.float() / 255, self.augment)
         try:

@@ -32,7 +32,7 @@ from tqdm import tqdm
 
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
-from moireaug.defenses.demoire.tiles import OVERLAP, SIDE, tiled
+from moireaug.defenses.demoire.tiles import TILE_OVERLAP, TILE_SIDE, tiled
 from moireaug.files import write_bytes
 from moireaug.images import read_picture
 from moireaug.synthesis.pictures import Pictures
@@ -56,7 +56,7 @@ class Config:
     device: str = "auto"  # or cpu, cuda, cuda:1, mps
     # longest side that is cleaned at once, pixels, rounded down to the network's grid; less needs
     # less memory
-    tile: int = SIDE
+    tile: int = TILE_SIDE
 
 
 def configure(argv: Sequence[str]) -> Config:
@@ -66,8 +66,8 @@ def configure(argv: Sequence[str]) -> Config:
         ValueError: an unknown key, a value of another type, or out of its bounds.
     """
     cfg = parse(argv, Config, EXAMPLE, __doc__)
-    if cfg.tile < 2 * OVERLAP:
-        raise ValueError(f"tile must be at least {2 * OVERLAP} pixels; got {cfg.tile}.")
+    if cfg.tile < 2 * TILE_OVERLAP:
+        raise ValueError(f"tile must be at least {2 * TILE_OVERLAP} pixels; got {cfg.tile}.")
     photos, out = Path(cfg.in_).resolve(), Path(cfg.out).resolve()
     if out.is_relative_to(photos) or photos.is_relative_to(out):
         raise ValueError(
@@ -137,7 +137,7 @@ def reason(error: Exception, path: Path) -> str:
     raised again."""
     said = str(error)
     if isinstance(error, (MemoryError, torch.OutOfMemoryError)) or "allocate memory" in said:
-        least = 2 * OVERLAP
+        least = 2 * TILE_OVERLAP
         return f"{path} needs more memory than there is: pass tile={least}, or device=cpu."
     if not isinstance(error, ValueError):
         raise error

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
-from moireaug.evaluation.report.plots import FAINT, INK, OURS, THEIRS
+from moireaug.evaluation.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR
 from training.summaries import Recipe, pareto
 
 SIZE, DPI = (10.0, 4.9), 100  # inches: 1000 x 490 pixels
@@ -40,8 +40,8 @@ class Look(NamedTuple):
         return {"color": self.colour, "markerfacecolor": self.fill}
 
 
-ON_FRONT = Look("on it", "o", 7, OURS, OURS)
-BEHIND = Look("behind it", "D", 6, THEIRS, "white")
+ON_FRONT = Look("on it", "o", 7, MODEL_COLOUR, MODEL_COLOUR)
+BEHIND = Look("behind it", "D", 6, BASELINE_COLOUR, "white")
 
 
 def draw(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> bytes:
@@ -62,12 +62,14 @@ def figure(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> Figure:
     panels = fig.subplots(1, len(PANELS), sharex=True)
     for ax, (key, title) in zip(panels, PANELS.items(), strict=True):
         _points(ax, recipes, key)
-        ax.set_title(title, size=11, color=INK, loc="left")
+        ax.set_title(title, size=11, color=TEXT_COLOUR, loc="left")
         _axes(ax, recipes, key)
-        ax.set_xlabel("training time, relative to plain training (log scale)", size=10, color=INK)
-    panels[0].set_ylabel("accuracy at the worst attacker, %", size=10, color=INK)
+        ax.set_xlabel(
+            "training time, relative to plain training (log scale)", size=10, color=TEXT_COLOUR
+        )
+    panels[0].set_ylabel("accuracy at the worst attacker, %", size=10, color=TEXT_COLOUR)
     facts = "{data}, {model}, {scene}; n = {n}, {steps} steps per attack".format(**shared)
-    fig.suptitle(f"What robustness costs: {facts}", size=11.5, color=INK, parse_math=False)
+    fig.suptitle(f"What robustness costs: {facts}", size=11.5, color=TEXT_COLOUR, parse_math=False)
     handles, _ = panels[0].get_legend_handles_labels()
     fig.legend(
         handles=handles,
@@ -75,7 +77,7 @@ def figure(recipes: Sequence[Recipe], shared: Mapping[str, Any]) -> Figure:
         ncols=5,
         frameon=False,
         fontsize=9,
-        labelcolor=INK,
+        labelcolor=TEXT_COLOUR,
     )
     fig.canvas.draw()
     fig.set_layout_engine("none")  # labels find their places among points that no longer move
@@ -93,7 +95,7 @@ def _points(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     ax.set_xscale("log")
     places = _places(recipes, key)
     corners = zip(*_front(places), strict=True)
-    ax.plot(*corners, color=OURS, linewidth=1.2, alpha=0.5, label="Pareto front")
+    ax.plot(*corners, color=MODEL_COLOUR, linewidth=1.2, alpha=0.5, label="Pareto front")
     for recipe, (x, y), front in zip(recipes, places, pareto(places), strict=True):
         look = ON_FRONT if front else BEHIND
         interval: dict[str, Any] = {
@@ -131,8 +133,8 @@ def _axes(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     ticks = _ticks(left, right)
     ax.set_xticks(ticks, [f"{tick:g}×" for tick in ticks])
     ax.xaxis.set_minor_locator(NullLocator())
-    ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
-    ax.grid(color=FAINT, linewidth=0.7)
+    ax.tick_params(labelsize=9.5, labelcolor=TEXT_COLOUR, color=GRID_COLOUR)
+    ax.grid(color=GRID_COLOUR, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[:].set_color("#999999")
@@ -177,7 +179,7 @@ def _label(ax: Axes, recipes: Sequence[Recipe], key: str) -> None:
     by_height = sorted(zip(recipes, points, strict=True), key=lambda pair: -pair[1][1])
     for recipe, point in by_height:
         name = recipe.name + (" †" if recipe.collapsed else "")
-        text = ax.text(0, 0, name, size=9.5, color=INK, parse_math=False, zorder=4)
+        text = ax.text(0, 0, name, size=9.5, color=TEXT_COLOUR, parse_math=False, zorder=4)
         extent = text.get_window_extent(renderer)
         at_point = np.concatenate([point, point])
         boxes = [at_point + box for box in _around(extent.width, extent.height)]

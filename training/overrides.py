@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from moireaug.evaluation.suites import USES, check_used
+from moireaug.evaluation.suites import OPTION_SUITES, check_used
 from training.schema import (
     DATA,
     EPOCHS,
@@ -59,9 +59,9 @@ def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
                 f"{key}= does not go with run={cfg.run}, which has {own}: leave out one of the two."
             )
         if key == "reattack.eps" and cfg.reattack.eps is not None:
-            check_used(cfg.suite, key, USES["eps"])
+            check_used(cfg.suite, key, OPTION_SUITES["eps"])
         if top in ("targets", "networks", "lpips") and getattr(cfg, top) is not None:
-            check_used(cfg.suite, top, USES[top])
+            check_used(cfg.suite, top, OPTION_SUITES[top])
         if top == "demoire" and cfg.demoire is not None:
             check_used(cfg.suite, top, DEMOIRE)
         if top == "trainer" and _has_no_effect(
@@ -107,7 +107,7 @@ def onto(own: Config, cfg: ReattackConfig, given: Sequence[str]) -> ReattackConf
         setattr(node, last, copy.deepcopy(attrgetter(key)(cfg)))
     if "data.size" not in named:
         merged.data.size = own.data.size  # what the model was trained on, whatever the data
-    if cfg.suite not in USES["eps"]:
+    if cfg.suite not in OPTION_SUITES["eps"]:
         merged.reattack.eps = None  # a run's own is of its ladder
     return merged
 

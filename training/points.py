@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from moireaug.evaluation.suites.scenes import OWN
+from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW
 from training import comparable, costs
 from training.files import read_metrics
 
@@ -24,7 +24,7 @@ MEAN, WORST = "mean of the others", "worst of the others"  # of all scenes but t
 # accuracies of a run, and the cells of suite `recipes` that they are: table, row, column
 RATES = {
     "clean": ("worst_case", "eps_4", "clean"),
-    "natural": ("unseen", OWN, "moire"),
+    "natural": ("unseen", OWN_SCENE_ROW, "moire"),
     "unseen_mean": ("unseen", MEAN, "moire"),
     "unseen_worst": ("unseen", WORST, "moire"),
     "worst_4": ("worst_case", "eps_4", "worst"),
@@ -256,7 +256,7 @@ def _outcomes(again: Metrics, table: str, row: str, column: str) -> np.ndarray:
     others = row in (MEAN, WORST)
     found = []
     for line in again["tables"][table]:
-        wanted = line["row"] != OWN if others else line["row"] == row
+        wanted = line["row"] != OWN_SCENE_ROW if others else line["row"] == row
         if wanted and line["column"] == column:
             found.append(np.array([float(outcome) for outcome in line["outcomes"]]))
     if not found:

@@ -36,7 +36,7 @@ from torch import nn
 
 from moireaug.attacks import MoireAttack
 from moireaug.evaluation import GROUPS, SUITES
-from moireaug.evaluation.tables import EPS
+from moireaug.evaluation.tables import DEFAULT_EPS
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import one_of
@@ -75,7 +75,7 @@ def check(cfg: Config) -> None:
     MoireAttack(
         model=torch.nn.Identity(),
         scene=scene_of(cfg),
-        eps=list(EPS if cfg.reattack.eps is None else cfg.reattack.eps),
+        eps=list(DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps),
         steps=cfg.reattack.steps,
     )
 

@@ -20,7 +20,7 @@ from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import Defence
 from moireaug.evaluation.identity import require_identity
-from moireaug.evaluation.suites import USES
+from moireaug.evaluation.suites import OPTION_SUITES
 from training import runs, saved
 from training.attacking import Protocol
 from training.models import as_model, names
@@ -64,7 +64,7 @@ def suite_config(
         ValueError: a target or defence that cannot be loaded.
     """
     targets: Mapping[str, nn.Module | None] = {}
-    if cfg.suite in USES["targets"]:
+    if cfg.suite in OPTION_SUITES["targets"]:
         targets = targets_of(cfg.targets, cfg.data, splits, fabric.device)
     config = dataclasses.replace(protocol.config(), targets=targets)
     defences = dict(config.defences)

@@ -11,7 +11,7 @@ from typing import Any
 
 import lightning as L
 
-from moireaug.evaluation.statistics import mix
+from moireaug.evaluation.statistics import mix_seeds
 from moireaug.files import write_text
 from training import machine, ranks, runs, saved
 from training.adversaries import passes
@@ -150,7 +150,7 @@ def draws(cfg: Config) -> int:
     It is far from that of the start, whose epochs would be repeated otherwise: a sampler's order in
     epoch e is that of seed + e.
     """
-    return mix(cfg.seed, int(cfg.train.init == "clean"), 0)
+    return mix_seeds(cfg.seed, int(cfg.train.init == "clean"), 0)
 
 
 def trainer_of(

@@ -8,8 +8,8 @@ from torch import Tensor
 UNDECIDED = -1  # takes the place of a class; labels and targets are never below 0
 
 
-def decided(logits: Tensor) -> Tensor:
-    """Return which rows of logits (B, K) name a class, (B,) bool: those whose greatest logit is
+def has_prediction(logits: Tensor) -> Tensor:
+    """Return whether each row of logits (B, K) predicts a class, (B,) bool: its greatest logit is
     finite.
 
     With a NaN there is no greatest logit. Minus infinity rules a class out, and is allowed beside a
@@ -22,4 +22,4 @@ def predicted(logits: Tensor) -> Tensor:
     """Return the predicted class of each row of logits (B, K), (B,) int64, or `UNDECIDED`, which
     equals no label: a model without an answer is wrong, whereas `argmax` would return the index of
     its first NaN."""
-    return torch.where(decided(logits), logits.argmax(1), UNDECIDED)
+    return torch.where(has_prediction(logits), logits.argmax(1), UNDECIDED)

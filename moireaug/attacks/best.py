@@ -7,17 +7,17 @@ import math
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import decided
+from moireaug.attacks.answers import has_prediction
 from moireaug.attacks.checks import check_classes
-from moireaug.attacks.losses import margin, reported
+from moireaug.attacks.losses import margin, mean_cross_entropy
 from moireaug.attacks.problem import Point
 from moireaug.attacks.rules import choose
 
-# margin, in logits, above which an image stops as fooled: rounding differs between batches
-SURE = 1e-3
+# margin in logits above which an image counts as fooled for good: rounding differs between batches
+FOOLED_MARGIN = 1e-3
 
 
-class Best:
+class BestPoints:
     """Keeps each image's point of the greatest margin, over steps and restarts, and the mean loss
     of each step."""
 
@@ -25,40 +25,37 @@ class Best:
         self.labels, self.targets, self.views = labels, targets, views
         self.point: Point = {}
         self.losses: list[Tensor] = []
-        # whether fooled images stop, as the model answers the same when asked twice
-        self.settled = False
-        self.score = torch.full_like(labels, -math.inf, dtype=torch.float32)
+        # whether fooled images stop, because the model repeats its answers
+        self.stops_fooled = False
+        self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
 
-    def left(self) -> Tensor:
-        """Return the indices of the images that take further steps: all, or, where fooled images
-        stop, the others."""
-        fooled = (self.score > SURE) & self.settled
-        return (~fooled).nonzero()[:, 0]
+    def active_rows(self) -> Tensor:
+        """Return the indices of the images that take further steps."""
+        stopped = (self.margins > FOOLED_MARGIN) & self.stops_fooled
+        return (~stopped).nonzero()[:, 0]
 
     @property
-    def done(self) -> bool:
-        """Whether no image is left to take a step."""
-        return self.settled and not len(self.left())
+    def all_stopped(self) -> bool:
+        """Whether no image takes a further step."""
+        return self.stops_fooled and not len(self.active_rows())
 
-    def watch(self, point: Point, logits: Tensor, rows: Tensor) -> None:
-        """Keep what is better than before.
-
-        Args:
-            point: of all images. logits: (views * b, K), of the images `rows`. rows: (b,) indices.
-        """
+    def update(self, point: Point, logits: Tensor, rows: Tensor) -> None:
+        """Keep the point of each image whose margin has grown, by the logits (views * b, K) of the
+        images `rows`, (b,)."""
         labels = self.labels[rows].repeat(self.views)
         targets = None if self.targets is None else self.targets[rows].repeat(self.views)
         goal = labels if targets is None else targets
         if not self.losses:
             check_classes(goal, logits, 1)
-        score = margin(logits.float(), labels, targets)
+        margins = margin(logits.float(), labels, targets)
         # no answer is a wrong one, and never the target
-        score = torch.where(decided(logits), score, math.inf if self.targets is None else -math.inf)
-        score = score.view(self.views, len(rows)).mean(0)
+        undecided_margin = math.inf if targets is None else -math.inf
+        margins = torch.where(has_prediction(logits), margins, undecided_margin)
+        margins = margins.view(self.views, len(rows)).mean(0)
         if not self.point:
             self.point = point
-        better = torch.zeros_like(self.score, dtype=torch.bool)
-        better[rows] = score > self.score[rows]
-        self.score = self.score.index_copy(0, rows, torch.maximum(score, self.score[rows]))
+        better = torch.zeros_like(self.margins, dtype=torch.bool)
+        better[rows] = margins > self.margins[rows]
+        self.margins = self.margins.index_copy(0, rows, torch.maximum(margins, self.margins[rows]))
         self.point = {name: choose(better, x, self.point[name]) for name, x in point.items()}
-        self.losses.append(reported(logits, goal))
+        self.losses.append(mean_cross_entropy(logits, goal))

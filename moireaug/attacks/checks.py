@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moireaug.attacks.answers import decided
+from moireaug.attacks.answers import has_prediction
 
 
 class NoAnswerError(ValueError):
@@ -21,11 +21,7 @@ class NoAnswerError(ValueError):
 
 
 def check_model(model: object, name: str = "an attack's model") -> None:
-    """Refuse a model that cannot be called, and a class that has yet to be made one.
-
-    Raises:
-        TypeError: with what was got and what is allowed.
-    """
+    """Refuse a model that cannot be called, and a class in place of an instance: TypeError."""
     if not callable(model) or isinstance(model, type):
         raise TypeError(
             f"{name} must be a function or a torch module from images (B, 3, H, W) to logits "
@@ -34,23 +30,19 @@ def check_model(model: object, name: str = "an attack's model") -> None:
 
 
 def check_bounds(eps: object) -> None:
-    """Refuse an `eps` that is neither a number in [0, 1] nor a list of them.
-
-    Raises:
-        ValueError: with what was got and what is allowed.
-    """
-    several = eps if isinstance(eps, (list, tuple)) else [eps]
-    if not several or not all(_is_bound(e) for e in several):
+    """Refuse an `eps` that is neither a number in [0, 1] nor a list of them: ValueError."""
+    values = eps if isinstance(eps, (list, tuple)) else [eps]
+    if not values or not all(_is_valid_eps(e) for e in values):
         raise ValueError(
             f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {eps!r}."
         )
-    if max(several) > 1:
+    if max(values) > 1:
         raise ValueError(
             f"eps is in [0, 1] units, where 1 is full scale; got {eps!r}. Divide by 255?"
         )
 
 
-def _is_bound(eps: object) -> bool:
+def _is_valid_eps(eps: object) -> bool:
     return is_finite(eps) and not isinstance(eps, bool) and eps >= 0  # type: ignore[operator]
 
 
@@ -59,26 +51,17 @@ def is_finite(value: object) -> bool:
     return isinstance(value, Real) and math.isfinite(value)
 
 
-def check_count(name: str, value: object, least: int, what: str = "") -> None:
-    """Refuse what is not an integer of at least `least`.
-
-    Args:
-        what: added to the message, as in "the classes to go toward".
-
-    Raises:
-        ValueError: with what was got and what is allowed.
-    """
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        counted = f", {what}" if what else ""
-        raise ValueError(f"{name} must be an integer >= {least}{counted}; got {value!r}.")
+def check_count(name: str, value: object, low: int, noun: str = "") -> None:
+    """Refuse a value that is not an integer of at least `low`: ValueError. The message adds the
+    plural `noun`, as in "the classes to go toward"."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < low:
+        detail = f", {noun}" if noun else ""
+        raise ValueError(f"{name} must be an integer >= {low}{detail}; got {value!r}.")
 
 
 def check_sizes(step_size: float | None, random_start: float, steps: int) -> None:
-    """Refuse a step size or a random start, in units of eps, that is out of range for these steps.
-
-    Raises:
-        ValueError: with what was got and what is allowed.
-    """
+    """Refuse a step size or a random start, in units of eps, that is out of range for these steps:
+    ValueError."""
     if step_size is not None and not (is_finite(step_size) and step_size > 0):
         raise ValueError(
             f"step_size must be a finite number above 0, in units of eps; got {step_size!r}."
@@ -95,11 +78,8 @@ def check_sizes(step_size: float | None, random_start: float, steps: int) -> Non
 
 
 def as_tensor(array: np.ndarray, name: str) -> Tensor:
-    """Return a NumPy array of numbers as a tensor on the CPU, of the same dtype.
-
-    Raises:
-        TypeError: an array of something else, such as strings.
-    """
+    """Return a NumPy array as a tensor on the CPU, of the same dtype, and refuse one that does not
+    hold numbers: TypeError."""
     try:
         return torch.from_numpy(np.array(array, array.dtype.newbyteorder("=")))
     except TypeError:
@@ -107,14 +87,11 @@ def as_tensor(array: np.ndarray, name: str) -> Tensor:
 
 
 def check_labels(labels: Tensor | np.ndarray, n: int, name: str) -> Tensor:
-    """Refuse what is not (n,) integers >= 0, in a tensor or a NumPy array.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
+    """Return labels (n,) as int64, and refuse any but integers >= 0 in a tensor or NumPy array:
+    TypeError or ValueError."""
     labels = as_tensor(labels, name) if isinstance(labels, np.ndarray) else labels
-    counted = isinstance(labels, Tensor) and labels.dtype != torch.bool
-    if not counted or labels.is_floating_point() or labels.is_complex():
+    is_numeric = isinstance(labels, Tensor) and labels.dtype != torch.bool
+    if not is_numeric or labels.is_floating_point() or labels.is_complex():
         raise TypeError(
             f"{name} must be an integer tensor or array of class indices; got "
             f"{getattr(labels, 'dtype', type(labels))}."
@@ -132,11 +109,8 @@ def check_labels(labels: Tensor | np.ndarray, n: int, name: str) -> Tensor:
 def check_goals(
     images: Tensor, labels: Tensor, targets: Tensor | None
 ) -> tuple[Tensor, Tensor | None]:
-    """Return copies of labels and targets, (n,) int64 on the images' device.
-
-    Raises:
-        TypeError, ValueError: as `check_labels`, and where a target is the label.
-    """
+    """Return copies of labels and targets, (n,) int64 on the images' device, and refuse them as
+    `check_labels` does, and a target that is the label."""
     labels = check_labels(labels, len(images), "labels").to(images.device).clone()
     if targets is None:
         return labels, None
@@ -156,7 +130,7 @@ def check_classes(labels: Tensor, logits: Any, views: int) -> None:
     below K."""
     if not isinstance(logits, Tensor):
         raise ValueError(
-            f"the model must return a tensor of logits (B, K); got {_described(logits)}"
+            f"the model must return a tensor of logits (B, K); got {_describe_output(logits)}"
         )
     if logits.ndim != 2 or len(logits) != len(labels) * views:
         raise ValueError(
@@ -181,36 +155,32 @@ def check_classes(labels: Tensor, logits: Any, views: int) -> None:
         )
 
 
-def _described(found: Any) -> str:
-    """Return what a model returned instead of logits, and how to wrap it."""
-    what, pick = f"a {type(found).__name__}.", ""
-    if isinstance(found, Mapping) and found:
-        keys = list(found)
-        what = f"a {type(found).__name__} of {', '.join(map(repr, keys[:5]))}."
+def _describe_output(output: Any) -> str:
+    """Return a sentence on a model's output that is not logits, and how to wrap the model."""
+    description, selector = f"a {type(output).__name__}.", ""
+    if isinstance(output, Mapping) and output:
+        keys = list(output)
+        description = f"a {type(output).__name__} of {', '.join(map(repr, keys[:5]))}."
         key = "logits" if "logits" in keys else keys[0]
-        pick = f"[{key!r}]"
-    elif isinstance(found, (tuple, list)) and found:
-        what, pick = f"a {type(found).__name__} of {len(found)}.", "[0]"
-    elif hasattr(found, "logits"):
-        pick = ".logits"
-    if not pick:
-        return what
-    wrapped = f"lambda images: model(images){pick}"
-    return f"{what} Call model.eval(), and pass a function that picks its logits: {wrapped}."
+        selector = f"[{key!r}]"
+    elif isinstance(output, (tuple, list)) and output:
+        description, selector = f"a {type(output).__name__} of {len(output)}.", "[0]"
+    elif hasattr(output, "logits"):
+        selector = ".logits"
+    if not selector:
+        return description
+    wrapped = f"lambda images: model(images){selector}"
+    return f"{description} Call model.eval(), and pass a function that picks its logits: {wrapped}."
 
 
 def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Tensor) -> None:
-    """Refuse a model that has no answer to any of the clean images; it is called only where no row
-    of `logits` is finite.
-
-    Raises:
-        NoAnswerError: a ValueError.
-    """
-    if not len(logits) or decided(logits).any():
+    """Refuse a model without an answer to any of the clean images: NoAnswerError. The model is
+    called only where no row of `logits` is finite."""
+    if not len(logits) or has_prediction(logits).any():
         return
     with torch.no_grad():
-        clean = model(images.clone())
-    if not decided(clean).any():
+        clean_logits = model(images.clone())
+    if not has_prediction(clean_logits).any():
         raise NoAnswerError(
             f"the model's logits are NaN or infinite for all {len(images)} clean images: it is "
             "broken, not robust. Look for NaN in its weights, or for an overflow in half precision."
@@ -218,14 +188,14 @@ def check_answers(logits: Tensor, model: Callable[[Tensor], Tensor], images: Ten
 
 
 def check_gradient(logits: Tensor, gradients: Sequence[Tensor | None] | None = None) -> None:
-    """Refuse logits without a gradient, or whose gradient does not reach what is attacked.
+    """Refuse logits without a gradient, or whose gradient does not reach any attacked variable.
 
     Args:
-        gradients: in each variable of the attack, where they have been computed; None where the
-            logits do not depend on one.
+        gradients: gradient in each variable, once computed; None where the logits do not depend on
+            it.
     """
-    cut = gradients is not None and all(gradient is None for gradient in gradients)
-    if cut or not logits.requires_grad:
+    is_detached = gradients is not None and all(gradient is None for gradient in gradients)
+    if is_detached or not logits.requires_grad:
         raise ValueError(
             "the model's logits have no gradient: it runs under torch.no_grad, detaches, or "
             "computes in integers or outside torch. Pass a differentiable model, or search without "

@@ -1,5 +1,5 @@
-"""The one loop of every gradient attack here: steps of an update rule, projected, and the best per
-image kept."""
+"""The loop of every gradient attack: projected steps of an update rule, and the best point of each
+image."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.attacks.answers import predicted
-from moireaug.attacks.best import Best
+from moireaug.attacks.best import BestPoints
 from moireaug.attacks.checks import (
     check_answers,
     check_bounds,
@@ -28,7 +28,7 @@ from moireaug.attacks.losses import LOSSES, loss_curve
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem, Result
 from moireaug.attacks.rules import RULES, Ball, Rule
-from moireaug.attacks.task import Active, Task
+from moireaug.attacks.task import ActiveImages, Task
 from moireaug.checks import check_images
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
@@ -57,11 +57,11 @@ class Attack(ABC):
         random_start: radius of the uniform random start, in units of eps; 0 starts from no noise.
             Above 1, allowed only with a single step, the noise may end outside the ball: N-FGSM (de
             Jorge et al., 2022).
-        restarts: how many runs, the later ones from a random start; the best per image is kept.
-        until_fooled: an image takes no further step once it is fooled: just as many are fooled, in
-            less time, by noise that goes less far beyond the decision boundary. If the model
-            answers the same input differently when asked twice, every step is taken, because being
-            fooled once says little.
+        restarts: number of runs, the later ones from a random start; the best per image is kept.
+        until_fooled: whether an image stops once it is fooled: just as many are fooled, in less
+            time, by noise that goes less far beyond the decision boundary. If the model answers the
+            same input differently when asked twice, every step is taken, because being fooled once
+            says little.
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
@@ -89,7 +89,7 @@ class Attack(ABC):
     def problem(
         self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
     ) -> Problem:
-        """Return how noise becomes images, for one batch."""
+        """Return the problem of one batch: how noise becomes its images."""
 
     def __call__(
         self,
@@ -145,18 +145,18 @@ class Attack(ABC):
         """Attack a batch by steps toward one class per image, where any wrong class is a success.
 
         Args:
-            classes: (B,) int64 that the loss steers toward, as toward the `targets` of a call; what
-                is kept, and what counts as success, is as without targets.
-            problem: how noise becomes these images, where that is known already; None makes one.
+            classes: (B,) int64 classes that the loss steers toward, as toward the `targets` of a
+                call; the best point and success are as without targets.
+            problem: problem of these images; None makes one.
 
         Other arguments and errors are as in a call; `eps` must be one number.
         """
-        images, eps = check_images(images), self.one_eps()
+        images, eps = check_images(images), self.single_eps()
         with evaluating(self.model, images):
             images = images.detach().clone()
-            labels, aims = check_goals(images, labels, classes)
+            labels, loss_targets = check_goals(images, labels, classes)
             problem = problem or self.problem(images, shot, generator)
-            return self._run(Task(problem, labels, None, aims, eps, generator))
+            return self._run(Task(problem, labels, None, loss_targets, eps, generator))
 
     def last(
         self,
@@ -167,7 +167,7 @@ class Attack(ABC):
         generator: torch.Generator | None = None,
     ) -> Tensor:
         """Return the images after the last step, (B, 3, H, W), whether or not an earlier step was
-        better: what adversarial training uses, at exactly one forward and backward pass per step.
+        better: adversarial training uses these, at exactly one forward and backward pass per step.
         Every step is taken, also for images already fooled. Arguments as in a call; `eps` must be
         one number."""
         images = check_images(images)
@@ -175,12 +175,12 @@ class Attack(ABC):
             images = images.detach().clone()
             labels, _ = check_goals(images, labels, None)
             problem = self.problem(images, shot, generator)
-            task = Task(problem, labels, None, None, self.one_eps(), generator)
+            task = Task(problem, labels, None, None, self.single_eps(), generator)
             point = self._ascend(task, self._start(task, restart=0), best=None)
         with torch.no_grad():
             return problem.render(**point).detach()
 
-    def one_eps(self) -> float:
+    def single_eps(self) -> float:
         """Return eps where it is one number, and refuse a list."""
         if not isinstance(self.eps, (int, float)):
             raise ValueError(
@@ -189,26 +189,22 @@ class Attack(ABC):
         return float(self.eps)
 
     def _start(self, task: Task, restart: int) -> Point:
-        """Return no noise and the drawn pose, or random ones."""
+        """Return the starting point: no noise and the drawn pose, or random ones."""
         problem, radius = task.problem, self.random_start or (1.0 if restart else 0.0)
         device, dtype = problem.images.device, problem.images.dtype
         noise = torch.zeros(problem.shape, dtype=torch.float32, device="cpu")
-        if radius and task.eps and "noise" not in problem.still:
+        if radius and task.eps and "noise" not in problem.frozen:
             noise.uniform_(-radius * task.eps, radius * task.eps, generator=task.generator)
         noise = noise.to(device, torch.promote_types(dtype, torch.float32))
-        if problem.reach is not None:
-            noise = noise * problem.reach
+        if problem.mask is not None:
+            noise = noise * problem.mask
         point = {"noise": noise}
         if problem.pose is not None:
             point["pose"] = problem.pose
             if restart:
-                share = torch.rand(
-                    problem.pose.shape,
-                    generator=task.generator,
-                    dtype=torch.float64,
-                    device="cpu",
-                )
-                point["pose"] = (share * 2 - 1).to(device)
+                shape, dtype = problem.pose.shape, torch.float64
+                fraction = torch.rand(shape, generator=task.generator, dtype=dtype, device="cpu")
+                point["pose"] = (fraction * 2 - 1).to(device)
         return point
 
     def _rules(self, task: Task) -> dict[str, Rule]:
@@ -216,85 +212,90 @@ class Attack(ABC):
         problem, eps = task.problem, task.eps
         # noise that starts outside the ball (N-FGSM) takes its step without being pulled back
         bound = eps if self.random_start <= 1 else math.inf
-        balls = {"noise": Ball(eps, bound, self.steps, self.step_size, problem.base, problem.felt)}
+        noise = Ball(eps, bound, self.steps, self.step_size, problem.base, problem.effective_range)
+        balls = {"noise": noise}
         if problem.pose is not None:
             balls["pose"] = Ball(1.0, 1.0, self.steps, self.step_size)
         rules = {}
         for name, ball in balls.items():
-            if name not in problem.still:
+            if name not in problem.frozen:
                 rules[name] = RULES[self.rule](ball)
         return rules
 
-    def _ascend(self, task: Task, point: Point, best: Best | None) -> Point:
-        """Take the steps; `best`, where it is given, sees each point, and says which images are
-        left."""
+    def _ascend(self, task: Task, point: Point, best: BestPoints | None) -> Point:
+        """Take the steps and return the last point; `best`, where given, keeps the best points and
+        tells which images go on."""
         rules = self._rules(task)
-        active = Active.every(task)
-        for k in range(self.steps):
-            if best and best.done:
+        active = ActiveImages.of_all(task)
+        for step in range(self.steps):
+            if best and best.all_stopped:
                 break
             if best:
-                active = active.narrowed(best.left())
-            own = {}
+                active = active.subset(best.active_rows())
+            variables = {}
             for name, x in active.point(point).items():
-                own[name] = x.detach().requires_grad_(True)
-            shown = active.problem.rehearse(**own)
-            logits = self.model(shown.clone())  # a model may work in place
-            if k == 0:
-                self._check(active, shown, logits, best)
+                variables[name] = x.detach().requires_grad_(True)
+            images = active.problem.forward_views(**variables)
+            logits = self.model(images.clone())  # a model may work in place
+            if step == 0:
+                self._check(active, images, logits, best)
                 check_gradient(logits)
             objective = LOSSES[self.loss](logits, *active.goals())
             # a scene may have ranges that no photo of it depends on
-            gradients = torch.autograd.grad(objective.sum(), list(own.values()), allow_unused=True)
-            if k == 0:
+            gradients = torch.autograd.grad(
+                objective.sum(), list(variables.values()), allow_unused=True
+            )
+            if step == 0:
                 check_gradient(logits, gradients)
             point = {name: x.detach() for name, x in point.items()}
             if best:
-                best.watch(point, logits.detach(), active.rows)
-            loss = active.filled(objective.detach().view(active.problem.views, -1).mean(0))
+                best.update(point, logits.detach(), active.rows)
+            loss = active.scatter(objective.detach().view(active.problem.views, -1).mean(0))
             for (name, x), gradient in zip(list(point.items()), gradients, strict=True):
                 if name in rules and gradient is not None:
                     # a NaN would stay in the point, and with it in every later image
-                    point[name] = rules[name](x, active.filled(gradient.nan_to_num()), loss)
+                    point[name] = rules[name](x, active.scatter(gradient.nan_to_num()), loss)
         return point
 
-    def _check(self, active: Active, shown: Tensor, logits: Tensor, best: Best | None) -> None:
-        """Check the logits of the first step, and ask the model twice where images stop once
-        fooled.
-
-        Raises:
-            ValueError: logits that do not match the labels, or none that is finite.
-        """
-        labels, aims = active.goals()
-        check_classes(labels if aims is None else torch.maximum(labels, aims), logits, 1)
-        # in a later restart, those that are left may well be those without an answer
+    def _check(
+        self, active: ActiveImages, images: Tensor, logits: Tensor, best: BestPoints | None
+    ) -> None:
+        """Refuse logits of the first step that do not match the labels, or of which none is finite,
+        and ask the model twice where images stop once fooled."""
+        classes, loss_targets = active.goals()
+        if loss_targets is not None:
+            classes = torch.maximum(classes, loss_targets)
+        check_classes(classes, logits, 1)
+        # in a later restart, the images that go on may well be those without an answer
         if len(active.rows) == len(active.task.labels):
             check_answers(logits, self.model, active.problem.images)
         if best and self.until_fooled:
             with torch.no_grad():
-                again = self.model(shown)
-            best.settled = torch.allclose(logits, again, rtol=1e-3, atol=1e-3, equal_nan=True)
+                second_logits = self.model(images)
+            best.stops_fooled = torch.allclose(
+                logits, second_logits, rtol=1e-3, atol=1e-3, equal_nan=True
+            )
 
     def _run(self, task: Task) -> Result:
         """Run all restarts, and return the best point of each image."""
         problem, labels, targets = task.problem, task.labels, task.targets
-        best = Best(labels, targets, problem.views)
+        best = BestPoints(labels, targets, problem.views)
         for restart in range(self.restarts):
-            if best.done:
+            if best.all_stopped:
                 break
             best.losses = []
             point = self._ascend(task, self._start(task, restart), best)
-            if not best.done:
-                last = Active.every(task).narrowed(best.left())
+            if not best.all_stopped:
+                remaining = ActiveImages.of_all(task).subset(best.active_rows())
                 with torch.no_grad():
-                    shown = last.problem.rehearse(**last.point(point))
-                    best.watch(point, self.model(shown), last.rows)
+                    images = remaining.problem.forward_views(**remaining.point(point))
+                    best.update(point, self.model(images), remaining.rows)
         with torch.no_grad():
             photo = problem.render(**best.point)
             logits = self.model(photo.clone())
         check_answers(logits, self.model, problem.images)  # without steps, nothing was checked yet
-        hit = predicted(logits)
-        success = hit != labels if targets is None else hit == targets
+        predictions = predicted(logits)
+        success = predictions != labels if targets is None else predictions == targets
         losses = loss_curve(best.losses[: self.steps])
-        shot = problem.aim(best.point["pose"]) if problem.aim else problem.shot
+        shot = problem.shot_at(best.point["pose"]) if problem.shot_at else problem.shot
         return Result(photo.detach(), success, best.point["noise"], losses, task.eps, shot)

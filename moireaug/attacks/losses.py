@@ -1,5 +1,5 @@
-"""What an attack ascends: per-image losses of logits (B, K), greater where the attack is nearer to
-its goal."""
+"""Losses that an attack ascends: per image, from logits (B, K), greater where the attack is nearer
+to its goal."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Loss(Protocol):
     def __call__(self, logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor: ...
 
 
-def _without(logits: Tensor, classes: Tensor) -> Tensor:
-    """Put minus infinity in the place of one class's logit of each row."""
+def _without_class(logits: Tensor, classes: Tensor) -> Tensor:
+    """Return the logits with minus infinity for one class of each row."""
     return logits.scatter(1, classes[:, None], float("-inf"))
 
 
-def _of(logits: Tensor, classes: Tensor) -> Tensor:
-    """Pick one class's logit of each row, (B,)."""
+def _logit_of(logits: Tensor, classes: Tensor) -> Tensor:
+    """Return the logit of one class of each row, (B,)."""
     return logits.gather(1, classes[:, None])[:, 0]
 
 
@@ -39,7 +39,7 @@ def margin(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Ten
     """
     if targets is not None:
         return -margin(logits, targets)
-    return _without(logits, labels).amax(1) - _of(logits, labels)
+    return _without_class(logits, labels).amax(1) - _logit_of(logits, labels)
 
 
 def cross_entropy(logits: Tensor, labels: Tensor, targets: Tensor | None = None) -> Tensor:
@@ -52,7 +52,7 @@ def cross_entropy(logits: Tensor, labels: Tensor, targets: Tensor | None = None)
     """
     if targets is not None:
         return -cross_entropy(logits, targets)
-    return torch.logsumexp(_without(logits, labels), 1) - _of(logits, labels)
+    return torch.logsumexp(_without_class(logits, labels), 1) - _logit_of(logits, labels)
 
 
 def difference_of_logits_ratio(
@@ -73,22 +73,22 @@ def difference_of_logits_ratio(
     Raises:
         ValueError: logits of fewer than three classes, or, with targets, four.
     """
-    needed, kind = (3, "") if targets is None else (4, ", targeted,")
-    if logits.shape[1] < needed:
+    n_classes, kind = (3, "") if targets is None else (4, ", targeted,")
+    if logits.shape[1] < n_classes:
         raise ValueError(
-            f"the loss 'dlr'{kind} needs a model of at least {needed} classes; got logits of "
+            f"the loss 'dlr'{kind} needs a model of at least {n_classes} classes; got logits of "
             f"{logits.shape[1]}. Use 'margin'."
         )
-    top, places = logits.topk(needed, 1)
+    top, classes = logits.topk(n_classes, 1)
     if targets is None:
-        ahead = margin(logits, labels)
-        spread = top[:, 0] - top[:, 2]
-        spread = torch.where(places[:, 2] == labels, spread.detach(), spread)
+        lead = margin(logits, labels)
+        scale = top[:, 0] - top[:, 2]
+        scale = torch.where(classes[:, 2] == labels, scale.detach(), scale)
     else:
-        ahead = _of(logits, targets) - _of(logits, labels)
-        spread = top[:, 0] - (top[:, 2] + top[:, 3]) / 2
-    spread = torch.where(spread.isfinite(), spread, 1.0)
-    return ahead / spread.clamp(min=torch.finfo(logits.dtype).eps)
+        lead = _logit_of(logits, targets) - _logit_of(logits, labels)
+        scale = top[:, 0] - (top[:, 2] + top[:, 3]) / 2
+    scale = torch.where(scale.isfinite(), scale, 1.0)
+    return lead / scale.clamp(min=torch.finfo(logits.dtype).eps)
 
 
 LOSSES: dict[str, Loss] = {
@@ -98,8 +98,8 @@ LOSSES: dict[str, Loss] = {
 }
 
 
-def reported(logits: Tensor, labels: Tensor) -> Tensor:
-    """Return the mean cross-entropy of logits (B, K), for the reported loss."""
+def mean_cross_entropy(logits: Tensor, labels: Tensor) -> Tensor:
+    """Return the mean cross-entropy of logits (B, K), the loss that a Result reports."""
     return F.cross_entropy(logits.detach().float(), labels)
 
 
@@ -110,8 +110,8 @@ def loss_curve(losses: list[Tensor]) -> Tensor:
     return torch.stack(losses).cpu()
 
 
-def likeliest(logits: Tensor, labels: Tensor, k: int) -> tuple[Tensor, Tensor]:
+def likeliest_wrong_classes(logits: Tensor, labels: Tensor, k: int) -> tuple[Tensor, Tensor]:
     """Return the k greatest logits other than the label's, the greatest first, and their classes,
     int64: (B, k) each, or (B, K - 1) where the model has fewer."""
-    values, classes = _without(logits, labels).topk(min(k, logits.shape[1] - 1), 1)
+    values, classes = _without_class(logits, labels).topk(min(k, logits.shape[1] - 1), 1)
     return values, classes

@@ -1,10 +1,10 @@
-"""Attacks on a mixture of scenes: the images of each scene attacked together, the results as
-one."""
+"""Attacks on a mixture of scenes: the images of each scene are attacked together, as a batch of
+their own, and the results are joined."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,7 +15,15 @@ from moireaug.mixed_shot import MixedShot, in_order
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene, Shot
 
-Found = TypeVar("Found")
+
+class SceneBatch(NamedTuple):
+    """The b images of a batch that are photographed in one scene."""
+
+    rows: Tensor  # (b,) indices in the batch
+    shot: Shot
+    images: Tensor
+    labels: Tensor
+    targets: Tensor | None
 
 
 def drawn_shot(
@@ -24,81 +32,80 @@ def drawn_shot(
     shot: Shot | MixedShot | None,
     generator: torch.Generator | None,
 ) -> Shot | MixedShot | None:
-    """Return the shot that images are attacked in: the one given, or, in a mixture, one drawn; None
-    where one scene is left to be drawn from, or there is none.
+    """Return the given shot, or, for a mixture, a new draw; None where one scene is left to draw
+    from, or there is no scene.
 
     Raises:
         TypeError, ValueError: images that an attack does not take, or of another batch.
     """
     if shot is None and isinstance(scene, Mixture):
         check_images(images)
-        shot = scene.sample(len(images), (images.shape[-2], images.shape[-1]), generator)
+        size = (images.shape[-2], images.shape[-1])
+        shot = scene.sample(len(images), size, generator)
     if isinstance(shot, MixedShot):
         check_batch(check_images(images), shot)
     return shot
 
 
-def by_scene(
+def split_by_scene(
+    shot: MixedShot, images: Tensor, labels: Tensor, targets: Tensor | None = None
+) -> list[SceneBatch]:
+    """Return a batch for each scene of a shot; labels and targets are checked."""
+    batches = []
+    for scene_rows, scene_shot in shot.by_scene():
+        rows = scene_rows.to(images.device)
+        scene_targets = None if targets is None else targets[rows]
+        batches.append(SceneBatch(rows, scene_shot, images[rows], labels[rows], scene_targets))
+    return batches
+
+
+def join_results(
     shot: MixedShot,
-    images: Tensor,
-    goals: Sequence[Tensor | None],
-    attack: Callable[..., Found],
-) -> list[tuple[Tensor, Found]]:
-    """Return what an attack finds in each scene, with the rows (b,) of its images.
-
-    Args:
-        goals: labels and targets, (B,) each, checked. attack: called with a scene's images, each of
-            their goals, and `shot=`.
-    """
-    found = []
-    for at, part in shot.by_scene():
-        rows = at.to(images.device)
-        own = [None if goal is None else goal[rows] for goal in goals]
-        found.append((rows, attack(images[rows], *own, shot=part)))
-    return found
-
-
-def as_one(
-    shot: MixedShot, found: Sequence[tuple[Tensor, Result | list[Result]]], noise_at: str
+    batches: Sequence[SceneBatch],
+    results: Sequence[Result | list[Result]],
+    noise_at: str,
 ) -> Result | list[Result]:
-    """Return the results of several scenes as that of the batch, or, of an attack at several
-    bounds, those of the batch; see `Result`.
-
-    Args:
-        shot: that was attacked. noise_at: as of `MoireAttack`.
-    """
-    rows = [at for at, _ in found]
-    lists = [result if isinstance(result, list) else [result] for _, result in found]
-    results = [_as_one(shot, rows, of_bound, noise_at) for of_bound in zip(*lists, strict=True)]
-    return results if isinstance(found[0][1], list) else results[0]
+    """Return the results of the batches of a shot, each one Result or a list with one per bound, as
+    those of the whole shot; see `Result`. `noise_at` is that of `MoireAttack`."""
+    lists = [result if isinstance(result, list) else [result] for result in results]
+    joined = [_join(shot, batches, of_bound, noise_at) for of_bound in zip(*lists, strict=True)]
+    return joined if isinstance(results[0], list) else joined[0]
 
 
-def _as_one(
-    shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Result], noise_at: str
+def _join(
+    shot: MixedShot, batches: Sequence[SceneBatch], results: Sequence[Result], noise_at: str
 ) -> Result:
+    rows = [batch.rows for batch in batches]
     shots = [result.shot for result in results if isinstance(result.shot, Shot)]  # all have one
-    noise: Tensor | list[Tensor]
-    # not by the shapes found: whether it is a tensor must not depend on the draw
-    if noise_at == "photo" or len(shot.raw_shapes()) == 1:
-        noise = in_order(rows, [noise_tensor(result) for result in results])
-    else:
-        each = [row for result in results for row in result.noise]
-        noise = [each[place] for place in torch.cat(list(rows)).argsort().tolist()]
+    # the mixture, not the draw, says whether noise fits into one tensor
+    one_shape = noise_at == "photo" or len(shot.raw_shapes()) == 1
     return Result(
-        in_order(rows, [result.images for result in results]),
-        in_order(rows, [result.success for result in results]),
-        noise,
-        _mean_curve([result.loss for result in results], [len(at) for at in rows]),
-        results[0].eps,
-        MixedShot.joined(shot.empty, shot.which, list(zip(rows, shots, strict=True))),
+        images=in_order(rows, [result.images for result in results]),
+        success=in_order(rows, [result.success for result in results]),
+        noise=_join_noise(rows, results, one_shape),
+        loss=_mean_curve([result.loss for result in results], [len(r) for r in rows]),
+        eps=results[0].eps,
+        shot=MixedShot.joined(shot.empty, shot.which, list(zip(rows, shots, strict=True))),
     )
 
 
+def _join_noise(
+    rows: Sequence[Tensor], results: Sequence[Result], one_shape: bool
+) -> Tensor | list[Tensor]:
+    """Return the noise in the order of the batch, as one tensor or as one per image."""
+    if one_shape:
+        return in_order(rows, [noise_tensor(result) for result in results])
+    noise = [image_noise for result in results for image_noise in result.noise]
+    order = torch.cat(list(rows)).argsort().tolist()
+    return [noise[place] for place in order]
+
+
 def _mean_curve(curves: Sequence[Tensor], counts: Sequence[int]) -> Tensor:
-    """Return the mean of loss curves, weighted by the images of each, over those that are as
-    long."""
+    """Return the mean loss of each step, weighted by the images of each curve, over the curves that
+    reach that step."""
     steps = max(map(len, curves))
-    total, weight = torch.zeros(2, steps, dtype=torch.float32, device="cpu")
+    total = torch.zeros(steps, dtype=torch.float32, device="cpu")
+    weight = torch.zeros_like(total)
     for curve, count in zip(curves, counts, strict=True):
         total[: len(curve)] += count * curve
         weight[: len(curve)] += count

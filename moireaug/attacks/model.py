@@ -11,9 +11,9 @@ from torch import Tensor, nn
 
 from moireaug.networks import in_evaluation_mode, networks_of
 
-# what torch says where weights and images differ in precision, or in device
-OTHER_TYPE = r"same dtype|type .* should be the same|expected scalar type"
-ONE_CHANNEL = r"to have 1 channels, but got 3 channels"  # a convolution's words
+# messages of torch where weights and images differ in precision or device, or in channels
+TYPE_MISMATCH = r"same dtype|type .* should be the same|expected scalar type"
+ONE_CHANNEL_EXPECTED = r"to have 1 channels, but got 3 channels"
 
 
 class Normalized(nn.Module):
@@ -38,8 +38,8 @@ class Normalized(nn.Module):
     ) -> None:
         super().__init__()
         means, stds = (torch.as_tensor(t, dtype=torch.float32, device="cpu") for t in (mean, std))
-        sized = means.shape == stds.shape and means.shape in ((1,), (3,))
-        if not (sized and means.isfinite().all() and stds.isfinite().all() and (stds > 0).all()):
+        has_shape = means.shape == stds.shape and means.shape in ((1,), (3,))
+        if not (has_shape and torch.cat([means, stds]).isfinite().all() and (stds > 0).all()):
             raise ValueError(
                 "mean and std must each be a list of finite numbers, 3 for the channels or 1 for "
                 f"all, and every std must be above 0; got mean = {mean}, std = {std}."
@@ -52,15 +52,15 @@ class Normalized(nn.Module):
         return self.model((images - self.mean.to(images)) / self.std.to(images))
 
 
-def _mismatch(weight: Tensor | None, images: Tensor | None, reason: str) -> str:
-    """Return a sentence on images that do not meet the model's first weight; empty where they do,
-    and the error has another cause.
+def _mismatch_message(weight: Tensor | None, images: Tensor | None, reason: str) -> str:
+    """Return an error message for images that differ from the model's first weight in precision or
+    device; empty where they do not, and the error has another cause.
 
     Args:
-        reason: torch's words, as in "Input type (torch.FloatTensor) and weight type
+        reason: torch's message, as in "Input type (torch.FloatTensor) and weight type
             (torch.cuda.FloatTensor) should be the same".
     """
-    if weight is None or images is None or not re.search(OTHER_TYPE, reason):
+    if weight is None or images is None or not re.search(TYPE_MISMATCH, reason):
         return ""
     types = re.findall(r"(\w+Tensor)\)", reason)
     if len(types) > 1 and len(set(types)) == 1:  # only their devices differ
@@ -84,7 +84,7 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
     `torch.inference_mode`, because every attack needs them.
 
     Args:
-        images: what the model is called on, for the errors below.
+        images: (B, 3, H, W) images that the model is called on, for the errors below.
 
     Raises:
         TypeError: in place of torch's RuntimeError where the images differ from the networks'
@@ -94,15 +94,16 @@ def evaluating(model: Callable[[Tensor], Tensor], images: Tensor | None = None) 
         with torch.inference_mode(False), torch.enable_grad(), in_evaluation_mode(model):
             yield
     except RuntimeError as error:
-        if re.search(ONE_CHANNEL, str(error)):
+        if re.search(ONE_CHANNEL_EXPECTED, str(error)):
             raise TypeError(
                 f"the model takes images of one channel, and photos are RGB ({error}): pass a "
                 "function that gives it their luma, as in lambda images: "
                 "model(rgb_to_grayscale(images)), with "
                 "torchvision.transforms.v2.functional.rgb_to_grayscale."
             ) from error
-        if sentence := _mismatch(_first_weight(model), images, str(error).partition("\n")[0]):
-            raise TypeError(sentence) from error
+        reason = str(error).partition("\n")[0]
+        if message := _mismatch_message(_first_weight(model), images, reason):
+            raise TypeError(message) from error
         raise
 
 

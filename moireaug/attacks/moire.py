@@ -12,8 +12,8 @@ from torch import Tensor
 
 from moireaug.attacks.checks import check_count, check_goals
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.mixed import as_one, by_scene, drawn_shot
-from moireaug.attacks.pose import aim, moved_fields, pose_of
+from moireaug.attacks.mixed import drawn_shot, join_results, split_by_scene
+from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.attacks.problem import Problem, Result, single
 from moireaug.capture import develop, expose
 from moireaug.mixed_shot import MixedShot, in_order
@@ -25,7 +25,7 @@ from moireaug.shot import ShotRecord
 
 Stage = Callable[[Tensor, ShotRecord], Tensor]
 
-# where noise is added: what comes before it, and what after
+# where noise is added: the stage before it, and the stage after
 NOISE_AT: dict[str, tuple[Stage, Stage]] = {
     "raw": (expose, develop),
     "photo": (
@@ -45,25 +45,25 @@ class MoireAttack(Attack):
     per image is returned. The printed order is the rule "printed", whose noise is larger than eps:
     see `rules.Printed`.
 
-    If the adversary also moves the camera, every step exposes the screen again. The Result's shot
-    is then the one found. As always with noise at "raw", `capture(images, result.shot,
+    If the adversary also moves the camera, every step exposes the screen again, and the Result's
+    shot is the one at the best pose. As always with noise at "raw", `capture(images, result.shot,
     result.noise)` is its photo.
 
     Args:
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
             photographed in one of them, and the images of each scene are attacked together, as a
-            batch of their own. `Result` says what is joined how.
+            batch of their own. `Result` says how their results are joined.
         eot: shots per step; above 1, each step averages over that many fresh draws of the scene
-            (expectation over transformation; of a mixture, of the image's own scene), and the noise
-            found is judged on `shot` alone. 1 attacks `shot` itself.
+            (expectation over transformation; of a mixture, of the image's own scene), and the
+            result is judged on `shot` alone. 1 attacks `shot` itself.
         noise_at: a key of `NOISE_AT`: "raw", or "photo", on the finished photo, which is then
             clipped to [0, 1]: the paper's Moiré + BIM (appendix E).
-        optimise: what moves: "noise", and parts of the scene ("panel", "view", "lens", "sensor",
-            "develop"), whose ranges are all searched within the scene's bounds by the same steps,
-            with sizes in units of half a range's width. The search starts at the drawn shot, a
-            restart at a fresh draw. ("view",) searches for the worst pose without noise. A field
-            that no effect of the plan reads stays where it is. All scenes of a mixture must allow
-            it.
+        optimise: variables of the search: "noise", and parts of the scene ("panel", "view", "lens",
+            "sensor", "develop"), whose ranges are all searched within the scene's bounds by the
+            same steps, with sizes in units of half a range's width. The search starts at the drawn
+            shot, a restart at a fresh draw. ("view",) searches for the worst pose without noise. A
+            field that no effect of the plan reads keeps its value. All scenes of a mixture must
+            allow it.
         others: see `Attack`.
 
     Raises:
@@ -95,7 +95,7 @@ class MoireAttack(Attack):
             )
         object.__setattr__(self, "optimise", tuple(self.optimise))
         for one in scenes_of(as_scenes(self.scene)):
-            moved_fields(one, self.optimise)
+            searched_fields(one, self.optimise)
         if self.rule == "printed" and (self.eot > 1 or self.optimise != ("noise",)):
             raise ValueError(
                 "the rule 'printed' adds to the reading of one shot: it needs eot = 1 and optimise "
@@ -116,8 +116,9 @@ class MoireAttack(Attack):
         drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
         if not isinstance(drawn, MixedShot):
             return attack(images, labels, targets, shot=drawn)
-        goals = check_goals(images, labels, targets)
-        return as_one(drawn, by_scene(drawn, images, goals, attack), self.noise_at)
+        batches = split_by_scene(drawn, images, *check_goals(images, labels, targets))
+        results = [attack(b.images, b.labels, b.targets, shot=b.shot) for b in batches]
+        return join_results(drawn, batches, results, self.noise_at)
 
     def toward(
         self,
@@ -130,14 +131,15 @@ class MoireAttack(Attack):
         problem: Problem | None = None,
     ) -> Result:
         """Attack a batch by steps toward one class per image; see `Attack.toward`."""
-        attack = partial(super().toward, generator=generator)
+        attack: Callable[..., Result] = partial(super().toward, generator=generator)
         drawn = shot
         if problem is None:
             drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
         if not isinstance(drawn, MixedShot):
             return attack(images, labels, classes, shot=drawn, problem=problem)
-        goals = check_goals(images, labels, classes)
-        return single(as_one(drawn, by_scene(drawn, images, goals, attack), self.noise_at))
+        batches = split_by_scene(drawn, images, *check_goals(images, labels, classes))
+        results = [attack(b.images, b.labels, b.targets, shot=b.shot) for b in batches]
+        return single(join_results(drawn, batches, results, self.noise_at))
 
     def last(
         self,
@@ -152,9 +154,9 @@ class MoireAttack(Attack):
         drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
         if not isinstance(drawn, MixedShot):
             return attack(images, labels, shot=drawn)
-        goals = check_goals(images, labels, None)[:1]
-        found = by_scene(drawn, images, goals, attack)
-        return in_order([rows for rows, _ in found], [photos for _, photos in found])
+        batches = split_by_scene(drawn, images, *check_goals(images, labels, None))
+        photos = [attack(batch.images, batch.labels, shot=batch.shot) for batch in batches]
+        return in_order([batch.rows for batch in batches], photos)
 
     def problem(
         self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
@@ -165,10 +167,10 @@ class MoireAttack(Attack):
         with torch.no_grad():
             base = NOISE_AT[self.noise_at][0](images, shot)
         drawn = shot
-        if moved_fields(shot.scene, self.optimise):
+        if searched_fields(shot.scene, self.optimise):
             # a shot that was drawn in inference mode takes no gradient
             drawn = shot._map(torch.clone).to(images.device)
-        return self._drawn(images, drawn, base, generator)
+        return self._problem_of(images, drawn, base, generator)
 
     def _scene_of(self, shot: Shot | None) -> Scene:
         """Return the scene from which a shot, or fresh ones beside it, are drawn."""
@@ -181,51 +183,52 @@ class MoireAttack(Attack):
             )
         return shot.scene
 
-    def _drawn(
+    def _problem_of(
         self, images: Tensor, drawn: Shot, base: Tensor, generator: torch.Generator | None
     ) -> Problem:
         """Return the problem of a shot whose photos, or readings, are `base`."""
-        before, after = NOISE_AT[self.noise_at]
+        before_noise, after_noise = NOISE_AT[self.noise_at]
         scene, size = self._scene_of(drawn), (images.shape[-2], images.shape[-1])
-        fields = moved_fields(drawn.scene, self.optimise)
-        several = self.eot > 1
+        fields = searched_fields(drawn.scene, self.optimise)
+        averages_draws = self.eot > 1
 
         def render(noise: Tensor, pose: Tensor | None = None) -> Tensor:
             if pose is None:
-                return after(base + noise, drawn).to(images.dtype)
-            posed = aim(drawn, fields, pose)
-            return after(before(images, posed) + noise, posed).to(images.dtype)
+                return after_noise(base + noise, drawn).to(images.dtype)
+            posed = shot_at_pose(drawn, fields, pose)
+            return after_noise(before_noise(images, posed) + noise, posed).to(images.dtype)
 
-        def rehearse(noise: Tensor, pose: Tensor | None = None) -> Tensor:
+        def render_draws(noise: Tensor, pose: Tensor | None = None) -> Tensor:
             draws = scene.sample(self.eot * len(images), size, generator)
             if pose is not None:
-                draws = aim(draws.to(images.device), fields, pose.repeat(self.eot, 1))
-            fresh = before(images.repeat(self.eot, 1, 1, 1), draws)
-            return after(fresh + noise.repeat(self.eot, 1, 1, 1), draws).to(images.dtype)
+                draws = shot_at_pose(draws.to(images.device), fields, pose.repeat(self.eot, 1))
+            fresh_base = before_noise(images.repeat(self.eot, 1, 1, 1), draws)
+            noise = noise.repeat(self.eot, 1, 1, 1)
+            return after_noise(fresh_base + noise, draws).to(images.dtype)
 
-        def part(rows: Tensor) -> Problem:
+        def subset(rows: Tensor) -> Problem:
             shot = drawn[rows.to(drawn.device)]
-            return self._drawn(images[rows], shot, base[rows], generator)
+            return self._problem_of(images[rows], shot, base[rows], generator)
 
         return Problem(
             render,
-            rehearse if several else render,
+            render_draws if averages_draws else render,
             tuple(base.shape),
             images,
-            part,
+            subset,
             views=self.eot,
             shot=drawn,
-            base=None if several or fields else base,
-            felt=_felt(self.noise_at, drawn),
+            base=None if averages_draws or fields else base,
+            effective_range=_effective_range(self.noise_at, drawn),
             pose=pose_of(drawn, fields) if fields else None,
-            aim=(lambda pose: aim(drawn, fields, pose)) if fields else None,
-            still=() if "noise" in self.optimise else ("noise",),
+            shot_at=(lambda pose: shot_at_pose(drawn, fields, pose)) if fields else None,
+            frozen=() if "noise" in self.optimise else ("noise",),
         )
 
 
-def _felt(noise_at: str, shot: ShotRecord) -> tuple[float, float]:
-    """Return the values beyond which noise changes nothing: a finished photo's ends, or a full
-    well. A reading below 0 still counts, since demosaicing mixes it with others."""
+def _effective_range(noise_at: str, shot: ShotRecord) -> tuple[float, float]:
+    """Return the low and high value beyond which noise changes nothing: the ends of a finished
+    photo, or a full well. A reading below 0 still counts, as demosaicing mixes it with others."""
     if noise_at == "photo":
         return 0.0, 1.0
     return -math.inf, 1.0 if "saturate" in shot.plan else math.inf

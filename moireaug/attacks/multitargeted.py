@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from functools import partial
 
 import torch
 from torch import Tensor
@@ -12,8 +11,8 @@ from torch import Tensor
 from moireaug.attacks.answers import predicted
 from moireaug.attacks.checks import check_answers, check_classes, check_count, check_goals
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.losses import likeliest, loss_curve, margin
-from moireaug.attacks.mixed import as_one, by_scene, drawn_shot
+from moireaug.attacks.losses import likeliest_wrong_classes, loss_curve, margin
+from moireaug.attacks.mixed import drawn_shot, join_results, split_by_scene
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Problem, Result, noise_tensor
@@ -36,7 +35,7 @@ class MultiTargeted:
 
     Args:
         attack: a MoireAttack, PGD or another `Attack`, whose loss steers toward the class.
-        targets: how many classes, the likeliest first; where the model has no more than that, all
+        targets: number of classes, the likeliest first; where the model has no more than that, all
             but the label.
 
     Raises:
@@ -72,18 +71,13 @@ class MultiTargeted:
             scene, noise_at = as_scenes(self.attack.scene), self.attack.noise_at
         drawn = drawn_shot(scene, images, shot, generator)
         if not isinstance(drawn, MixedShot):
-            return self._in_one(images, labels, shot=drawn, generator=generator)
-        goals = check_goals(images, labels, None)[:1]
-        in_one = partial(self._in_one, generator=generator)
-        return as_one(drawn, by_scene(drawn, images, goals, in_one), noise_at)
+            return self._attack_scene(images, labels, drawn, generator)
+        batches = split_by_scene(drawn, images, *check_goals(images, labels, None))
+        results = [self._attack_scene(b.images, b.labels, b.shot, generator) for b in batches]
+        return join_results(drawn, batches, results, noise_at)
 
-    def _in_one(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        *,
-        shot: Shot | None,
-        generator: torch.Generator | None,
+    def _attack_scene(
+        self, images: Tensor, labels: Tensor, shot: Shot | None, generator: torch.Generator | None
     ) -> Result | list[Result]:
         """Attack a batch of one scene."""
         images = check_images(images)
@@ -94,40 +88,43 @@ class MultiTargeted:
             problem = self.attack.problem(images, shot, generator)
             if isinstance(eps, (int, float)):
                 return self._run(self.attack, problem, labels, generator)
-            ladder = [dataclasses.replace(self.attack, eps=e) for e in eps]
-            return [self._run(attack, problem, labels, generator) for attack in ladder]
+            results = []
+            for one_eps in eps:
+                attack = dataclasses.replace(self.attack, eps=one_eps)
+                results.append(self._run(attack, problem, labels, generator))
+            return results
 
     def _run(
         self, attack: Attack, problem: Problem, labels: Tensor, generator: torch.Generator | None
     ) -> Result:
         images, shot = problem.images, problem.shot
-        found, logits = _unattacked(attack, problem, labels)
-        best = margin(logits.float(), labels)
-        values, classes = likeliest(logits, labels, self.targets)
-        for value, toward in zip(values.T, classes.T, strict=True):
-            # those that are still right, and toward no class that minus infinity rules out
-            rows = (~found.success & value.isfinite()).nonzero()[:, 0]
+        best, logits = _without_noise(attack, problem, labels)
+        best_margin = margin(logits.float(), labels)
+        values, classes = likeliest_wrong_classes(logits, labels, self.targets)
+        for value, targets in zip(values.T, classes.T, strict=True):
+            # images that are still right, and whose class minus infinity does not rule out
+            rows = (~best.success & value.isfinite()).nonzero()[:, 0]
             if not len(rows):
                 break
-            own = None if shot is None else shot[rows.to(shot.device)]
-            part = problem.part(rows) if problem.views == 1 else None
+            rows_shot = None if shot is None else shot[rows.to(shot.device)]
+            subset = problem.subset(rows) if problem.views == 1 else None
             result = attack.toward(
                 images[rows],
                 labels[rows],
-                toward[rows],
-                shot=own,
+                targets[rows],
+                shot=rows_shot,
                 generator=generator,
-                problem=part,
+                problem=subset,
             )
             with torch.no_grad():
-                reached = margin(attack.model(result.images.clone()).float(), labels[rows])
-            better = result.success | (reached > best[rows])
-            best[rows] = torch.where(better, reached, best[rows])
-            found = _with_rows(found, rows[better], result, better)
-        return found
+                margins = margin(attack.model(result.images.clone()).float(), labels[rows])
+            better = result.success | (margins > best_margin[rows])
+            best_margin[rows] = torch.where(better, margins, best_margin[rows])
+            best = _with_rows(best, rows[better], result, better)
+        return best
 
 
-def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Result, Tensor]:
+def _without_noise(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Result, Tensor]:
     """Return the photos without noise at the drawn pose as a Result, and their logits (B, K)."""
     images = problem.images
     dtype = torch.float64 if images.dtype == torch.float64 else torch.float32
@@ -140,21 +137,22 @@ def _unattacked(attack: Attack, problem: Problem, labels: Tensor) -> tuple[Resul
     check_classes(labels, logits, 1)
     check_answers(logits, attack.model, images)
     success = predicted(logits) != labels
-    found = Result(photo, success, point["noise"], loss_curve([]), attack.one_eps(), problem.shot)
-    return found, logits
+    eps = attack.single_eps()
+    return Result(photo, success, point["noise"], loss_curve([]), eps, problem.shot), logits
 
 
-def _with_rows(found: Result, rows: Tensor, other: Result, picked: Tensor) -> Result:
-    """Replace `rows` of one result by those of another that the mask `picked` selects."""
-    shot = found.shot
+def _with_rows(result: Result, rows: Tensor, other: Result, selected: Tensor) -> Result:
+    """Replace `rows` of one result by the rows of another in the mask `selected`."""
+    shot = result.shot
     if isinstance(shot, Shot) and isinstance(other.shot, Shot):
-        shot = _shot_with_rows(shot, rows.to(shot.device), other.shot[picked.to(other.shot.device)])
+        new_rows = other.shot[selected.to(other.shot.device)]
+        shot = _shot_with_rows(shot, rows.to(shot.device), new_rows)
     return Result(
-        found.images.index_copy(0, rows, other.images[picked]),
-        found.success.index_copy(0, rows, other.success[picked]),
-        noise_tensor(found).index_copy(0, rows, noise_tensor(other)[picked]),
+        result.images.index_copy(0, rows, other.images[selected]),
+        result.success.index_copy(0, rows, other.success[selected]),
+        noise_tensor(result).index_copy(0, rows, noise_tensor(other)[selected]),
         other.loss,
-        found.eps,
+        result.eps,
         shot,
     )
 

@@ -24,8 +24,9 @@ class Patch(PGD):
     place can be. In the Result, `noise` is 0 outside of the disc.
 
     Args:
-        eps: how far a pixel of the disc may move; by default to any colour.
-        area: of the disc, as a share of the image's, above 0; the disc must fit into the image.
+        eps: bound of a pixel's change in the disc; by default to any colour.
+        area: area of the disc, as a share of the image's, above 0; the disc must fit into the
+            image.
 
     Raises:
         ValueError: as of `PGD`; an area that is no share.
@@ -54,7 +55,8 @@ def discs(images: Tensor, area: float, generator: torch.Generator | None = None)
     """Return a disc at a random place in each image: (B, 1, H, W), 1 inside and 0 outside.
 
     Args:
-        images: (B, 3, H, W). area: of a disc, as a share of the image's.
+        images: (B, 3, H, W) images.
+        area: area of a disc, as a share of the image's.
 
     Raises:
         ValueError: images too long or too narrow for a disc of that area, or too small for it to
@@ -79,22 +81,16 @@ def discs(images: Tensor, area: float, generator: torch.Generator | None = None)
 
 
 def _pasted(images: Tensor, mask: Tensor) -> Problem:
-    """Return the problem of noise that a mask (B, 1, H, W) lets through."""
+    """Return the problem of noise within a mask (B, 1, H, W)."""
 
     def render(noise: Tensor) -> Tensor:
         return clip(images + mask * noise).to(images.dtype)
 
-    def part(rows: Tensor) -> Problem:
+    def subset(rows: Tensor) -> Problem:
         return _pasted(images[rows], mask[rows])
 
+    shape = tuple(images.shape)
     base = images if images.dtype == torch.float64 else images.float()
     return Problem(
-        render,
-        render,
-        tuple(images.shape),
-        images,
-        part,
-        base=base,
-        felt=(0.0, 1.0),
-        reach=mask,
+        render, render, shape, images, subset, base=base, effective_range=(0.0, 1.0), mask=mask
     )

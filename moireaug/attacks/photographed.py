@@ -12,12 +12,12 @@ from moireaug.capture import capture, develop, expose
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
 
-# from what an attack perturbs to the photo
+# the camera from each place of the noise to the photo
 CAMERAS: dict[str, Callable[[Tensor, Shot], Tensor]] = {"raw": develop, "image": capture}
 
-# share of the way to another row's clean input that a row may stray and still be told apart
-STRAY = 0.25
-SAME = 1e-12  # mean squared difference below which two inputs are the same up to rounding
+# share of the way to another row's clean input by which a row may stray and still be matched
+MAX_STRAY = 0.25
+SAME_INPUT_ERROR = 1e-12  # mean squared difference of two inputs that are equal up to rounding
 
 
 class Photographed(nn.Module):
@@ -37,8 +37,8 @@ class Photographed(nn.Module):
             its mode and device are set here.
         images: (B, 3, H, W) float in [0, 1].
         shot: one draw for these images.
-        noise_at: what is attacked, a key of `CAMERAS`: "raw", the readings, or "image", what the
-            screen shows.
+        noise_at: place of the attack, a key of `CAMERAS`: "raw", the readings, or "image", the
+            pictures that the screen shows.
 
     Attributes:
         clean: the unattacked inputs: the readings, of `shot.raw_shape()`, clipped to [0, 1], or the
@@ -73,8 +73,8 @@ class Photographed(nn.Module):
         with torch.no_grad():
             raw = expose(images, shot)
             clean = raw.clamp(0, 1) if noise_at == "raw" else images.detach().clone()
-            gaps = _gaps(clean)
-            _refuse_twins(clean, gaps, shot, noise_at)
+            gaps = _row_distances(clean)
+            _refuse_ambiguous_rows(clean, gaps, shot, noise_at)
         self.register_buffer("clean", clean, persistent=False)
         self.register_buffer("gaps", gaps, persistent=False)
 
@@ -107,24 +107,24 @@ class Photographed(nn.Module):
         x, clean = x.flatten(1).double(), self.clean.flatten(1).double()
         # minus half the mean squared distance to each row, up to a term that all rows share
         nearness = (x @ clean.T - clean.square().sum(1) / 2) / x.shape[1]
-        found = nearness.argmax(1)
-        lead = 2 * (nearness.gather(1, found[:, None]) - nearness)
-        away = (x - clean[found]).square().mean(1, keepdim=True)
-        gaps = self.gaps[found].double()
-        sure = (lead > (1 - 2 * STRAY) * gaps) & (away < gaps)
-        doubtful = (~sure & (gaps > SAME)).any(1)
-        if doubtful.any():
-            row = int(doubtful.nonzero()[0])
+        nearest = nearness.argmax(1)
+        lead = 2 * (nearness.gather(1, nearest[:, None]) - nearness)
+        distance = (x - clean[nearest]).square().mean(1, keepdim=True)
+        gaps = self.gaps[nearest].double()
+        is_certain = (lead > (1 - 2 * MAX_STRAY) * gaps) & (distance < gaps)
+        is_ambiguous = (~is_certain & (gaps > SAME_INPUT_ERROR)).any(1)
+        if is_ambiguous.any():
+            row = int(is_ambiguous.nonzero()[0])
             raise ValueError(
                 f"row {row} is too far from Photographed.clean, or not finite: row "
-                f"{int(found[row])} is the nearest there, but its shot cannot be told for "
+                f"{int(nearest[row])} is the nearest there, but its shot cannot be told for "
                 "sure. Start the attack from Photographed.clean; if it goes that far, attack one "
                 "image at a time: Photographed(model, images[i : i + 1], shot[i : i + 1])."
             )
-        return found
+        return nearest
 
 
-def _gaps(clean: Tensor) -> Tensor:
+def _row_distances(clean: Tensor) -> Tensor:
     """Return the mean squared difference of every two rows, (B, B) float64."""
     flat = clean.flatten(1).double()
     products = flat @ flat.T / max(1, flat.shape[1])
@@ -132,16 +132,16 @@ def _gaps(clean: Tensor) -> Tensor:
     return (squares[:, None] + squares[None, :] - 2 * products).clamp(min=0)
 
 
-def _refuse_twins(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> None:
+def _refuse_ambiguous_rows(clean: Tensor, gaps: Tensor, shot: Shot, noise_at: str) -> None:
     """Refuse rows of the same input whose shots differ. Where both make the same photo of any
     input, either will do."""
-    twins = (gaps <= SAME).triu(1).nonzero().tolist()
-    if not twins:
+    equal_pairs = (gaps <= SAME_INPUT_ERROR).triu(1).nonzero().tolist()
+    if not equal_pairs:
         return
     g = torch.Generator().manual_seed(0)
-    anything = torch.rand(clean[:1].shape, generator=g, dtype=torch.float32, device="cpu")
-    photos = CAMERAS[noise_at](anything.to(clean).expand_as(clean), shot)
-    for i, j in twins:
+    inputs = torch.rand(clean[:1].shape, generator=g, dtype=torch.float32, device="cpu")
+    photos = CAMERAS[noise_at](inputs.to(clean).expand_as(clean), shot)
+    for i, j in equal_pairs:
         if not torch.allclose(photos[i], photos[j], rtol=0, atol=1e-4):
             raise ValueError(
                 f"rows {i} and {j} have the same {noise_at} but different shots, and cannot be "

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import decided, predicted
+from moireaug.attacks.answers import has_prediction, predicted
 from moireaug.attacks.checks import (
     check_answers,
     check_classes,
@@ -19,7 +19,7 @@ from moireaug.attacks.checks import (
     is_finite,
 )
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.losses import loss_curve, margin, reported
+from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Problem, Result
 from moireaug.attacks.rules import choose
@@ -27,7 +27,7 @@ from moireaug.checks import check_images
 from moireaug.numeric import clip
 from moireaug.scenes import Shot
 
-INSIDE = 1 - 1e-6  # black and white lie at infinity in tanh space: this moves them inside
+TANH_LIMIT = 1 - 1e-6  # a pixel's largest |tanh(w)|: black and white would lie at infinity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,13 +58,12 @@ class PGD(Attack):
         def render(noise: Tensor) -> Tensor:
             return clip(images + noise).to(images.dtype)
 
-        def part(rows: Tensor) -> Problem:
+        def subset(rows: Tensor) -> Problem:
             return self.problem(images[rows], None, generator)
 
+        shape = tuple(images.shape)
         base = images if images.dtype == torch.float64 else images.float()
-        return Problem(
-            render, render, tuple(images.shape), images, part, base=base, felt=(0.0, 1.0)
-        )
+        return Problem(render, render, shape, images, subset, base=base, effective_range=(0.0, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,14 +88,14 @@ class CW:
     image is (tanh(w) + 1) / 2, descends |image - x|^2 + c max(-margin, -confidence). No bound, and
     no search for c.
 
-    For each image the nearest one is kept that reaches the goal by a margin of `confidence`; where
-    none does, the image itself. In the Result, `noise` is the difference to the image, and `eps`
-    its largest absolute value in the batch.
+    The nearest image that reaches the goal by a margin of `confidence` is kept, or the image itself
+    where none does. In the Result, `noise` is the difference to the image, and `eps` its largest
+    absolute value in the batch.
 
     Args:
         model: as in `Attack`.
         c: weight of the goal against the distance, above 0.
-        confidence: kappa of the paper, >= 0: by how much, in logits, the goal is to be exceeded.
+        confidence: kappa of the paper, >= 0: margin by which the goal is exceeded, in logits.
         steps: Adam steps; the start and every step's image but the last are judged.
         lr: Adam's learning rate, in tanh space.
 
@@ -142,45 +141,47 @@ class CW:
             classes = labels if targets is None else torch.maximum(labels, targets)
             goal, sign = (labels, 1.0) if targets is None else (targets, -1.0)
             x = images if images.dtype == torch.float64 else images.float()
-            w = torch.atanh((x * 2 - 1).clamp(-INSIDE, INSIDE)).requires_grad_(True)
+            w = torch.atanh((x * 2 - 1).clamp(-TANH_LIMIT, TANH_LIMIT)).requires_grad_(True)
             adam = torch.optim.Adam([w], lr=self.lr)
-            best, near, losses = x, torch.full_like(x[:, 0, 0, 0], float("inf")), []
+            nearest, losses = x, []
+            nearest_distance = torch.full_like(x[:, 0, 0, 0], float("inf"))
             for k in range(self.steps):
-                shown = (torch.tanh(w) + 1) / 2
+                candidate = (torch.tanh(w) + 1) / 2
                 # a model may work in place
-                logits = self.model(shown.to(images.dtype, copy=True))
+                logits = self.model(candidate.to(images.dtype, copy=True))
                 if k == 0:
                     check_classes(classes, logits, 1)
                     check_answers(logits, self.model, images)
                     check_gradient(logits)
-                    check_gradient(logits, _slope(logits, w))
-                far = (shown - x).square().sum((1, 2, 3))
-                ahead = sign * margin(logits, goal)
+                    check_gradient(logits, _logits_gradient(logits, w))
+                distance = (candidate - x).square().sum((1, 2, 3))
+                lead = sign * margin(logits, goal)
                 # torch.clamp would pass no gradient where both classes tie
-                short = torch.where(ahead > self.confidence, -self.confidence, -ahead)
-                cost = far.sum() + self.c * short.sum()
+                shortfall = torch.where(lead > self.confidence, -self.confidence, -lead)
+                cost = distance.sum() + self.c * shortfall.sum()
                 (gradient,) = torch.autograd.grad(cost, w)
                 w.grad = gradient.nan_to_num()
                 adam.step()
-                losses.append(reported(logits, goal))
-                shown_as = predicted(logits)
-                hit = shown_as != labels if targets is None else shown_as == targets
-                nearer = hit & ((ahead >= self.confidence) | ~decided(logits)) & (far < near)
-                near = torch.where(nearer, far, near).detach()
-                best = choose(nearer, shown.detach(), best)
-            photo = best.to(images.dtype)
+                losses.append(mean_cross_entropy(logits, goal))
+                predictions = predicted(logits)
+                fooled = predictions != labels if targets is None else predictions == targets
+                fooled &= (lead >= self.confidence) | ~has_prediction(logits)
+                is_nearer = fooled & (distance < nearest_distance)
+                nearest_distance = torch.where(is_nearer, distance, nearest_distance).detach()
+                nearest = choose(is_nearer, candidate.detach(), nearest)
+            photo = nearest.to(images.dtype)
             with torch.no_grad():
                 logits = self.model(photo.clone())
             check_classes(classes, logits, 1)
             check_answers(logits, self.model, images)  # without steps, nothing was checked yet
-            hit = predicted(logits)
-        success = hit != labels if targets is None else hit == targets
-        noise = best - x
+            predictions = predicted(logits)
+        success = predictions != labels if targets is None else predictions == targets
+        noise = nearest - x
         eps = noise.abs().max().item() if noise.numel() else 0.0
         return Result(photo, success, noise, loss_curve(losses), eps)
 
 
-def _slope(logits: Tensor, w: Tensor) -> tuple[Tensor | None, ...]:
+def _logits_gradient(logits: Tensor, w: Tensor) -> tuple[Tensor | None, ...]:
     """Return the gradient of all logits in w; None where they do not depend on it."""
     return torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
 

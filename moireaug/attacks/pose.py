@@ -14,28 +14,28 @@ from moireaug.scenes import Scene, Shot
 
 Field = tuple[str, str]  # a part and one of its ranged fields
 
-OF_FLICKER = ("pwm", "duty", "phase", "shutter", "readout")  # fields that nothing else reads
+FLICKER_FIELDS = ("pwm", "duty", "phase", "shutter", "readout")  # fields that nothing else reads
 
 
-def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
-    """Return the ranges (low < high) of the parts named in `optimise`, in the order in which they
-    are drawn, without those of a flicker that the scene's plan leaves out.
+def searched_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
+    """Return the ranged fields (low < high) of the parts named in `optimise`, in the order in which
+    they are drawn, without those of a flicker that the scene's plan leaves out.
 
     Raises:
         ValueError: a part without a range, a pose that only takes whole degrees, or an exposure
             without a gradient.
     """
-    found: list[Field] = []
+    fields: list[Field] = []
     for part in optimise:
         if one_of("each of optimise", part, ("noise", *PARTS)) == "noise":
             continue
         record = getattr(scene, part)
-        unread = () if "flicker" in scene.plan() else OF_FLICKER
+        unused = () if "flicker" in scene.plan() else FLICKER_FIELDS
         varied = []
-        for k in record.ranged:
-            low, high = bounds(getattr(record, k))
-            if low < high and k not in unread:
-                varied.append((part, k))
+        for name in record.ranged:
+            low, high = bounds(getattr(record, name))
+            if low < high and name not in unused:
+                varied.append((part, name))
         if not varied:
             raise ValueError(
                 f"optimise names {part!r}, which has no range in this scene, or none that shows: "
@@ -46,39 +46,39 @@ def moved_fields(scene: Scene, optimise: tuple[str, ...]) -> list[Field]:
                 "optimise cannot turn View(pose='released'), which takes whole degrees and has no "
                 "gradient; set pose='camera'."
             )
-        found += varied
-    if found and not scene.plan().method.differentiable_in_shot:
+        fields += varied
+    if fields and not scene.plan().method.differentiable_in_shot:
         raise ValueError(
             "optimise needs an exposure that is differentiable in the shot, 'spectral', 'box' or "
             f"'mean'; got {scene.plan().exposure!r} in the scene's plan. Set "
             "Sensor(exposure='spectral'), or 'box' for a lens that hardly blurs."
         )
-    return found
+    return fields
 
 
-def _ends(shot: Shot, fields: list[Field]) -> tuple[Tensor, Tensor]:
+def _field_bounds(shot: Shot, fields: list[Field]) -> tuple[Tensor, Tensor]:
     """Return the low and high ends of the fields' ranges, (F,) float64 each."""
-    ends = torch.tensor(
+    limits = torch.tensor(
         [bounds(getattr(getattr(shot.scene, part), k)) for part, k in fields],
         dtype=torch.float64,
         device="cpu",
     )
-    low, high = ends.to(shot.device).unbind(1)
+    low, high = limits.to(shot.device).unbind(1)
     return low, high
 
 
 def pose_of(shot: Shot, fields: list[Field]) -> Tensor:
-    """Return where the fields of a shot lie in their ranges, (B, F) float64 from -1, the low end,
-    to 1. A field outside of its range is taken at the nearest end."""
-    low, high = _ends(shot, fields)
+    """Return the pose of a shot, (B, F) float64: the place of each field in its range, from -1, the
+    low end, to 1. A field outside of its range is taken at the nearest end."""
+    low, high = _field_bounds(shot, fields)
     values = torch.stack([getattr(getattr(shot, part), k).detach() for part, k in fields], 1)
     return ((values - low) / (high - low) * 2 - 1).clamp(-1, 1)
 
 
-def aim(shot: Shot, fields: list[Field], pose: Tensor) -> Shot:
+def shot_at_pose(shot: Shot, fields: list[Field], pose: Tensor) -> Shot:
     """Return the shot with its fields at `pose` (B, F); the inverse of `pose_of`, differentiable in
     the pose."""
-    low, high = _ends(shot, fields)
+    low, high = _field_bounds(shot, fields)
     values = low + (high - low) * (pose + 1) / 2
     # rounding must not leave the range; torch.clamp would stop the gradient at its ends
     values = values + (torch.minimum(torch.maximum(values.detach(), low), high) - values.detach())

@@ -1,4 +1,4 @@
-"""What an attack searches, and what it returns."""
+"""The problem that an attack searches, and the Result that it returns."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from moireaug.scenes import Shot
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What an attack found.
+    """The result of an attack on a batch.
 
     Args:
         images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
         success: (B,) bool; True where the label is not predicted or, in a targeted attack, the
             target is. Logits that are NaN or infinite predict nothing.
-        noise: what was added: raw noise of `Shot.raw_shape()` for MoireAttack, or, where its noise
-            is at the photo, (B, 3, H, W); pixels (B, 3, H, W) for pixel attacks. In a mixture of
-            scenes whose raw shapes differ, a list of B tensors, one per image.
+        noise: noise of each image: of `Shot.raw_shape()` on a raw reading, (B, 3, H, W) on a photo
+            or on pixels. In a mixture of scenes whose raw shapes differ, a list of B tensors, one
+            per image.
         loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
             the last restart; with `until_fooled`, over the images that took it, and shorter where
             none was left. In a mixture, the mean of the scenes' own, weighted by their images.
         eps: the L-infinity bound of the noise. Under the rule "printed" it bounds delta, and
             `noise` may exceed it; see `rules.Printed`. For `CW`, which has no bound, the largest
             absolute noise.
-        shot: the Shot of the photos, in a mixture a `MixedShot`; the one found, where a pose was
-            searched; None for pixel attacks. `capture(images, shot, noise)` takes all of these.
+        shot: the Shot of the photos, in a mixture a `MixedShot`; where a pose was searched, the
+            shot at the best pose; None for pixel attacks. `capture(images, shot, noise)` takes all
+            of these.
     """
 
     images: Tensor
@@ -43,7 +44,7 @@ class Result:
     shot: Shot | MixedShot | None = None
 
     def __repr__(self) -> str:
-        """Return one line that sums up what was found, without the tensors."""
+        """Return a summary in one line, without the tensors."""
         n, fooled = len(self.success), int(self.success.sum())
         parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of {n} images fooled"]
         if n and len(self.loss):
@@ -52,7 +53,7 @@ class Result:
         return f"Result({', '.join(parts)})"
 
 
-# the variables of a search by name: "noise" and, where the camera turns, "pose"
+# the variables of a search by name: "noise" and, where a pose is searched, "pose"
 Point = dict[str, Tensor]
 
 
@@ -60,36 +61,38 @@ class Problem(NamedTuple):
     """How noise, and a pose where one is searched, become images.
 
     Args:
-        render: called with `**point`; returns the photos that are judged.
-        rehearse: called with `**point`; returns the photos whose loss a step follows, `views` times
-            as many.
-        shape: of the noise.
-        images: (B, 3, H, W), what is attacked.
-        views: see `rehearse`.
-        shot: of the photos, or None.
-        base: (B, ...) what the noise is added to, or None where that differs from step to step.
-        felt: the least and greatest values of base + noise, beyond which more noise changes no
-            photo.
-        reach: (B, 1, H, W), 1 where noise changes the image and 0 elsewhere; None is everywhere.
-        pose: (B, F) where the search of a pose starts, in [-1, 1], or None.
-        aim: from a pose to its shot, or None.
-        still: variables that no step moves.
-        part: from indices (b,) to the same problem for those images; only where `views` is 1.
+        render: function of `**point` that returns the photos (B, 3, H, W) that are judged.
+        forward_views: function of `**point` that returns the photos (views * B, 3, H, W) whose loss
+            a step ascends.
+        shape: shape of the noise.
+        images: (B, 3, H, W) attacked images.
+        subset: function of indices (b,) that returns the problem of those images; only where
+            `views` is 1.
+        views: photos per image and step.
+        shot: shot of the photos, or None.
+        base: (B, ...) reading or image that the noise is added to, or None where it differs from
+            step to step.
+        effective_range: low and high end of base + noise, beyond which more noise changes no photo.
+        mask: (B, 1, H, W) mask, 1 where noise changes the image and 0 elsewhere; None is
+            everywhere.
+        pose: (B, F) pose in [-1, 1] at which the search starts, or None.
+        shot_at: function of a pose (B, F) that returns its shot, or None.
+        frozen: names of the variables that no step moves.
     """
 
     render: Callable[..., Tensor]
-    rehearse: Callable[..., Tensor]
+    forward_views: Callable[..., Tensor]
     shape: tuple[int, ...]
     images: Tensor
-    part: Callable[[Tensor], Problem]
+    subset: Callable[[Tensor], Problem]
     views: int = 1
     shot: Shot | None = None
     base: Tensor | None = None
-    felt: tuple[float, float] = (-math.inf, math.inf)
-    reach: Tensor | None = None
+    effective_range: tuple[float, float] = (-math.inf, math.inf)
+    mask: Tensor | None = None
     pose: Tensor | None = None
-    aim: Callable[[Tensor], Shot] | None = None
-    still: tuple[str, ...] = ()
+    shot_at: Callable[[Tensor], Shot] | None = None
+    frozen: tuple[str, ...] = ()
 
 
 def noise_tensor(result: Result) -> Tensor:

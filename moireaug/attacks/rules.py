@@ -1,5 +1,5 @@
-"""Update rules: how a step follows from a gradient. Each run makes its own rule, which holds that
-run's state."""
+"""Update rules: the step that follows from a gradient. Each run makes its own rule, which holds
+that run's state."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-DECAY = 1.0  # of the momentum, Dong et al. (2018)
-# share of an APGD step that is new, the rest repeats the step before: Croce & Hein (2020)
-ALPHA = 0.75
+MOMENTUM_DECAY = 1.0  # mu of Dong et al. (2018)
+# share of an APGD step that is new; the rest repeats the step before: Croce & Hein (2020)
+APGD_ALPHA = 0.75
 # share of the steps that must raise the loss between two checkpoints: Croce & Hein (2020)
-RHO = 0.75
+APGD_RHO = 0.75
 
 
 class Ball(NamedTuple):
-    """Where a variable may go, and in how many steps.
+    """The L-infinity ball of a variable, and the steps taken in it.
 
     Args:
         radius: eps for noise, 1 for a pose.
-        bound: the largest absolute value: the radius, or infinity for N-FGSM.
-        steps: how many will be taken.
-        step_size: of the first step, in units of the radius; None is the rule's default.
-        base: (B, ...) what the noise is added to, or None where that differs from step to step.
-        felt: the least and greatest values of base + noise, beyond which more noise changes
-            nothing, and so has no gradient: where base is given, the noise is kept inside.
+        bound: largest absolute value of the variable: the radius, or infinity for N-FGSM.
+        steps: number of steps.
+        step_size: size of the first step, in units of the radius; None is the rule's default.
+        base: (B, ...) reading or image that the noise is added to, or None where it differs from
+            step to step.
+        effective_range: low and high end of base + noise, beyond which more noise changes nothing,
+            and so has no gradient: where base is given, the noise stays inside.
     """
 
     radius: float
@@ -35,74 +36,77 @@ class Ball(NamedTuple):
     steps: int
     step_size: float | None = None
     base: Tensor | None = None
-    felt: tuple[float, float] = (-math.inf, math.inf)
+    effective_range: tuple[float, float] = (-math.inf, math.inf)
 
 
 class Rule(ABC):
-    """The rule for one variable in one run: called at each step with the variable, the loss's
-    gradient with respect to it, both (B, ...), and the loss of each image, (B,); returns the
-    variable after the step. All rules ascend."""
+    """The rule for one variable in one run. A call takes a step uphill: it takes the variable and
+    its gradient, (B, ...) each, and the loss of each image, (B,), and returns the variable after
+    the step."""
 
     def __init__(self, ball: Ball) -> None:
         self.ball = ball
-        self.room: tuple[Tensor, Tensor] | None = None
-        if ball.base is not None and ball.felt != (-math.inf, math.inf):
-            self.room = ball.felt[0] - ball.base, ball.felt[1] - ball.base
-        self.step = ball.radius * (
-            self.usual(ball.steps) if ball.step_size is None else ball.step_size
-        )
+        self.noise_range: tuple[Tensor, Tensor] | None = None
+        low, high = ball.effective_range
+        if ball.base is not None and (low, high) != (-math.inf, math.inf):
+            self.noise_range = low - ball.base, high - ball.base
+        step_size = ball.step_size
+        if step_size is None:
+            step_size = self.default_step_size(ball.steps)
+        self.step = ball.radius * step_size
 
     @staticmethod
-    def usual(steps: int) -> float:
+    def default_step_size(steps: int) -> float:
         """Return the default step size, in units of the radius."""
         return min(1.0, 2.5 / max(1, steps))
 
-    def confine(self, x: Tensor) -> Tensor:
-        """Clip to the ball, and to the range where noise changes the photo."""
+    def project(self, x: Tensor) -> Tensor:
+        """Project into the ball, and into the range where noise changes the photo."""
         x = x.clamp(-self.ball.bound, self.ball.bound)
-        return x if self.room is None else x.clamp(*self.room)
+        return x if self.noise_range is None else x.clamp(*self.noise_range)
 
     @abstractmethod
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor: ...
 
 
 class Sign(Rule):
-    """x + step sign(gradient), pulled back into the ball (Madry et al., 2018)."""
+    """x + step sign(gradient), projected into the ball (Madry et al., 2018)."""
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
-        return self.confine(x + self.step * gradient.sign())
+        return self.project(x + self.step * gradient.sign())
 
 
 class Momentum(Rule):
-    """MI-FGSM (Dong et al., 2018, Algorithm 1): steps along the sign of g = DECAY g + gradient /
-    mean|gradient|, with the mean over each image."""
+    """MI-FGSM (Dong et al., 2018, Algorithm 1): steps along the sign of g = MOMENTUM_DECAY g +
+    gradient / mean|gradient|, with the mean over each image."""
 
     def __init__(self, ball: Ball) -> None:
         super().__init__(ball)
-        self.past: Tensor | float = 0.0
+        self.momentum: Tensor | float = 0.0
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
-        size = gradient.abs().flatten(1).mean(1)
-        self.past = DECAY * self.past + gradient / _per_image(torch.where(size > 0, size, 1.0), x)
-        return self.confine(x + self.step * self.past.sign())
+        mean_size = gradient.abs().flatten(1).mean(1)
+        mean_size = torch.where(mean_size > 0, mean_size, 1.0)
+        self.momentum = MOMENTUM_DECAY * self.momentum + gradient / _per_image(mean_size, x)
+        return self.project(x + self.step * self.momentum.sign())
 
 
 class APGD(Rule):
     """Auto-PGD (Croce & Hein, 2020, section 3 and Algorithm 1): first steps of 2 radii, with
     momentum.
 
-    z = P(x_k + step sign(gradient)), x_{k+1} = P(x_k + ALPHA (z - x_k) + (1 - ALPHA) (x_k -
+    z = P(x_k + step sign(gradient)), x_{k+1} = P(x_k + alpha (z - x_k) + (1 - alpha) (x_k -
     x_{k-1})), where P projects into the ball, and the first step is z itself. At each of the
     `checkpoints` an image's step is halved, and its search goes on from the best point so far, on
-    either of two conditions: its loss rose in fewer than RHO of the steps since the last
+    either of two conditions: its loss rose in fewer than a share rho of the steps since the last
     checkpoint; or its step was not halved there and its best loss is no better than it was there.
 
-    What the paper leaves open, and what differs here:
+    Choices that the paper leaves open, and differences from it:
         - Every image of a batch has its own step and best point, as in the authors' code.
         - A checkpoint w_j is evaluated before the step from x_{w_j}, as in the authors' code. The
           printed order takes that step first, and discards it where the search goes back: here the
           points are the same, with one gradient fewer.
-        - Their code halves at a share of exactly RHO, too, counts checkpoints by whole numbers of
+        - Their code halves at a share of exactly rho, too, counts checkpoints by whole numbers of
           steps rounded down, and does not test the second condition at the first of them. Here all
           three are as printed.
         - After a search goes back, its momentum points from the point before the checkpoint to the
@@ -110,71 +114,72 @@ class APGD(Rule):
           one, as in the paper.
         - Noise on a raw reading is bounded by eps and, above, by the full well: a reading may go
           below 0, where it still changes the photo.
-        - The best point here is that of the greatest loss; what an attack returns is that of the
-          greatest margin.
+        - The best point here is that of the greatest loss; an attack returns that of the greatest
+          margin.
     """
 
-    # per image, (B,): its step, its loss at the point before, its best loss so far and at the last
-    # checkpoint, how often the loss rose since then, and whether the step was halved there
-    size: Tensor
-    last: Tensor
-    best: Tensor
-    best_then: Tensor
-    rises: Tensor
-    halved: Tensor
-    # (B, ...): the point before, the best one and the gradient there
-    before: Tensor
+    # (B,) each: step size, loss at the previous point, best loss so far and at the last checkpoint,
+    # number of rises of the loss since then, and whether the step was halved there
+    step_sizes: Tensor
+    last_loss: Tensor
+    best_loss: Tensor
+    checkpoint_loss: Tensor
+    n_rises: Tensor
+    was_halved: Tensor
+    # (B, ...) each: the previous point, the best point and the gradient there
+    previous_x: Tensor
     best_x: Tensor
     best_gradient: Tensor
 
     def __init__(self, ball: Ball) -> None:
         super().__init__(ball)
-        self.k = self.since = 0
-        self.checks = checkpoints(ball.steps)
+        self.k = self.last_checkpoint = 0
+        self.checkpoints = checkpoints(ball.steps)
 
     @staticmethod
-    def usual(steps: int) -> float:
+    def default_step_size(steps: int) -> float:
         return 2.0
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
         # a NaN loss is never the best
         loss = loss.nan_to_num(-math.inf, posinf=math.inf, neginf=-math.inf)
         if self.k == 0:
-            self._begin(x, gradient, loss)
-        better = loss > self.best
-        self.best = torch.where(better, loss, self.best)
+            self._start_search(x, gradient, loss)
+        better = loss > self.best_loss
+        self.best_loss = torch.where(better, loss, self.best_loss)
         self.best_x = choose(better, x, self.best_x)
         self.best_gradient = choose(better, gradient, self.best_gradient)
-        self.rises = self.rises + (loss > self.last)
-        self.last = loss
-        if self.k in self.checks:
-            x, gradient = self._look_back(x, gradient)
-        aim = self.confine(x + _per_image(self.size, x) * gradient.sign())
-        momentum = (1 - ALPHA) * (x - self.before) if self.k else 0.0
-        after = self.confine(x + (ALPHA if self.k else 1.0) * (aim - x) + momentum)
-        self.before = x
+        self.n_rises = self.n_rises + (loss > self.last_loss)
+        self.last_loss = loss
+        if self.k in self.checkpoints:
+            x, gradient = self._check_progress(x, gradient)
+        ascended = self.project(x + _per_image(self.step_sizes, x) * gradient.sign())
+        momentum = (1 - APGD_ALPHA) * (x - self.previous_x) if self.k else 0.0
+        next_x = self.project(x + (APGD_ALPHA if self.k else 1.0) * (ascended - x) + momentum)
+        self.previous_x = x
         self.k += 1
-        return after
+        return next_x
 
-    def _begin(self, x: Tensor, gradient: Tensor, loss: Tensor) -> None:
-        self.size = torch.full_like(loss, self.step, dtype=x.dtype)
-        self.best = self.last = self.best_then = loss
-        self.best_x = self.before = x
+    def _start_search(self, x: Tensor, gradient: Tensor, loss: Tensor) -> None:
+        self.step_sizes = torch.full_like(loss, self.step, dtype=x.dtype)
+        self.best_loss = self.last_loss = self.checkpoint_loss = loss
+        self.best_x = self.previous_x = x
         self.best_gradient = gradient
-        self.rises = torch.zeros_like(loss)
-        self.halved = torch.zeros_like(loss, dtype=torch.bool)
+        self.n_rises = torch.zeros_like(loss)
+        self.was_halved = torch.zeros_like(loss, dtype=torch.bool)
 
-    def _look_back(self, x: Tensor, gradient: Tensor) -> tuple[Tensor, Tensor]:
-        """Halve steps at a checkpoint, and go back to the best points there."""
-        steps = self.k - self.since
-        seldom = self.rises < RHO * steps
-        stuck = ~self.halved & (self.best <= self.best_then)
-        back = seldom | stuck
-        self.size = torch.where(back, self.size / 2, self.size)
-        self.last = torch.where(back, self.best, self.last)
-        self.halved, self.best_then = back, self.best
-        self.rises, self.since = torch.zeros_like(self.rises), self.k
-        return choose(back, self.best_x, x), choose(back, self.best_gradient, gradient)
+    def _check_progress(self, x: Tensor, gradient: Tensor) -> tuple[Tensor, Tensor]:
+        """Halve the steps of images whose search makes no progress, and go back to their best
+        points."""
+        steps = self.k - self.last_checkpoint
+        rose_rarely = self.n_rises < APGD_RHO * steps
+        has_stalled = ~self.was_halved & (self.best_loss <= self.checkpoint_loss)
+        goes_back = rose_rarely | has_stalled
+        self.step_sizes = torch.where(goes_back, self.step_sizes / 2, self.step_sizes)
+        self.last_loss = torch.where(goes_back, self.best_loss, self.last_loss)
+        self.was_halved, self.checkpoint_loss = goes_back, self.best_loss
+        self.n_rises, self.last_checkpoint = torch.zeros_like(self.n_rises), self.k
+        return choose(goes_back, self.best_x, x), choose(goes_back, self.best_gradient, gradient)
 
 
 class Printed(Rule):
@@ -182,10 +187,10 @@ class Printed(Rule):
     sign(gradient)), then x_{k+1} = clip(x_k + delta), for K steps.
 
     Each step adds the whole delta to a reading that carries all earlier ones, so that the
-    L-infinity bound holds for delta and not for what is added: that reaches up to (1 + 2 + ... + K)
-    eps / K = (K + 1) / 2 eps, plus the random start where there is one. "sign" develops the one
-    reading plus delta instead, and stays within eps. The variable is all that was added, x_k minus
-    the reading x_0, and so includes the clipping of x_k to [0, 1].
+    L-infinity bound holds for delta and not for the noise: that reaches up to (1 + 2 + ... + K) eps
+    / K = (K + 1) / 2 eps, plus the random start where there is one. "sign" develops the one reading
+    plus delta instead, and stays within eps. The variable is the noise x_k - x_0, where x_0 is the
+    reading, and so includes the clipping of x_k to [0, 1].
     """
 
     def __init__(self, ball: Ball) -> None:
@@ -193,7 +198,7 @@ class Printed(Rule):
         self.delta: Tensor | float = 0.0
 
     @staticmethod
-    def usual(steps: int) -> float:
+    def default_step_size(steps: int) -> float:
         return 1.0 / max(1, steps)
 
     def __call__(self, x: Tensor, gradient: Tensor, loss: Tensor) -> Tensor:
@@ -218,18 +223,18 @@ def checkpoints(steps: int) -> set[int]:
     """Return the steps w_j = ceil(p_j steps) at which APGD looks back, j >= 1, with p_0 = 0,
     p_1 = 0.22 and p_{j+1} = p_j + max(p_j - p_{j-1} - 0.03, 0.06) (Croce & Hein, 2020, section
     3.2)."""
-    before, p, found = 0.0, 0.22, set()
+    p_before, p, checkpoint_steps = 0.0, 0.22, set()
     while p < 1:
-        found.add(math.ceil(p * steps - 1e-9))
-        before, p = p, p + max(p - before - 0.03, 0.06)
-    return found
+        checkpoint_steps.add(math.ceil(p * steps - 1e-9))
+        p_before, p = p, p + max(p - p_before - 0.03, 0.06)
+    return checkpoint_steps
 
 
 def _per_image(values: Tensor, like: Tensor) -> Tensor:
-    """Return (B,) as (B, 1, ...), in the dtype of what it scales."""
+    """Return values (B,) as (B, 1, ...), in the dtype of the tensor `like` that they scale."""
     return values.to(like.dtype).view(-1, *[1] * (like.ndim - 1))
 
 
-def choose(rows: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    """Return `a` in the rows (B,) that are True, `b` in the others."""
-    return torch.where(rows.view(-1, *[1] * (a.ndim - 1)), a, b)
+def choose(mask: Tensor, a: Tensor, b: Tensor) -> Tensor:
+    """Return `a` in the rows where the mask (B,) is True, `b` in the others."""
+    return torch.where(mask.view(-1, *[1] * (a.ndim - 1)), a, b)

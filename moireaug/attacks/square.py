@@ -8,25 +8,25 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.attacks.best import Best
+from moireaug.attacks.best import BestPoints
 from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point
 from moireaug.attacks.rules import choose
-from moireaug.attacks.task import Active, Task
+from moireaug.attacks.task import ActiveImages, Task
 
-SHARE = 0.8  # of the area that the first windows cover, as in AutoAttack
-# queries of 10,000 after which the share is halved: Andriushchenko et al. (2020), section 4.1 and
+FIRST_WINDOW_SHARE = 0.8  # of the planes' area, as in AutoAttack
+# queries of 10,000 after which that share is halved: Andriushchenko et al. (2020), section 4.1 and
 # its code
-HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
+HALVING_QUERIES = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SquareMoire(MoireAttack):
     """Random search for raw noise in the manner of the Square Attack (Andriushchenko et al., 2020,
     Algorithms 1 and 2): starts from vertical stripes of +-eps, then sets square windows of
-    shrinking side to +-eps, one sign per plane, and keeps what raises an image's loss. The model
-    needs no gradient.
+    shrinking side to +-eps, one sign per plane, and keeps those that raise an image's loss. The
+    model needs no gradient.
 
     Args:
         steps: queries of the model per restart: one for the stripes, one for each window.
@@ -43,8 +43,8 @@ class SquareMoire(MoireAttack):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("step_size", "rule", "random_start", "optimise", "eot"):
-            usual = type(self).__dataclass_fields__[name].default
-            if getattr(self, name) != usual:
+            default = type(self).__dataclass_fields__[name].default
+            if getattr(self, name) != default:
                 raise ValueError(
                     "SquareMoire searches the noise of one shot at random and has no use for "
                     f"{name} = {getattr(self, name)!r}; leave it out."
@@ -57,44 +57,47 @@ class SquareMoire(MoireAttack):
         signs = _signs((n, planes, 1, columns), task.generator).to(point["noise"])
         return {"noise": task.eps * signs.expand(shape)}
 
-    def _ascend(self, task: Task, point: Point, best: Best | None) -> Point:
-        found, tried = point, point
+    def _ascend(self, task: Task, point: Point, best: BestPoints | None) -> Point:
+        best_point, candidate = point, point
         highest = torch.full_like(task.labels, -math.inf, dtype=torch.float64)
-        active = Active.every(task)
+        active = ActiveImages.of_all(task)
         with torch.no_grad():
-            for k in range(self.steps):
-                if best and best.done:
+            for query in range(self.steps):
+                if best and best.all_stopped:
                     break
                 if best:
-                    active = active.narrowed(best.left())
-                shown = active.problem.rehearse(**active.point(tried))
-                logits = self.model(shown.clone())  # a model may work in place
-                if k == 0:
-                    self._check(active, shown, logits, best)
+                    active = active.subset(best.active_rows())
+                images = active.problem.forward_views(**active.point(candidate))
+                logits = self.model(images.clone())  # a model may work in place
+                if query == 0:
+                    self._check(active, images, logits, best)
                 if best:
-                    best.watch(tried, logits, active.rows)
+                    best.update(candidate, logits, active.rows)
                 loss = LOSSES[self.loss](logits, *active.goals())
                 # no loss, of an image without an answer, is below any other
-                loss = active.filled(loss.nan_to_num(-math.inf, math.inf, -math.inf))
-                better = (loss > highest) if k else torch.ones_like(loss, dtype=torch.bool)
+                loss = active.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
+                better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)
                 highest = torch.where(better, loss.to(highest), highest)
-                found = {"noise": choose(better, tried["noise"], found["noise"])}
-                size = side(k, self.steps, task.problem.shape)
-                tried = {"noise": _with_square(found["noise"], task.eps, size, task.generator)}
-        return found
+                best_point = {"noise": choose(better, candidate["noise"], best_point["noise"])}
+                size = window_side(query, self.steps, task.problem.shape)
+                noise = _with_square(best_point["noise"], task.eps, size, task.generator)
+                candidate = {"noise": noise}
+        return best_point
 
 
-def side(k: int, steps: int, shape: tuple[int, ...]) -> int:
-    """Return the side of the window tried after k queries of `steps`, on planes of `shape` (..., h,
-    w): `SHARE` of their area, halved at the paper's query counts, scaled to `steps`."""
+def window_side(query: int, steps: int, shape: tuple[int, ...]) -> int:
+    """Return the side of the window that is tried after `query` of `steps` queries, on planes of
+    `shape` (..., h, w): `FIRST_WINDOW_SHARE` of their area, halved at the paper's query counts,
+    scaled to `steps`."""
     h, w = shape[-2:]
-    share = SHARE / 2 ** sum(k / steps > query / 10_000 for query in HALVED)
+    halvings = sum(query / steps > halving / 10_000 for halving in HALVING_QUERIES)
+    share = FIRST_WINDOW_SHARE / 2**halvings
     return max(1, min(round((share * h * w) ** 0.5), h, w))
 
 
 def _with_square(noise: Tensor, eps: float, size: int, generator: torch.Generator | None) -> Tensor:
-    """Return the noise (B, C, h, w) with a window of each image, at its own place, set to +-eps,
-    one sign per plane."""
+    """Return the noise (B, C, h, w) with a window at a random place of each image set to +-eps, one
+    sign per plane."""
     n, planes, h, w = noise.shape
     places = torch.tensor([h - size + 1, w - size + 1], device="cpu")[:, None, None]
     drawn = torch.rand(2, n, 1, generator=generator, dtype=torch.float32, device="cpu")

@@ -1,4 +1,4 @@
-"""One batch to attack at one bound, and those of its images that still take steps."""
+"""One batch to attack at one bound, and its images that still take steps."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ class Task:
     """One batch to attack at one bound.
 
     Args:
-        problem: how noise becomes its images.
+        problem: problem of its n images.
         labels: (n,) true classes.
         targets: (n,) classes to reach; None where any wrong class is a success.
-        aims: (n,) classes that the loss steers toward; None where it steers away from the label.
-        eps: the bound.
-        generator: of random starts; None is torch's global one.
+        loss_targets: (n,) classes that the loss steers toward; None where it steers away from the
+            label.
+        eps: bound of the noise, in [0, 1] units.
+        generator: CPU generator of random starts; None is torch's global one.
     """
 
     problem: Problem
     labels: Tensor
     targets: Tensor | None
-    aims: Tensor | None
+    loss_targets: Tensor | None
     eps: float
     generator: torch.Generator | None
 
 
 @dataclass(frozen=True, eq=False)
-class Active:
-    """The images of a task that still take steps.
+class ActiveImages:
+    """The b images of a task that still take steps.
 
     Args:
-        task: of all n images. problem: of these images alone. rows: (b,) their indices in the
-            batch.
+        task: task of all n images.
+        problem: problem of the b images.
+        rows: (b,) indices of the b images in the batch.
     """
 
     task: Task
@@ -45,34 +47,34 @@ class Active:
     rows: Tensor
 
     @staticmethod
-    def every(task: Task) -> Active:
-        """Return a task's images, all of them active."""
+    def of_all(task: Task) -> ActiveImages:
+        """Return all images of a task."""
         rows = torch.arange(len(task.labels), device=task.labels.device)
-        return Active(task, task.problem, rows)
+        return ActiveImages(task, task.problem, rows)
 
-    def narrowed(self, rows: Tensor) -> Active:
-        """Return the images `rows`, or itself where none is dropped."""
+    def subset(self, rows: Tensor) -> ActiveImages:
+        """Return the images `rows` of the task, or itself where none is dropped."""
         if len(rows) == len(self.rows):
             return self
-        return Active(self.task, self.task.problem.part(rows), rows)
+        return ActiveImages(self.task, self.task.problem.subset(rows), rows)
 
     def point(self, point: Point) -> Point:
-        """Return these images' part of a point of all."""
-        return {name: self._of(x) for name, x in point.items()}
+        """Return the variables of these images, from those of all images."""
+        return {name: self._rows_of(x) for name, x in point.items()}
 
     def goals(self) -> tuple[Tensor, Tensor | None]:
-        """Return these images' labels and aims, repeated for each view."""
-        views = self.problem.views
-        aims = None if self.task.aims is None else self._of(self.task.aims).repeat(views)
-        return self._of(self.task.labels).repeat(views), aims
+        """Return these images' labels and loss targets, repeated for each view."""
+        views, loss_targets = self.problem.views, self.task.loss_targets
+        if loss_targets is not None:
+            loss_targets = self._rows_of(loss_targets).repeat(views)
+        return self._rows_of(self.task.labels).repeat(views), loss_targets
 
-    def filled(self, values: Tensor) -> Tensor:
-        """Return these images' values, (b, ...), among those of all, (n, ...), with 0 for the
-        others."""
+    def scatter(self, values: Tensor) -> Tensor:
+        """Put values (b, ...) into rows of a tensor (n, ...), with 0 for the other images."""
         n = len(self.task.labels)
         if len(self.rows) == n:
             return values
         return values.new_zeros(n, *values.shape[1:]).index_copy(0, self.rows, values)
 
-    def _of(self, values: Tensor) -> Tensor:
+    def _rows_of(self, values: Tensor) -> Tensor:
         return values if len(self.rows) == len(values) else values[self.rows]

@@ -103,9 +103,9 @@ def _draw(
         drawn = torch.rand(
             windows.shape[:3], generator=generator, dtype=torch.float64, device="cpu"
         )
-        full = len(keys) == patches
-        small = drawn < keys.max() if full else torch.ones_like(drawn, dtype=torch.bool)
-        chosen = small.nonzero()
+        is_full = len(keys) == patches
+        is_small = drawn < keys.max() if is_full else torch.ones_like(drawn, dtype=torch.bool)
+        chosen = is_small.nonzero()
         if len(chosen) > patches:
             chosen = chosen[drawn[tuple(chosen.T)].topk(patches, largest=False).indices]
         new = windows[tuple(chosen.to(batch.device).T)].float().cpu()
@@ -122,22 +122,22 @@ def _content(images: Tensor | Iterable[Tensor]) -> str:
     if isinstance(images, Tensor):
         digest = hashlib.sha256()
         if images.numel():
-            digest.update(
-                images.detach().cpu().contiguous().view(torch.uint8).flatten().numpy().data
-            )
+            content = images.detach().cpu().contiguous().view(torch.uint8)
+            digest.update(content.flatten().numpy().data)
         return f"{tuple(images.shape)} {images.dtype} {digest.hexdigest()}"
-    told = []
+    descriptions = []
     for part in (images, getattr(images, "dataset", None)):
         if part is not None:
-            told.append(f"{type(part).__name__} {len(part) if isinstance(part, Sized) else '?'}")
-    return " ".join(told)
+            length = len(part) if isinstance(part, Sized) else "?"
+            descriptions.append(f"{type(part).__name__} {length}")
+    return " ".join(descriptions)
 
 
 def _read(file: Path, key: str) -> Tensor | None:
     """Return the bank of that key, or None where the file is missing, broken or of another key."""
     try:
-        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
-            return torch.from_numpy(kept["bank"]) if str(kept["key"]) == key else None
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
+            return torch.from_numpy(content["bank"]) if str(content["key"]) == key else None
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return None
 

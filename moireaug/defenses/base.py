@@ -1,4 +1,4 @@
-"""What every defence shares: checked images in and out, and the straight-through gradient."""
+"""The base of every defence: checked images in and out, and the straight-through gradient."""
 
 from __future__ import annotations
 
@@ -53,15 +53,15 @@ class Defence(ABC):
         if not len(images):
             return images.clone()
         with torch.autocast(images.device.type, enabled=False):
-            shown = images if images.dtype == torch.float64 else images.float()
-            return self.apply(shown).to(images.dtype)
+            x = images if images.dtype == torch.float64 else images.float()
+            return self.apply(x).to(images.dtype)
 
     @abstractmethod
     def apply(self, images: Tensor) -> Tensor:
         """Compute the operation on checked images, B >= 1, float32 or float64."""
 
 
-class _Through(torch.autograd.Function):
+class _StraightThrough(torch.autograd.Function):
     @staticmethod
     def forward(ctx, images, values):
         return values.view_as(values)
@@ -74,7 +74,7 @@ class _Through(torch.autograd.Function):
 def straight_through(images: Tensor, values: Tensor) -> Tensor:
     """Return `values` bit for bit, with the identity as gradient to `images`; both have the same
     shape and dtype."""
-    return _Through.apply(images, values.detach())
+    return _StraightThrough.apply(images, values.detach())
 
 
 def mirrored(size: int, before: int, after: int, device: torch.device) -> Tensor:

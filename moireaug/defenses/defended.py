@@ -29,7 +29,7 @@ class Compose(Defence):
     Backward: through each in turn; pixels on the bounds keep their gradient.
 
     Raises:
-        TypeError: what is not a tuple of callables.
+        TypeError: anything but a tuple of callables.
         ValueError: in a call, a callable that changes the images' shape.
     """
 
@@ -47,8 +47,8 @@ class Compose(Defence):
                     "DEFENSES[name]()?"
                 )
         object.__setattr__(self, "defences", tuple(self.defences))
-        drawing = [d for d in self.defences if getattr(d, "randomised", False)]
-        object.__setattr__(self, "randomised", bool(drawing))
+        randomised = [d for d in self.defences if getattr(d, "randomised", False)]
+        object.__setattr__(self, "randomised", bool(randomised))
 
     @property
     def title(self) -> str:
@@ -57,13 +57,13 @@ class Compose(Defence):
     @property
     def networks(self) -> tuple[nn.Module, ...]:
         """The modules among the defences, also inside nested defences."""
-        found: list[nn.Module] = []
+        networks: list[nn.Module] = []
         for defence in self.defences:
             if isinstance(defence, Defence):
-                found += defence.networks
+                networks += defence.networks
             elif isinstance(defence, nn.Module):
-                found.append(defence)
-        return tuple(found)
+                networks.append(defence)
+        return tuple(networks)
 
     def __call__(self, images: Tensor) -> Tensor:
         images = check_images(images)
@@ -99,13 +99,13 @@ class Defended(nn.Module):
             device are set here.
         defence: of `moireaug.defenses`, or any callable from images to images, as in `Compose`; a
             module in it becomes a submodule, too.
-        draws: of a randomised defence. With more than one, the logits are the logarithm of the
-            predicted probabilities' mean: its gradient is the expectation over the defence's draws
-            that an attack needs (EOT; Athalye, Carlini and Wagner 2018). Time and, with gradients,
-            memory grow with it. A defence that is not randomised is drawn once.
+        draws: number of draws of a randomised defence; others are drawn once. With more than one,
+            the logits are the logarithm of the predicted probabilities' mean: its gradient is the
+            expectation over the defence's draws that an attack needs (EOT; Athalye, Carlini and
+            Wagner 2018). Time and, with gradients, memory grow with it.
 
     Raises:
-        TypeError, ValueError: what is not callable, or draws below 1.
+        TypeError, ValueError: a part that is not callable, or draws below 1.
     """
 
     def __init__(
@@ -115,10 +115,10 @@ class Defended(nn.Module):
         check_whole("draws", draws, 1)
         if not callable(model) or isinstance(model, type):
             raise TypeError(f"model must be callable on images; got {model!r}.")
-        row = defence if isinstance(defence, Compose) else Compose((defence,))
+        chain = defence if isinstance(defence, Compose) else Compose((defence,))
         self.model = model
-        self.defence = defence if isinstance(defence, Defence) else row
-        self.networks = nn.ModuleList(row.networks)
+        self.defence = defence if isinstance(defence, Defence) else chain
+        self.networks = nn.ModuleList(chain.networks)
         self.draws = draws
 
     def forward(self, images: Tensor) -> Tensor:

@@ -24,10 +24,10 @@ class PixelDeflection(Defence):
     default wavelet, db1.
 
     Args:
-        deflections: of each image, at least 0. The paper takes 200.
-        window: how far a colour may come from along each axis, in pixels, at least 1. The paper
-            takes 10.
-        sigma: the noise's standard deviation, in units of [0, 1] images, above 0. The paper takes
+        deflections: number of deflected pixels of each image, at least 0. The paper takes 200.
+        window: largest distance that a colour comes from along each axis, in pixels, at least 1.
+            The paper takes 10.
+        sigma: standard deviation of the noise, in units of [0, 1] images, above 0. The paper takes
             0.04.
 
     Backward: a deflected pixel's gradient goes to where its colour came from; the denoising is the
@@ -59,19 +59,20 @@ class PixelDeflection(Defence):
         return straight_through(deflected, denoise(deflected.detach(), self.sigma))
 
     def _sources(self, b: int, h: int, w: int) -> np.ndarray:
-        """Return where each pixel's colour comes from: flat indices (b, h w)."""
+        """Return the flat index of the pixel that each pixel's colour comes from, (b, h w)."""
         u = torch.rand(4, self.deflections, b, dtype=torch.float64, device="cpu").numpy()
         rows, cols = np.floor(u[0] * h).astype(int), np.floor(u[1] * w).astype(int)
-        far = self._near(rows, h, u[2]) * w + self._near(cols, w, u[3])
+        origins = self._nearby_positions(rows, h, u[2]) * w + self._nearby_positions(cols, w, u[3])
         source, image = np.tile(np.arange(h * w), (b, 1)), np.arange(b)
-        for to, fro in zip(rows * w + cols, far, strict=True):  # in turn, as a colour can travel on
-            source[image, to] = source[image, fro]
+        targets = rows * w + cols
+        for target, origin in zip(targets, origins, strict=True):  # in turn: a colour can travel on
+            source[image, target] = source[image, origin]
         return source
 
-    def _near(self, at: np.ndarray, size: int, u: np.ndarray) -> np.ndarray:
-        """Return whole positions, uniform on the part of [at - window, at + window] in [0,
-        size)."""
-        low, high = np.maximum(at - self.window, 0), np.minimum(at + self.window, size - 1)
+    def _nearby_positions(self, positions: np.ndarray, size: int, u: np.ndarray) -> np.ndarray:
+        """Return whole positions within `window` of the given ones, uniform in [0, size)."""
+        low = np.maximum(positions - self.window, 0)
+        high = np.minimum(positions + self.window, size - 1)
         return low + np.floor(u * (high - low + 1)).astype(int)
 
 

@@ -12,8 +12,7 @@ from moireaug.defenses.base import Defence, check_real, check_whole, mirrored, s
 from moireaug.effects.jpeg import jpeg
 from moireaug.numeric import clip
 
-# the mean below which `Gain` does not go on amplifying, so that black stays black
-DARKEST = 1 / 255
+MIN_MEAN = 1 / 255  # to which `Gain` raises a lower mean, so that black stays black
 
 
 @dataclass(frozen=True)
@@ -118,21 +117,23 @@ class _Median(torch.autograd.Function):
     @staticmethod
     def backward(ctx, gradient):
         images, out = ctx.saved_tensors
-        size, back = ctx.size, torch.empty_like(images)
+        size, image_gradients = ctx.size, torch.empty_like(images)
         h, w = images.shape[-2:]
         rows, cols = (_window(n, size, images.device) for n in (h, w))
-        for row, image, taken, g in zip(back, images, out, gradient, strict=True):
+        for row, image, median, g in zip(image_gradients, images, out, gradient, strict=True):
             extended = _extended(image, size)
-            arrived, left = torch.zeros_like(extended), g.clone()
+            extended_gradient, remaining = torch.zeros_like(extended), g.clone()
             for i in range(size):
                 for j in range(size):
-                    here = (slice(None), slice(i, i + h), slice(j, j + w))
-                    share = torch.where(extended[here] == taken, left, 0)
-                    arrived[here] += share
-                    left -= share  # a gradient goes to one pixel only
-            folded = image.new_zeros(3, h, extended.shape[-1]).index_add_(1, rows, arrived)
+                    window = (slice(None), slice(i, i + h), slice(j, j + w))
+                    share = torch.where(extended[window] == median, remaining, 0)
+                    extended_gradient[window] += share
+                    remaining -= share  # a gradient goes to one pixel only
+            folded = image.new_zeros(3, h, extended.shape[-1]).index_add_(
+                1, rows, extended_gradient
+            )
             row.copy_(image.new_zeros(3, h, w).index_add_(2, cols, folded))
-        return back, None
+        return image_gradients, None
 
 
 def _window(n: int, size: int, device: torch.device) -> Tensor:
@@ -201,7 +202,7 @@ class Gain(Defence):
         return "gain"
 
     def apply(self, images: Tensor) -> Tensor:
-        mean = images.mean((1, 2, 3), keepdim=True).clamp(min=DARKEST)
+        mean = images.mean((1, 2, 3), keepdim=True).clamp(min=MIN_MEAN)
         return clip(images * (self.mean / mean))
 
 

@@ -14,8 +14,8 @@ from torch import Tensor
 from moireaug.defenses.bank import check_patches, draw_bank
 from moireaug.defenses.base import Defence, mirrored, straight_through
 
-# patches of the image and of the bank at a time, so that their products stay in the cache
-QUERIES, BLOCK = 1024, 2048
+# patches of the image and of the bank at once, whose products stay in the cache
+QUERIES_PER_BLOCK, PATCHES_PER_BLOCK = 1024, 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Quilting(Defence):
     The image is read in patches on a grid of stride patch - overlap, mirrored where the last goes
     past the border. Each is replaced by the bank's patch at the least L2 distance, searched
     exhaustively in float32 (the paper's K = 1). They are laid left to right, top to bottom; where
-    one overlaps what lies there already, it starts behind the minimum-error boundary cut (Efros and
+    one overlaps patches laid before, it starts behind the minimum-error boundary cut (Efros and
     Freeman 2001) down its left and along its upper overlap, found by dynamic programming rather
     than by the paper's graph cut.
 
@@ -97,8 +97,8 @@ class Quilting(Defence):
         rows = mirrored(h, 0, side + down * stride - h, images.device)
         cols = mirrored(w, 0, side + across * stride - w, images.device)
         extended = images.detach()[:, :, rows][..., cols]
-        asked = extended.unfold(2, side, stride).unfold(3, side, stride).permute(0, 2, 3, 1, 4, 5)
-        nearest = self.nearest(asked.reshape(-1, 3, side, side)).view(b, down + 1, across + 1)
+        queries = extended.unfold(2, side, stride).unfold(3, side, stride).permute(0, 2, 3, 1, 4, 5)
+        nearest = self.nearest(queries.reshape(-1, 3, side, side)).view(b, down + 1, across + 1)
         bank = self.bank.to(images)
         return straight_through(images, stitch(bank, nearest, self.overlap)[..., :h, :w])
 
@@ -117,20 +117,20 @@ class Quilting(Defence):
         bank, mean = (part.to(patches.device) for part in self._search)
         flat = patches.flatten(1).float() - mean
         flat = torch.cat([flat, flat.new_ones(len(flat), 1)], 1)
-        return torch.cat([_best(part, bank) for part in flat.split(QUERIES)])
+        return torch.cat([_nearest_indices(part, bank) for part in flat.split(QUERIES_PER_BLOCK)])
 
 
-def _best(asked: Tensor, bank: Tensor) -> Tensor:
-    """Return where asked @ bank.T is greatest, i.e. the distance least, without ever holding all of
-    it: (M,)."""
-    tops = torch.stack([(asked @ block.T).amax(1) for block in bank.split(BLOCK)], 1)
-    winner, best = tops.argmax(1), asked.new_empty(len(asked), dtype=torch.long)
+def _nearest_indices(queries: Tensor, bank: Tensor) -> Tensor:
+    """Return the index (M,) of the greatest entry of each row of queries @ bank.T, which is that of
+    the nearest patch, without ever holding all of the product."""
+    tops = torch.stack([(queries @ block.T).amax(1) for block in bank.split(PATCHES_PER_BLOCK)], 1)
+    winner, nearest = tops.argmax(1), queries.new_empty(len(queries), dtype=torch.long)
     # amax alone is many times faster than argmax
-    for number, block in enumerate(bank.split(BLOCK)):
-        here = (winner == number).nonzero()[:, 0]
-        if len(here):
-            best[here] = (asked[here] @ block.T).argmax(1) + number * BLOCK
-    return best
+    for number, block in enumerate(bank.split(PATCHES_PER_BLOCK)):
+        rows = (winner == number).nonzero()[:, 0]
+        if len(rows):
+            nearest[rows] = (queries[rows] @ block.T).argmax(1) + number * PATCHES_PER_BLOCK
+    return nearest
 
 
 def stitch(bank: Tensor, chosen: Tensor, overlap: int) -> Tensor:

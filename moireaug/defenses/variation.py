@@ -13,7 +13,7 @@ from moireaug.defenses.base import Defence, check_real, check_whole, straight_th
 # weight of the constraint d = grad z, relative to the data term: the fastest of those tried at
 # weight 0.03
 STIFFNESS = 0.3
-AT_ONCE = 200_000  # numbers per pass: more images than that fall out of the cache
+MAX_NUMBERS_PER_PASS = 200_000  # more would fall out of the cache
 
 
 @dataclass(frozen=True)
@@ -65,19 +65,18 @@ class TotalVariation(Defence):
 
     def apply(self, images: Tensor) -> Tensor:
         mask = (torch.rand(images.shape, dtype=torch.float32, device="cpu") < self.keep).to(images)
-        step = max(1, AT_ONCE // images[0].numel())
+        step = max(1, MAX_NUMBERS_PER_PASS // images[0].numel())
         pairs = zip(images.detach().split(step), mask.split(step), strict=True)
         solved = [minimise(x, m, self.weight, self.iterations) for x, m in pairs]
         return straight_through(images, torch.cat(solved).clamp(0, 1))
 
 
 def objective(z: Tensor, x: Tensor, mask: Tensor, weight: float) -> Tensor:
-    """Return what `minimise` minimises, per image and channel: (B, C, H, W) three times to
+    """Return the objective of `minimise` per image and channel: (B, C, H, W) three times to
     (B, C)."""
     down, right = F.pad(z.diff(dim=2), (0, 0, 0, 1)), F.pad(z.diff(dim=3), (0, 1))
-    return (mask * (z - x).square() / 2 + weight * (down.square() + right.square()).sqrt()).sum(
-        (2, 3)
-    )
+    variation = (down.square() + right.square()).sqrt()
+    return (mask * (z - x).square() / 2 + weight * variation).sum((2, 3))
 
 
 @torch.no_grad()
@@ -138,11 +137,9 @@ def fill(x: Tensor, mask: Tensor) -> Tensor:
         return x.clone()
     if x.shape[-2:] == (1, 1):
         return torch.where(mask > 0, x, 0.5)
-    kept = F.avg_pool2d(mask, 2, ceil_mode=True)
+    kept_share = F.avg_pool2d(mask, 2, ceil_mode=True)
     # 0 / 0.1 if none of four is kept
-    coarse = F.avg_pool2d(mask * x, 2, ceil_mode=True) / kept.clamp(min=0.1)
-    coarse = fill(coarse, (kept > 0).to(x))
-    coarse = coarse.repeat_interleave(2, 2).repeat_interleave(2, 3)[
-        ..., : x.shape[-2], : x.shape[-1]
-    ]
-    return torch.where(mask > 0, x, coarse)
+    coarse = F.avg_pool2d(mask * x, 2, ceil_mode=True) / kept_share.clamp(min=0.1)
+    coarse = fill(coarse, (kept_share > 0).to(x))
+    fine = coarse.repeat_interleave(2, 2).repeat_interleave(2, 3)
+    return torch.where(mask > 0, x, fine[..., : x.shape[-2], : x.shape[-1]])

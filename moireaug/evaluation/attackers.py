@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,8 +11,8 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
-from moireaug.attacks.pose import moved_fields
-from moireaug.attacks.problem import single
+from moireaug.attacks.pose import searched_fields
+from moireaug.attacks.problem import Result, single
 from moireaug.capture import capture
 from moireaug.defenses import Defended
 from moireaug.evaluation.conditions import Condition, EvalBatch, Model, codes
@@ -20,7 +21,7 @@ from moireaug.evaluation.visibility import visibility
 from moireaug.mixtures import Mixture, scenes_of
 from moireaug.scenes import Scene
 
-DRAWS = 4  # of an expectation over shots, or over a randomised defence
+EXPECTATION_DRAWS = 4  # shots, or draws of a randomised defence, that an expectation averages
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +29,8 @@ class Attacker(Condition):
     """An attack at one bound.
 
     Args:
-        eps: bound of the noise, in [0, 1] units. steps: gradient steps, or queries.
+        eps: bound of the noise, in [0, 1] units.
+        steps: number of gradient steps, or of queries.
     """
 
     control: ClassVar[bool] = False
@@ -38,40 +40,40 @@ class Attacker(Condition):
     steps: int
 
     @abstractmethod
-    def attacked(self, batch: EvalBatch) -> Tensor:
-        """Return what the attack shows.
+    def perturb(self, batch: EvalBatch) -> Tensor:
+        """Return the adversarial images, (B, 3, H, W).
 
         Raises:
             NoAnswerError: the model has no answer to any of the images.
         """
 
     @property
-    def parts(self) -> int:
-        """How many parts a batch is attacked in: an expectation over n draws takes n times the
-        images, so that each step holds no more than a batch."""
+    def n_splits(self) -> int:
+        """Number of splits of a batch that are attacked in turn: an expectation over n draws takes
+        n times the images, and no step shall hold more than a batch."""
         return 1
 
     def show(self, batch: EvalBatch) -> Tensor:
-        size = -(-len(batch.images) // self.parts)
-        shown = []
+        size = -(-len(batch.images) // self.n_splits)
+        images = []
         for first in range(0, len(batch.images), size):
-            part = batch[first : first + size]
+            split = batch[first : first + size]
             try:
-                shown.append(self.attacked(part))
+                images.append(self.perturb(split))
             except NoAnswerError:  # wrong without an attack: the evaluation goes on
-                shown.append(self.start(part))
-        return torch.cat(shown)
+                images.append(self.unattacked(split))
+        return torch.cat(images)
 
-    def start(self, batch: EvalBatch) -> Tensor:
-        """Return what the attack starts from."""
+    def unattacked(self, batch: EvalBatch) -> Tensor:
+        """Return the images without an attack."""
         return capture(batch.images, batch.shot) if self.on_screen else batch.images
 
     def goals(self, batch: EvalBatch) -> tuple[Tensor, Tensor | None]:
-        """Return the labels, and the targets where the attack is targeted."""
+        """Return the labels, and the targets of a targeted attack."""
         return batch.labels, batch.targets if self.targeted else None
 
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        return visibility(shown, self.start(batch), batch.lpips)
+    def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
+        return visibility(images, self.unattacked(batch), batch.lpips)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,12 +81,12 @@ class MoireAttacker(Attacker):
     """The Moiré Attack on the very shot that is judged.
 
     Args:
-        variant: what distinguishes this attacker from the plain one; part of its name.
+        variant: word that the name of a special attacker adds.
         rule, loss, restarts, noise_at, optimise: as of `attacks.MoireAttack`.
         until_fooled: the same; False where other judges see the noise, or where it is measured at
             its strongest.
-        knows: the defence that it attacks through, with the defence's own approximate gradient
-            (BPDA) and by expectation over its draws where it is randomised (EOT).
+        knows: judge whose defence is attacked, with the defence's own approximate gradient (BPDA)
+            and by expectation over its draws where it is randomised (EOT).
     """
 
     kind = "ma"
@@ -102,15 +104,15 @@ class MoireAttacker(Attacker):
         kind = ["targeted"] if self.targeted else []
         if self.variant:
             kind.append(self.variant)
-        return _name("ma", self.eps, *kind, until_fooled=self.until_fooled)
+        return _attack_name("ma", self.eps, *kind, until_fooled=self.until_fooled)
 
     @property
-    def parts(self) -> int:
-        return draws_of(self.knows)
+    def n_splits(self) -> int:
+        return defence_draws(self.knows)
 
-    def attacked(self, batch: EvalBatch) -> Tensor:
+    def perturb(self, batch: EvalBatch) -> Tensor:
         attack = MoireAttack(
-            model=through(self.knows, batch.model),
+            model=behind_defence(self.knows, batch.model),
             scene=batch.shot.scene,
             eps=self.eps,
             steps=self.steps,
@@ -121,22 +123,19 @@ class MoireAttacker(Attacker):
             optimise=self.optimise,
             until_fooled=self.until_fooled,
         )
-        goals = self.goals(batch)
-        return single(
-            attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
-        ).images
+        return attack_shot(attack, batch, *self.goals(batch)).images
 
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
+    def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
         if self.optimise != ("noise",):  # there is no photo of the same pose to compare with
             return {}
-        return super().measure(batch, shown)
+        return super().measure(batch, images)
 
     def settings(self) -> dict[str, Any]:
         return super().settings() | known_defence(self.knows)
 
 
 class PoseUnknown(Attacker):
-    """Noise found by expectation over other draws of the scene, shown on the shot that is
+    """The Moiré Attack by expectation over other draws of the scene, shown on the shot that is
     judged."""
 
     kind = "blind"
@@ -146,16 +145,16 @@ class PoseUnknown(Attacker):
         return f"blind_{codes(self.eps)}"
 
     @property
-    def parts(self) -> int:
-        return DRAWS
+    def n_splits(self) -> int:
+        return EXPECTATION_DRAWS
 
-    def attacked(self, batch: EvalBatch) -> Tensor:
+    def perturb(self, batch: EvalBatch) -> Tensor:
         attack = MoireAttack(
             model=batch.model,
             scene=batch.shot.scene,
             eps=self.eps,
             steps=self.steps,
-            eot=DRAWS,
+            eot=EXPECTATION_DRAWS,
         )
         result = single(attack(batch.images, *self.goals(batch), generator=batch.generator))
         return capture(batch.images, batch.shot, result.noise)
@@ -180,9 +179,9 @@ class PixelAttacker(Attacker):
     def base_name(self) -> str:
         if self.attack == "cw":
             return self.attack
-        return _name(self.attack, self.eps, until_fooled=self.until_fooled)
+        return _attack_name(self.attack, self.eps, until_fooled=self.until_fooled)
 
-    def attacked(self, batch: EvalBatch) -> Tensor:
+    def perturb(self, batch: EvalBatch) -> Tensor:
         settings: dict[str, Any] = {"steps": self.steps}
         if self.attack != "cw":
             settings |= {"eps": self.eps, "until_fooled": self.until_fooled}
@@ -191,41 +190,48 @@ class PixelAttacker(Attacker):
         return single(attack(batch.images, *goals, generator=batch.generator)).images
 
 
-def _name(attack: str, eps: float, *kind: str, until_fooled: bool) -> str:
-    parts = [attack, codes(eps), *kind]
+def attack_shot(
+    attack: Callable[..., Result | list[Result]], batch: EvalBatch, *goals: Tensor | None
+) -> Result:
+    """Return the result of an attack on the batch's own shot."""
+    return single(attack(batch.images, *goals, shot=batch.shot, generator=batch.generator))
+
+
+def _attack_name(attack: str, eps: float, *variants: str, until_fooled: bool) -> str:
+    words = [attack, codes(eps), *variants]
     if not until_fooled:
-        parts.append("in_every_step")
-    return "_".join(parts)
+        words.append("in_every_step")
+    return "_".join(words)
 
 
-def draws_of(knows: Judge | None) -> int:
-    """Return how many draws of a defence an attacker averages over: several where it is
+def defence_draws(knows: Judge | None) -> int:
+    """Return the number of draws of a defence that an attacker averages over: several where it is
     randomised."""
     randomised = knows is not None and getattr(knows.defence, "randomised", False)
-    return DRAWS if randomised else 1
+    return EXPECTATION_DRAWS if randomised else 1
 
 
-def through(knows: Judge | None, model: Model) -> Model:
-    """Return what is attacked: the model, behind the defence that the attacker knows of."""
+def behind_defence(knows: Judge | None, model: Model) -> Model:
+    """Return the attacked model, behind the defence that the attacker knows of."""
     if knows is None or knows.defence is None:
         return model
-    return Defended(model, knows.defence, draws=draws_of(knows))
+    return Defended(model, knows.defence, draws=defence_draws(knows))
 
 
 def known_defence(knows: Judge | None) -> dict[str, str]:
-    """Return what identifies the defence that an attacker knows of, for its settings."""
+    """Return the identity of the defence that an attacker knows of, for its settings."""
     return {} if knows is None else {"knows": knows.identity}
 
 
-def turnable(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
-    """Return which of view and panel an attacker can move, in every scene of a mixture, and, where
-    it is none, why."""
-    found, why = [], ""
+def movable_parts(scene: Scene | Mixture) -> tuple[tuple[str, ...], str]:
+    """Return the parts, of view and panel, that an attacker can search in every scene of a mixture,
+    and, where there is none, the reason."""
+    parts, reason = [], ""
     for part in ("view", "panel"):
         try:
             for one in scenes_of(scene):
-                moved_fields(one, (part,))
-            found.append(part)
+                searched_fields(one, (part,))
+            parts.append(part)
         except ValueError as error:
-            why = why or str(error)
-    return tuple(found), "" if found else why
+            reason = reason or str(error)
+    return tuple(parts), "" if parts else reason

@@ -11,16 +11,21 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks import MoireAttack, MultiTargeted, SquareMoire, evaluating
-from moireaug.attacks.problem import single
-from moireaug.evaluation.attackers import Attacker, draws_of, known_defence, through
+from moireaug.evaluation.attackers import (
+    Attacker,
+    attack_shot,
+    behind_defence,
+    defence_draws,
+    known_defence,
+)
 from moireaug.evaluation.conditions import EvalBatch, codes
 from moireaug.evaluation.judges import Judge
 
-CLASSES = 9  # that APGD-T goes toward
+N_TARGET_CLASSES = 9  # of APGD-T
 
 
 class TargetedApgd(Attacker):
-    """APGD-T on the raw reading: see `toward_classes`."""
+    """APGD-T on the raw reading: see `perturb_toward_classes`."""
 
     kind = "apgd_t"
 
@@ -28,8 +33,8 @@ class TargetedApgd(Attacker):
     def base_name(self) -> str:
         return f"apgd_t_{codes(self.eps)}"
 
-    def attacked(self, batch: EvalBatch) -> Tensor:
-        return toward_classes(batch, self.eps, self.steps, CLASSES)
+    def perturb(self, batch: EvalBatch) -> Tensor:
+        return perturb_toward_classes(batch, self.eps, self.steps, N_TARGET_CLASSES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,12 +43,12 @@ class Apgd(Attacker):
     images that are still right, APGD-T.
 
     Args:
-        classes: how many APGD-T goes toward, the likeliest first.
+        classes: number of target classes of APGD-T, the likeliest first.
         knows: as of `MoireAttacker`.
     """
 
     kind = "apgd"
-    classes: int = CLASSES
+    classes: int = N_TARGET_CLASSES
     knows: Judge | None = None
 
     @property
@@ -52,11 +57,11 @@ class Apgd(Attacker):
         return name if self.knows is None else f"{name}_through_{self.knows.name}"
 
     @property
-    def parts(self) -> int:
-        return draws_of(self.knows)
+    def n_splits(self) -> int:
+        return defence_draws(self.knows)
 
-    def attacked(self, batch: EvalBatch) -> Tensor:
-        batch = dataclasses.replace(batch, model=through(self.knows, batch.model))
+    def perturb(self, batch: EvalBatch) -> Tensor:
+        batch = dataclasses.replace(batch, model=behind_defence(self.knows, batch.model))
         first = MoireAttack(
             model=batch.model,
             scene=batch.shot.scene,
@@ -65,14 +70,12 @@ class Apgd(Attacker):
             rule="apgd",
             until_fooled=True,
         )
-        found = single(
-            first(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
-        )
-        right = (~found.success).nonzero()[:, 0]
-        if not len(right):
-            return found.images
-        second = toward_classes(batch[right], self.eps, self.steps, self.classes)
-        return found.images.index_copy(0, right, second)
+        result = attack_shot(first, batch, batch.labels)
+        still_right = (~result.success).nonzero()[:, 0]
+        if not len(still_right):
+            return result.images
+        images = perturb_toward_classes(batch[still_right], self.eps, self.steps, self.classes)
+        return result.images.index_copy(0, still_right, images)
 
     def settings(self) -> dict[str, Any]:
         return super().settings() | known_defence(self.knows)
@@ -87,19 +90,16 @@ class SquareAttacker(Attacker):
     def base_name(self) -> str:
         return f"square_{codes(self.eps)}"
 
-    def attacked(self, batch: EvalBatch) -> Tensor:
+    def perturb(self, batch: EvalBatch) -> Tensor:
         scene = batch.shot.scene
         attack = SquareMoire(
             model=batch.model, scene=scene, eps=self.eps, steps=self.steps, until_fooled=True
         )
-        goals = self.goals(batch)
-        return single(
-            attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
-        ).images
+        return attack_shot(attack, batch, *self.goals(batch)).images
 
 
-def toward_classes(batch: EvalBatch, eps: float, steps: int, classes: int) -> Tensor:
-    """Return what APGD-T shows: APGD toward each of the likeliest other classes in turn, by the
+def perturb_toward_classes(batch: EvalBatch, eps: float, steps: int, classes: int) -> Tensor:
+    """Return the images of APGD-T: APGD toward each of the likeliest other classes in turn, by the
     targeted DLR loss; a model of fewer than four classes has no such loss, and is attacked by the
     margin."""
     with evaluating(batch.model, batch.images), torch.no_grad():
@@ -113,7 +113,5 @@ def toward_classes(batch: EvalBatch, eps: float, steps: int, classes: int) -> Te
         loss="dlr" if logits.shape[1] >= 4 else "margin",
         until_fooled=True,
     )
-    toward = MultiTargeted(attack, targets=classes)
-    return single(
-        toward(batch.images, batch.labels, shot=batch.shot, generator=batch.generator)
-    ).images
+    multitargeted = MultiTargeted(attack, targets=classes)
+    return attack_shot(multitargeted, batch, batch.labels).images

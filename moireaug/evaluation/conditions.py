@@ -1,5 +1,5 @@
-"""Conditions: what a model is shown, from the clean image to the last control. Attackers are in
-`attackers.py`.
+"""Conditions: the images that a model is shown, from the clean ones to the last control. Attackers
+are in `attackers.py`.
 
 A condition is a record of settings with one method, `show`. Its settings say all that it depends on
 besides the batch: two conditions with the same settings show the same images, whichever suite asks
@@ -34,12 +34,14 @@ class EvalBatch:
     mixture alone.
 
     Args:
-        model: [0, 1] images to logits.
-        images: (B, 3, H, W) in [0, 1]. labels: (B,). targets: (B,), another class each.
+        model: function of [0, 1] images that returns logits.
+        images: (B, 3, H, W) images in [0, 1].
+        labels: (B,) true classes.
+        targets: (B,) other classes, for targeted attacks.
         shot: one draw of the condition's scene per image.
-        generator: of the condition's own random numbers.
-        lpips: an `LPIPS` that measures how visible an attack is, besides the other figures; None
-            for none.
+        generator: generator of the condition's own random numbers.
+        lpips: `LPIPS` that measures the visibility of an attack, besides the other figures, or
+            None.
     """
 
     model: Model
@@ -62,13 +64,13 @@ class EvalBatch:
 
 @dataclass(frozen=True, kw_only=True)
 class Condition(ABC):
-    """What is shown.
+    """A way to show images to a model.
 
     Args:
-        eps: bound of the noise, in [0, 1] units. targeted: whether being fooled means predicting
-            the target's class.
-        scene: the scene of the photos, or a mixture; None is the evaluation's scene. Shots of one
-            scene are drawn alike, so that all conditions of a scene share theirs.
+        eps: bound of the noise, in [0, 1] units.
+        targeted: whether being fooled means predicting the target's class.
+        scene: scene of the photos, or a mixture; None is the evaluation's scene. Shots of one scene
+            are drawn alike, so that all conditions of a scene share theirs.
         place: name of that scene, part of this condition's name.
     """
 
@@ -91,19 +93,19 @@ class Condition(ABC):
 
     @abstractmethod
     def show(self, batch: EvalBatch) -> Tensor:
-        """Return what the model is shown, (B, 3, H, W) in [0, 1]."""
+        """Return the images that the model is shown, (B, 3, H, W) in [0, 1]."""
 
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        """Return figures to record as well, each one per image."""
+    def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
+        """Return further figures to record by name, one value per image."""
         return {}
 
     def settings(self) -> dict[str, Any]:
-        """Return all that this condition depends on besides its scene, as plain values."""
-        found: dict[str, Any] = {"kind": self.kind}
+        """Return all settings of this condition but its scene, as plain values."""
+        settings: dict[str, Any] = {"kind": self.kind}
         for field in dataclasses.fields(self):
             if field.name != "scene":
-                found[field.name] = getattr(self, field.name)
-        return found
+                settings[field.name] = getattr(self, field.name)
+        return settings
 
     def at(self, place: str, scene: Scene | Mixture) -> Condition:
         """Return the same condition in another scene."""

@@ -20,16 +20,18 @@ from moireaug.evaluation.frame import images_frame
 from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Job, Runner, jobs_of
-from moireaug.evaluation.suites import USES, check_used, tables_of
+from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, paper_defences
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
 from moireaug.scenes import Scene
 
+Batch = tuple[Tensor, Tensor]  # images and labels
+
 
 def evaluate(
     model: Model,
-    loader: Iterable[tuple[Tensor, Tensor]],
+    loader: Iterable[Batch],
     suite: str = "ladder",
     scene: Scene | str | dict | list | tuple = "screen_photo",
     *,
@@ -62,7 +64,7 @@ def evaluate(
             suite's own: those that the paper prints, or 4 and 8/255 for standard. worst_case always
             has these two; threat and unseen attack nothing.
         steps: gradient steps of every attack.
-        n: how many images; None is all.
+        n: number of images; None is all.
         seed: of shots, targets and random starts.
         targets: name to model, for the suites "transfer" and "trust".
         defences: name to defence, in addition to the paper's, or replacing the one of that name.
@@ -75,7 +77,7 @@ def evaluate(
             can be imported.
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16, with
             which the LPIPS of every attack is measured; None does not measure it.
-        progress: whether a bar is shown.
+        progress: whether to show a bar.
 
     Returns:
         A row for each cell of the suite's tables and each image: see `evaluation.images_frame`.
@@ -94,7 +96,7 @@ def evaluate(
     check_count("steps", steps, 0)
     check_count("seed", seed, 0)
     steps, seed = int(steps), int(seed)  # NumPy's have no place in records
-    batches = gathered(loader, n)
+    batches = collect_batches(loader, n)
     config = SuiteConfig(
         scene=as_scenes(scene),
         eps=eps,
@@ -104,46 +106,41 @@ def evaluate(
         networks={name: Demoire(network) for name, network in (networks or {}).items()},
     )
     tables = tables_of(suite, config)
-    given = {
-        "eps": eps,
-        "targets": targets,
-        "defences": defences,
-        "networks": networks,
-        "lpips": lpips,
-    }
-    for option, value in given.items():
+    options: dict[str, object] = {"eps": eps, "targets": targets, "defences": defences}
+    options |= {"networks": networks, "lpips": lpips}
+    for option, value in options.items():
         if value:
-            check_used(suite, option, USES[option])
-    measure = None
+            check_used(suite, option, OPTION_SUITES[option])
+    lpips_network = None
     if lpips is not None:
-        measure = LPIPS(lpips)
-        measure.require_side(min(min(images.shape[-2:]) for images, _ in batches))
+        lpips_network = LPIPS(lpips)
+        lpips_network.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     records = Records()
     if folder is not None:
-        named = {**config.targets, **config.defences, **config.networks}
-        for name, part in {"the model": model, **named}.items():
+        named_parts = {**config.targets, **config.defences, **config.networks}
+        for name, part in {"the model": model, **named_parts}.items():
             require_identity(name, part)
         records = RecordFolder(Path(folder))
     with records:
-        runner = Runner(model, batches, config.scene, records, seed=seed, lpips=measure)
+        runner = Runner(model, batches, config.scene, records, seed=seed, lpips=lpips_network)
         jobs = jobs_of(tables)
         indices = range(len(batches))
         done = runner.run(jobs, indices)
-        for _ in with_bar(done, len(jobs) * len(batches), suite, shown=progress):
+        for _ in show_progress(done, len(jobs) * len(batches), suite, enabled=progress):
             pass
         return images_frame(tables, runner, indices)
 
 
-def with_bar(jobs: Iterable[Job], total: int, title: str, *, shown: bool = True) -> Iterable[Job]:
+def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool) -> Iterable[Job]:
     """Show a bar of the jobs that are done."""
-    with tqdm(total=total, desc=title, unit="job", leave=False, disable=not shown) as bar:
+    with tqdm(total=total, desc=title, unit="job", leave=False, disable=not enabled) as bar:
         for job in jobs:
             bar.set_postfix_str(job.condition.name[:30], refresh=False)
             bar.update()
             yield job
 
 
-def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tuple[Tensor, Tensor]]:
+def collect_batches(loader: Iterable[Batch], n: int | None) -> list[Batch]:
     """Return the first n images of a loader, in its batches; empty ones are left out.
 
     Raises:
@@ -173,18 +170,19 @@ def gathered(loader: Iterable[tuple[Tensor, Tensor]], n: int | None) -> list[tup
 
 
 def _as_tensors(pair: object) -> tuple[Tensor, Tensor]:
-    """Return what a loader has yielded as images and labels; uint8 images as float in [0, 1]."""
+    """Return a batch of a loader as images and labels; uint8 images as float in [0, 1]."""
     if isinstance(pair, Tensor):
         raise ValueError(
             "loader must yield (images, labels); got a tensor. Put a single batch into a list: "
             "[(images, labels)]."
         )
     if not isinstance(pair, Sequence) or len(pair) != 2:
-        got, picked = f"a {type(pair).__name__}", "b['image'], b['label']"
+        description, selectors = f"a {type(pair).__name__}", "b['image'], b['label']"
         if isinstance(pair, Sequence):
-            got, picked = f"{got} of {len(pair)}", "b[0], b[1]"
+            description, selectors = f"{description} of {len(pair)}", "b[0], b[1]"
         raise ValueError(
-            f"loader must yield (images, labels); got {got}. Wrap it: (({picked}) for b in loader)."
+            f"loader must yield (images, labels); got {description}. Wrap it: (({selectors}) for b "
+            "in loader)."
         )
     images, labels = (
         part if isinstance(part, Tensor) else as_tensor(np.asarray(part), name)

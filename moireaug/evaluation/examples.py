@@ -1,4 +1,4 @@
-"""Pictures for a report: what conditions showed of the first batch, with the models' answers."""
+"""Pictures for a report: the first batch under several conditions, with the models' answers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from moireaug.evaluation.report.page import title_of
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.tables import Table
 
-AMPLIFY = 4  # factor by which an attack's change of the photo is enlarged
+CHANGE_GAIN = 4  # factor by which an attack's change of the photo is enlarged
 PHOTO = Photo()
 Example = dict[str, Any]
 
@@ -22,19 +22,20 @@ Example = dict[str, Any]
 def run_examples(
     runners: Mapping[str, Runner], attack: Condition, classes: Mapping[int, str]
 ) -> list[Example]:
-    """Return each kept image clean, photographed, and attacked on every model, with each attack's
-    change enlarged.
+    """Return each recorded image clean, photographed, and attacked on every model, with each
+    attack's change enlarged.
 
     Args:
         runners: name of a model to its runner; all have run on the same images and shots.
-        attack: whose pictures to show. classes: name of each class.
+        attack: attacker whose pictures to show.
+        classes: name of each class.
     """
     first = next(iter(runners.values()))
-    kept = first.records.picture(first.picture_name(CLEAN))
-    if kept is None:
+    pictures = first.records.picture(first.picture_name(CLEAN))
+    if pictures is None:
         return []
-    found = []
-    for row in range(len(kept)):
+    examples = []
+    for row in range(len(pictures)):
         label = first.record(CLEAN, UNDEFENDED, 0)["labels"][row]
         cells = []
         for condition, title in ((CLEAN, "clean image"), (PHOTO, "photographed")):
@@ -43,8 +44,8 @@ def run_examples(
             title = f"attack on {name}, {attack.eps * 255:g}/255"
             cells += _cell({name: runner}, runner, attack, row, title, classes)
             cells += _change(runner, attack, row)
-        found.append({"label": classes.get(label, str(label)), "cells": cells})
-    return found
+        examples.append({"label": classes.get(label, str(label)), "cells": cells})
+    return examples
 
 
 def table_examples(
@@ -53,11 +54,11 @@ def table_examples(
     """Return a table's pictures of one image, the first that the model gets right, with its answer
     to each."""
     clean = runner.record(CLEAN, UNDEFENDED, 0)
-    kept = runner.records.picture(runner.picture_name(CLEAN))
-    if kept is None or not table.pictures:
+    pictures = runner.records.picture(runner.picture_name(CLEAN))
+    if pictures is None or not table.pictures:
         return []
     row = 0
-    for i in range(len(kept) - 1, -1, -1):
+    for i in range(len(pictures) - 1, -1, -1):
         if clean["predicted"][i] == clean["labels"][i]:
             row = i
     cells = []
@@ -71,39 +72,39 @@ def table_examples(
 
 
 def _cell(
-    asked: Mapping[str, Runner],
+    runners: Mapping[str, Runner],
     source: Runner,
     condition: Condition,
     row: int,
     title: str,
     classes: Mapping[int, str],
 ) -> list[dict[str, Any]]:
-    """Return a picture with the models' answers; none where it was not kept."""
-    kept = source.records.picture(source.picture_name(condition))
-    if kept is None:
+    """Return a picture with the models' answers; none where no picture was recorded."""
+    pictures = source.records.picture(source.picture_name(condition))
+    if pictures is None:
         return []
     predictions = []
-    for name, runner in asked.items():
+    for name, runner in runners.items():
         record = runner.record(condition, UNDEFENDED, 0)
         answer = record["predicted"][row]
-        said = "no answer" if answer == UNDECIDED else classes.get(answer, str(answer))
-        predictions.append((name, said, answer == record["labels"][row]))
-    return [{"title": title, "image": kept[row], "predictions": predictions}]
+        answer_name = "no answer" if answer == UNDECIDED else classes.get(answer, str(answer))
+        predictions.append((name, answer_name, answer == record["labels"][row]))
+    return [{"title": title, "image": pictures[row], "predictions": predictions}]
 
 
 def _change(runner: Runner, attack: Condition, row: int) -> list[dict[str, Any]]:
-    """Return what the noise changes in the photo, enlarged."""
+    """Return the change of the photo by the noise, enlarged."""
     attacked = runner.records.picture(runner.picture_name(attack))
     photo = runner.records.picture(runner.picture_name(PHOTO))
     if attacked is None or photo is None:
         return []
     change = attacked[row].astype(float) - photo[row]
-    image = np.clip(127.5 + AMPLIFY * change, 0, 255).round().astype(np.uint8)
-    return [{"title": f"its change, × {AMPLIFY}", "image": image, "predictions": []}]
+    image = np.clip(127.5 + CHANGE_GAIN * change, 0, 255).round().astype(np.uint8)
+    return [{"title": f"its change, × {CHANGE_GAIN}", "image": image, "predictions": []}]
 
 
 def _title(places: Sequence[tuple[str, str]], place: tuple[str, str]) -> str:
-    """Return what distinguishes a picture from its neighbours: its row, its column, or both."""
+    """Return a picture's title: its row, its column or both, as its neighbours need."""
     row, column = title_of(place[0], "rows"), title_of(place[1], "columns")
     if len({other for other, _ in places}) == 1:
         return column

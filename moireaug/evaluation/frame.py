@@ -16,9 +16,9 @@ from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.tables import Table
 
-CELL = ["table", "row", "column"]
+CELL_COLUMNS = ["table", "row", "column"]
 MEASURES = ("psnr", "ssim", "ciede2000", "largest", "lpips")
-ABOUT = ("condition", "control", "eps", "steps", "targeted", "judge")
+CONDITION_COLUMNS = ("condition", "control", "eps", "steps", "targeted", "judge")
 
 
 def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]) -> pd.DataFrame:
@@ -27,26 +27,28 @@ def images_frame(tables: Sequence[Table], runner: Runner, indices: Sequence[int]
     Columns: `table`, `row`, `column`; `condition`, `control`, `eps`, `steps`, `targeted`, `judge`;
     `image`, its number; `label`, `target`, `predicted`; `correct`; `fooled`, whether the attack's
     goal is reached; `counted`, whether the judge without its defence gets the clean image right;
-    `undecided`, whether the logits were not finite; `seconds`, the image's share; and what was
-    measured, such as `psnr`.
+    `undecided`, whether the logits were not finite; `seconds`, the image's share; and measures such
+    as `psnr`.
     """
-    seen: dict[tuple[str, str], pd.DataFrame] = {}
-    parts = []
+    condition_frames: dict[tuple[str, str], pd.DataFrame] = {}
+    cell_frames = []
     for table in tables:
         for cell in table.cells:
-            shown = []
+            frames = []
             for condition in cell.conditions:
                 key = (condition.name, cell.judge.name)
-                if key not in seen:
-                    seen[key] = _condition_frame(condition, cell.judge, runner, indices)
-                shown.append(seen[key])
-            part = _worst(shown) if cell.worst else pd.concat(shown, ignore_index=True)
-            parts.append(part.assign(table=table.name, row=cell.row, column=cell.column))
-    if not parts:
-        return pd.DataFrame(columns=[*CELL, *ABOUT, "image", "correct"])
-    frame = pd.concat(parts, ignore_index=True)
-    others = [name for name in frame.columns if name not in CELL]
-    return frame[[*CELL, *others]]
+                if key not in condition_frames:
+                    frame = _condition_frame(condition, cell.judge, runner, indices)
+                    condition_frames[key] = frame
+                frames.append(condition_frames[key])
+            cell_frame = _worst(frames) if cell.worst else pd.concat(frames, ignore_index=True)
+            cell_frame = cell_frame.assign(table=table.name, row=cell.row, column=cell.column)
+            cell_frames.append(cell_frame)
+    if not cell_frames:
+        return pd.DataFrame(columns=[*CELL_COLUMNS, *CONDITION_COLUMNS, "image", "correct"])
+    frame = pd.concat(cell_frames, ignore_index=True)
+    other_columns = [name for name in frame.columns if name not in CELL_COLUMNS]
+    return frame[[*CELL_COLUMNS, *other_columns]]
 
 
 def _condition_frame(
@@ -56,27 +58,27 @@ def _condition_frame(
     base = UNDEFENDED
     if judge.base != UNDEFENDED.name:
         base = Judge(judge.base, model=judge.model)
-    parts = []
+    batch_frames = []
     start = 0
     for index in indices:
         record = runner.record(condition, judge, index)
         clean = runner.record(CLEAN, base, index)
         n = len(record["labels"])
-        part = pd.DataFrame({name: record[f"{name}s"] for name in ("label", "target")})
-        part["predicted"] = record["predicted"]
-        part["counted"] = np.equal(clean["predicted"], clean["labels"])
-        part["image"] = range(start, start + n)
-        part["seconds"] = record["seconds"] / n
+        batch_frame = pd.DataFrame({name: record[f"{name}s"] for name in ("label", "target")})
+        batch_frame["predicted"] = record["predicted"]
+        batch_frame["counted"] = np.equal(clean["predicted"], clean["labels"])
+        batch_frame["image"] = range(start, start + n)
+        batch_frame["seconds"] = record["seconds"] / n
         for name, values in record["measured"].items():
-            part[name] = values
-        parts.append(part)
+            batch_frame[name] = values
+        batch_frames.append(batch_frame)
         start += n
-    frame = pd.concat(parts, ignore_index=True)
+    frame = pd.concat(batch_frames, ignore_index=True)
     frame["correct"] = frame["predicted"] == frame["label"]
-    reached = frame["predicted"] == frame["target"]
-    frame["fooled"] = reached if condition.targeted else ~frame["correct"]
+    reaches_target = frame["predicted"] == frame["target"]
+    frame["fooled"] = reaches_target if condition.targeted else ~frame["correct"]
     frame["undecided"] = frame["predicted"] == UNDECIDED
-    about = {
+    constants = {
         "condition": condition.name,
         "control": condition.control,
         "eps": condition.eps,
@@ -84,72 +86,72 @@ def _condition_frame(
         "targeted": condition.targeted,
         "judge": judge.name,
     }
-    return frame.assign(**about)
+    return frame.assign(**constants)
 
 
-def _worst(shown: Sequence[pd.DataFrame]) -> pd.DataFrame:
+def _worst(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """Return the worst of several conditions for each image."""
-    worst = shown[0][["label", "counted", "image"]].copy()
+    worst = frames[0][["label", "counted", "image"]].copy()
     for name in ("fooled", "undecided"):
-        worst[name] = np.any([one[name] for one in shown], axis=0)
-    worst["correct"] = np.all([one["correct"] for one in shown], axis=0)
-    worst["seconds"] = np.sum([one["seconds"] for one in shown], axis=0)
+        worst[name] = np.any([frame[name] for frame in frames], axis=0)
+    worst["correct"] = np.all([frame["correct"] for frame in frames], axis=0)
+    worst["seconds"] = np.sum([frame["seconds"] for frame in frames], axis=0)
     return worst.assign(
         condition="worst",
         control=False,
-        eps=max(one["eps"].iloc[0] for one in shown),
-        steps=max(one["steps"].iloc[0] for one in shown),
+        eps=max(frame["eps"].iloc[0] for frame in frames),
+        steps=max(frame["steps"].iloc[0] for frame in frames),
         targeted=False,
-        judge=shown[0]["judge"].iloc[0],
+        judge=frames[0]["judge"].iloc[0],
     )
 
 
 def rates(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per cell: rates with their 95 % intervals, denominators, means of what was
-    measured, seconds.
+    """Return a row per cell: rates with their 95 % intervals, denominators, mean measures, seconds.
 
     Columns: those of `images_frame` up to `judge`; `accuracy`, `accuracy_low`, `accuracy_high` of
     all images; `success`, `low`, `high` of the `counted` ones, where `success` is NaN if there are
     none; `n`, `counted`, `undecided`, `seconds`; the measures, over images that got noise;
-    `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, what the paper prints.
+    `outcomes`, a 0 or 1 per image, for paired comparisons; and `paper`, the paper's figure.
     """
     lines = []
-    for (table, row, column), cell in frame.groupby(CELL, sort=False):
+    for (table, row, column), cell in frame.groupby(CELL_COLUMNS, sort=False):
         line = {"table": table, "row": row, "column": column}
-        for name in ABOUT:
+        for name in CONDITION_COLUMNS:
             line[name] = cell[name].iloc[0]
         conditions = cell["condition"].nunique()
         if conditions > 1:
             line["condition"] = f"{conditions} pooled"
         lines.append(line | _rates(cell))
-    columns = [*CELL, *ABOUT, "accuracy", "accuracy_low", "accuracy_high", "success", "low", "high"]
-    columns += ["n", "counted", "undecided", "seconds", *MEASURES, "outcomes", "paper"]
+    columns = [*CELL_COLUMNS, *CONDITION_COLUMNS, "accuracy", "accuracy_low", "accuracy_high"]
+    columns += ["success", "low", "high", "n", "counted", "undecided", "seconds"]
+    columns += [*MEASURES, "outcomes", "paper"]
     return pd.DataFrame(lines).reindex(columns=columns)
 
 
 def _rates(cell: pd.DataFrame) -> dict[str, object]:
     n = len(cell)
-    counted = int(cell["counted"].sum())
+    clean_correct = int(cell["counted"].sum())
     hits = int((cell["fooled"] & cell["counted"]).sum())
     correct = int(cell["correct"].sum())
     # photos of one image are not independent trials: the interval is that of as many images
     photos = n / max(1, cell["image"].nunique())
-    low, high = wilson(hits / photos, counted / photos)
+    low, high = wilson(hits / photos, clean_correct / photos)
     accuracy_low, accuracy_high = wilson(correct / photos, n / photos)
-    found: dict[str, object] = {
+    cell_rates: dict[str, object] = {
         "accuracy": correct / n,
         "accuracy_low": accuracy_low,
         "accuracy_high": accuracy_high,
-        "success": hits / counted if counted else np.nan,
+        "success": hits / clean_correct if clean_correct else np.nan,
         "low": low,
         "high": high,
         "n": n,
-        "counted": counted,
+        "counted": clean_correct,
         "undecided": int(cell["undecided"].sum()),
         "seconds": float(cell["seconds"].sum()),
         "outcomes": "".join("1" if right else "0" for right in cell["correct"]),
     }
-    return found | _measures(cell)
+    return cell_rates | _measures(cell)
 
 
 def _measures(cell: pd.DataFrame) -> dict[str, float]:
@@ -157,23 +159,23 @@ def _measures(cell: pd.DataFrame) -> dict[str, float]:
     fooled without noise has nothing to measure, and its PSNR means nothing."""
     if "largest" in cell:
         cell = cell[cell["largest"] > 0]
-    found = {}
+    means = {}
     for name in MEASURES:
         if name in cell and cell[name].notna().any():
-            found[name] = float(cell[name].mean())
-    return found
+            means[name] = float(cell[name].mean())
+    return means
 
 
 def with_paper(lines: pd.DataFrame, tables: Sequence[Table]) -> pd.DataFrame:
-    """Fill in what the paper prints, where a table's cells are at the paper's bound."""
-    own = {table.name for table in tables if table.published}
+    """Fill in the paper's figures, where a table's cells are at the paper's bound."""
+    own_tables = {table.name for table in tables if table.published}
     published = read_published()
-    published = published[published["table"].isin(own)]
-    return lines.drop(columns="paper").merge(published, "left", on=CELL)
+    published = published[published["table"].isin(own_tables)]
+    return lines.drop(columns="paper").merge(published, "left", on=CELL_COLUMNS)
 
 
 def read_published() -> pd.DataFrame:
-    """Return what the paper prints: success rates on Inception-V3, 5000 ImageNet images that it
+    """Return the paper's figures: success rates on Inception-V3, of 5000 ImageNet images that it
     classifies correctly.
 
     The paper's table 3 calls C&W an L-infinity and MI-FGSM an L2 attack; its text says the reverse,
@@ -188,8 +190,8 @@ def cell_of(
     lines: pd.DataFrame, row: str, column: str, table: str | None = None
 ) -> pd.Series | None:
     """Return the line of that row and column, or None."""
-    wanted = (lines["row"] == row) & (lines["column"] == column)
+    is_wanted = (lines["row"] == row) & (lines["column"] == column)
     if table is not None:
-        wanted &= lines["table"] == table
-    found = lines[wanted]
-    return None if found.empty else found.iloc[0]
+        is_wanted &= lines["table"] == table
+    matches = lines[is_wanted]
+    return None if matches.empty else matches.iloc[0]

@@ -1,4 +1,4 @@
-"""Judges: the models that classify what a condition shows."""
+"""Judges: the models that classify the images of a condition."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Judge:
     """The attacked model, the same behind a defence, or another model.
 
     Args:
-        name: of the judge within an evaluation.
-        defence: what the images pass before the model.
-        model: another model than the attacked one: transfer.
+        name: name of the judge within an evaluation.
+        defence: defence in front of the model.
+        model: another model than the attacked one, for transfer.
         restores_mean: whether the mean of the clean image, which only an experimenter knows, is
             restored first.
     """
@@ -37,19 +37,19 @@ class Judge:
         """The judge without its defence; success counts the images that it gets right clean."""
         return UNDEFENDED.name if self.model is None else self.name
 
-    def logits(self, batch: EvalBatch, shown: Tensor) -> Tensor:
-        """Return the logits (B, K) for what is shown; every model's state is restored."""
+    def logits(self, batch: EvalBatch, images: Tensor) -> Tensor:
+        """Return the logits (B, K) of shown images; every model's state is restored."""
         if self.restores_mean:
-            shown = restore_mean(shown, batch.images)
+            images = restore_mean(images, batch.images)
         model = batch.model if self.model is None else self.model
         defence = Compose(() if self.defence is None else (self.defence,))
-        with in_evaluation_mode(defence), evaluating(model, shown), torch.no_grad():
+        with in_evaluation_mode(defence), evaluating(model, images), torch.no_grad():
             # either may work in place
-            return model(defence(shown.clone()).clone())
+            return model(defence(images.clone()).clone())
 
     @cached_property
     def identity(self) -> str:
-        """What identifies this judge in records: its defence's settings, its weights."""
+        """The judge's identity in records: its defence's settings and its weights."""
         parts = [self.name]
         for part in (self.defence, self.model):
             if part is not None:

@@ -1,9 +1,8 @@
 """Records: one line per finished piece, appended as it comes. An evaluation that was stopped
 repeats nothing.
 
-A record's key says what it means: the model's weights, the batch's pixels and labels, the scene,
-the condition's settings, the judge and the seed. What was computed for one suite is reused by every
-other.
+A record's key is a digest of its settings: the model's weights, the batch's pixels and labels, the
+scene, the condition's settings, the judge and the seed. Every suite reuses the records of others.
 """
 
 from __future__ import annotations
@@ -27,15 +26,14 @@ from torch import Tensor
 from moireaug.files import write_bytes
 
 Record = dict[str, Any]
-VERSION = 4  # raise it when the same settings would give other figures
-# what a line must have to be a record
-FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
-PICTURES = 4  # images of the first batch that are kept to be looked at
+KEY_VERSION = 4  # raise it when the same settings would give other figures
+RECORD_FIELDS = {"key", "labels", "targets", "predicted", "measured", "seconds"}
+N_PICTURES = 4  # images of the first batch that are saved as pictures
 
 
-def key_of(meaning: Mapping[str, Any]) -> str:
-    """Return sixteen hex digits that stand for what a record means."""
-    text = json.dumps({"version": VERSION, **meaning}, sort_keys=True, default=str)
+def key_of(fields: Mapping[str, Any]) -> str:
+    """Return sixteen hex digits that stand for the settings of a record."""
+    text = json.dumps({"version": KEY_VERSION, **fields}, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -43,37 +41,37 @@ class Records:
     """Records in memory, by key."""
 
     def __init__(self) -> None:
-        self._known: dict[str, Record] = {}
+        self._records: dict[str, Record] = {}
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release what is held."""
+        """Close and unlock the file of records, where there is one."""
 
     def __contains__(self, key: str) -> bool:
-        return key in self._known
+        return key in self._records
 
     def __getitem__(self, key: str) -> Record:
-        return self._known[key]
+        return self._records[key]
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._records)
 
     def append(self, records: Sequence[Record]) -> None:
         """Keep records."""
         for record in records:
-            self._known[record["key"]] = record
+            self._records[record["key"]] = record
 
-    def keep_picture(self, name: str, shown: Tensor) -> None:
-        """Keep what a condition shows of the first batch; in memory nothing is kept."""
+    def keep_picture(self, name: str, images: Tensor) -> None:
+        """Save the images of a condition in the first batch; records in memory save none."""
 
     def picture(self, name: str) -> np.ndarray | None:
-        """Return the kept images, (n, H, W, 3) uint8; None where there are none."""
+        """Return the saved images, (n, H, W, 3) uint8; None where there are none."""
         return None
 
     def read(self) -> None:
-        """Read what other processes have written meanwhile."""
+        """Read the records that other processes have written meanwhile."""
 
 
 class RecordFolder(Records):
@@ -101,7 +99,7 @@ class RecordFolder(Records):
             if lock is not None:
                 lock.release()
 
-    def _own_file(self) -> IO[bytes]:
+    def _writable_file(self) -> IO[bytes]:
         """Return the first file that no other process writes, locked and open for appending."""
         if self._file is not None:
             return self._file
@@ -120,33 +118,33 @@ class RecordFolder(Records):
         return self._file
 
     def read(self) -> None:
-        """Read what any process has written. A line that cannot be read, because a process is
-        writing it or a disk was full, is left out: what it held is computed again."""
+        """Read the records of all processes. A line that cannot be read, because a process is
+        writing it or a disk was full, is left out: its record is computed again."""
         for path in sorted(self.folder.glob("records-*.jsonl")):
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
                 with contextlib.suppress(ValueError):
                     record = json.loads(line)
-                    if isinstance(record, dict) and record.keys() >= FIELDS:
-                        self._known[record["key"]] = record
+                    if isinstance(record, dict) and record.keys() >= RECORD_FIELDS:
+                        self._records[record["key"]] = record
 
     def append(self, records: Sequence[Record]) -> None:
         """Write records, all of them on the disk before this returns."""
         if not records:
             return
         lines = [json.dumps(record) + "\n" for record in records]
-        file = self._own_file()
+        file = self._writable_file()
         file.write("".join(lines).encode())
         file.flush()
         os.fsync(file.fileno())
         super().append(records)
 
-    def keep_picture(self, name: str, shown: Tensor) -> None:
-        """Keep the first images of a batch (B, 3, H, W) in [0, 1], one below the other in one
+    def keep_picture(self, name: str, images: Tensor) -> None:
+        """Save the first images of a batch (B, 3, H, W) in [0, 1], one below the other in one
         PNG."""
-        some = (shown[:PICTURES].detach().float().cpu() * 255).round().byte()
-        rows = some.permute(0, 2, 3, 1).reshape(-1, some.shape[3], 3).numpy()
+        pictures = (images[:N_PICTURES].detach().float().cpu() * 255).round().byte()
+        rows = pictures.permute(0, 2, 3, 1).reshape(-1, pictures.shape[3], 3).numpy()
         text = PngInfo()
-        text.add_text("images", str(len(some)))
+        text.add_text("images", str(len(pictures)))
         file = io.BytesIO()
         Image.fromarray(rows).save(file, "PNG", pnginfo=text)
         write_bytes(self._picture_path(name), file.getvalue())

@@ -8,7 +8,6 @@ import time
 import typing
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -19,9 +18,9 @@ from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
 from moireaug.evaluation.identity import digest
 from moireaug.evaluation.judges import UNDEFENDED, Judge
-from moireaug.evaluation.parts import Part, joined, measured, shown_of
 from moireaug.evaluation.records import Record, Records, key_of
-from moireaug.evaluation.statistics import mix
+from moireaug.evaluation.scene_batches import SceneBatches
+from moireaug.evaluation.statistics import mix_seeds
 from moireaug.evaluation.tables import Table
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture
@@ -47,8 +46,8 @@ class Job(NamedTuple):
 
 
 def jobs_of(tables: Iterable[Table]) -> list[Job]:
-    """Return the jobs that tables need, each condition once, first the clean images before every
-    judge without a defence, which say which images count.
+    """Return the jobs that tables need, each condition once. The clean images come first, before
+    every judge without a defence: success counts the images that it gets right.
 
     Raises:
         ValueError: two conditions of one name that differ.
@@ -74,16 +73,16 @@ class Runner:
     """Runs jobs on one model.
 
     Args:
-        model: [0, 1] images to logits; its state is restored.
-        batches: the test images.
-        scene: one shot of it, or of one of a mixture's, is drawn per image.
-        records: where finished pieces are kept; they are looked up before anything is computed.
-        seed: of shots, targets, random starts and randomised judges. What is drawn depends only on
-            the seed, the batch's index and the names of condition and judge, so that any process,
-            now or later, draws the same.
-        name: of the model in records; None is its `identity.digest`.
-        lpips: a `visibility.LPIPS`, measured for every attack where given. Records with and without
-            it have different keys.
+        model: function of [0, 1] images that returns logits; its state is restored.
+        batches: test images.
+        scene: scene, or mixture of scenes, of which one shot is drawn per image.
+        records: finished records, looked up before anything is computed.
+        seed: seed of shots, targets, random starts and randomised judges. Draws depend only on the
+            seed, the batch's index and the names of condition and judge, so that any process, now
+            or later, draws the same.
+        name: name of the model in records; None is its `identity.digest`.
+        lpips: `visibility.LPIPS` to measure every attack with, or None. Records with and without it
+            have different keys.
     """
 
     def __init__(
@@ -106,7 +105,7 @@ class Runner:
         self.lpips = lpips
         self._lpips_identity = None if lpips is None else digest(lpips)
         self.device = device_of(model)
-        self._contents: dict[int, str] = {}
+        self._batch_digests: dict[int, str] = {}
 
     def run(self, jobs: Sequence[Job], indices: Iterable[int]) -> Iterator[Job]:
         """Run jobs on the batches of these indices; yields each job when it is done on one batch.
@@ -116,20 +115,22 @@ class Runner:
         """
         for index in indices:
             images, labels = self.batches[index]
-            self._contents[index] = _content(images, labels)
+            self._batch_digests[index] = _batch_digest(images, labels)
             images = images.to(self.device)
             labels = check_labels(labels, len(images), "labels").to(images.device)
             targets = None
             for job in jobs:
-                open_judges = []
+                pending_judges = []
                 for judge in job.judges:
                     if self.key(job.condition, judge, index) not in self.records:
-                        open_judges.append(judge)
-                if open_judges:
+                        pending_judges.append(judge)
+                if pending_judges:
                     if targets is None:
                         targets = self._targets(images, labels, index)
-                    parts = self._parts(images, labels, targets, index, job.condition)
-                    self.records.append(self._judged(parts, job.condition, open_judges, index))
+                    batches = self._scene_batches(images, labels, targets, index, job.condition)
+                    goals = labels, targets
+                    records = self._judge(batches, goals, job.condition, pending_judges, index)
+                    self.records.append(records)
                 yield job
 
     def missing(self, jobs: Sequence[Job], indices: Iterable[int]) -> int:
@@ -147,26 +148,26 @@ class Runner:
 
     def key(self, condition: Condition, judge: Judge, index: int) -> str:
         """Return the key of that record."""
-        if index not in self._contents:  # a batch that another process has done
-            self._contents[index] = _content(*self.batches[index])
-        batch = {"content": self._contents[index], "index": index}
-        return key_of(self._meaning(condition) | {"judge": judge.identity, "batch": batch})
+        if index not in self._batch_digests:  # a batch that another process has done
+            self._batch_digests[index] = _batch_digest(*self.batches[index])
+        batch = {"content": self._batch_digests[index], "index": index}
+        return key_of(self._key_fields(condition) | {"judge": judge.identity, "batch": batch})
 
     def picture_name(self, condition: Condition) -> str:
-        """Return the name under which what a condition shows is kept."""
+        """Return the name of the picture of a condition."""
         return self.key(condition, UNDEFENDED, 0)
 
-    def _meaning(self, condition: Condition) -> dict[str, Any]:
+    def _key_fields(self, condition: Condition) -> dict[str, Any]:
         scene = self.scene if condition.scene is None else condition.scene
-        meaning = {
+        fields = {
             "model": self.name,
             "scene": scene.to_dict(),
             "condition": condition.settings() | {"name": condition.name},
             "seed": self.seed,
         }
         if self._lpips_identity is not None and not condition.control:
-            meaning["lpips"] = self._lpips_identity
-        return meaning
+            fields["lpips"] = self._lpips_identity
+        return fields
 
     def _targets(self, images: Tensor, labels: Tensor, index: int) -> Tensor:
         """Draw one of the model's other classes for each image."""
@@ -174,63 +175,65 @@ class Runner:
             logits = self.model(images[:1].clone())
         check_classes(labels[:1], logits, 1)
         classes = logits.shape[1]
-        generator = torch.Generator().manual_seed(mix(self.seed, index, 1))
+        generator = torch.Generator().manual_seed(mix_seeds(self.seed, index, 1))
         offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
         return (labels + offset.to(labels)) % classes
 
-    def _parts(
+    def _scene_batches(
         self, images: Tensor, labels: Tensor, targets: Tensor, index: int, condition: Condition
-    ) -> list[Part]:
+    ) -> SceneBatches:
         """Draw a shot for each image; a mixture's images are a batch for each of its scenes."""
         scene = self.scene if condition.scene is None else condition.scene
-        draws = torch.Generator().manual_seed(mix(self.seed, index, 0))
+        shot_generator = torch.Generator().manual_seed(mix_seeds(self.seed, index, 0))
         size = (images.shape[-2], images.shape[-1])
-        shot = scene.sample(len(images), size, draws).to(images.device)
-        own = torch.Generator().manual_seed(mix(self.seed, index, 2, _digits(condition.name)))
+        shot = scene.sample(len(images), size, shot_generator).to(images.device)
         if isinstance(shot, MixedShot):
             shots = shot.by_scene()
         else:
             shots = [(torch.arange(len(images), device=images.device), shot)]
-        parts = []
-        for rows, one in shots:
-            given = images[rows], labels[rows], targets[rows]
-            parts.append((rows, EvalBatch(self.model, *given, one, own, self.lpips)))
-        return parts
+        seed = mix_seeds(self.seed, index, 2, _name_seed(condition.name))
+        generator = torch.Generator().manual_seed(seed)
+        batches = []
+        for rows, scene_shot in shots:
+            goals = labels[rows], targets[rows]
+            batch = EvalBatch(self.model, images[rows], *goals, scene_shot, generator, self.lpips)
+            batches.append(batch)
+        return SceneBatches([rows for rows, _ in shots], batches)
 
-    def _judged(
+    def _judge(
         self,
-        parts: list[Part],
+        batches: SceneBatches,
+        goals: tuple[Tensor, Tensor],
         condition: Condition,
         judges: Sequence[Judge],
         index: int,
     ) -> list[Record]:
-        labels = joined(parts, lambda rows, part: part.labels)
-        targets = joined(parts, lambda rows, part: part.targets)
+        labels, targets = goals
         # a randomised model or defence draws from the global generator: the same numbers
         # wherever this piece is computed
         devices = [labels.device] if labels.is_cuda else []
         with torch.random.fork_rng(devices), torch.no_grad():
-            torch.manual_seed(mix(self.seed, index, 3, _digits(condition.name)))
+            torch.manual_seed(mix_seeds(self.seed, index, 3, _name_seed(condition.name)))
             start = time.perf_counter()
-            shown = joined(parts, lambda rows, part: shown_of(condition, part))
-            seconds_shown = _wait(shown, start)
-            figures = measured(condition, parts, shown)
-            found = []
+            images = batches.show(condition)
+            seconds_shown = _seconds_since(start, images.device)
+            figures = batches.measure(condition, images)
+            records = []
             for judge in judges:
-                both = (_digits(condition.name), _digits(judge.name))
-                torch.manual_seed(mix(self.seed, index, 4, *both))
+                name_seeds = (_name_seed(condition.name), _name_seed(judge.name))
+                torch.manual_seed(mix_seeds(self.seed, index, 4, *name_seeds))
                 start = time.perf_counter()
-                logits = joined(parts, partial(_logits, judge, shown))
+                logits = batches.logits(judge, images)
                 check_classes(labels, logits, 1)
                 answers = predicted(logits).tolist()  # which waits for the device
                 seconds = seconds_shown + time.perf_counter() - start
                 record = self._record(condition, judge, index)
                 record |= {"labels": labels.tolist(), "targets": targets.tolist()}
                 record |= {"predicted": answers, "measured": figures, "seconds": seconds}
-                found.append(record)
+                records.append(record)
         if index == 0:
-            self.records.keep_picture(self.picture_name(condition), shown)
-        return found
+            self.records.keep_picture(self.picture_name(condition), images)
+        return records
 
     def _record(self, condition: Condition, judge: Judge, index: int) -> Record:
         return {
@@ -243,22 +246,18 @@ class Runner:
         }
 
 
-def _logits(judge: Judge, shown: Tensor, rows: Tensor, part: EvalBatch) -> Tensor:
-    return judge.logits(part, shown[rows])
+def _batch_digest(images: Tensor, labels: Tensor) -> str:
+    sha256 = hashlib.sha256(images.detach().cpu().contiguous().numpy().tobytes())
+    sha256.update(str(labels.tolist()).encode())
+    return sha256.hexdigest()[:16]
 
 
-def _content(images: Tensor, labels: Tensor) -> str:
-    sums = hashlib.sha256(images.detach().cpu().contiguous().numpy().tobytes())
-    sums.update(str(labels.tolist()).encode())
-    return sums.hexdigest()[:16]
-
-
-def _wait(shown: Tensor, start: float) -> float:
-    if shown.is_cuda:
+def _seconds_since(start: float, device: torch.device) -> float:
+    if device.type == "cuda":
         torch.cuda.synchronize()
     return time.perf_counter() - start
 
 
-def _digits(name: str) -> int:
+def _name_seed(name: str) -> int:
     """Return a number for a name, the same on every machine."""
     return zlib.crc32(name.encode())

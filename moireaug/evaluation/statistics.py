@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from torch import Tensor
 
 Z95 = 1.959964
-ROUNDING = 1e-12  # of outcomes that are the same
+ROUNDING_ERROR = 1e-12  # of equal outcomes
 
 
 def wilson(hits: float, n: float) -> tuple[float, float]:
@@ -44,7 +44,7 @@ def paired_gain(ours: Tensor, theirs: Tensor) -> tuple[float, float, float]:
     low, high).
 
     Args:
-        ours, theirs: (n,) bool, which images each model classifies correctly.
+        ours, theirs: (n,) bool, whether each model classifies an image correctly.
 
     The interval is Agresti and Min's (2005): half an image is added to each of the four outcomes,
     so that it keeps its width where the two models agree on every image.
@@ -64,12 +64,12 @@ def paired_gain(ours: Tensor, theirs: Tensor) -> tuple[float, float, float]:
     n = len(ours)
     if n == 0:
         return 0.0, -1.0, 1.0
-    won = int((ours & ~theirs).sum())
-    lost = int((theirs & ~ours).sum())
-    a, b, m = won + 0.5, lost + 0.5, n + 2.0
+    n_won = int((ours & ~theirs).sum())
+    n_lost = int((theirs & ~ours).sum())
+    a, b, m = n_won + 0.5, n_lost + 0.5, n + 2.0
     centre = (a - b) / m
     half = Z95 * math.sqrt(max(0.0, (a + b) - (a - b) ** 2 / m)) / m
-    return (won - lost) / n, max(-1.0, centre - half), min(1.0, centre + half)
+    return (n_won - n_lost) / n, max(-1.0, centre - half), min(1.0, centre + half)
 
 
 def ratio_of_means(photo: Tensor, image: Tensor) -> Tensor:
@@ -81,7 +81,7 @@ def ratio_of_means(photo: Tensor, image: Tensor) -> Tensor:
     ).clamp(max=1.0)
 
 
-def mix(*parts: int) -> int:
+def mix_seeds(*parts: int) -> int:
     """Return one seed from several integers, the same on every machine."""
     seed = 0
     for part in parts:
@@ -104,26 +104,26 @@ def bootstrap(outcomes: np.ndarray, draws: int = 4000) -> tuple[float, float]:
     """
     seeds, images = outcomes.shape
     mean = float(outcomes.mean())
-    if np.ptp(outcomes) < ROUNDING:
+    if np.ptp(outcomes) < ROUNDING_ERROR:
         _, width = wilson(0, images)
         low, high = mean - width, mean + width
         return max(-1.0, low), min(1.0, high)
-    by_image, picked = _drawn_again(seeds, images, draws)
-    rows = by_image @ outcomes.T  # (draws, seeds): each seed's mean on the drawn images
+    image_shares, seed_rows = _resample(seeds, images, draws)
+    rows = image_shares @ outcomes.T  # (draws, seeds): each seed's mean on the drawn images
     centre = rows.mean(1, keepdims=True)
-    wider = 1.0
+    widening = 1.0
     if seeds > 1:
         student = float(stdtrit(seeds - 1, 0.975)) / Z95
-        wider = student * math.sqrt(seeds / (seeds - 1))
-    drawn = np.take_along_axis(rows - centre, picked, 1).mean(1) * wider + centre[:, 0]
-    low, high = np.quantile(drawn, [0.025, 0.975])
+        widening = student * math.sqrt(seeds / (seeds - 1))
+    means = np.take_along_axis(rows - centre, seed_rows, 1).mean(1) * widening + centre[:, 0]
+    low, high = np.quantile(means, [0.025, 0.975])
     return max(-1.0, float(low)), min(1.0, float(high))
 
 
 @functools.lru_cache(maxsize=1)  # a table has many figures of one shape, and drawing takes longest
-def _drawn_again(seeds: int, images: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return how often each image is drawn, as a share (draws, images), and which seeds are (draws,
+def _resample(seeds: int, images: int, draws: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the share of each image in each draw (draws, images), and the drawn seeds (draws,
     seeds)."""
     rng = np.random.default_rng(0)
-    by_image = rng.multinomial(images, np.full(images, 1 / images), draws) / images
-    return by_image, rng.integers(0, seeds, (draws, seeds))
+    image_shares = rng.multinomial(images, np.full(images, 1 / images), draws) / images
+    return image_shares, rng.integers(0, seeds, (draws, seeds))

@@ -1,5 +1,5 @@
-"""A table of an evaluation: which condition and judge each of its cells stands for. Titles are in
-the templates."""
+"""The tables of an evaluation: the condition and the judge of each cell. Titles are in the
+templates."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Table:
     """A table of success rates.
 
     Args:
-        name: of the suite that it belongs to.
-        cells: in the order of their rows and columns; a missing one is shown empty.
-        pictures: which (row, column) to show.
-        empty: rows without figures, with the reason.
+        name: name of its suite.
+        cells: cells in the order of their rows and columns; a missing one stays empty.
+        pictures: (row, column) of each cell whose pictures a report shows.
+        empty: reason of each row without figures.
         facts: further values for its note.
-        published: whether the paper's figures are of these cells; where a table has one bound, they
-            are at eps 4/255.
+        published: whether the paper prints figures of these cells; where a table has one bound,
+            they are at eps 4/255.
     """
 
     name: str
@@ -71,17 +71,17 @@ class Table:
         return None
 
 
-EPS = (2 / 255, 4 / 255, 8 / 255)  # unless a suite has its own
+DEFAULT_EPS = (2 / 255, 4 / 255, 8 / 255)  # unless a suite has its own
 # names of the rows and columns that the attacked model has
-RESERVED = ("model", "undefended", "attacked", "as_it_is", "restored", "rounded")
+RESERVED_NAMES = ("model", "undefended", "attacked", "as_it_is", "restored", "rounded")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SuiteConfig:
-    """What suites are built from.
+    """The settings of a suite's tables.
 
     Args:
-        scene: the evaluation's scene, or a mixture of scenes.
+        scene: scene of the evaluation, or a mixture of scenes.
         eps: bounds of the noise, in [0, 1] units, of tables with a row or column each; the middle
             one is that of tables that compare at one bound. None leaves each suite its own.
         steps: gradient steps of every attack.
@@ -109,21 +109,21 @@ class SuiteConfig:
                 raise ValueError(f"eps must be one or more different bounds; got {self.eps!r}.")
         names = [*self.targets, *self.defences, *self.networks]
         for name in names:
-            if name in RESERVED or names.count(name) > 1:
+            if name in RESERVED_NAMES or names.count(name) > 1:
                 raise ValueError(
                     f"{name!r} cannot name a target, defence or network: it names another "
-                    f"already, or is one of {', '.join(RESERVED)}. Choose another."
+                    f"already, or is one of {', '.join(RESERVED_NAMES)}. Choose another."
                 )
 
     @property
     def middle(self) -> float:
-        """The bound that stands for the others."""
-        eps = self.bounds(EPS)
+        """The middle bound, which tables compare at."""
+        eps = self.bounds(DEFAULT_EPS)
         return eps[len(eps) // 2]
 
-    def bounds(self, usual: tuple[float, ...]) -> tuple[float, ...]:
-        """Return the bounds asked for, in order; `usual` where none were."""
-        return usual if self.eps is None else tuple(sorted(self.eps))
+    def bounds(self, default: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the given bounds in order, or `default` where there are none."""
+        return default if self.eps is None else tuple(sorted(self.eps))
 
     def behind(self, name: str) -> Judge:
         """Return the attacked model behind the defence of that name."""
@@ -131,8 +131,8 @@ class SuiteConfig:
 
 
 def _exact(eps: float) -> float:
-    """Return a bound that float32 has rounded as Python's own, so that suites which name theirs by
-    the same codes share it."""
+    """Return a bound that was rounded to float32 as whole codes of 255, so that all suites share
+    it."""
     whole = round(255 * eps)
     return whole / 255 if math.isclose(255 * eps, whole, rel_tol=1e-6) else eps
 
@@ -142,7 +142,7 @@ def paper_defences() -> dict[str, Defence]:
     return {name: make() for name, make in DEFENSES.items()}
 
 
-def crossed(rows: Mapping[str, Judge], columns: Mapping[str, Condition]) -> list[Cell]:
+def cross(rows: Mapping[str, Judge], columns: Mapping[str, Condition]) -> list[Cell]:
     """Return a cell of every condition before every judge."""
     cells = []
     for row, judge in rows.items():
@@ -152,23 +152,23 @@ def crossed(rows: Mapping[str, Judge], columns: Mapping[str, Condition]) -> list
 
 
 def eps_row(eps: float) -> str:
-    """Return the name of a row that stands for a bound."""
+    """Return the name of a bound's row."""
     return f"eps_{codes(eps)}"
 
 
 def row_of(row: str, columns: Mapping[str, Condition]) -> list[Cell]:
     """Return a row of conditions before the model itself."""
-    return crossed({row: UNDEFENDED}, columns)
+    return cross({row: UNDEFENDED}, columns)
 
 
 def worst_of(cells: Iterable[Cell], row: str, columns: Sequence[str] | None = None) -> Cell:
-    """Return each image at the worst of a row's cells: of those in `columns`, or of all but the
-    clean images."""
-    tried: list[Condition] = []
+    """Return a cell of each image at its worst in a row: in `columns`, or in all but the clean
+    images."""
+    conditions: list[Condition] = []
     judge = UNDEFENDED
     for cell in cells:
-        wanted = cell.column != "clean" if columns is None else cell.column in columns
-        if cell.row == row and wanted:
-            tried += cell.conditions
+        is_wanted = cell.column != "clean" if columns is None else cell.column in columns
+        if cell.row == row and is_wanted:
+            conditions += cell.conditions
             judge = cell.judge
-    return Cell(row, "worst", tuple(tried), judge, worst=True)
+    return Cell(row, "worst", tuple(conditions), judge, worst=True)

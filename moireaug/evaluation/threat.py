@@ -50,10 +50,10 @@ CAMERAS = {
     "P20 Pro": Camera(2845.0, 0.0),
     "Sony": Camera(6128.0, 0.5),
 }
-PAIRS = [(d, c) for d in DISPLAYS for c in CAMERAS]
+DISPLAY_CAMERA_PAIRS = [(d, c) for d in DISPLAYS for c in CAMERAS]
 ANGLES = (30, 45, 60, 75, 90, 105, 130, 145)  # degrees; 90 is frontal
-SCALE = 2.0  # sensor pixels per photo pixel
-SIDE = 224  # image pixels, for the angle of view
+SENSOR_SCALE = 2.0  # sensor pixels per photo pixel
+IMAGE_SIDE = 224  # image pixels, for the angle of view
 
 
 def pitch(display: str, camera: str) -> float:
@@ -66,16 +66,17 @@ def scene(display: str, camera: str, angle: float) -> Scene:
     """Return the scene of that display and camera at that angle, in degrees; the camera is held
     within two degrees of level."""
     screen, body = DISPLAYS[display], CAMERAS[camera]
+    diagonal = math.hypot(IMAGE_SIDE, IMAGE_SIDE) * SENSOR_SCALE  # sensor pixels
     return Scene(
-        panel=Panel(layout=screen.layout, scale=SCALE / pitch(display, camera)),
+        panel=Panel(layout=screen.layout, scale=SENSOR_SCALE / pitch(display, camera)),
         view=View(
             yaw=angle - 90.0,
             pitch=(-2.0, 2.0),
             roll=(-2.0, 2.0),
-            fov=math.degrees(2 * math.atan(math.hypot(SIDE, SIDE) * SCALE / 2 / body.focal)),
+            fov=math.degrees(2 * math.atan(diagonal / 2 / body.focal)),
             fit=False,
         ),
         lens=Lens(blur=0.3, olpf=body.olpf),
-        sensor=Sensor(scale=SCALE, gain=screen.gain, read_noise=0.005),
+        sensor=Sensor(scale=SENSOR_SCALE, gain=screen.gain, read_noise=0.005),
         develop=Develop(linear_light=True),
     )

@@ -1,5 +1,4 @@
-"""Can the figures be trusted? Checks that fail where the attack is broken, or the model hides its
-gradients.
+"""Checks of an evaluation, which fail where the attack is broken or the model hides its gradients.
 
 After Carlini et al., "On evaluating adversarial robustness" (2019), and Athalye et al., "Obfuscated
 gradients give a false sense of security" (2018). Success rates are of the images that the model
@@ -25,13 +24,13 @@ from moireaug.evaluation.conditions import Clean, EvalBatch, Photo, RandomNoise,
 from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, eps_row
 
-SLACK = 0.02  # two points, or one image where that is more
-ROUNDING = 1e-9
-MASKED, SUSPECT = 0.5, 0.3  # shares of gradients that are exactly zero
-LONGER = 2  # times as many steps
-FULL = 0.9  # share of images fooled by the photo above which an attack can add nothing
-QUERIES = 5  # of the gradient-free attack, for each gradient step of the others
-MODEL = "model"  # the column of the attacked model
+MAX_RATE_ERROR = 0.02  # two points, or one image where that is more
+ROUNDING_ERROR = 1e-9
+MASKED_SHARE, SUSPECT_SHARE = 0.5, 0.3  # share of zero gradients that fails, and that warns
+LONGER_FACTOR = 2  # times as many steps
+MAX_PHOTO_SUCCESS = 0.9  # above it, an attack has nothing to add to the photo
+QUERIES_PER_STEP = 5  # of the gradient-free attack, for each gradient step of the others
+MODEL_COLUMN = "model"  # the column of the attacked model
 
 
 class CleanTwice(Clean):
@@ -39,10 +38,10 @@ class CleanTwice(Clean):
 
     kind = "clean_twice"
 
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
-        with evaluating(batch.model, shown), torch.no_grad():
-            first = batch.model(shown.clone())  # it may work in place
-            second = batch.model(shown.clone())
+    def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
+        with evaluating(batch.model, images), torch.no_grad():
+            first = batch.model(images.clone())  # it may work in place
+            second = batch.model(images.clone())
         differ = (first != second) & ~(first.isnan() & second.isnan())
         return {"differ": differ.any(1).float().tolist()}
 
@@ -53,60 +52,59 @@ class PhotoGradient(Photo):
 
     kind = "moire_gradient"
 
-    def measure(self, batch: EvalBatch, shown: Tensor) -> dict[str, list[float]]:
+    def measure(self, batch: EvalBatch, images: Tensor) -> dict[str, list[float]]:
         gradient = None
-        with evaluating(batch.model, shown), torch.enable_grad():
-            photo = shown.detach().clone().requires_grad_()
+        with evaluating(batch.model, images), torch.enable_grad():
+            photo = images.detach().clone().requires_grad_()
             logits = batch.model(photo.clone())
             if logits.requires_grad:
                 loss = LOSSES["ce"](logits, batch.labels).sum()
                 (gradient,) = torch.autograd.grad(loss, photo, allow_unused=True)
         if gradient is None:
-            return {"zero_gradients": [1.0] * len(shown)}
+            return {"zero_gradients": [1.0] * len(images)}
         hidden = (gradient == 0) | ~gradient.isfinite()
         return {"zero_gradients": hidden.float().mean((1, 2, 3)).tolist()}
 
 
-def sizes(config: SuiteConfig) -> list[float]:
-    """Return the bounds that success must grow with."""
+def growing_eps(config: SuiteConfig) -> list[float]:
+    """Return bounds in ascending order, with which success must grow."""
     eps = config.middle
     return sorted({eps / 2, eps, min(1.0, 2 * eps), 1.0})
 
 
 def trust(config: SuiteConfig) -> Table:
-    """Lay out what the checks look at: a row each, other models in their own columns."""
+    """Lay out the table that the checks judge: a row each, other models in their own columns."""
     eps, steps = config.middle, config.steps
-    longer = f"{LONGER * steps}_steps_and_2_restarts"
+    longer = f"{LONGER_FACTOR * steps}_steps_and_2_restarts"
     rounded = Judge("rounded", defence=BitDepth(8))
-    through = MoireAttacker(eps=eps, steps=steps, variant="through_rounding", knows=rounded)
+    adaptive = MoireAttacker(eps=eps, steps=steps, variant="through_rounding", knows=rounded)
     cells = [
-        Cell("clean", MODEL, (CleanTwice(),)),
-        Cell("moire", MODEL, (PhotoGradient(),)),
-        Cell("random", MODEL, (RandomNoise(eps=eps),)),
-        Cell("one_step", MODEL, (MoireAttacker(eps=eps, steps=1, variant="one_step"),)),
+        Cell("clean", MODEL_COLUMN, (CleanTwice(),)),
+        Cell("moire", MODEL_COLUMN, (PhotoGradient(),)),
+        Cell("random", MODEL_COLUMN, (RandomNoise(eps=eps),)),
+        Cell("one_step", MODEL_COLUMN, (MoireAttacker(eps=eps, steps=1, variant="one_step"),)),
         Cell(
             "longer",
-            MODEL,
-            (MoireAttacker(eps=eps, steps=LONGER * steps, variant=longer, restarts=2),),
+            MODEL_COLUMN,
+            (MoireAttacker(eps=eps, steps=LONGER_FACTOR * steps, variant=longer, restarts=2),),
         ),
-        Cell("queries", MODEL, (SquareAttacker(eps=eps, steps=QUERIES * steps),)),
-        Cell("shattered", MODEL, (through,), rounded),
+        Cell("queries", MODEL_COLUMN, (SquareAttacker(eps=eps, steps=QUERIES_PER_STEP * steps),)),
+        Cell("shattered", MODEL_COLUMN, (adaptive,), rounded),
     ]
-    for size in sizes(config):
-        cells.append(Cell(eps_row(size), MODEL, (MoireAttacker(eps=size, steps=steps),)))
+    for size in growing_eps(config):
+        cells.append(Cell(eps_row(size), MODEL_COLUMN, (MoireAttacker(eps=size, steps=steps),)))
     for name, model in config.targets.items():
         if model is not None:
             judge = Judge(name, model=model)
-            whole = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
-            cells.append(Cell(eps_row(eps), name, (whole,), judge))
+            untruncated = MoireAttacker(eps=eps, steps=steps, until_fooled=False)
+            cells.append(Cell(eps_row(eps), name, (untruncated,), judge))
             cells.append(Cell("random", name, (RandomNoise(eps=eps),), judge))
     return Table("trust", tuple(cells))
 
 
 @dataclass(frozen=True)
 class Check:
-    """One check: what was asked, the verdict "pass", "warning" or "fail", and the figures behind
-    it."""
+    """One check: its name, the verdict "pass", "warning" or "fail", and the figures behind it."""
 
     name: str
     verdict: str
@@ -117,17 +115,18 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What the checks judge.
+class CheckInputs:
+    """The figures that the checks judge.
 
     Args:
-        config: of the suite.
-        success: rates of the attacked model by row. transfer: other models' (attacked, random) by
-            name.
-        zero_gradients: share of gradients that are hidden. differ: share of images answered
-            differently when asked twice.
-        slack: by how much a rate may be off. undecided: how many of `answers` had logits that were
-            not finite.
+        config: config of the suite.
+        success: success rates of the attacked model by row.
+        transfer: success rates (attacked, random) of other models by name.
+        zero_gradients: share of gradients that are zero or not finite.
+        differ: share of images answered differently when asked twice.
+        slack: allowed error of a rate.
+        undecided: number of answers whose logits were not finite.
+        answers: number of answers.
     """
 
     config: SuiteConfig
@@ -141,7 +140,7 @@ class Seen:
 
     @property
     def attack(self) -> float:
-        """Success of the attack that the suites compare."""
+        """Success rate of the attack that the suites compare."""
         return self.success[eps_row(self.config.middle)]
 
 
@@ -150,130 +149,137 @@ def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> li
     image right.
 
     Args:
-        config: of the suite. images, lines: the frame of the table `trust`, and its rates.
+        config: config of the suite.
+        images: frame with a row per cell and image, see `images_frame`.
+        lines: its rates, see `rates`.
     """
     images = images[images["table"] == "trust"]
     lines = lines[lines["table"] == "trust"]
-    own = lines[lines["column"] == MODEL].set_index("row")
-    counted = int(own.loc["clean", "counted"])
-    if not counted:
-        says = "0 % of the images are right when clean"
-        return [Check("there is something to attack", "warning", says)]
+    model_lines = lines[lines["column"] == MODEL_COLUMN].set_index("row")
+    clean_correct = int(model_lines.loc["clean", "counted"])
+    if not clean_correct:
+        summary = "0 % of the images are right when clean"
+        return [Check("there is something to attack", "warning", summary)]
     transfer = {}
     for name in config.targets:
-        other = lines[lines["column"] == name].set_index("row")["success"]
-        if len(other) and np.isfinite(other).all():
-            transfer[name] = (other[eps_row(config.middle)], other["random"])
-    own_images = images[images["column"] == MODEL]
-    seen = Seen(
+        success = lines[lines["column"] == name].set_index("row")["success"]
+        if len(success) and np.isfinite(success).all():
+            transfer[name] = (success[eps_row(config.middle)], success["random"])
+    model_images = images[images["column"] == MODEL_COLUMN]
+    inputs = CheckInputs(
         config,
-        own["success"].to_dict(),
+        model_lines["success"].to_dict(),
         transfer,
-        float(own_images["zero_gradients"].mean()),
-        float(own_images["differ"].mean()),
-        max(SLACK, 1 / counted) + ROUNDING,
-        int(own["undecided"].sum()),
-        int(own["n"].sum()),
+        float(model_images["zero_gradients"].mean()),
+        float(model_images["differ"].mean()),
+        max(MAX_RATE_ERROR, 1 / clean_correct) + ROUNDING_ERROR,
+        int(model_lines["undecided"].sum()),
+        int(model_lines["n"].sum()),
     )
     order = {"fail": 0, "warning": 1, "pass": 2}
-    return sorted((check(seen) for check in CHECKS), key=lambda check: order[check.verdict])
+    return sorted((check(inputs) for check in CHECKS), key=lambda check: order[check.verdict])
 
 
-def _converged(seen: Seen) -> Check:
-    now, longer, steps = seen.attack, seen.success["longer"], seen.config.steps
+def _check_convergence(inputs: CheckInputs) -> Check:
+    now, longer, steps = inputs.attack, inputs.success["longer"], inputs.config.steps
     fool = "1 step fools" if steps == 1 else f"{steps} steps fool"
-    says = f"{fool} {_pc(now)}, {LONGER * steps} steps and 2 restarts {_pc(longer)}"
-    verdict = _verdict(longer <= now + seen.slack)
-    return Check("more steps and restarts change nothing", verdict, says)
+    summary = (
+        f"{fool} {_percent(now)}, {LONGER_FACTOR * steps} steps and 2 restarts {_percent(longer)}"
+    )
+    verdict = _verdict(longer <= now + inputs.slack)
+    return Check("more steps and restarts change nothing", verdict, summary)
 
 
-def _grows(seen: Seen) -> Check:
-    eps = sizes(seen.config)
-    values = [seen.success[eps_row(e)] for e in eps]
-    growing = all(b >= a - seen.slack for a, b in pairwise(values))
-    says = ", ".join(f"{_pc(v)} at {codes(e)}/255" for e, v in zip(eps, values, strict=True))
+def _check_growth(inputs: CheckInputs) -> Check:
+    eps = growing_eps(inputs.config)
+    values = [inputs.success[eps_row(e)] for e in eps]
+    growing = all(b >= a - inputs.slack for a, b in pairwise(values))
+    summary = ", ".join(
+        f"{_percent(v)} at {codes(e)}/255" for e, v in zip(eps, values, strict=True)
+    )
     verdict = _verdict(growing and values[-1] >= 1.0)
-    return Check("success grows with eps, to all images at eps 1", verdict, says)
+    return Check("success grows with eps, to all images at eps 1", verdict, summary)
 
 
-def _ordered(seen: Seen) -> Check:
-    white, random = seen.attack, seen.success["random"]
-    says = f"white box {_pc(white)}, random noise {_pc(random)}"
+def _check_order(inputs: CheckInputs) -> Check:
+    white, random = inputs.attack, inputs.success["random"]
+    summary = f"white box {_percent(white)}, random noise {_percent(random)}"
     verdict = "pass"
-    for name, (attacked, chance) in seen.transfer.items():
-        says += f"; {name} {_pc(attacked)}, random noise {_pc(chance)}"
-        # another model may be weaker, so what counts is what the noise adds to chance
-        if not -seen.slack <= attacked - chance <= white - random + seen.slack:
+    for name, (attacked, chance) in inputs.transfer.items():
+        summary += f"; {name} {_percent(attacked)}, random noise {_percent(chance)}"
+        # another model may be weaker: compare the gains over chance
+        if not -inputs.slack <= attacked - chance <= white - random + inputs.slack:
             verdict = "warning"
-    if white < random - seen.slack:
+    if white < random - inputs.slack:
         verdict = "fail"
-    return Check("white box, then transfer, then random noise", verdict, says)
+    return Check("white box, then transfer, then random noise", verdict, summary)
 
 
-def _iterates(seen: Seen) -> Check:
-    one, many = seen.success["one_step"], seen.attack
-    says = f"one {_pc(one)}, {seen.config.steps} {_pc(many)}"
-    return Check("many steps beat one", _verdict(one <= many + seen.slack), says)
+def _check_iteration(inputs: CheckInputs) -> Check:
+    one, many = inputs.success["one_step"], inputs.attack
+    summary = f"one {_percent(one)}, {inputs.config.steps} {_percent(many)}"
+    return Check("many steps beat one", _verdict(one <= many + inputs.slack), summary)
 
 
-def _gradients(seen: Seen) -> Check:
-    zero = seen.zero_gradients
+def _check_gradients(inputs: CheckInputs) -> Check:
+    zero = inputs.zero_gradients
     verdict = "pass"
-    if zero > SUSPECT:
+    if zero > SUSPECT_SHARE:
         verdict = "warning"
-    if zero > MASKED:
+    if zero > MASKED_SHARE:
         verdict = "fail"
-    says = f"{_pc(zero)} of the photo’s values have a gradient of zero or NaN"
-    return Check("gradients are not hidden", verdict, says)
+    summary = f"{_percent(zero)} of the photo’s values have a gradient of zero or NaN"
+    return Check("gradients are not hidden", verdict, summary)
 
 
-def _queries(seen: Seen) -> Check:
-    blind, white = seen.success["queries"], seen.attack
-    queries = QUERIES * seen.config.steps
-    says = f"{queries} queries without gradients {_pc(blind)}, gradients {_pc(white)}"
-    verdict = _verdict(blind <= white + seen.slack)
-    return Check("a search without gradients does not win", verdict, says)
+def _check_queries(inputs: CheckInputs) -> Check:
+    blind, white = inputs.success["queries"], inputs.attack
+    queries = QUERIES_PER_STEP * inputs.config.steps
+    summary = f"{queries} queries without gradients {_percent(blind)}, gradients {_percent(white)}"
+    verdict = _verdict(blind <= white + inputs.slack)
+    return Check("a search without gradients does not win", verdict, summary)
 
 
-def _breaks(seen: Seen) -> Check:
-    broken, plain = seen.success["shattered"], seen.attack
-    says = f"behind a rounding without gradient, attacked through it, {_pc(broken)}; "
-    says += f"without it {_pc(plain)}"
-    verdict = _verdict(broken >= plain - seen.slack)
-    return Check("a defence that only hides gradients is broken", verdict, says)
+def _check_shattered(inputs: CheckInputs) -> Check:
+    broken, plain = inputs.success["shattered"], inputs.attack
+    summary = f"behind a rounding without gradient, attacked through it, {_percent(broken)}; "
+    summary += f"without it {_percent(plain)}"
+    verdict = _verdict(broken >= plain - inputs.slack)
+    return Check("a defence that only hides gradients is broken", verdict, summary)
 
 
-def _settled(seen: Seen) -> Check:
-    says = f"asked twice, the model answers {_pc(seen.differ)} of the images differently"
-    return Check("the model answers the same twice", "warning" if seen.differ else "pass", says)
-
-
-def _answered(seen: Seen) -> Check:
-    says = f"the logits of {seen.undecided} of {seen.answers} answers are NaN or infinite, "
-    says += "which counts as wrong"
-    return Check("every image gets an answer", _verdict(seen.undecided == 0), says)
-
-
-def _room(seen: Seen) -> Check:
-    """Where the photo alone fools nearly every image, no attack can show what it adds."""
-    photo = seen.success["moire"]
-    verdict = "warning" if photo > FULL else "pass"
+def _check_determinism(inputs: CheckInputs) -> Check:
+    summary = f"asked twice, the model answers {_percent(inputs.differ)} of the images differently"
     return Check(
-        "the photo leaves something to attack", verdict, f"the photo alone fools {_pc(photo)}"
+        "the model answers the same twice", "warning" if inputs.differ else "pass", summary
     )
 
 
-CHECKS: tuple[Callable[[Seen], Check], ...] = (
-    _converged,
-    _grows,
-    _ordered,
-    _iterates,
-    _gradients,
-    _queries,
-    _breaks,
-    _settled,
-    _answered,
-    _room,
+def _check_answers(inputs: CheckInputs) -> Check:
+    summary = f"the logits of {inputs.undecided} of {inputs.answers} answers are NaN or infinite, "
+    summary += "which counts as wrong"
+    return Check("every image gets an answer", _verdict(inputs.undecided == 0), summary)
+
+
+def _check_photo(inputs: CheckInputs) -> Check:
+    """Warn where the photo alone fools nearly every image, so that no attack can add to it."""
+    photo = inputs.success["moire"]
+    verdict = "warning" if photo > MAX_PHOTO_SUCCESS else "pass"
+    summary = f"the photo alone fools {_percent(photo)}"
+    return Check("the photo leaves something to attack", verdict, summary)
+
+
+CHECKS: tuple[Callable[[CheckInputs], Check], ...] = (
+    _check_convergence,
+    _check_growth,
+    _check_order,
+    _check_iteration,
+    _check_gradients,
+    _check_queries,
+    _check_shattered,
+    _check_determinism,
+    _check_answers,
+    _check_photo,
 )
 
 
@@ -281,5 +287,5 @@ def _verdict(good: bool) -> str:
     return "pass" if good else "fail"
 
 
-def _pc(rate: float) -> str:
+def _percent(rate: float) -> str:
     return f"{100 * rate:.1f} %"

@@ -1,4 +1,4 @@
-"""How visible a change is: the usual figures."""
+"""Visibility of a change: PSNR, SSIM, CIEDE2000, LPIPS."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from moireaug.weights import float32_on_cpu, read_state_dict
 
 # torchvision's name of each network that LPIPS has linear heads for, to torchmetrics' name of it,
 # and the least side of an image that passes all of its layers
-NETWORKS: dict[str, tuple[Literal["squeeze", "alex", "vgg"], int]] = {
+LPIPS_NETWORKS: dict[str, tuple[Literal["squeeze", "alex", "vgg"], int]] = {
     "squeezenet1_1": ("squeeze", 17),
     "alexnet": ("alex", 31),
     "vgg16": ("vgg", 16),
 }
-PART = 8  # pairs of images that pass the network at once
-WINDOW = 11  # pixels that structural similarity is computed over
+PAIRS_PER_PASS = 8  # of images through the network
+SSIM_WINDOW = 11  # pixels
 
 
 class LPIPS(nn.Module):
@@ -37,7 +37,8 @@ class LPIPS(nn.Module):
             tell which.
 
     Attributes:
-        network: torchvision's name of it. least: side of the smallest image it takes, in pixels.
+        network: torchvision's name of the network.
+        least: side of the smallest image that it takes, in pixels.
 
     Raises:
         ValueError: a file that is missing, damaged or of another network.
@@ -49,7 +50,7 @@ class LPIPS(nn.Module):
         super().__init__()
         features = _features_in(path)
         self.network = _network_of(features, path)
-        name, self.least = NETWORKS[self.network]
+        name, self.least = LPIPS_NETWORKS[self.network]
         # the network's random weights are replaced
         with torch.random.fork_rng(devices=[]), float32_on_cpu():
             self.model = _LPIPS(net=name, pnet_rand=True)
@@ -60,21 +61,14 @@ class LPIPS(nn.Module):
         self.model.net.load_state_dict(own)
 
     def forward(self, changed: Tensor, original: Tensor) -> Tensor:
-        """Measure how far images (B, 3, H, W) in [0, 1] lie apart, as (B,) float32."""
-        found = []
-        for a, b in zip(changed.split(PART), original.split(PART), strict=True):
-            found.append(self.model(a.float(), b.float(), normalize=True).flatten())
-        return torch.cat(found)
+        """Return the distance of two images (B, 3, H, W) in [0, 1], (B,) float32."""
+        distances = []
+        for a, b in zip(changed.split(PAIRS_PER_PASS), original.split(PAIRS_PER_PASS), strict=True):
+            distances.append(self.model(a.float(), b.float(), normalize=True).flatten())
+        return torch.cat(distances)
 
     def require_side(self, side: int) -> None:
-        """Refuse images that are too small for the network.
-
-        Args:
-            side: the shorter one, in pixels.
-
-        Raises:
-            ValueError: images that are too small; says the least side.
-        """
+        """Refuse images whose shorter side, in pixels, is too small for the network: ValueError."""
         if side < self.least:
             raise ValueError(
                 f"lpips: {self.network} takes images of at least {self.least} x {self.least} "
@@ -85,7 +79,7 @@ class LPIPS(nn.Module):
 def visibility(
     changed: Tensor, original: Tensor, lpips: nn.Module | None = None
 ) -> dict[str, list[float]]:
-    """Measure how far two sets of images (B, 3, H, W) in [0, 1] lie apart, image by image.
+    """Measure the visibility of a change of images (B, 3, H, W) in [0, 1], image by image.
 
     Args:
         lpips: an `LPIPS`, where its weights are given.
@@ -100,7 +94,7 @@ def visibility(
     for one, other in zip(a.numpy(), b.numpy(), strict=True):
         lab, lab_before = (rgb2lab(np.moveaxis(x, 0, -1)) for x in (one, other))
         colour.append(float(deltaE_ciede2000(lab, lab_before).mean()))
-    found = {
+    figures = {
         "psnr": psnr(a, b).tolist(),
         "ssim": ssim(a, b).tolist(),
         "ciede2000": colour,
@@ -108,8 +102,8 @@ def visibility(
     }
     if lpips is not None:
         with torch.no_grad():
-            found["lpips"] = lpips.to(changed.device)(changed, original).tolist()
-    return found
+            figures["lpips"] = lpips.to(changed.device)(changed, original).tolist()
+    return figures
 
 
 def psnr(changed: Tensor, original: Tensor) -> Tensor:
@@ -123,43 +117,35 @@ def ssim(changed: Tensor, original: Tensor) -> Tensor:
     """Return the structural similarity of each of (B, 3, H, W) in [0, 1], (B,): the mean over
     pixels and channels, in windows of `WINDOW` pixels, or of as many as smaller images have when
     mirrored."""
-    window = min(WINDOW, 2 * min(changed.shape[-2:]) - 1)
+    window = min(SSIM_WINDOW, 2 * min(changed.shape[-2:]) - 1)
     return ssim_map(changed, original, window).mean((1, 2, 3))
 
 
 def _features_in(path: str | Path) -> dict[str, Tensor]:
     """Return the tensors of a file's convolutions, by torchvision's names without "features."; no
-    code in it is run.
-
-    Raises:
-        ValueError: a file that is missing, damaged or no state_dict.
-    """
-    found = {}
-    for name, value in read_state_dict(path, "lpips", _wanted()).items():
+    code in it is run."""
+    features = {}
+    for name, value in read_state_dict(path, "lpips", _advice()).items():
         if name.startswith("features."):
-            found[name.removeprefix("features.")] = value
-    return found
+            features[name.removeprefix("features.")] = value
+    return features
 
 
 def _network_of(features: Mapping[str, Tensor], path: str | Path) -> str:
-    """Return the network whose convolutions these are, by their names and shapes.
-
-    Raises:
-        ValueError: none of them.
-    """
+    """Return the network whose convolutions these are, by their names and shapes."""
     import torchvision  # takes seconds to import
 
     shapes = {name: value.shape for name, value in features.items()}
-    for network in NETWORKS:
+    for network in LPIPS_NETWORKS:
         with torch.device("meta"):
             layers = torchvision.models.get_model(network).features.state_dict()
         if shapes == {name: value.shape for name, value in layers.items()}:
             return network
     raise ValueError(
         f"lpips: the file {str(path)!r} does not hold the weights of any of these networks. "
-        f"{_wanted()}"
+        f"{_advice()}"
     )
 
 
-def _wanted() -> str:
-    return f"Pass a state_dict of one of torchvision's {', '.join(NETWORKS)}."
+def _advice() -> str:
+    return f"Pass a state_dict of one of torchvision's {', '.join(LPIPS_NETWORKS)}."

@@ -5,14 +5,14 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-HOMES = {"Pair": "pairs", "Pairs": "pairs", "without_moire": "twins"}
+MODULE_OF_CLASS = {"Pair": "pairs", "Pairs": "pairs", "without_moire": "twins"}
 
 __all__ = ["Pair", "Pairs", "without_moire"]
 
 
 def __getattr__(name: str) -> Any:
-    if name in HOMES:
-        return getattr(importlib.import_module(f".{HOMES[name]}", __name__), name)
+    if name in MODULE_OF_CLASS:
+        return getattr(importlib.import_module(f".{MODULE_OF_CLASS[name]}", __name__), name)
     raise AttributeError(
         f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}."
     )

@@ -24,21 +24,21 @@ from moireaug.scenes import Scene, Shot
 from moireaug.synthesis.pictures import Pictures, Source
 from moireaug.synthesis.twins import without_moire
 
-SIZES = (16, 8192)  # pixels a side
-SEEDS = 2**32 - 1
+SIZE_RANGE = (16, 8192)  # pixels a side
+MAX_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A photo and what it is of, aligned pixel by pixel.
+    """A photo and its original, aligned pixel by pixel.
 
     Args:
-        index: its number k in the sequence of its seed.
-        picture: the name of the picture, relative to the folder.
-        top, left: where the crop begins in the picture, in pixels.
-        shot: the shot, of one image, that took the photo.
+        index: number k of the pair in the sequence of its seed.
+        picture: name of the picture, relative to the folder.
+        top, left: corner of the crop in the picture, in pixels.
+        shot: shot of the photo, of one image.
         original, photo: (3, size, size) uint8, sRGB codes.
-        twin: the photo by `without_moire(shot)`; None where not asked for.
+        twin: photo by `without_moire(shot)`, or None.
     """
 
     index: int
@@ -52,13 +52,13 @@ class Pair:
 
     def pictures(self) -> dict[str, Tensor]:
         """Return photo, original and, where there is one, twin."""
-        found = {"photo": self.photo, "original": self.original}
+        pictures = {"photo": self.photo, "original": self.original}
         if self.twin is not None:
-            found["twin"] = self.twin
-        return found
+            pictures["twin"] = self.twin
+        return pictures
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what the pair was made from, as plain values fit for JSON.
+        """Return the pair's settings as plain values fit for JSON.
 
         `Shot.from_dict` of its `shot` takes the same photo of the same original again.
         """
@@ -84,10 +84,10 @@ class Pairs(IterableDataset):
             below `size` are skipped: others are drawn in their place.
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each pair is then
             photographed in one of them. Its photos must be registered.
-        size: side of the crops in pixels.
+        size: side of the crops, in pixels.
         twin: whether to photograph each crop again without moiré.
         seed: pair k is the same for the same seed, images, scene and size.
-        n: how many pairs an iteration gives, all processes together; None is without end. Every
+        n: number of pairs of an iteration, all processes together; None is without end. Every
             iteration begins with pair 0: take another seed for other pairs.
 
     Raises:
@@ -107,9 +107,9 @@ class Pairs(IterableDataset):
     ) -> None:
         super().__init__()
         self.scene, self.twin = as_scenes(scene), twin
-        self.size = _integer("size", size, *SIZES)
-        self.seed = _integer("seed", seed, 0, SEEDS)
-        self.n = None if n is None else _integer("n", n, 1, None)
+        self.size = _check_integer("size", size, *SIZE_RANGE)
+        self.seed = _check_integer("seed", seed, 0, MAX_SEED)
+        self.n = None if n is None else _check_integer("n", n, 1, None)
         check_aligned(self.scene)
         self.pictures = Pictures(images, self.size)
 
@@ -120,11 +120,11 @@ class Pairs(IterableDataset):
             ValueError: a k that is no whole number in [0, 2^63), no picture is usable, or one could
                 not be read by the system.
         """
-        k = _integer("k", k, 0, 2**63 - 1)
+        k = _check_integer("k", k, 0, 2**63 - 1)
         return make_pair(k, self.pictures, self.scene, self.size, twin=self.twin, seed=self.seed)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        first, step = _share()
+        first, step = _process_share()
         numbers: Iterable[int] = itertools.count(first, step)
         if self.n is not None:
             numbers = range(first, self.n, step)
@@ -142,9 +142,12 @@ def make_pair(
     """Return the pair of a number: a picture, a crop of it and a shot, all drawn from (seed, k).
 
     Args:
-        k: its number, at least 0. pictures: where its picture comes from.
-        scene: one for which `check_aligned` holds, or a mixture. size: side of the crop in pixels.
-        twin: whether to photograph the crop again without moiré. seed: as of `Pairs`.
+        k: number of the pair, at least 0.
+        pictures: source of its picture.
+        scene: scene, or mixture, that `check_aligned` accepts.
+        size: side of the crop, in pixels.
+        twin: whether to photograph the crop again without moiré.
+        seed: seed as in `Pairs`.
 
     Raises:
         ValueError: as `pictures.draw`.
@@ -160,8 +163,8 @@ def make_pair(
     generator = torch.Generator().manual_seed(int(rng.integers(2**32)))
     shot = sample_one(scene, (size, size), generator)
     photo = _photograph(original, shot)
-    without = _photograph(original, without_moire(shot)) if twin else None
-    return Pair(k, name, top, left, shot, original, photo, without)
+    twin_photo = _photograph(original, without_moire(shot)) if twin else None
+    return Pair(k, name, top, left, shot, original, photo, twin_photo)
 
 
 @torch.no_grad()
@@ -171,8 +174,8 @@ def _photograph(original: Tensor, shot: Shot) -> Tensor:
     return (photo[0] * 255).round().to(torch.uint8)
 
 
-def _share() -> tuple[int, int]:
-    """Return the number of this process among all workers of all ranks, and how many there are."""
+def _process_share() -> tuple[int, int]:
+    """Return the index of this process among all workers of all ranks, and their number."""
     rank, ranks = 0, 1
     if torch.distributed.is_available() and torch.distributed.is_initialized():
         rank, ranks = torch.distributed.get_rank(), torch.distributed.get_world_size()
@@ -183,11 +186,7 @@ def _share() -> tuple[int, int]:
 
 def check_aligned(scene: Scene | Mixture) -> None:
     """Refuse a scene, or a mixture with one, whose photos do not lie on their originals, or cannot
-    be taken.
-
-    Raises:
-        ValueError: with what to pass instead.
-    """
+    be taken: ValueError."""
     for one in scenes_of(scene):
         if not one.develop.registered:
             raise ValueError(
@@ -197,7 +196,7 @@ def check_aligned(scene: Scene | Mixture) -> None:
         one.plan()  # refuses ranges that cannot be photographed
 
 
-def _integer(name: str, value: Any, low: int, high: int | None) -> int:
+def _check_integer(name: str, value: Any, low: int, high: int | None) -> int:
     whole = isinstance(value, Integral) and not isinstance(value, bool)  # numpy's, too
     if not whole or value < low or (high is not None and value > high):
         allowed = f"at least {low}" if high is None else f"in [{low}, {high}]"

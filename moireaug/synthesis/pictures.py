@@ -19,7 +19,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".ppm", ".bmp", ".pgm", ".tif", ".tiff", ".
 
 
 class Source(Protocol):
-    """Where pairs take their pictures from."""
+    """A source of pictures for pairs."""
 
     def draw(self, rng: np.random.Generator) -> tuple[str, Image.Image]:
         """Draw a picture; return its name and the picture, in mode RGB. A pure function of
@@ -28,7 +28,7 @@ class Source(Protocol):
 
 
 class NoPictureError(ValueError):
-    """None of a folder's pictures is usable."""
+    """A folder without a usable picture."""
 
 
 class Pictures:
@@ -38,23 +38,23 @@ class Pictures:
     `unusable` the reason for each picture that `draw` has skipped so far.
 
     Args:
-        folder: where they are.
-        least: the shortest side in pixels that a picture must have.
+        folder: folder of the pictures.
+        min_side: smallest side of a usable picture, in pixels.
 
     Raises:
         ValueError: no folder, or no picture in it.
     """
 
-    def __init__(self, folder: str | Path, least: int) -> None:
-        self.folder, self.least = Path(folder), least
+    def __init__(self, folder: str | Path, min_side: int) -> None:
+        self.folder, self.min_side = Path(folder), min_side
         self.unusable: dict[int, str] = {}
         if not self.folder.is_dir():
             raise ValueError(f"{self.folder} is not a folder: pass one with pictures inside.")
         self.names: list[str] = []
         self.others: list[str] = []
         for name in files_below(self.folder):
-            known = name.lower().endswith(SUFFIXES)
-            (self.names if known else self.others).append(name)
+            is_picture = name.lower().endswith(SUFFIXES)
+            (self.names if is_picture else self.others).append(name)
         if not self.names:
             raise ValueError(
                 f"{self.folder} holds no pictures: none of its {len(self.others)} files ends with "
@@ -68,7 +68,7 @@ class Pictures:
         """Draw pictures, each with the same probability, until one is usable; return its name and
         the picture.
 
-        What is returned depends on `rng` and the files alone, not on what was drawn before.
+        The result depends on `rng` and the files alone, not on earlier draws.
 
         Raises:
             NoPictureError: a ValueError, none is usable.
@@ -87,12 +87,12 @@ class Pictures:
             f"none of the {len(self)} pictures in {self.folder} is usable. The first: {reasons[0]}"
         )
 
-    def part(self, numbers: Sequence[int]) -> Pictures:
+    def subset(self, numbers: Sequence[int]) -> Pictures:
         """Return some of the pictures, by their numbers, as if the folder held no others."""
-        found = copy.copy(self)
-        found.names = [self.names[number] for number in numbers]
-        found.unusable = {}
-        return found
+        pictures = copy.copy(self)
+        pictures.names = [self.names[number] for number in numbers]
+        pictures.unusable = {}
+        return pictures
 
     def fingerprint(self) -> str:
         """Return hex digits that change with any picture's name or number of bytes."""
@@ -112,17 +112,17 @@ class Pictures:
             if isinstance(cause, MemoryError) or (isinstance(cause, OSError) and cause.errno):
                 raise
             raise _UnusableError(str(error)) from error
-        if min(picture.size) < self.least:
+        if min(picture.size) < self.min_side:
             width, height = picture.size
             raise _UnusableError(
                 f"The image {path} is too small: {width} x {height} pixels, and the crops have "
-                f"{self.least} x {self.least}."
+                f"{self.min_side} x {self.min_side}."
             )
         return picture
 
 
 class _UnusableError(Exception):
-    """Why a picture is skipped."""
+    """The reason why a picture is skipped."""
 
 
 def _unreadable(error: OSError) -> None:
@@ -139,16 +139,16 @@ def files_below(folder: Path) -> list[str]:
     Raises:
         ValueError: a folder that may not be read.
     """
-    found, seen = [], set()
+    names, visited = [], set()
     for parent, folders, files in os.walk(folder, onerror=_unreadable, followlinks=True):
         place = os.path.realpath(parent)
-        if place in seen:
+        if place in visited:
             folders.clear()
             continue
-        seen.add(place)
+        visited.add(place)
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in files:
             path = Path(parent, name)
             if not name.startswith(".") and path.exists():
-                found.append(path.relative_to(folder).as_posix())
-    return sorted(found)
+                names.append(path.relative_to(folder).as_posix())
+    return sorted(names)

@@ -14,26 +14,26 @@ from torch import Tensor
 Grey = NDArray[Any]  # of uint8
 Matrix = NDArray[Any]  # of float64
 
-LONGEST = 1600  # pixels of a side at which features are looked for
-REFINED = 800  # and at which the pose is refined
-SOFTEN = 1.0  # sigma before features, which the moiré and the panel's own pixels would swamp
-RATIO = 0.75  # of the distances of the best match and the next (Lowe, 2004)
-REPROJECTION = 4.0  # pixels at LONGEST
-FEWEST = 16  # matches that agree
-ITERATIONS, ENOUGH = 60, 1e-6
-SMOOTHED = 5  # pixels, of the Gaussian with which ECC compares
-ALIKE = 0.5  # least correlation of the picture and the photo brought to its frame
+FEATURE_SIDE = 1600  # longest side in pixels of the pictures that features are found in
+REFINEMENT_SIDE = 800  # longest side in pixels of the picture that the pose is refined with
+FEATURE_SIGMA = 1.0  # of the blur before features, which moiré and panel pixels would swamp
+MAX_DISTANCE_RATIO = 0.75  # of the distances of the best match and the next (Lowe, 2004)
+MAX_REPROJECTION_ERROR = 4.0  # pixels at FEATURE_SIDE
+MIN_MATCHES = 16  # that agree on the homography
+ECC_ITERATIONS, ECC_TOLERANCE = 60, 1e-6
+ECC_SMOOTHING = 5  # pixels, of the Gaussian before ECC
+MIN_CORRELATION = 0.5  # of the picture and the photo in its frame
 
 
-class Registered(NamedTuple):
+class Registration(NamedTuple):
     """A photo's pose.
 
     Args:
-        matrix: (3, 3), the homography from the picture's coordinates to the photo's, pixel centres
-            at half integers.
-        matches: features that agree on it.
-        correlation: of the picture and the photo in its frame (ECC), 1 where they agree up to
-            brightness and contrast.
+        matrix: (3, 3) homography from the picture's coordinates to the photo's, pixel centres at
+            half integers.
+        matches: number of features that agree on it.
+        correlation: correlation of the picture and the photo in its frame (ECC), 1 where they agree
+            up to brightness and contrast.
     """
 
     matrix: Matrix
@@ -54,29 +54,29 @@ def register(photo: Tensor, picture: Tensor, name: str = "the photo") -> tuple[T
         uint8.
 
     Raises:
-        TypeError: what is not (3, H, W) uint8.
+        TypeError: pictures that are not (3, H, W) uint8.
         ValueError: the picture was not found in the photo, or could not be aligned.
     """
-    for what, given in ((name, photo), ("the picture", picture)):
-        if not isinstance(given, Tensor):
+    for title, image in ((name, photo), ("the picture", picture)):
+        if not isinstance(image, Tensor):
             raise TypeError(
-                f"{what} must be a tensor (3, H, W) uint8; got a {type(given).__name__}. Convert "
+                f"{title} must be a tensor (3, H, W) uint8; got a {type(image).__name__}. Convert "
                 "an array (H, W, 3) with torch.from_numpy(array).permute(2, 0, 1)."
             )
-        if given.dtype != torch.uint8 or given.ndim != 3 or len(given) != 3:
+        if image.dtype != torch.uint8 or image.ndim != 3 or len(image) != 3:
             raise TypeError(
-                f"{what} must be (3, H, W) uint8; got {tuple(given.shape)} {given.dtype}. Convert "
+                f"{title} must be (3, H, W) uint8; got {tuple(image.shape)} {image.dtype}. Convert "
                 "values in [0, 1] with (255 * values).round().to(torch.uint8)."
             )
-    found = find_pose(photo, picture, name)
+    registration = find_pose(photo, picture, name)
     height, width = picture.shape[1:]
-    rows, columns = _visible(found.matrix, (height, width), tuple(photo.shape[1:]))
-    warped = _warp(_interleaved(photo), found.matrix, (height, width))
+    rows, columns = _visible(registration.matrix, (height, width), tuple(photo.shape[1:]))
+    warped = _warp(_interleaved(photo), registration.matrix, (height, width))
     aligned = torch.from_numpy(warped).permute(2, 0, 1)
     return aligned[:, rows, columns], picture[:, rows, columns]
 
 
-def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Registered:
+def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Registration:
     """Return the homography from a picture to a photo of it: SIFT features (Lowe, 2004) and a
     robust homography (MAGSAC++), refined by the correlation of all pixels (ECC: Evangelidis and
     Psarakis, 2008).
@@ -85,29 +85,31 @@ def find_pose(photo: Tensor, picture: Tensor, name: str = "the photo") -> Regist
         ValueError: too few features agree, they fold the picture, or the refined photo does not
             look like the picture.
     """
-    theirs, ours = (cv2.cvtColor(_interleaved(p), cv2.COLOR_RGB2GRAY) for p in (photo, picture))
-    matrix, matches = _by_features(ours, theirs)
-    if matrix is None or matches < FEWEST or _folds(matrix, ours.shape):
+    greys = [cv2.cvtColor(_interleaved(p), cv2.COLOR_RGB2GRAY) for p in (photo, picture)]
+    grey_photo, grey_picture = greys
+    matrix, matches = _by_features(grey_picture, grey_photo)
+    if matrix is None or matches < MIN_MATCHES or _is_folded(matrix, grey_picture.shape):
         raise ValueError(
             f"the picture was not found in {name}: {matches} features agree on where it is, and "
-            f"{FEWEST} must. The photo must show most of the picture, sharp enough, and not "
+            f"{MIN_MATCHES} must. The photo must show most of the picture, sharp enough, and not "
             "mirrored; a picture of large flat areas cannot be found."
         )
-    matrix, correlation = _refined(matrix, ours, theirs)
-    if correlation < ALIKE:
+    matrix, correlation = _refine(matrix, grey_picture, grey_photo)
+    if correlation < MIN_CORRELATION:
         raise ValueError(
             f"{name} could not be aligned with the picture: their correlation is {correlation:.2f} "
-            f"and must be at least {ALIKE}. Is it a photo of this picture, on a flat screen?"
+            f"and must be at least {MIN_CORRELATION}. Is it a photo of this picture, on a flat "
+            "screen?"
         )
-    return Registered(matrix, matches, correlation)
+    return Registration(matrix, matches, correlation)
 
 
 def _interleaved(picture: Tensor) -> Grey:
     return np.ascontiguousarray(picture.permute(1, 2, 0).numpy())
 
 
-def _smaller(grey: Grey, longest: int) -> tuple[Grey, Matrix]:
-    """Return a picture of at most so many pixels a side, and the matrix to its coordinates."""
+def _shrink(grey: Grey, longest: int) -> tuple[Grey, Matrix]:
+    """Return a picture shrunk to a longest side, and the matrix to its coordinates."""
     scale = min(1.0, longest / max(grey.shape))
     if scale == 1:
         return grey, np.eye(3)
@@ -116,34 +118,36 @@ def _smaller(grey: Grey, longest: int) -> tuple[Grey, Matrix]:
     return small, np.diag([size[0] / grey.shape[1], size[1] / grey.shape[0], 1.0])
 
 
-def _by_features(ours: Grey, theirs: Grey) -> tuple[Matrix | None, int]:
-    """Return the homography from our picture to theirs, and how many features agree on it."""
+def _by_features(picture: Grey, photo: Grey) -> tuple[Matrix | None, int]:
+    """Return the homography from picture to photo, and the number of features that agree on it."""
     sift = cv2.SIFT.create(nfeatures=6000)
-    points, described, to_small = [], [], []
-    for grey in (ours, theirs):
-        small, matrix = _smaller(grey, LONGEST)
-        key, description = sift.detectAndCompute(cv2.GaussianBlur(small, (0, 0), SOFTEN), None)
+    points, descriptions, to_small = [], [], []
+    for grey in (picture, photo):
+        small, matrix = _shrink(grey, FEATURE_SIDE)
+        blurred = cv2.GaussianBlur(small, (0, 0), FEATURE_SIGMA)
+        key, description = sift.detectAndCompute(blurred, None)
         points.append(
             np.array([k.pt for k in key], np.float32) + 0.5
         )  # OpenCV's centres are whole numbers
-        described.append(description)
+        descriptions.append(description)
         to_small.append(matrix)
-    if any(description is None or len(description) < FEWEST for description in described):
+    if any(description is None or len(description) < MIN_MATCHES for description in descriptions):
         return None, 0
-    pairs = cv2.BFMatcher().knnMatch(described[0], described[1], k=2)
-    good = [first for first, second in pairs if first.distance < RATIO * second.distance]
-    if len(good) < FEWEST:
-        return None, len(good)
-    source = points[0][[match.queryIdx for match in good]]
-    target = points[1][[match.trainIdx for match in good]]
+    pairs = cv2.BFMatcher().knnMatch(descriptions[0], descriptions[1], k=2)
+    ratio = MAX_DISTANCE_RATIO
+    matches = [first for first, second in pairs if first.distance < ratio * second.distance]
+    if len(matches) < MIN_MATCHES:
+        return None, len(matches)
+    source = points[0][[match.queryIdx for match in matches]]
+    target = points[1][[match.trainIdx for match in matches]]
     cv2.setRNGSeed(0)
-    matrix, agree = cv2.findHomography(source, target, cv2.USAC_MAGSAC, REPROJECTION)
+    matrix, is_inlier = cv2.findHomography(source, target, cv2.USAC_MAGSAC, MAX_REPROJECTION_ERROR)
     if matrix is None:
         return None, 0
-    return np.linalg.inv(to_small[1]) @ matrix @ to_small[0], int(agree.sum())
+    return np.linalg.inv(to_small[1]) @ matrix @ to_small[0], int(is_inlier.sum())
 
 
-def _folds(matrix: Matrix, shape: tuple[int, ...]) -> bool:
+def _is_folded(matrix: Matrix, shape: tuple[int, ...]) -> bool:
     """Return whether a homography mirrors the picture, or its corners are not convex."""
     corners = _corners(matrix, shape[0], shape[1])
     turns = []
@@ -160,43 +164,43 @@ def _corners(matrix: Matrix, height: float, width: float) -> Matrix:
     return mapped[:, :2] / mapped[:, 2:]
 
 
-def _refined(matrix: Matrix, ours: Grey, theirs: Grey) -> tuple[Matrix, float]:
-    """Return the homography that makes the two most alike, and their correlation."""
-    small, shrink = _smaller(ours, REFINED)
-    # the photo as large as the picture: what is finer is moiré and the panel's own pixels
-    longest = round(max(small.shape) * _magnification(matrix, ours, theirs))
-    there, shrink_there = _smaller(theirs, longest)
+def _refine(matrix: Matrix, picture: Grey, photo: Grey) -> tuple[Matrix, float]:
+    """Return the homography of greatest correlation, and the correlation."""
+    small, shrink = _shrink(picture, REFINEMENT_SIDE)
+    # the photo as large as the picture: finer detail is moiré and the panel's own pixels
+    longest = round(max(small.shape) * _magnification(matrix, picture, photo))
+    small_photo, shrink_photo = _shrink(photo, longest)
     index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # to OpenCV's coordinates
-    first = index @ shrink_there @ matrix @ np.linalg.inv(index @ shrink)
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ITERATIONS, ENOUGH)
+    first = index @ shrink_photo @ matrix @ np.linalg.inv(index @ shrink)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ECC_ITERATIONS, ECC_TOLERANCE)
     start = (first / first[2, 2]).astype(np.float32)
-    inside = _inside(first, small.shape, there.shape)
+    inside = _inside(first, small.shape, small_photo.shape)
     try:
-        alike, found = cv2.findTransformECC(
-            small, there, start, cv2.MOTION_HOMOGRAPHY, criteria, inside, SMOOTHED
+        correlation, refined = cv2.findTransformECC(
+            small, small_photo, start, cv2.MOTION_HOMOGRAPHY, criteria, inside, ECC_SMOOTHING
         )
     except cv2.error:  # it does not converge
         return matrix, 0.0
-    back = np.linalg.inv(index @ shrink_there) @ found.astype(np.float64) @ index @ shrink
-    return back / back[2, 2], float(alike)
+    result = np.linalg.inv(index @ shrink_photo) @ refined.astype(np.float64) @ index @ shrink
+    return result / result[2, 2], float(correlation)
 
 
 def _inside(matrix: Matrix, picture: tuple[int, ...], photo: tuple[int, ...]) -> Grey:
     """Return a mask of where the photo shows the picture, away from its borders: smoothed by ECC,
-    what surrounds the screen would pull at them."""
+    the screen's surroundings would pull at them."""
     corners = _corners(matrix, picture[0], picture[1])
     mask = np.zeros(photo[:2], np.uint8)
     cv2.fillConvexPoly(mask, corners.round().astype(np.int32), 255)
-    margin = 2 * SMOOTHED + 1
+    margin = 2 * ECC_SMOOTHING + 1
     border = cv2.BORDER_CONSTANT
     return cv2.erode(mask, np.ones((margin, margin), np.uint8), borderType=border, borderValue=255)
 
 
-def _magnification(matrix: Matrix, ours: Grey, theirs: Grey) -> float:
+def _magnification(matrix: Matrix, picture: Grey, photo: Grey) -> float:
     """Return the longest side of the photo in units of the picture's, as it is shown there."""
-    corners = _corners(matrix, ours.shape[0], ours.shape[1])
+    corners = _corners(matrix, picture.shape[0], picture.shape[1])
     area = cv2.contourArea(corners.astype(np.float32))
-    return max(theirs.shape) / max(ours.shape) / (area / (ours.shape[0] * ours.shape[1])) ** 0.5
+    return max(photo.shape) / max(picture.shape) / (area / picture.size) ** 0.5
 
 
 def _warp(photo: Grey, matrix: Matrix, size: tuple[int, int]) -> Grey:
@@ -226,7 +230,7 @@ def _visible(matrix: Matrix, size: tuple[int, int], photo: tuple[int, ...]) -> t
         low_y, high_y = middle_y - share * height / 2, middle_y + share * height / 2
         if low_x < 0 or low_y < 0 or high_x > width or high_y > height:
             break
-        corners = np.meshgrid([low_x, high_x], [low_y, high_y])  # what is visible is convex
+        corners = np.meshgrid([low_x, high_x], [low_y, high_y])  # the visible part is convex
         if not _is_in(photo, matrix, *corners).all():
             break
         rows = slice(math.ceil(low_y), math.floor(high_y))

@@ -20,23 +20,23 @@ from scipy.ndimage import maximum_filter
 Plane = NDArray[Any]  # of float32
 Power = NDArray[Any]
 
-WINDOW = 96  # pixels
-FLATTEST = 0.4  # share of the windows that are used
-LOWEST, HIGHEST = 1 / 32, 1 / 4  # cycles per pixel: the band that is searched
-OCTAVES = (LOWEST, 1 / 16, 1 / 8, HIGHEST)  # each has its own floor of noise
-ABOVE = 2.0  # times the floor: a seventh of the power of white noise stays
-PEAK_ABOVE = 20.0  # times the floor; fewer than one in 10^8 values of white noise are as large
-WEAKEST_PEAK = 0.25  # codes RMS
-FAINTEST_PEAK = 0.1  # of the strongest in the crop, in codes
+WINDOW_SIDE = 96  # pixels
+WINDOW_SHARE = 0.4  # of the windows, the flattest
+MIN_FREQUENCY, MAX_FREQUENCY = 1 / 32, 1 / 4  # cycles per pixel: the band that is searched
+OCTAVE_EDGES = (MIN_FREQUENCY, 1 / 16, 1 / 8, MAX_FREQUENCY)  # each octave has its own noise floor
+NOISE_FACTOR = 2.0  # times the floor: a seventh of the power of white noise stays
+PEAK_NOISE_FACTOR = 20.0  # times the floor: fewer than one in 10^8 values of white noise exceed it
+MIN_PEAK_STRENGTH = 0.25  # codes RMS
+MIN_PEAK_SHARE = 0.1  # of the strength of the crop's strongest peak
 
 
 class Peak(NamedTuple):
     """A sinusoid in a window of a crop.
 
     Args:
-        frequency: cycles per pixel.
-        angle: of its wave vector, which crosses the stripes: degrees in [0, 180), counter-clockwise
-            as seen in the picture.
+        frequency: frequency, in cycles per pixel.
+        angle: angle of the wave vector, which crosses the stripes, in degrees in [0, 180),
+            counter-clockwise as seen in the picture.
         strength: RMS over the planes together, in codes.
     """
 
@@ -55,7 +55,8 @@ class Spectrum(NamedTuple):
     @property
     def excess(self) -> Power:
         """Power above the noise, in the band that is searched."""
-        return np.where(_band(self.power.shape[-1]), self.power - ABOVE * self.floor, 0).clip(0)
+        above_noise = self.power - NOISE_FACTOR * self.floor
+        return np.where(_band(self.power.shape[-1]), above_noise, 0).clip(0)
 
 
 def spectrum(planes: Sequence[Plane], content: Sequence[Plane] | None, busy: Plane) -> Spectrum:
@@ -64,38 +65,38 @@ def spectrum(planes: Sequence[Plane], content: Sequence[Plane] | None, busy: Pla
     Args:
         planes: (H, W) each, in codes; their powers are added.
         content: the same planes of the picture that is shown, whose power is subtracted.
-        busy: (H, W), how much detail is in the picture.
+        busy: (H, W) amount of detail in the picture.
     """
     corners = _flattest(busy)
     power = np.sum([_power(plane, corners) for plane in planes], axis=0)
     if content is not None:
-        own = np.sum([_power(plane, corners) for plane in content], axis=0)
-        power = np.clip(power - own, 0, None)
+        content_power = np.sum([_power(plane, corners) for plane in content], axis=0)
+        power = np.clip(power - content_power, 0, None)
     return Spectrum(power, _floor(power))
 
 
 def side_of(shape: tuple[int, ...]) -> int:
     """Return the side of a window in a crop of that shape."""
-    return min(WINDOW, *shape)
+    return min(WINDOW_SIDE, *shape)
 
 
 def _flattest(busy: Plane) -> list[tuple[slice, slice]]:
     side = side_of(busy.shape)
-    found = []
+    windows = []
     for y in range(0, busy.shape[0] - side + 1, max(1, side // 2)):
         for x in range(0, busy.shape[1] - side + 1, max(1, side // 2)):
             place = (slice(y, y + side), slice(x, x + side))
-            found.append((float(busy[place].mean()), y, x, place))
-    found.sort(key=lambda entry: entry[:3])
-    return [place for *_, place in found[: max(1, round(FLATTEST * len(found)))]]
+            windows.append((float(busy[place].mean()), y, x, place))
+    windows.sort(key=lambda entry: entry[:3])
+    return [place for *_, place in windows[: max(1, round(WINDOW_SHARE * len(windows)))]]
 
 
 def _power(plane: Plane, corners: Sequence[tuple[slice, slice]]) -> Power:
     taper = _taper(side_of(plane.shape))
     windows = np.stack([plane[place] for place in corners])
     windows = (windows - _weighted_mean(windows, taper)) * taper
-    found = fft.fft2(windows)
-    power = found.real**2 + found.imag**2
+    transform = fft.fft2(windows)
+    power = transform.real**2 + transform.imag**2
     n = taper.shape[0]
     return fft.fftshift(power, axes=(-2, -1)) / (n * n * np.square(taper).sum())
 
@@ -121,21 +122,21 @@ def _frequencies(side: int) -> tuple[Power, Power, Power]:
 @cache
 def _band(side: int) -> NDArray[np.bool_]:
     length = _frequencies(side)[2]
-    return (length >= LOWEST) & (length <= HIGHEST)
+    return (length >= MIN_FREQUENCY) & (length <= MAX_FREQUENCY)
 
 
 def _floor(power: Power) -> Power:
     """Return the mean power of the noise by octaves, from the median, which peaks do not move."""
     length = _frequencies(power.shape[-1])[2]
     floor = np.zeros_like(power)
-    for low, high in pairwise(OCTAVES):
+    for low, high in pairwise(OCTAVE_EDGES):
         ring = (length >= low) & (length <= high)
         if ring.any():
             floor[:, ring] = np.median(power[:, ring], axis=1, keepdims=True) / np.log(2)
     return floor
 
 
-def two_dimensionality(found: Spectrum) -> float:
+def two_dimensionality(spectrum: Spectrum) -> float:
     """Return 0 where each window holds one family of stripes, 1 where it holds a square lattice, or
     noise that has no direction.
 
@@ -144,10 +145,10 @@ def two_dimensionality(found: Spectrum) -> float:
     weighted by their power. Harmonics lie in the direction of their stripes, and change nothing.
     0 where there is no power at all.
     """
-    fx, fy, length = _frequencies(found.power.shape[-1])
+    fx, fy, length = _frequencies(spectrum.power.shape[-1])
     safe = np.where(length > 0, length, 1)
     ux, uy = fx / safe, fy / safe
-    excess = found.excess
+    excess = spectrum.excess
     xx, yy = (excess * ux * ux).sum((1, 2)), (excess * uy * uy).sum((1, 2))
     xy = (excess * ux * uy).sum((1, 2))
     trace = xx + yy
@@ -156,20 +157,20 @@ def two_dimensionality(found: Spectrum) -> float:
     return float(2 * lesser.sum() / total) if total > 1e-9 else 0.0
 
 
-def peaks(found: Spectrum) -> list[list[Peak]]:
+def peaks(spectrum: Spectrum) -> list[list[Peak]]:
     """Return the peaks of each window, the strongest first."""
-    side = found.power.shape[-1]
+    side = spectrum.power.shape[-1]
     fx, fy, _ = _frequencies(side)
     half = _band(side) & ((fy > 0) | ((fy == 0) & (fx > 0)))
     windows = []
-    for power, floor in zip(found.power, found.floor, strict=True):
+    for power, floor in zip(spectrum.power, spectrum.floor, strict=True):
         highest = maximum_filter(power, 5, mode="wrap")
-        at = np.argwhere(half & (power == highest) & (power > PEAK_ABOVE * floor))
-        one = [_peak(power - floor, y, x) for y, x in at]
-        windows.append(sorted(one, key=lambda peak: -peak.strength))
+        places = np.argwhere(half & (power == highest) & (power > PEAK_NOISE_FACTOR * floor))
+        window = [_peak(power - floor, y, x) for y, x in places]
+        windows.append(sorted(window, key=lambda peak: -peak.strength))
     strongest = max((window[0].strength for window in windows if window), default=0.0)
-    least = max(WEAKEST_PEAK, FAINTEST_PEAK * strongest)
-    return [[peak for peak in window if peak.strength >= least] for window in windows]
+    min_strength = max(MIN_PEAK_STRENGTH, MIN_PEAK_SHARE * strongest)
+    return [[peak for peak in window if peak.strength >= min_strength] for window in windows]
 
 
 def _peak(power: Power, y: int, x: int) -> Peak:

@@ -10,8 +10,8 @@ best; it is divided by its gain there, 0.47, so that such a sinusoid of amplitud
 A / sqrt 2. The broad band, sigma 1.5 to 8, is not divided by its own, 0.85.
 
 Flat regions are the 40 % of a crop where the original has least in the broad band of its luma.
-Without an original the photo itself says what is flat: its quietest places are then taken, so that
-the moiré of luma and the noise come out too low, and that of chroma less so.
+Without an original the quietest places of the photo itself are taken, so that the moiré of luma and
+the noise come out too low, and the moiré of chroma less so.
 """
 
 from __future__ import annotations
@@ -32,24 +32,25 @@ from moireaug.synthesis.tone import ColourMap, levels, psnr
 Plane = NDArray[Any]  # of float32
 
 BANDS = ((1, 2), (2, 4), (4, 8), (8, 16))  # sigmas in pixels
-BROAD = (1.5, 8)
+BROAD_BAND = (1.5, 8)  # sigmas in pixels
 OCTAVE_GAIN = 4 ** (-1 / 3) - 4 ** (-4 / 3)  # of a band of sigma a to 2 a, where it is largest
-FLAT = 0.4  # share of a crop
-BUSY_BLUR = 6  # sigma in pixels over which detail is averaged
-EDGES = 0.2  # share of a crop whose edges are compared
-SMALLEST = 32  # pixels of a crop
+FLAT_SHARE = 0.4  # share of a crop
+DETAIL_SIGMA = 6  # pixels over which detail is averaged
+EDGE_SHARE = 0.2  # share of a crop whose edges are compared
+MIN_CROP_SIDE = 32  # pixels
 
 
 class Statistic(NamedTuple):
-    """What a number of `measure` means.
+    """The meaning of a number of `measure`.
 
     Args:
-        title: for tables. unit: of the number.
-        small: an amount that hardly matters, in that unit: two numbers are compared by
+        title: title in tables.
+        unit: unit of the number.
+        small: amount that hardly matters, in that unit: two numbers are compared by
             asinh(a / small) - asinh(b / small), which is the logarithm of their ratio where they
             are large, and their difference, in units of small, where they are near 0.
-        paired: it needs the original.
-        compared: it says how photos look, as a direction does not.
+        paired: whether it needs the original.
+        compared: whether it describes the look of photos, as a direction does not.
     """
 
     title: str
@@ -95,7 +96,7 @@ def measure(photos: Tensor, originals: Tensor | None = None) -> list[dict[str, f
 
     Args:
         photos: (B, 3, H, W) in [0, 1], at least 32 px a side.
-        originals: the same crops of what the screen showed; None leaves out the statistics that
+        originals: the same crops of the pictures on the screen; None leaves out the statistics that
             are `paired`, and takes flat and grey places from the photo itself.
 
     Returns:
@@ -106,10 +107,10 @@ def measure(photos: Tensor, originals: Tensor | None = None) -> list[dict[str, f
             originals of different shapes.
     """
     photos = check_images(photos)
-    if min(photos.shape[-2:]) < SMALLEST:
+    if min(photos.shape[-2:]) < MIN_CROP_SIDE:
         raise ValueError(
-            f"crops must have at least {SMALLEST} x {SMALLEST} pixels to have a spectrum; got "
-            f"{photos.shape[-2]} x {photos.shape[-1]}."
+            f"crops must have at least {MIN_CROP_SIDE} x {MIN_CROP_SIDE} pixels to have a "
+            f"spectrum; got {photos.shape[-2]} x {photos.shape[-1]}."
         )
     if originals is None:
         return [measure_crop(photo, None) for photo in _in_codes(photos)]
@@ -132,18 +133,18 @@ def measure_crop(photo: Plane, original: Plane | None) -> dict[str, float]:
     """Measure one crop (3, H, W), in codes of 255; see `measure`."""
     reference = photo if original is None else original
     busy = busyness(reference)
-    flat = busy <= np.quantile(busy, FLAT)
-    found = band_strengths(photo, flat)
-    found |= spectral(photo, original, busy)
-    found |= levels(photo, reference)
-    found["noise"] = noise(photo, flat)
-    found["blocks"] = blocks(photo)
+    flat = busy <= np.quantile(busy, FLAT_SHARE)
+    numbers = band_strengths(photo, flat)
+    numbers |= spectral(photo, original, busy)
+    numbers |= levels(photo, reference)
+    numbers["noise"] = noise(photo, flat)
+    numbers["blocks"] = blocks(photo)
     if original is not None:
         mapped = ColourMap.fit(photo, original)(photo)
-        found["psnr"] = psnr(photo, original)
-        found["psnr_mapped"] = psnr(mapped, original)
-        found["sharpness"] = sharpness(mapped, original, busy)
-    return {name: found[name] for name in STATISTICS if name in found}
+        numbers["psnr"] = psnr(photo, original)
+        numbers["psnr_mapped"] = psnr(mapped, original)
+        numbers["sharpness"] = sharpness(mapped, original, busy)
+    return {name: numbers[name] for name in STATISTICS if name in numbers}
 
 
 def planes(picture: Plane) -> tuple[Plane, Plane, Plane]:
@@ -153,9 +154,9 @@ def planes(picture: Plane) -> tuple[Plane, Plane, Plane]:
 
 
 def busyness(picture: Plane) -> Plane:
-    """Return how much detail is around each pixel, (H, W): the luma's broad band, blurred."""
+    """Return the amount of detail around each pixel, (H, W): the luma's broad band, blurred."""
     luma = planes(picture)[2]
-    return blur(np.abs(blur(luma, BROAD[0]) - blur(luma, BROAD[1])), BUSY_BLUR)
+    return blur(np.abs(blur(luma, BROAD_BAND[0]) - blur(luma, BROAD_BAND[1])), DETAIL_SIGMA)
 
 
 def blur(plane: Plane, sigma: float) -> Plane:
@@ -169,42 +170,42 @@ def scales(plane: Plane) -> dict[float, Plane]:
     After a blur of 4 px every other pixel holds all that is left, so that the wider ones are made
     from these.
     """
-    found = {sigma: blur(plane, sigma)[::2, ::2] for sigma in (1, 1.5, 2, 4)}
+    blurred = {sigma: blur(plane, sigma)[::2, ::2] for sigma in (1, 1.5, 2, 4)}
     for sigma in (8, 16):
-        found[sigma] = blur(found[4], math.sqrt(sigma**2 - 4**2) / 2)
-    return found
+        blurred[sigma] = blur(blurred[4], math.sqrt(sigma**2 - 4**2) / 2)
+    return blurred
 
 
 def band_strengths(photo: Plane, flat: NDArray[np.bool_]) -> dict[str, float]:
     """Return the RMS of chroma and luma in each band, over the flat regions."""
     red, blue, luma = (scales(plane) for plane in planes(photo))
     flat = flat[::2, ::2]
-    found = {}
-    for low, high in (BROAD, *BANDS):
+    strengths = {}
+    for low, high in (BROAD_BAND, *BANDS):
         name, gain = (f"_{low}_{high}", OCTAVE_GAIN) if (low, high) in BANDS else ("", 1.0)
         for kind, parts in (("chroma", (red, blue)), ("luma", (luma,))):
             square = sum(np.square((part[low] - part[high])[flat]).mean() for part in parts)
-            found[kind + name] = math.sqrt(square) / gain
-    return found
+            strengths[kind + name] = math.sqrt(square) / gain
+    return strengths
 
 
 def spectral(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, float]:
-    """Return what the spectra of the flattest windows say: peaks, and stripes or lattice.
+    """Return the statistics of the spectra of the flattest windows: peaks, and stripes or lattice.
 
     The picture's own content, in the photo's colours, is subtracted from them.
     """
-    shown = None
+    content = None
     if original is not None:
-        shown = planes(ColourMap.fit(original, photo)(original))
-    ours = planes(photo)
-    chroma = spectra.spectrum(ours[:2], shown and shown[:2], busy)
-    luma = spectra.spectrum(ours[2:], shown and shown[2:], busy)
+        content = planes(ColourMap.fit(original, photo)(original))
+    photo_planes = planes(photo)
+    chroma = spectra.spectrum(photo_planes[:2], content and content[:2], busy)
+    luma = spectra.spectrum(photo_planes[2:], content and content[2:], busy)
     both = spectra.Spectrum(chroma.power + luma.power, chroma.floor + luma.floor)
     windows = spectra.peaks(both)
-    every = [peak for window in windows for peak in window]
-    strongest = max(every, key=lambda peak: peak.strength, default=spectra.Peak(0.0, 0.0, 0.0))
+    all_peaks = [peak for window in windows for peak in window]
+    strongest = max(all_peaks, key=lambda peak: peak.strength, default=spectra.Peak(0.0, 0.0, 0.0))
     return {
-        "peaks": len(every) / len(windows),
+        "peaks": len(all_peaks) / len(windows),
         "peak_strength": strongest.strength,
         "peak_frequency": strongest.frequency,
         "peak_angle": strongest.angle,
@@ -216,7 +217,7 @@ def spectral(photo: Plane, original: Plane | None, busy: Plane) -> dict[str, flo
 def sharpness(mapped: Plane, original: Plane, busy: Plane) -> float:
     """Return the RMS gradient of a photo, its colours mapped, over the original's, on the fifth of
     the crop with most detail; 1 where the original has none."""
-    edges = busy >= np.quantile(busy, 1 - EDGES)
+    edges = busy >= np.quantile(busy, 1 - EDGE_SHARE)
     ours, theirs = (_gradient(planes(picture)[2])[edges].mean() for picture in (mapped, original))
     return float(math.sqrt(ours / theirs)) if theirs > 1e-6 else 1.0
 
@@ -230,27 +231,28 @@ def noise(photo: Plane, flat: NDArray[np.bool_]) -> float:
     """Return the standard deviation of white noise with as much fine detail as the flat regions
     have: Immerkaer (1996), "Fast noise variance estimation", by the median."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    found = [np.median(np.abs(cv2.filter2D(plane, -1, kernel)[flat])) for plane in photo]
+    medians = [np.median(np.abs(cv2.filter2D(plane, -1, kernel)[flat])) for plane in photo]
     # the kernel's norm is 6, and half of a normal distribution lies within 0.6745
-    return float(math.sqrt(np.mean(np.square(found))) / 6 / 0.6745)
+    return float(math.sqrt(np.mean(np.square(medians))) / 6 / 0.6745)
 
 
 def blocks(photo: Plane) -> float:
     """Return by how much the luma's steps across the edges of 8 x 8 blocks exceed the others; the
     blocks may begin anywhere. About 0 where there are none."""
     luma = planes(photo)[2]
-    found = []
+    excesses = []
     for axis in (0, 1):
         steps = np.abs(np.diff(luma, axis=axis)).mean(axis=1 - axis)
-        each = np.array([steps[k::8].mean() for k in range(8)])
-        usual = float(np.median(each))
-        found.append(float(each.max()) / usual - 1 if usual > 1e-6 else 0.0)
-    return sum(found) / 2
+        steps_by_phase = np.array([steps[k::8].mean() for k in range(8)])
+        median_step = float(np.median(steps_by_phase))
+        excess = float(steps_by_phase.max()) / median_step - 1 if median_step > 1e-6 else 0.0
+        excesses.append(excess)
+    return sum(excesses) / 2
 
 
 def compare(real: float, simulated: float, statistic: Statistic) -> float:
-    """Return how far a simulated number is from a real one: the logarithm of their ratio where they
-    are large beside what is small, their difference, in units of what is small, where they are near
+    """Return the distance of a simulated number from a real one: the logarithm of their ratio where
+    both are large beside `statistic.small`, their difference in units of it where they are near
     0."""
     return math.asinh(simulated / statistic.small) - math.asinh(real / statistic.small)
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 Plane = NDArray[Any]  # of float32
 
-STEP = 7  # every seventh pixel is enough for 21 coefficients
-GREYEST = 0.1  # share of the pixels that count as grey
-RIDGE = 1e-6  # of the mean power of a column: gives flat pictures a map, too
+PIXEL_STEP = 7  # every seventh pixel is enough for 21 coefficients
+GREY_SHARE = 0.1  # share of the pixels that count as grey
+RIDGE_SHARE = 1e-6  # of the mean power of a column: flat pictures have a map, too
 
 
 class ColourMap(NamedTuple):
@@ -20,18 +20,18 @@ class ColourMap(NamedTuple):
     coefficients: NDArray[Any]  # (7, 3), or (4, 3) without squares
 
     @staticmethod
-    def fit(picture: Plane, wanted: Plane, *, squares: bool = True) -> ColourMap:
+    def fit(picture: Plane, target: Plane, *, squares: bool = True) -> ColourMap:
         """Find the map that brings a picture nearest to another, by least squares.
 
         Args:
-            picture, wanted: (3, H, W), in codes of 255.
+            picture, target: (3, H, W), in codes of 255.
             squares: False leaves r^2, g^2 and b^2 out: an affine map, 3 x 3 and an offset.
         """
-        powers = _powers(picture.reshape(3, -1)[:, ::STEP]).astype(np.float64)
+        powers = _powers(picture.reshape(3, -1)[:, ::PIXEL_STEP]).astype(np.float64)
         powers = powers[: 7 if squares else 4]
         gram = powers @ powers.T
-        gram += RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
-        right = powers @ wanted.reshape(3, -1)[:, ::STEP].T
+        gram += RIDGE_SHARE * np.trace(gram) / len(gram) * np.eye(len(gram))
+        right = powers @ target.reshape(3, -1)[:, ::PIXEL_STEP].T
         return ColourMap(np.linalg.solve(gram, right))
 
     def __call__(self, picture: Plane) -> Plane:
@@ -47,9 +47,9 @@ def _powers(pixels: Plane) -> Plane:
     return np.concatenate([np.ones_like(x[:1]), x, x * x])
 
 
-def psnr(picture: Plane, wanted: Plane) -> float:
+def psnr(picture: Plane, target: Plane) -> float:
     """Return the peak signal-to-noise ratio in dB; at most 100, as for equal pictures."""
-    error = float(np.square(picture - wanted).mean(dtype=np.float64))
+    error = float(np.square(picture - target).mean(dtype=np.float64))
     return float(min(100.0, 10 * np.log10(255**2 / max(error, 1e-12))))
 
 
@@ -57,13 +57,13 @@ def levels(photo: Plane, reference: Plane) -> dict[str, float]:
     """Return white, black, contrast, saturation and cast of a photo (3, H, W), in codes.
 
     Args:
-        reference: tells which pixels are grey: the original, or else the photo itself, whose cast
-            is then underestimated, as its greys are by definition those without any.
+        reference: picture whose grey pixels are measured: the original, or else the photo itself,
+            whose cast is then underestimated, as its greys are by definition those without any.
     """
     luma = photo.mean(0)
     black, white = np.percentile(luma, [1, 99])
     colourfulness = reference.max(0) - reference.min(0)
-    grey = colourfulness <= np.quantile(colourfulness, GREYEST)
+    grey = colourfulness <= np.quantile(colourfulness, GREY_SHARE)
     red, green, blue = (float(plane[grey].mean()) for plane in photo)
     return {
         "white": float(white),

@@ -17,13 +17,13 @@ def without_moire(shot: Shot) -> Shot:
     teaches a demoiréing network to remove the moiré alone.
 
     Raises:
-        TypeError: what is not a shot.
+        TypeError: anything but a shot.
     """
     check_is_shot(shot)
-    return dataclasses.replace(shot, scene=_mean(shot.scene))
+    return dataclasses.replace(shot, scene=_without_subpixels(shot.scene))
 
 
 @functools.lru_cache(maxsize=64)  # a new scene would be planned again for every shot
-def _mean(scene: Scene) -> Scene:
+def _without_subpixels(scene: Scene) -> Scene:
     """Return the scene with the exposure that sees a panel's mean light."""
     return dataclasses.replace(scene, sensor=dataclasses.replace(scene.sensor, exposure="mean"))

@@ -10,17 +10,17 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-DOORS = ("torchvision", "kornia", "albumentations")
-HOMES = {"RandomMoire": "torchvision", "AdversarialMoire": "adversarial"}
+LIBRARIES = ("torchvision", "kornia", "albumentations")
+MODULE_OF_CLASS = {"RandomMoire": "torchvision", "AdversarialMoire": "adversarial"}
 
 __all__ = ["AdversarialMoire", "RandomMoire", "albumentations", "kornia", "torchvision"]
 
 
 def __getattr__(name: str) -> Any:
-    if name in DOORS:
+    if name in LIBRARIES:
         return importlib.import_module(f".{name}", __name__)
-    if name in HOMES:
-        return getattr(importlib.import_module(f".{HOMES[name]}", __name__), name)
+    if name in MODULE_OF_CLASS:
+        return getattr(importlib.import_module(f".{MODULE_OF_CLASS[name]}", __name__), name)
     raise AttributeError(
         f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}."
     )

@@ -1,4 +1,4 @@
-"""Numpy images, (H, W, C), and what is carried with them, through a shot."""
+"""Numpy images (H, W, C) and their masks, boxes and key points, through a shot."""
 
 from __future__ import annotations
 
@@ -12,20 +12,18 @@ import torch
 from moireaug.scenes import Shot
 from moireaug.transforms._convert import at_size, move_boxes, photograph, shot_of_frames
 
-PICTURES = {"image": 0, "images": 1, "volume": 1, "volumes": 2}  # targets, and how deep they nest
-MASKS = {"mask": 0, "masks": 1, "mask3d": 1, "masks3d": 2}
+# name of each target to the depth of its nesting
+IMAGE_TARGETS = {"image": 0, "images": 1, "volume": 1, "volumes": 2}
+MASK_TARGETS = {"mask": 0, "masks": 1, "mask3d": 1, "masks3d": 2}
 
 
 def check_arrays(target: str, value: Any, depth: int) -> None:
-    """Refuse what is no numpy array or, `depth` levels deep, list of them.
-
-    Raises:
-        TypeError: with what was got and where it belongs.
-    """
-    others = [leaf for leaf in _leaves(value, depth) if not isinstance(leaf, np.ndarray)]
-    if not others:
+    """Refuse a value that is neither a numpy array nor a list of arrays, `depth` levels deep:
+    TypeError."""
+    other_leaves = [leaf for leaf in _leaves(value, depth) if not isinstance(leaf, np.ndarray)]
+    if not other_leaves:
         return
-    if isinstance(others[0], torch.Tensor):
+    if isinstance(other_leaves[0], torch.Tensor):
         advice = (
             "Put this transform before ToTensorV2, or use moireaug.transforms.RandomMoire or "
             "AdversarialMoire, which take tensors."
@@ -33,7 +31,7 @@ def check_arrays(target: str, value: Any, depth: int) -> None:
     else:
         advice = "Convert it with np.asarray first."
     allowed = "a numpy array or a list of them" if depth else "a numpy array"
-    raise TypeError(f"{target} must be {allowed}; got {_type_name(others[0])}. {advice}")
+    raise TypeError(f"{target} must be {allowed}; got {_type_name(other_leaves[0])}. {advice}")
 
 
 def _leaves(value: Any, depth: int) -> list[Any]:
@@ -87,9 +85,9 @@ def planes(image: np.ndarray) -> torch.Tensor:
             f"{image.shape}. Its channels seem to be first: put them last with transpose(1, 2, 0)."
         )
     # torch reads only the machine's byte order, and no long doubles
-    known = image.dtype.newbyteorder("=")
-    known = np.dtype(np.float64) if known == np.longdouble else known
-    pixels = torch.from_numpy(np.array(image, known, order="C"))
+    dtype = image.dtype.newbyteorder("=")
+    dtype = np.dtype(np.float64) if dtype == np.longdouble else dtype
+    pixels = torch.from_numpy(np.array(image, dtype, order="C"))
     return pixels.reshape(1, *image.shape[:2], -1).permute(0, 3, 1, 2)
 
 
@@ -112,10 +110,10 @@ def move_bboxes(bboxes: np.ndarray, shot: Shot) -> np.ndarray:
     sides = np.array([w, h, w, h], np.float64)
     moved = bboxes.copy()
     moved[:, :4] = move_boxes(torch.from_numpy(bboxes[:, :4] * sides), shot).numpy() / sides
-    seen = moved[:, :4].clip(0, 1)
+    visible = moved[:, :4].clip(0, 1)
     # a Compose drops them, but refuses those that it clips to nothing itself
-    outside = (seen[:, 0] >= seen[:, 2]) | (seen[:, 1] >= seen[:, 3])
-    moved[outside, :4] = seen[outside]
+    outside = (visible[:, 0] >= visible[:, 2]) | (visible[:, 1] >= visible[:, 3])
+    moved[outside, :4] = visible[outside]
     return moved
 
 
@@ -123,21 +121,24 @@ def move_keypoints(keypoints: np.ndarray, shot: Shot) -> np.ndarray:
     """Move rows of x, y, or x, y, z, angle, scale, and anything after: angle in radians, from x
     towards y."""
     keypoints = _as_float(keypoints)
-    step = 1e-3  # pixels, to see how the photo turns and magnifies around each point
-    at = torch.from_numpy(keypoints[:, :2].astype(np.float64)) + 0.5
-    there = shot.to_photo(at[None])[0]
+    step = 1e-3  # pixels, for the rotation and magnification around each point
+    points = torch.from_numpy(keypoints[:, :2].astype(np.float64)) + 0.5
+    moved_points = shot.to_photo(points[None])[0]
     moved = keypoints.copy()
-    moved[:, :2] = (there - 0.5).numpy()
+    moved[:, :2] = (moved_points - 0.5).numpy()
     if keypoints.shape[1] < 5:
         return moved
     angle = torch.from_numpy(keypoints[:, 3].astype(np.float64))
     along = torch.stack([angle.cos(), angle.sin()], -1) * step
     across = torch.stack([-angle.sin(), angle.cos()], -1) * step
-    ahead, aside = ((shot.to_photo((at + way)[None])[0] - there) / step for way in (along, across))
-    moved[:, 3] = (torch.atan2(ahead[:, 1], ahead[:, 0]) % (2 * np.pi)).numpy()
+    x_axis, y_axis = (
+        (shot.to_photo((points + offset)[None])[0] - moved_points) / step
+        for offset in (along, across)
+    )
+    moved[:, 3] = (torch.atan2(x_axis[:, 1], x_axis[:, 0]) % (2 * np.pi)).numpy()
     # rounding may reach 2 pi, which albumentations refuses
     moved[moved[:, 3] >= 2 * np.pi, 3] = 0.0
-    moved[:, 4] *= torch.linalg.det(torch.stack([ahead, aside], -1)).abs().sqrt().numpy()
+    moved[:, 4] *= torch.linalg.det(torch.stack([x_axis, y_axis], -1)).abs().sqrt().numpy()
     return moved
 
 
@@ -148,15 +149,15 @@ def _as_float(rows: np.ndarray) -> np.ndarray:
 
 
 def pictures_of(data: dict[str, Any]) -> dict[str, list[np.ndarray]]:
-    """Return the pictures of each target that a call passes."""
+    """Return the images of each target of a call."""
     pictures = {}
-    for target, depth in PICTURES.items():
+    for target, depth in IMAGE_TARGETS.items():
         if data.get(target) is None:
             continue
-        parts = [data[target]]
+        images = [data[target]]
         for _ in range(depth):
-            parts = [inner for outer in parts for inner in outer]
-        pictures[target] = parts
+            images = [inner for outer in images for inner in outer]
+        pictures[target] = images
     return pictures
 
 

@@ -1,10 +1,11 @@
-"""How albumentations, and AlbumentationsX, which is imported under the same name, call a
-transform."""
+"""The base of transforms for albumentations, and for AlbumentationsX, which is imported under the
+same name."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -12,25 +13,25 @@ import numpy as np
 from albumentations.core import transforms_interface
 from albumentations.core.transforms_interface import DualTransform
 
-from moireaug.transforms._arrays import MASKS, PICTURES, check_arrays, pictures_of
+from moireaug.transforms._arrays import IMAGE_TARGETS, MASK_TARGETS, check_arrays, pictures_of
 
-# albumentationsx from 2.4.3: the parameters of a call, of which some may be of one target alone
+# the parameters of a call in albumentationsx from 2.4.3, some perhaps of one target alone
 SampledParams = getattr(transforms_interface, "SampledParams", None)
 
 
 class SampledTransform(DualTransform):
     """A transform of numpy arrays that draws its parameters once a call, for all targets.
 
-    Subclasses define `draw`, the `apply` methods and `_moves`: whether masks move.
+    Subclasses define `draw`, the `apply` methods and `_moves`, whether masks move with the picture.
     """
 
     _moves = False
 
+    @abstractmethod
     def draw(
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
     ) -> dict[str, Any]:
-        """Return the parameters of a call's `apply` methods, plain numbers."""
-        raise NotImplementedError
+        """Return the parameters of a call's `apply` methods, as plain numbers."""
 
     # albumentationsx from 2.4.0, which refuses the other name
     if hasattr(DualTransform, "sample_parameters"):
@@ -58,7 +59,7 @@ class SampledTransform(DualTransform):
         return targets
 
     def _check_targets(self, data: dict[str, Any]) -> None:
-        depths = PICTURES | MASKS if self._moves else PICTURES
+        depths = IMAGE_TARGETS | MASK_TARGETS if self._moves else IMAGE_TARGETS
         for key, value in data.items():
             target = self._additional_targets.get(key, key)
             if target in depths and value is not None:

@@ -1,5 +1,5 @@
-"""What all transforms share: images of any type to the capture's floats and back, and boxes in the
-camera's frame."""
+"""Conversions for all transforms: images of any type to the capture's floats and back, and boxes in
+the camera's frame."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from moireaug.scenes import Scene, Shot
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
 
-LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
+LUMA_WEIGHTS = (0.299, 0.587, 0.114)  # ITU-R BT.601, as in torchvision, PIL and OpenCV
 EDGE_POINTS = 17  # along each edge of a box: the arc of a bent edge is found to a 256th of its rise
 
 
@@ -34,11 +34,8 @@ def check_probability(p: float) -> float:
 
 
 def check_adversary(model: object, eps: object) -> None:
-    """Refuse a model that cannot be called, and an `eps` that is several bounds.
-
-    Raises:
-        TypeError, ValueError: with what was got and what is allowed.
-    """
+    """Refuse a model that cannot be called, and an `eps` of several bounds: TypeError or
+    ValueError."""
     if not callable(model):
         raise TypeError(
             f"model must be a module or a function of images; got {type(model).__name__}."
@@ -47,9 +44,9 @@ def check_adversary(model: object, eps: object) -> None:
         raise ValueError(f"eps must be one number here; got {eps!r}.")
 
 
-def moves(scene: Scene | Mixture) -> bool:
-    """Return whether things lie elsewhere in this scene's photos than in its images, in any of a
-    mixture's; see `Shot.moves`."""
+def is_in_camera_frame(scene: Scene | Mixture) -> bool:
+    """Return whether a scene, or any of a mixture, leaves its photos in the camera's frame, where
+    masks, boxes and key points must move with the picture; see `Shot.moves`."""
     return scene.sample(0, (1, 1)).moves
 
 
@@ -105,7 +102,7 @@ def check_format(images: Tensor) -> None:
         )
 
 
-def as_shown(images: Tensor) -> Tensor:
+def as_float_rgb(images: Tensor) -> Tensor:
     """Return images of any accepted type as the capture's float RGB, (B, 3, H, W); see
     `photograph`."""
     check_format(images)
@@ -125,11 +122,12 @@ def as_model_takes(images: Tensor, model: object) -> Tensor:
 def model_of_photos(
     model: Callable[[Tensor], Tensor], images: Tensor
 ) -> Callable[[Tensor], Tensor]:
-    """Return what takes RGB photos (B, 3, H, W) of some images: the model, or, where the images are
-    grey and it takes one channel, a function that gives it the photos' luma.
+    """Return the model as a function of RGB photos (B, 3, H, W): where the images are grey and the
+    model takes one channel, it is given the photos' luma.
 
     Args:
-        model: images to logits. images: (B, C, H, W) of any accepted type; B >= 1.
+        model: function of images that returns logits.
+        images: (B, C, H, W) of any accepted type; B >= 1.
     """
     if images.shape[-3] != 1:
         return model
@@ -144,12 +142,11 @@ def model_of_photos(
 
 def luma(photo: Tensor) -> Tensor:
     """Return the luma (B, 1, H, W) of a photo (B, 3, H, W)."""
-    return (photo * photo.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
+    return (photo * photo.new_tensor(LUMA_WEIGHTS)[:, None, None]).sum(1, keepdim=True)
 
 
-def as_given(photo: Tensor, images: Tensor) -> Tensor:
-    """Return a photo (B, 3, H, W) with the channels, the dtype and the memory layout of the images
-    that it shows."""
+def as_input(photo: Tensor, images: Tensor) -> Tensor:
+    """Return a photo (B, 3, H, W) with the channels, dtype and memory layout of its images."""
     if images.shape[-3] == 1:
         photo = luma(photo)
     if images.dtype == torch.uint8:
@@ -171,8 +168,8 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
 
     Args:
         images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned
-            as the photo's luma; uint8, or floating point in [0, 1], where what lies a little
-            outside is clipped, see `moireaug.checks`. Not modified.
+            as the photo's luma; uint8, or floating point in [0, 1], where values a little
+            outside are clipped, see `moireaug.checks`. Not modified.
         shot: one draw for B images, of a scene or a mixture.
         noise: an attacker's, on the raw reading; see `capture`.
 
@@ -185,10 +182,10 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
     """
     check_format(images)
     shot = at_size(shot, (images.shape[-2], images.shape[-1]))
-    shown = images.expand(-1, 3, -1, -1)
+    rgb = images.expand(-1, 3, -1, -1)
     if images.dtype != torch.uint8:
-        shown = check_images(shown)
-    return as_given(photo_of(shown, shot, noise), images)
+        rgb = check_images(rgb)
+    return as_input(photo_of(rgb, shot, noise), images)
 
 
 def move_boxes(boxes: Tensor, shot: Shot | MixedShot) -> Tensor:

@@ -13,8 +13,8 @@ from albumentations.core.transforms_interface import BasicTransform
 from moireaug.object_graph import walk
 
 SEED_STRIDE = 0x9E3779B1  # odd, so that seeds of different transforms and workers differ
-VALUES = (str, bytes, int, float, type(None), np.ndarray, np.generic, torch.Tensor)
-TRANSFORMS = (BaseCompose, BasicTransform)
+DATA_TYPES = (str, bytes, int, float, type(None), np.ndarray, np.generic, torch.Tensor)
+TRANSFORM_TYPES = (BaseCompose, BasicTransform)
 
 
 def seed_worker(worker_id: int) -> None:
@@ -63,11 +63,11 @@ def seed_worker(worker_id: int) -> None:
 def transforms_of(dataset: torch.utils.data.Dataset) -> list[BaseCompose | BasicTransform]:
     """Return the transforms that a data set leads to, by the ways listed in `seed_worker`, each of
     them once, always in the same order."""
-    parts = walk(dataset, lambda part: not isinstance(part, (*VALUES, *TRANSFORMS)))
+    parts = walk(dataset, lambda part: not isinstance(part, (*DATA_TYPES, *TRANSFORM_TYPES)))
     return [part for part in parts if _is_transform(part)]
 
 
 def _is_transform(part: Any) -> bool:
     with suppress(Exception):  # of proxies
-        return isinstance(part, TRANSFORMS)
+        return isinstance(part, TRANSFORM_TYPES)
     return False

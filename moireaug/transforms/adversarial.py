@@ -21,19 +21,19 @@ from moireaug.attacks.checks import as_tensor, check_labels
 from moireaug.mixtures import as_scenes
 from moireaug.scenes import Scene
 from moireaug.transforms._convert import (
-    as_given,
+    as_float_rgb,
+    as_input,
     as_model_takes,
-    as_shown,
     check_adversary,
     check_probability,
     describe,
+    is_in_camera_frame,
     model_of_photos,
-    moves,
     with_rows,
 )
-from moireaug.transforms.torchvision import CARRIED, SHOWN, wrap
+from moireaug.transforms.torchvision import ANNOTATION_TYPES, IMAGE_TYPES, wrap
 
-NO_BATCH = (
+NO_BATCH_MESSAGE = (
     "a sample must hold one batch of images, a tensor (B, C, H, W), beside its labels; got {}."
 )
 
@@ -75,7 +75,7 @@ class AdversarialMoire(v2.Transform):
             as in `attacks.MoireAttack`.
     """
 
-    _transformed_types = SHOWN
+    _transformed_types = IMAGE_TYPES
 
     def __init__(
         self,
@@ -107,13 +107,13 @@ class AdversarialMoire(v2.Transform):
 
     def forward(self, *inputs: Any, generator: torch.Generator | None = None) -> Any:
         if not inputs:
-            raise ValueError(NO_BATCH.format("nothing"))
+            raise ValueError(NO_BATCH_MESSAGE.format("nothing"))
         sample = inputs if len(inputs) > 1 else inputs[0]
         labels = self._labels_of(sample)
-        flat, spec = tree_flatten(sample)
-        at = self._place_of_images(flat, labels)
-        flat[at] = self._attacked(flat[at], labels, generator)
-        return tree_unflatten(flat, spec)
+        leaves, spec = tree_flatten(sample)
+        index = self._image_index(leaves, labels)
+        leaves[index] = self._photograph(leaves[index], labels, generator)
+        return tree_unflatten(leaves, spec)
 
     def _labels_of(self, sample: Any) -> Any:
         """Return a sample's labels; torchvision's default looks for tensors alone."""
@@ -122,44 +122,46 @@ class AdversarialMoire(v2.Transform):
             return sample[1]
         return self._labels_getter(sample)
 
-    def _place_of_images(self, flat: list[Any], labels: Any) -> int:
-        """Return which leaf of a sample is the batch of images."""
-        if moves(as_scenes(self.attack.scene)) and any(isinstance(x, CARRIED) for x in flat):
+    def _image_index(self, leaves: list[Any], labels: Any) -> int:
+        """Return the index of the leaf that is the batch of images."""
+        has_annotations = any(isinstance(leaf, ANNOTATION_TYPES) for leaf in leaves)
+        if has_annotations and is_in_camera_frame(as_scenes(self.attack.scene)):
             raise ValueError(
                 "masks, boxes and key points would not move with the images, because this scene's "
                 "photo stays in the camera's frame (Develop(registered=False)). Set "
                 "registered=True, or leave them out."
             )
-        others = [None if x is labels else x for x in flat]
-        shown = [i for i, needed in enumerate(self._needs_transform_list(others)) if needed]
-        if len(shown) != 1:
-            raise ValueError(NO_BATCH.format(f"{len(shown)} batches"))
-        images = flat[shown[0]]
+        other_leaves = [None if x is labels else x for x in leaves]
+        needs_transform = self._needs_transform_list(other_leaves)
+        indices = [index for index, needed in enumerate(needs_transform) if needed]
+        if len(indices) != 1:
+            raise ValueError(NO_BATCH_MESSAGE.format(f"{len(indices)} batches"))
+        images = leaves[indices[0]]
         if isinstance(images, (PIL.Image.Image, Video)) or images.ndim != 4:
             if isinstance(images, PIL.Image.Image):
-                got = "a PIL image"
+                description = "a PIL image"
             elif isinstance(images, Video):
-                got = "a video"
+                description = "a video"
             else:
-                got = f"the shape {tuple(images.shape)}"
+                description = f"the shape {tuple(images.shape)}"
             raise ValueError(
-                f"images must be one batch (B, C, H, W); got {got}. Use AdversarialMoire after "
-                "batching, in the training step or a collate_fn."
+                f"images must be one batch (B, C, H, W); got {description}. Use AdversarialMoire "
+                "after batching, in the training step or a collate_fn."
             )
-        return shown[0]
+        return indices[0]
 
-    def _attacked(self, images: Tensor, labels: Any, generator: torch.Generator | None) -> Tensor:
-        classes = class_of(labels, len(images)).to(images.device)
+    def _photograph(self, images: Tensor, labels: Any, generator: torch.Generator | None) -> Tensor:
+        classes = classes_of(labels, len(images)).to(images.device)
         plain = images.detach().as_subclass(Tensor)
-        drawn = torch.rand(len(images), dtype=torch.float32, generator=generator, device="cpu")
-        rows = (drawn < self.p).nonzero().flatten().to(images.device)
+        uniform = torch.rand(len(images), dtype=torch.float32, generator=generator, device="cpu")
+        rows = (uniform < self.p).nonzero().flatten().to(images.device)
         if not len(rows):
             return images
-        given = plain[rows]
-        shown = as_model_takes(as_shown(given), self.attack.model)
-        attack = replace(self.attack, model=model_of_photos(self.attack.model, given))
-        photos = attack.last(shown, classes[rows], generator=generator)
-        return wrap(with_rows(plain, rows, as_given(photos, given)), images)
+        chosen = plain[rows]
+        rgb = as_model_takes(as_float_rgb(chosen), self.attack.model)
+        attack = replace(self.attack, model=model_of_photos(self.attack.model, chosen))
+        photos = attack.last(rgb, classes[rows], generator=generator)
+        return wrap(with_rows(plain, rows, as_input(photos, chosen)), images)
 
     def extra_repr(self) -> str:
         a = self.attack
@@ -169,12 +171,11 @@ class AdversarialMoire(v2.Transform):
         )
 
 
-def class_of(labels: Any, n: int) -> Tensor:
-    """Return the class (n,) int64 of each of n labels: indices, whole floats, or (n, classes)
-    weights.
+def classes_of(labels: Any, n: int) -> Tensor:
+    """Return the classes (n,) int64 of n labels: indices, whole floats, or (n, classes) weights.
 
     Raises:
-        TypeError, ValueError: with what was got and what is allowed.
+        TypeError, ValueError: labels of another type, shape or range.
     """
     if isinstance(labels, np.ndarray):
         labels = as_tensor(labels, "labels")

@@ -23,7 +23,7 @@ from moireaug.mixtures import as_scenes, sample_one, scenes_of
 from moireaug.networks import device_of
 from moireaug.scenes import Scene, Shot
 from moireaug.transforms._arrays import (
-    PICTURES,
+    IMAGE_TARGETS,
     apply_shot,
     apply_to_all,
     label_of,
@@ -36,14 +36,14 @@ from moireaug.transforms._arrays import (
 )
 from moireaug.transforms._calls import SampledTransform
 from moireaug.transforms._convert import (
+    as_float_rgb,
     as_model_takes,
-    as_shown,
     at_size,
     check_adversary,
     check_probability,
     describe,
+    is_in_camera_frame,
     model_of_photos,
-    moves,
     shot_of_frames,
 )
 from moireaug.transforms._workers import seed_worker as seed_worker
@@ -97,7 +97,7 @@ class RandomMoire(SampledTransform):
     ) -> None:
         super().__init__(p=check_probability(p))
         self.scene = as_scenes(scene)
-        self._moves = moves(self.scene)
+        self._moves = is_in_camera_frame(self.scene)
         # to know its own scenes by their plain numbers: building one again takes longer than a draw
         self._known = [(one, one.to_dict()) for one in scenes_of(self.scene)]
 
@@ -105,9 +105,9 @@ class RandomMoire(SampledTransform):
         return {"scene": self.scene.to_dict()}
 
     def __repr__(self) -> str:
-        given = self.get_base_init_args() | self.get_transform_init_args()
-        rest = "".join(f", {name}={given[name]!r}" for name in given if name != "scene")
-        return f"{type(self).__name__}(scene={describe(self.scene)}{rest})"
+        args = self.get_base_init_args() | self.get_transform_init_args()
+        other_args = "".join(f", {name}={args[name]!r}" for name in args if name != "scene")
+        return f"{type(self).__name__}(scene={describe(self.scene)}{other_args})"
 
     def draw(
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
@@ -184,7 +184,7 @@ class AdversarialMoire(RandomMoire):
         scene, p: as in RandomMoire. eps, steps, step_size, loss, random_start: as in
             `attacks.MoireAttack`.
         label_key: the name under which the call passes the class of its images, an integer.
-        name: as in `A.Lambda`: what `to_dict` writes and
+        name: name as in `A.Lambda`, which `to_dict` writes and
             `from_dict(..., nonserializable={name: transform})` looks up, because a model cannot be
             written.
 
@@ -252,15 +252,10 @@ class AdversarialMoire(RandomMoire):
         return {**plain, **super().get_transform_init_args(), "id": id(self)}
 
     def get_transform_init_args(self) -> dict[str, Any]:
-        a = self.attack
-        settings = {"eps": a.eps, "steps": a.steps, "step_size": a.step_size, "loss": a.loss}
-        model = type(a.model).__name__
-        return {
-            "model": model,
-            **super().get_transform_init_args(),
-            **settings,
-            "random_start": a.random_start,
-        }
+        args = {"model": type(self.attack.model).__name__, **super().get_transform_init_args()}
+        for name in ("eps", "steps", "step_size", "loss", "random_start"):
+            args[name] = getattr(self.attack, name)
+        return args
 
     def draw(
         self, params: dict[str, Any], data: dict[str, Any], random: np.random.Generator
@@ -269,7 +264,7 @@ class AdversarialMoire(RandomMoire):
         label = label_of(data, self.label_key)
         generator = torch.Generator().manual_seed(int(random.integers(2**63)))
         for key, kind in self._additional_targets.items():
-            if kind in PICTURES and data.get(key) is not None:
+            if kind in IMAGE_TARGETS and data.get(key) is not None:
                 raise ValueError(
                     f"{key!r} is an additional target of kind {kind!r}, which would get the noise "
                     "of another picture. Pass the pictures of one call together, as images=."
@@ -279,14 +274,14 @@ class AdversarialMoire(RandomMoire):
             return drawn
         counts = [len(of_target) for of_target in pictures.values()]
         first = dict(zip(pictures, itertools.accumulate(counts, initial=0), strict=False))
-        given = [planes(picture) for picture in itertools.chain(*pictures.values())]
+        images = [planes(picture) for picture in itertools.chain(*pictures.values())]
         model = self.attack.model
-        shown = torch.cat([as_shown(picture) for picture in given]).to(device_of(model))
-        coloured = max(given, key=lambda picture: picture.shape[1])  # if any is
-        attack = replace(self.attack, model=model_of_photos(model, coloured.to(shown.device)))
+        rgb = torch.cat([as_float_rgb(picture) for picture in images]).to(device_of(model))
+        example = max(images, key=lambda picture: picture.shape[1])  # if any is
+        attack = replace(self.attack, model=model_of_photos(model, example.to(rgb.device)))
         result = attack(
-            as_model_takes(shown, model),
-            torch.full((len(shown),), label, device="cpu"),
+            as_model_takes(rgb, model),
+            torch.full((len(rgb),), label, device="cpu"),
             shot=shot_of_frames(self._shot(drawn["shot"]).repeat(len(counts)), counts),
             generator=generator,
         )

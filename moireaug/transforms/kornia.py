@@ -17,7 +17,7 @@ from moireaug.transforms._convert import (
     check_format,
     check_probability,
     describe,
-    moves,
+    is_in_camera_frame,
     photograph,
     with_rows,
 )
@@ -74,7 +74,7 @@ class RandomMoire(IntensityAugmentationBase2D):
             raise TypeError(f"images_only must be True or False; got {images_only!r}.")
         self.scene = as_scenes(scene)
         self.images_only = images_only
-        if moves(self.scene) and not images_only:
+        if is_in_camera_frame(self.scene) and not images_only:
             raise ValueError(
                 "kornia would leave masks, boxes and key points where they were, because this "
                 "scene's photo stays in the camera's frame (Develop(registered=False)) and no "
@@ -123,7 +123,7 @@ class RandomMoire(IntensityAugmentationBase2D):
                 "batch of that size, or those of one image on any."
             )
         if torch.compiler.is_compiling():
-            # kornia puts back what was not chosen; a graph cannot leave it out
+            # kornia puts back images that were not chosen; a graph cannot leave them out
             return photograph(input, shot)
         if not chosen.any():
             return input
@@ -142,23 +142,23 @@ class RandomMoire(IntensityAugmentationBase2D):
     def apply_transform_keypoint(self, input: Any, *args: Any, **kwargs: Any) -> Any:
         return self._unmoved(input, "key points")
 
-    def _unmoved(self, input: Any, what: str) -> Any:
-        if moves(self.scene):
-            _refuse(what)
+    def _unmoved(self, input: Any, annotations: str) -> Any:
+        if is_in_camera_frame(self.scene):
+            _refuse(annotations)
         return input
 
 
-def _refuse(what: str) -> NoReturn:
+def _refuse(annotations: str) -> NoReturn:
     raise ValueError(
-        f"images_only=True takes no {what}: this scene's photo stays in the camera's frame "
+        f"images_only=True takes no {annotations}: this scene's photo stays in the camera's frame "
         "(Develop(registered=False)), and they would not move with it. Set registered=True, or use "
         "moireaug.transforms.RandomMoire, which moves them."
     )
 
 
 def to_params(shot: Shot | MixedShot) -> dict[str, Tensor]:
-    """Return a shot as (B,) tensors named part_field, seed and, of a mixture, scene: what kornia
-    keeps of a draw."""
+    """Return a shot as (B,) tensors named part_field, seed and, of a mixture, scene: kornia's
+    parameters of a draw."""
     drawn = {_key(name): values for name, values in shot.numbers().items()}
     if isinstance(shot, MixedShot):
         drawn["scene"] = shot.which

@@ -24,16 +24,16 @@ from moireaug.transforms._convert import (
     check_format,
     check_probability,
     describe,
+    is_in_camera_frame,
     move_boxes,
-    moves,
     photograph,
     shot_of_frames,
     with_rows,
 )
 
-SHOWN = (PIL.Image.Image, tv_tensors.Image, Video, v2._utils.is_pure_tensor)
-CARRIED = (BoundingBoxes, Mask, KeyPoints)
-UPRIGHT = (BoundingBoxFormat.XYXY, BoundingBoxFormat.XYWH, BoundingBoxFormat.CXCYWH)
+IMAGE_TYPES = (PIL.Image.Image, tv_tensors.Image, Video, v2._utils.is_pure_tensor)
+ANNOTATION_TYPES = (BoundingBoxes, Mask, KeyPoints)
+UPRIGHT_BOX_FORMATS = (BoundingBoxFormat.XYXY, BoundingBoxFormat.XYWH, BoundingBoxFormat.CXCYWH)
 PIL_MODES = ("RGB", "L", "RGBA", "LA")
 
 
@@ -81,35 +81,28 @@ class RandomMoire(v2.Transform):
         super().__init__()
         self.scene = as_scenes(scene)
         self.p = check_probability(p)
-        self._transformed_types = SHOWN + CARRIED if moves(self.scene) else SHOWN
+        annotations = ANNOTATION_TYPES if is_in_camera_frame(self.scene) else ()
+        self._transformed_types = IMAGE_TYPES + annotations
 
     def check_inputs(self, flat_inputs: list[Any]) -> None:
-        flat = [
-            x
-            for x, needed in zip(flat_inputs, self._needs_transform_list(flat_inputs), strict=True)
-            if needed
-        ]
-        shown = [x for x in flat if not isinstance(x, CARRIED)]
-        _refuse_arrays(flat_inputs, shown)
-        counts = sorted({_count(x) for x in shown})
+        needs_transform = self._needs_transform_list(flat_inputs)
+        leaves = [x for x, needed in zip(flat_inputs, needs_transform, strict=True) if needed]
+        images = [x for x in leaves if not isinstance(x, ANNOTATION_TYPES)]
+        _refuse_arrays(flat_inputs, images)
+        counts = sorted({_count(x) for x in images})
         if len(counts) > 1:
             raise ValueError(
                 "images of one sample must have one batch size; got "
                 f"{' and '.join(map(str, counts))}."
             )
-        for leaf in (x for x in flat if isinstance(x, CARRIED)):
-            _check_carried(leaf, *counts)
+        for leaf in (x for x in leaves if isinstance(x, ANNOTATION_TYPES)):
+            _check_annotation(leaf, *counts)
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
-        n = next((_count(x) for x in flat_inputs if not isinstance(x, CARRIED)), 1)
-        # what is drawn does not depend on the size, and each leaf brings its own
-        return {
-            "chosen": (torch.rand(n, dtype=torch.float32, device="cpu") < self.p)
-            .nonzero()
-            .flatten(),
-            "n": n,
-            "shot": self.scene.sample(n, (1, 1)),
-        }
+        n = next((_count(x) for x in flat_inputs if not isinstance(x, ANNOTATION_TYPES)), 1)
+        chosen = (torch.rand(n, dtype=torch.float32, device="cpu") < self.p).nonzero().flatten()
+        # the draw does not depend on the size, and each leaf has its own
+        return {"chosen": chosen, "n": n, "shot": self.scene.sample(n, (1, 1))}
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
         chosen, shot = params["chosen"], params["shot"]
@@ -119,16 +112,16 @@ class RandomMoire(v2.Transform):
             return apply_shot(inpt, shot)
         rows = chosen.to(inpt.device)
         plain = inpt.as_subclass(Tensor)
-        done = apply_shot(wrap(plain[rows], inpt), shot[chosen])
-        return wrap(with_rows(plain, rows, done.as_subclass(Tensor)), inpt)
+        photos = apply_shot(wrap(plain[rows], inpt), shot[chosen])
+        return wrap(with_rows(plain, rows, photos.as_subclass(Tensor)), inpt)
 
     def extra_repr(self) -> str:
         return f"p={self.p}, scene={describe(self.scene)}"
 
 
 def apply_shot(inpt: Any, shot: Shot | MixedShot) -> Any:
-    """Return one leaf of a sample, an image or something carried with it, as it appears in the
-    shot's photo.
+    """Return one leaf of a sample, an image or its masks, boxes or key points, as in the shot's
+    photo.
 
     Arguments and errors as in `RandomMoire`; `shot` holds one draw per image, of any size, and one
     per video.
@@ -174,16 +167,15 @@ def _apply_to_boxes(plain: Tensor, boxes: BoundingBoxes, shot: Shot | MixedShot)
 
 
 def wrap(plain: Tensor, like: Tensor) -> Tensor:
-    """Return a tensor of the type of another one, with its format and canvas size if it has
-    these."""
+    """Return a tensor as the type of `like`, with its format and canvas size if it has these."""
     return tv_tensors.wrap(plain, like=like) if isinstance(like, tv_tensors.TVTensor) else plain
 
 
-def _refuse_arrays(flat: list[Any], shown: list[Any]) -> None:
+def _refuse_arrays(leaves: list[Any], images: list[Any]) -> None:
     """Refuse a numpy image, which v2 would return untouched; arrays beside an image are ignored."""
-    if any(isinstance(x, PIL.Image.Image) or x.ndim >= 3 for x in shown):
+    if any(isinstance(x, PIL.Image.Image) or x.ndim >= 3 for x in images):
         return
-    for x in flat:
+    for x in leaves:
         if isinstance(x, np.ndarray) and x.ndim >= 2:
             raise TypeError(
                 "torchvision's RandomMoire takes tensors and PIL images; got a numpy array of "
@@ -193,13 +185,14 @@ def _refuse_arrays(flat: list[Any], shown: list[Any]) -> None:
 
 
 def _count(image: Any) -> int:
-    """Return how many draws an image leaf takes: one, or one for each row of a batch."""
+    """Return the number of draws of an image leaf: one, or one for each row of a batch."""
     if isinstance(image, PIL.Image.Image):
         if image.mode not in PIL_MODES:
-            deep = image.mode.startswith(("I", "F"))  # whose values PIL would cut off at 255
-            how = "Scale it to float in [0, 1] as a tensor" if deep else "Convert with v2.RGB()"
+            advice = "Convert with v2.RGB()"
+            if image.mode.startswith(("I", "F")):  # PIL would cut off their values at 255
+                advice = "Scale it to float in [0, 1] as a tensor"
             raise ValueError(
-                f"PIL images must be of mode {', '.join(PIL_MODES)}; got {image.mode}. {how} "
+                f"PIL images must be of mode {', '.join(PIL_MODES)}; got {image.mode}. {advice} "
                 "before this transform, or wrap a segmentation map as tv_tensors.Mask."
             )
         return 1
@@ -219,10 +212,10 @@ def _count(image: Any) -> int:
     return image.shape[0] if image.ndim - video == 4 else 1
 
 
-def _check_carried(leaf: Tensor, n: int = 1) -> None:
-    """Refuse what cannot be moved: rotated boxes, and leaves of a batch that do not say which row
-    is which image's."""
-    if isinstance(leaf, BoundingBoxes) and leaf.format not in UPRIGHT:
+def _check_annotation(leaf: Tensor, n: int = 1) -> None:
+    """Refuse annotations that cannot be moved: rotated boxes, and leaves of a batch without a row
+    for each image."""
+    if isinstance(leaf, BoundingBoxes) and leaf.format not in UPRIGHT_BOX_FORMATS:
         raise ValueError(
             f"rotated boxes ({leaf.format.value}) do not stay boxes in a photo with perspective or "
             "a lens. Give them as XYXY, XYWH or CXCYWH, or use a scene with "

@@ -36,7 +36,7 @@ ATTACKS = {
     "cw": lambda m: CW(m, steps=2),
     "square": lambda m: SquareMoire(m, scene=SCENE, eps=EPS, steps=2),
 }
-DOORS = ATTACKS | {"transform": lambda m: AdversarialMoire(m, scene=SCENE, eps=EPS, steps=2)}
+ADVERSARIES = ATTACKS | {"transform": lambda m: AdversarialMoire(m, scene=SCENE, eps=EPS, steps=2)}
 WITHOUT_STEPS = {
     "ma, no steps": lambda m: MoireAttack(m, scene=SCENE, eps=EPS, steps=0),
     "pgd, no steps": lambda m: PGD(m, eps=EPS, steps=0),
@@ -60,48 +60,48 @@ NO_LOGITS = {
 
 
 @pytest.mark.parametrize("form", NO_LOGITS)
-@pytest.mark.parametrize("door", DOORS)
-def test_what_is_no_tensor_is_named_with_its_wrapper(door, form, model, batch):
+@pytest.mark.parametrize("name", ADVERSARIES)
+def test_what_is_no_tensor_is_named_with_its_wrapper(name, form, model, batch):
     change, got, wrap = NO_LOGITS[form]
     with pytest.raises(
         ValueError, match=r"the model must return a tensor of logits \(B, K\)"
     ) as error:
-        DOORS[door](lambda x: change(model(x)))(*batch)
+        ADVERSARIES[name](lambda x: change(model(x)))(*batch)
     assert got in str(error.value) and wrap in str(error.value)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-@pytest.mark.parametrize("door", DOORS | WITHOUT_STEPS)
-def test_a_model_without_any_answer_is_refused(door, bad, model, batch):
+@pytest.mark.parametrize("name", ADVERSARIES | WITHOUT_STEPS)
+def test_a_model_without_any_answer_is_refused(name, bad, model, batch):
     with pytest.raises(
         NoAnswerError, match="NaN or infinite for all 6 clean images: it is broken, not robust"
     ):
-        (DOORS | WITHOUT_STEPS)[door](lambda x: model(x) + bad)(*batch)
+        (ADVERSARIES | WITHOUT_STEPS)[name](lambda x: model(x) + bad)(*batch)
 
 
-@pytest.mark.parametrize("door", ATTACKS)
-def test_targets_that_are_labels_are_refused(door, model, batch):
+@pytest.mark.parametrize("name", ATTACKS)
+def test_targets_that_are_labels_are_refused(name, model, batch):
     images, labels = batch
     targets = (labels + 1) % 5
     targets[4] = labels[4]
     with pytest.raises(
         ValueError, match=r"targets must be other classes.*1 of 6 .*image 4.*Leave targets out"
     ):
-        ATTACKS[door](model)(images, labels, targets)
+        ATTACKS[name](model)(images, labels, targets)
 
 
-@pytest.mark.parametrize("door", [d for d in DOORS if d != "square"])
-def test_logits_without_a_gradient_are_refused(door, model, batch):
+@pytest.mark.parametrize("name", [d for d in ADVERSARIES if d != "square"])
+def test_logits_without_a_gradient_are_refused(name, model, batch):
     with pytest.raises(ValueError, match=r"logits have no gradient.*attacks\.SquareMoire"):
-        DOORS[door](lambda x: model(x).detach())(*batch)
+        ADVERSARIES[name](lambda x: model(x).detach())(*batch)
 
 
-@pytest.mark.parametrize("door", [d for d in DOORS if d != "square"])
-def test_a_model_that_cuts_the_gradient_off_its_input_is_refused(door, model, batch):
+@pytest.mark.parametrize("name", [d for d in ADVERSARIES if d != "square"])
+def test_a_model_that_cuts_the_gradient_off_its_input_is_refused(name, model, batch):
     """Its weights have one."""
     assert next(model.parameters()).requires_grad
     with pytest.raises(ValueError, match=r"logits have no gradient.*attacks\.SquareMoire"):
-        DOORS[door](lambda x: model(x.detach()))(*batch)
+        ADVERSARIES[name](lambda x: model(x.detach()))(*batch)
 
 
 def test_a_camera_that_turns_does_not_hide_that_the_gradient_is_cut(model, batch):
@@ -123,16 +123,16 @@ def broken_on(rows, model):
 
 
 @pytest.mark.parametrize("targeted", [False, True])
-@pytest.mark.parametrize("door", ATTACKS)
-def test_an_image_without_an_answer_is_fooled_and_never_at_its_target(door, targeted, model, batch):
+@pytest.mark.parametrize("name", ATTACKS)
+def test_an_image_without_an_answer_is_fooled_and_never_at_its_target(name, targeted, model, batch):
     images, _ = batch
     model.eval()
     labels = torch.zeros(6, dtype=torch.long)  # what argmax of NaN returns
     targets = torch.full((6,), 1)
-    whole = ATTACKS[door](model)(
+    whole = ATTACKS[name](model)(
         images, labels, targets if targeted else None, generator=torch.Generator()
     )
-    result = ATTACKS[door](broken_on([1, 2], model))(
+    result = ATTACKS[name](broken_on([1, 2], model))(
         images, labels, targets if targeted else None, generator=torch.Generator()
     )
     assert result.success[[1, 2]].tolist() == [not targeted] * 2

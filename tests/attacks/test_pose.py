@@ -8,7 +8,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View, attacks, capture
 from moireaug.attacks import MoireAttack
-from moireaug.attacks.pose import aim, moved_fields, pose_of
+from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS
 
@@ -121,17 +121,17 @@ def test_what_no_effect_reads_stays(model, batch):
 
 def test_a_pose_and_its_shot_are_inverse():
     shot = SCENE.sample(5, (8, 8))
-    fields = moved_fields(SCENE, ALL)
+    fields = searched_fields(SCENE, ALL)
     assert len(fields) == 9
     pose = pose_of(shot, fields)
     assert pose.shape == (5, 9) and pose.abs().max() <= 1
     with torch.device("meta"):  # as a default
         assert torch.equal(pose_of(shot, fields), pose)
-    for key, value in fields_of(aim(shot, fields, pose)).items():
+    for key, value in fields_of(shot_at_pose(shot, fields, pose)).items():
         assert torch.allclose(value, fields_of(shot)[key], rtol=1e-12)
     for end in (-1.0, 1.0):  # a gradient at the ends, too
         pose = torch.full((5, 9), end, dtype=torch.float64, requires_grad=True)
-        turned = aim(shot, fields, pose)
+        turned = shot_at_pose(shot, fields, pose)
         assert turned.view.yaw.tolist() == [8.0 * end] * 5
         (gradient,) = torch.autograd.grad(turned.view.yaw.sum(), pose)
         assert gradient.sum() == 5 * 8.0
@@ -147,7 +147,7 @@ def test_one_generator_one_pose(model, batch):
 
 def test_the_phase_of_a_flicker_that_shows_is_moved():
     scene = Scene(panel=Panel(pwm=240.0), sensor=Sensor(shutter=1 / 500))
-    assert moved_fields(scene, ("panel",)) == [("panel", "phase")]
+    assert searched_fields(scene, ("panel",)) == [("panel", "phase")]
 
 
 STILL = Scene(view=View(roll=3.0))

@@ -10,7 +10,7 @@ from torch import nn
 
 from moireaug import Lens, Panel, Scene, Sensor, attacks, capture
 from moireaug.attacks import BIM, CW, MIFGSM, PGD, MoireAttack, SquareMoire
-from moireaug.attacks.square import side
+from moireaug.attacks.square import window_side
 
 SCENE = Scene(panel=Panel(scale=1.1), lens=Lens(blur=0.25), sensor=Sensor(scale=2.0, gain=2.0))
 EPS = 8 / 255
@@ -206,8 +206,8 @@ def test_a_first_query_without_an_answer_does_not_end_a_search(learnt):
 
 def test_squares_shrink_as_in_the_paper():
     shape = (1, 4, 100, 100)
-    assert side(0, 10_000, shape) == round((0.8 * 100 * 100) ** 0.5) == 89
-    assert side(11, 10_000, shape) == round((0.4 * 100 * 100) ** 0.5)
-    assert side(9_999, 10_000, shape) == round((0.8 / 2**9 * 100 * 100) ** 0.5)
-    assert side(99, 100, shape) == side(9_999, 10_000, shape)
-    assert side(0, 10, (1, 3, 4, 1000)) == 4 and side(9, 10, (1, 3, 2, 2)) == 1
+    assert window_side(0, 10_000, shape) == round((0.8 * 100 * 100) ** 0.5) == 89
+    assert window_side(11, 10_000, shape) == round((0.4 * 100 * 100) ** 0.5)
+    assert window_side(9_999, 10_000, shape) == round((0.8 / 2**9 * 100 * 100) ** 0.5)
+    assert window_side(99, 100, shape) == window_side(9_999, 10_000, shape)
+    assert window_side(0, 10, (1, 3, 4, 1000)) == 4 and window_side(9, 10, (1, 3, 2, 2)) == 1

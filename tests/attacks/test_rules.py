@@ -100,7 +100,7 @@ def test_apgd_is_the_published_algorithm_step_by_step(steps, boxed):
         return ((x[:, None] * waves[rows]).sum(-1) + phase[rows]).sin().sum(1) + x.sum(1) / 4
 
     base = torch.rand(6, 4, generator=g).double()
-    settings = {"base": base, "felt": (0.0, 1.0)} if boxed else {}
+    settings = {"base": base, "effective_range": (0.0, 1.0)} if boxed else {}
     start = torch.zeros(6, 4, dtype=torch.float64)
     path = ascend("apgd", loss_of, steps, start, **settings)
     halvings = 0
@@ -126,8 +126,8 @@ def test_apgd_halves_where_the_best_has_not_changed_since_the_start():
     for k in range(23):
         loss = k * 1e-3 - 1 if k else 0.0
         x = rule(x, torch.ones(1, 1), torch.tensor([loss]))
-    assert rule.size.item() == 1.0  # of 2 at first
-    assert rule.best.item() == 0.0
+    assert rule.step_sizes.item() == 1.0  # of 2 at first
+    assert rule.best_loss.item() == 0.0
 
 
 def test_a_loss_that_is_no_number_is_never_the_best():
@@ -135,7 +135,7 @@ def test_a_loss_that_is_no_number_is_never_the_best():
     x = torch.zeros(1, 1)
     for loss in (math.nan, 1.0, math.nan, 0.5):
         x = rule(x, torch.ones(1, 1), torch.tensor([loss]))
-    assert rule.best.item() == 1.0 and x.isfinite().all()
+    assert rule.best_loss.item() == 1.0 and x.isfinite().all()
 
 
 def test_the_first_apgd_step_crosses_the_ball():
@@ -204,9 +204,11 @@ def test_printed_adds_the_whole_delta_at_every_step():
             )
             for rule in ("printed", "sign")
         )
-        felt = sign.noise != 0
-        assert torch.allclose(printed.noise[felt], sign.noise[felt] * (steps + 1) / 2, atol=1e-6)
-        assert torch.allclose(sign.noise[felt].abs(), torch.tensor(EPS))
+        effective = sign.noise != 0
+        assert torch.allclose(
+            printed.noise[effective], sign.noise[effective] * (steps + 1) / 2, atol=1e-6
+        )
+        assert torch.allclose(sign.noise[effective].abs(), torch.tensor(EPS))
         assert torch.allclose(capture(images, shot, printed.noise), printed.images, atol=1e-6)
 
 

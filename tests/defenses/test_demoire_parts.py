@@ -66,7 +66,7 @@ def test_the_cosine_transform_is_its_own_inverse():
     for parameter in network.body[-1].parameters():
         nn.init.zeros_(parameter)
     images = pictures(1, 3, 16, 24)
-    grey = (images * torch.tensor(fhde2net.LUMINANCE)[:, None, None]).sum(1, keepdim=True)
+    grey = (images * torch.tensor(fhde2net.LUMA_WEIGHTS)[:, None, None]).sum(1, keepdim=True)
     assert torch.allclose(network(images), grey, atol=1e-5)
 
 

@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from moireaug.defenses import demoire
-from moireaug.defenses.demoire.tiles import OVERLAP, SIDE, _spans, tiled
+from moireaug.defenses.demoire.tiles import TILE_OVERLAP, TILE_SIDE, _spans, tiled
 
 
 def near_sighted(radius):
@@ -51,8 +51,10 @@ def test_no_tile_is_longer_than_asked_and_none_is_a_sliver():
 @pytest.mark.parametrize("name", demoire.NETWORKS)
 def test_every_tile_lies_on_its_networks_grid(name):
     multiple = demoire.NETWORKS[name].multiple
-    for length in range(SIDE + 1, 3 * SIDE, 5):
-        assert not any(start % multiple for start, _ in _spans(length, SIDE, OVERLAP)), length
+    for length in range(TILE_SIDE + 1, 3 * TILE_SIDE, 5):
+        assert not any(start % multiple for start, _ in _spans(length, TILE_SIDE, TILE_OVERLAP)), (
+            length
+        )
 
 
 @torch.no_grad()

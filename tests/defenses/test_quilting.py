@@ -70,8 +70,8 @@ def test_without_overlap_patches_are_tiles():
 
 @pytest.mark.parametrize("blocks", [(1024, 2048), (7, 11)])
 def test_the_nearest_patch_is_found(photos, monkeypatch, blocks):
-    monkeypatch.setattr("moireaug.defenses.quilting.QUERIES", blocks[0])
-    monkeypatch.setattr("moireaug.defenses.quilting.BLOCK", blocks[1])
+    monkeypatch.setattr("moireaug.defenses.quilting.QUERIES_PER_BLOCK", blocks[0])
+    monkeypatch.setattr("moireaug.defenses.quilting.PATCHES_PER_BLOCK", blocks[1])
     defence = Quilting.from_images(photos(b=3), 700, progress=False)
     asked = (
         photos(b=1, seed=5)

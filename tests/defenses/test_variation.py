@@ -99,7 +99,7 @@ def test_parts_of_a_batch_are_solved_alike(photos, monkeypatch):
     images, defence = photos(b=5), TotalVariation(iterations=5)
     torch.manual_seed(1)
     wanted = defence(images)
-    monkeypatch.setattr(variation, "AT_ONCE", 2 * 3 * 32 * 40)
+    monkeypatch.setattr(variation, "MAX_NUMBERS_PER_PASS", 2 * 3 * 32 * 40)
     torch.manual_seed(1)
     assert torch.equal(defence(images), wanted)
 

@@ -12,7 +12,7 @@ from moireaug.evaluation.conditions import (
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
-from moireaug.evaluation.tables import crossed
+from moireaug.evaluation.tables import cross
 
 SCENE = Scene.preset("screen_photo")
 EPS = 8 / 255
@@ -32,7 +32,7 @@ CONDITIONS = {
 }
 
 
-TABLE = Table("mine", tuple(crossed({"none": UNDEFENDED, "haze": HAZE}, CONDITIONS)))
+TABLE = Table("mine", tuple(cross({"none": UNDEFENDED, "haze": HAZE}, CONDITIONS)))
 
 
 class Kept(Records):
@@ -61,6 +61,6 @@ def ran(known, table=TABLE, indices=(0, 1), seed=3, records=None, scene=SCENE):
 def results(runner):
     """Everything but the time, which differs."""
     found = {}
-    for key, record in runner.records._known.items():
+    for key, record in runner.records._records.items():
         found[key] = {name: value for name, value in record.items() if name != "seconds"}
     return found

@@ -35,7 +35,7 @@ def test_what_the_cross_entropy_fools_stays_and_the_rest_is_attacked_by_apgd_t(b
     """Some of both, or the test says nothing."""
     right = (~first.success).nonzero()[:, 0]
     assert 0 < len(right) < 8
-    shown = Apgd(eps=EPS, steps=3).attacked(batch)
+    shown = Apgd(eps=EPS, steps=3).perturb(batch)
     assert torch.equal(shown[first.success], first.images[first.success])
     toward = MultiTargeted(
         MoireAttack(
@@ -50,14 +50,14 @@ def test_what_the_cross_entropy_fools_stays_and_the_rest_is_attacked_by_apgd_t(b
     )
     rest = toward(batch.images[right], batch.labels[right], shot=batch.shot[right])
     assert torch.equal(shown[right], rest.images)
-    assert torch.equal(shown[right], TargetedApgd(eps=EPS, steps=3).attacked(batch[right]))
+    assert torch.equal(shown[right], TargetedApgd(eps=EPS, steps=3).perturb(batch[right]))
 
 
 def test_the_worst_is_no_better_than_either(batch, first):
     fooled = first.success
     with torch.no_grad():
-        found = batch.model(Apgd(eps=EPS, steps=3, classes=1).attacked(batch)).argmax(1)
-        every = batch.model(Apgd(eps=EPS, steps=3).attacked(batch)).argmax(1)
+        found = batch.model(Apgd(eps=EPS, steps=3, classes=1).perturb(batch)).argmax(1)
+        every = batch.model(Apgd(eps=EPS, steps=3).perturb(batch)).argmax(1)
     one, three = found != batch.labels, every != batch.labels
     assert one[fooled].all() and three[one].all()
 
@@ -72,7 +72,7 @@ def test_images_that_are_all_fooled_are_not_attacked_again(batch):
         return batch.model(images)
 
     wrong = dataclasses.replace(batch, model=model, labels=batch.targets)
-    shown = Apgd(eps=EPS, steps=3).attacked(wrong)
+    shown = Apgd(eps=EPS, steps=3).perturb(wrong)
     assert shown.shape == batch.images.shape and asked == [8] * 3
 
 
@@ -82,4 +82,4 @@ def test_an_attack_through_a_defence_is_another_one(batch):
     assert through.name == "apgd_2_through_coarse" and plain.name == "apgd_2"
     assert through.settings()["knows"] == coarse.identity
     assert plain.settings()["knows"] is None
-    assert not torch.equal(through.attacked(batch), plain.attacked(batch))
+    assert not torch.equal(through.perturb(batch), plain.perturb(batch))

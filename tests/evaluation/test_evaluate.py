@@ -13,7 +13,7 @@ from moireaug.evaluation import Cell, SuiteConfig, Table, evaluate, images_frame
 from moireaug.evaluation.conditions import Photo
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Runner, jobs_of
-from moireaug.evaluation.statistics import mix
+from moireaug.evaluation.statistics import mix_seeds
 from moireaug.scenes import Scene
 
 SCENE = Scene.preset("screen_photo")
@@ -123,7 +123,7 @@ def test_another_defence_of_one_name_is_another(known, tmp_path):
             kept = images_frame([table], runner, (0, 1))["predicted"].tolist()
         with torch.no_grad():
             kept_colour = torch.eye(3)[channel][:, None, None]
-            shot = SCENE.sample(8, (16, 16), torch.Generator().manual_seed(mix(0, 0, 0)))
+            shot = SCENE.sample(8, (16, 16), torch.Generator().manual_seed(mix_seeds(0, 0, 0)))
             expected = model(capture(batches[0][0], shot) * kept_colour).argmax(1).tolist()
         assert kept[:8] == expected
         found.append(tuple(kept))
@@ -143,7 +143,7 @@ def test_the_attack_is_the_attack(known, loader):
     frame = evaluate(model, loader, eps=(32 / 255,), steps=3, progress=False)
     found = []
     for index, (images, labels) in enumerate(batches):
-        shot = SCENE.sample(8, (16, 16), torch.Generator().manual_seed(mix(0, index, 0)))
+        shot = SCENE.sample(8, (16, 16), torch.Generator().manual_seed(mix_seeds(0, index, 0)))
         found += MoireAttack(model, scene=SCENE, eps=32 / 255, steps=3)(
             images, labels, shot=shot
         ).success.tolist()

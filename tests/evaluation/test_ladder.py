@@ -13,7 +13,7 @@ from moireaug.evaluation import SuiteConfig, images_frame, paired_gain, rates, r
 from moireaug.evaluation.examples import run_examples
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Runner, jobs_of
-from moireaug.evaluation.statistics import _drawn_again, bootstrap
+from moireaug.evaluation.statistics import _resample, bootstrap
 from moireaug.evaluation.suites.ladder import ladder, main_attack
 from moireaug.evaluation.tables import Table
 from moireaug.scene.presets import PRESETS
@@ -230,11 +230,11 @@ def test_the_bootstrap_of_one_seed_is_that_of_its_images():
 
 
 def test_the_bootstrap_draws_once_for_figures_of_one_shape():
-    _drawn_again.cache_clear()
+    _resample.cache_clear()
     outcomes = np.random.default_rng(0).random((2, 3, 60))
     first, second = (bootstrap(one, draws=50) for one in outcomes)
-    assert _drawn_again.cache_info().misses == 1 and first != second
-    _drawn_again.cache_clear()
+    assert _resample.cache_info().misses == 1 and first != second
+    _resample.cache_clear()
     assert bootstrap(outcomes[1], draws=50) == second
 
 

@@ -9,7 +9,7 @@ from moireaug.attacks import MoireAttack
 from moireaug.evaluation import SUITES, SuiteConfig, evaluate, rates, tables_of
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
 from moireaug.evaluation.judges import UNDEFENDED
-from moireaug.evaluation.statistics import mix
+from moireaug.evaluation.statistics import mix_seeds
 from moireaug.evaluation.suites.scenes import other_scenes
 from moireaug.evaluation.visibility import visibility
 from moireaug.mixtures import as_scenes
@@ -23,7 +23,7 @@ MIXTURE = as_scenes(NAMES)
 @pytest.fixture(scope="module")
 def shot(known):
     images = known[1][0][0]
-    found = MIXTURE.sample(len(images), (16, 16), torch.Generator().manual_seed(mix(3, 0, 0)))
+    found = MIXTURE.sample(len(images), (16, 16), torch.Generator().manual_seed(mix_seeds(3, 0, 0)))
     assert len(found.by_scene()) == 2
     return found
 

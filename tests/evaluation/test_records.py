@@ -23,7 +23,7 @@ RECORD = {
 
 def keys(folder):
     with RecordFolder(folder) as records:
-        return set(records._known)
+        return set(records._records)
 
 
 def test_a_folder_keeps_whole_records_alone(tmp_path):
@@ -37,7 +37,7 @@ def test_a_folder_keeps_whole_records_alone(tmp_path):
         one.read()
         assert "b" in one and len(one) == 2
     with RecordFolder(tmp_path) as again:
-        assert set(again._known) == {"a", "b"}
+        assert set(again._records) == {"a", "b"}
         again.append([RECORD | {"key": "c"}])
     assert keys(tmp_path) == {"a", "b", "c"}
     assert all(json.loads(line) for line in (tmp_path / "records-0.jsonl").read_text().splitlines())

@@ -20,7 +20,7 @@ from moireaug.evaluation.conditions import (
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import jobs_of
-from moireaug.evaluation.tables import crossed
+from moireaug.evaluation.tables import cross
 from tests.evaluation.haze import EPS, HAZE, TABLE, ran, results, table_of
 
 
@@ -68,14 +68,14 @@ def test_what_is_done_is_not_done_again(known):
         return batch.images
 
     both = Table(
-        "mine", tuple(crossed({"none": UNDEFENDED, "haze": HAZE}, {"mine": Mine(function=show)}))
+        "mine", tuple(cross({"none": UNDEFENDED, "haze": HAZE}, {"mine": Mine(function=show)}))
     )
     first = ran(known, both)
     assert calls == [8, 8]
     ran(known, both, records=first.records)
     assert calls == [8, 8]
     half = Records()
-    half.append([r for r in first.records._known.values() if r["judge"] != "haze"])
+    half.append([r for r in first.records._records.values() if r["judge"] != "haze"])
     again = ran(known, both, records=half)
     assert calls == [8, 8, 8, 8] and results(again) == results(first)
 
@@ -121,9 +121,9 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
 
     stranger = Judge("stranger", model=contrary)
     judges = {"model": UNDEFENDED, "stranger": stranger, "haze": HAZE}
-    table = Table("mine", tuple(crossed(judges, {"moire": Photo()})))
+    table = Table("mine", tuple(cross(judges, {"moire": Photo()})))
     runner = ran(known, table)
-    asked = {r["judge"] for r in runner.records._known.values() if r["condition"] == "clean"}
+    asked = {r["judge"] for r in runner.records._records.values() if r["condition"] == "clean"}
     assert asked == {"model", "stranger"}
     frame = images_frame([table], runner, (0, 1)).set_index("row")
     # behind a defence, the model without it counts
@@ -136,7 +136,7 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
 
 
 def test_a_target_is_another_class(known):
-    for r in ran(known).records._known.values():
+    for r in ran(known).records._records.values():
         assert all(t != y and 0 <= t < 4 for t, y in zip(r["targets"], r["labels"], strict=True))
 
 

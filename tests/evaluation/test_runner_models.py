@@ -12,7 +12,7 @@ from moireaug.evaluation.conditions import (
 )
 from moireaug.evaluation.corruptions import Corrupted
 from moireaug.evaluation.judges import Judge
-from moireaug.evaluation.parts import _generators
+from moireaug.evaluation.scene_batches import _generators
 from moireaug.evaluation.trust import CleanTwice, PhotoGradient
 from tests.evaluation.haze import CONDITIONS, ran, results, table_of
 

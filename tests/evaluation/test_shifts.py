@@ -12,7 +12,7 @@ from PIL import Image
 from moireaug.evaluation import SuiteConfig, tables_of
 from moireaug.evaluation.conditions import EvalBatch
 from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
-from moireaug.evaluation.suites.scenes import OWN, other_scenes
+from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.scenes import Scene
 
 SCENE = Scene.preset("screen_photo")
@@ -90,12 +90,12 @@ def test_jpeg_is_the_codecs_file():
 def test_rows_are_scenes_photos_the_image_and_its_corruptions():
     (table,) = tables_of("shifts", SuiteConfig(scene=SCENE))
     corruptions = [f"{name}_{amount:g}" for name, amount in AMOUNTS]
-    others = [OWN, *other_scenes(SCENE), "photo_jpeg_60", "camera_frame"]
+    others = [OWN_SCENE_ROW, *other_scenes(SCENE), "photo_jpeg_60", "camera_frame"]
     assert table.rows == [*others, "image", *corruptions]
     for row in table.rows:
         attacked = table.cell(row, "attacked")
         assert (attacked is None) == (row in corruptions)
-    (own,) = table.cell(OWN, "attacked").conditions
+    (own,) = table.cell(OWN_SCENE_ROW, "attacked").conditions
     (ladder,) = tables_of("ladder", SuiteConfig(scene=SCENE))
     assert own.settings() == ladder.cell("ma_4", "answer").conditions[0].settings()
 

@@ -25,8 +25,8 @@ from moireaug.evaluation.records import Records
 from moireaug.evaluation.report.page import render
 from moireaug.evaluation.report.suite_view import suite_view
 from moireaug.evaluation.runner import Runner, jobs_of
-from moireaug.evaluation.suites.adaptive import CAMERA
-from moireaug.evaluation.suites.scenes import OWN, other_scenes
+from moireaug.evaluation.suites.adaptive import WORST_CASE_COLUMNS
+from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.scene.presets import PRESETS
 
 SCENE = Scene.preset("screen_photo")
@@ -104,10 +104,10 @@ def test_the_worst_case_is_each_images_worst(measured):
     assert table.rows == ["eps_4", "eps_8"]
     for row in table.rows:
         own = images[(images["table"] == "worst_case") & (images["row"] == row)]
-        outcomes = own[own["column"].isin(CAMERA)].groupby("image")["correct"].all()
+        outcomes = own[own["column"].isin(WORST_CASE_COLUMNS)].groupby("image")["correct"].all()
         worst = cell_of(lines, row, "worst")
         assert worst["accuracy"] == outcomes.mean() and worst["n"] == 16
-        each = [cell_of(lines, row, column)["accuracy"] for column in CAMERA]
+        each = [cell_of(lines, row, column)["accuracy"] for column in WORST_CASE_COLUMNS]
         assert worst["accuracy"] <= min(each)
         assert worst["success"] == 1 - worst["accuracy"]  # every image counts
 
@@ -116,7 +116,7 @@ def test_pixels_and_chance_are_no_part_of_the_worst_case(measured):
     table = measured[0]["worst_case"]
     for row in table.rows:
         worst = {condition.name for condition in table.cell(row, "worst").conditions}
-        assert len(worst) == len(CAMERA)
+        assert len(worst) == len(WORST_CASE_COLUMNS)
         for column in ("clean", "random", "pgd"):
             (beside,) = table.cell(row, column).conditions
             assert beside.name not in worst
@@ -131,8 +131,8 @@ def test_the_controls_are_the_ladders(measured, known):
         ("eps_8", "moire", "moire"),
         ("eps_4", "ma", "ma_4"),
         ("eps_4", "pgd", "pgd_4"),
-        (OWN, "moire", "moire"),
-        (OWN, "no_moire", "no_moire"),
+        (OWN_SCENE_ROW, "moire", "moire"),
+        (OWN_SCENE_ROW, "no_moire", "no_moire"),
     ):
         assert cell_of(measured[2], row, column)["accuracy"] == accuracy[name], (row, column)
 
@@ -144,7 +144,7 @@ def test_unseen_scenes_are_others_in_the_images_frame():
         scene = Scene.preset(name)
         assert set(other_scenes(scene)) == registered - {name}
         (table,) = tables_of("unseen", dataclasses.replace(CONFIG, scene=scene))
-        assert table.rows == [OWN, *other_scenes(scene)] and table.facts["own"] == name
+        assert table.rows == [OWN_SCENE_ROW, *other_scenes(scene)] and table.facts["own"] == name
     custom = dataclasses.replace(SCENE, view=dataclasses.replace(SCENE.view, roll=1.0))
     assert set(other_scenes(custom)) == registered
 

@@ -3,7 +3,7 @@
 import json
 
 from moireaug import Scene
-from moireaug.evaluation.suites.scenes import OWN, other_scenes
+from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 
 SCENE = Scene.preset("screen_photo")
 ENVIRONMENT = {"device": "cpu", "cpu": "a slow one", "threads": 2}
@@ -85,7 +85,7 @@ def put(
             cell("eps_4", "pgd", 0.4, n),
             cell("eps_4", "moire", 0.7, n),
         ]
-        photos = [cell(OWN, "moire", 0.7, n), cell(OWN, "no_moire", 0.8, n)]
+        photos = [cell(OWN_SCENE_ROW, "moire", 0.7, n), cell(OWN_SCENE_ROW, "no_moire", 0.8, n)]
         photos += [
             cell(name, "moire", unseen + 0.2 * (i % 2), n)
             for i, name in enumerate(other_scenes(SCENE))

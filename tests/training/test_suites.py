@@ -10,7 +10,7 @@ import pytest
 from moireaug import Scene
 from moireaug.evaluation import GROUPS
 from moireaug.evaluation.frame import read_published
-from moireaug.evaluation.report.suite_view import CONTROLS
+from moireaug.evaluation.report.suite_view import CONTROL_COLUMNS
 from moireaug.evaluation.suites.scenes import other_scenes
 from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
 from training import attacking, models
@@ -49,7 +49,9 @@ def test_the_paper_suite_has_every_table(whole):
         assert len(cell["outcomes"]) == cell["n"]
     for name in GROUPS["paper"]:
         columns = {c for n, _, c in found if n == name}
-        assert columns & set(CONTROLS) or (name == "threat" and "all_no_moire" in columns), name
+        assert columns & set(CONTROL_COLUMNS) or (name == "threat" and "all_no_moire" in columns), (
+            name
+        )
     known = {tuple(line[:3]): line[3] for line in read_published().itertuples(index=False)}
     # of models and networks whose weights were not given
     lacking = {key for key in known if key[0] == "transfer"}

@@ -1,4 +1,4 @@
-"""What the tests of the doors share: pixel values, and a sample of every leaf."""
+"""What the tests of the transforms share: pixel values, and a sample of every leaf."""
 
 import torch
 from torchvision import tv_tensors

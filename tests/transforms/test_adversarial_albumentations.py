@@ -3,7 +3,7 @@
 import dataclasses
 import json
 
-# isort: skip  # after the door, which keeps it from asking for its newest version
+# isort: skip  # after moireaug, which keeps it from asking for its newest version
 import albumentations as A
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from moireaug import Shot
-from moireaug.transforms import albumentations as door
+from moireaug.transforms import albumentations as moire
 
 
 @pytest.fixture
@@ -32,13 +32,13 @@ def model():
 def test_it_raises_the_loss(dtype, shape, model, registered):
     image = np.random.default_rng(0).random(shape)
     image = (image * 255).astype(np.uint8) if dtype == np.uint8 else image.astype(np.float32)
-    attacked = door.AdversarialMoire(model, registered, eps=16 / 255, steps=5, p=1)
+    attacked = moire.AdversarialMoire(model, registered, eps=16 / 255, steps=5, p=1)
     steps = A.ReplayCompose([attacked])
     steps.set_random_seed(0)
     out = steps(image=image, label=1)
     assert out["image"].dtype == dtype and out["image"].shape == shape and out["label"] == 1
     params = out["replay"]["transforms"][0]["params"]
-    plain = door.apply_shot(image, Shot.from_dict(params["shot"]))
+    plain = moire.apply_shot(image, Shot.from_dict(params["shot"]))
 
     def loss(shown):
         x = torch.from_numpy(np.ascontiguousarray(shown)).float() / (
@@ -54,8 +54,8 @@ def test_it_raises_the_loss(dtype, shape, model, registered):
 
 def test_mode_is_kept_and_draws_follow_the_seed(model, registered):
     image, model = np.random.default_rng(0).random((12, 14, 3)).astype(np.float32), model.train()
-    pipeline = A.Compose([door.AdversarialMoire(model, registered, steps=2, p=1)], seed=3)
-    same = A.Compose([door.AdversarialMoire(model, registered, steps=2, p=1)], seed=3)
+    pipeline = A.Compose([moire.AdversarialMoire(model, registered, steps=2, p=1)], seed=3)
+    same = A.Compose([moire.AdversarialMoire(model, registered, steps=2, p=1)], seed=3)
     first = pipeline(image=image, label=0)["image"]
     assert np.array_equal(first, same(image=image, label=0)["image"])
     assert not np.array_equal(first, pipeline(image=image, label=0)["image"])
@@ -64,11 +64,11 @@ def test_mode_is_kept_and_draws_follow_the_seed(model, registered):
 
 def test_a_call_without_the_label_is_told_so(model, registered):
     with pytest.raises(ValueError, match="call the Compose with label=<int>"):
-        A.Compose([door.AdversarialMoire(model, registered, p=1)])(
+        A.Compose([moire.AdversarialMoire(model, registered, p=1)])(
             image=np.zeros((8, 8, 3), np.uint8)
         )
     with pytest.raises(ValueError, match=r"\[0, 2\], the model's classes"):
-        A.Compose([door.AdversarialMoire(model, registered, p=1)])(
+        A.Compose([moire.AdversarialMoire(model, registered, p=1)])(
             image=np.zeros((8, 8, 3), np.uint8), label=7
         )
 
@@ -78,11 +78,13 @@ def frames(n=3, shape=(12, 14, 3)):
 
 
 def test_strict_and_with_images_alone(model, registered):
-    steps = A.Compose([door.AdversarialMoire(model, registered, steps=2, p=1)], strict=True, seed=0)
+    steps = A.Compose(
+        [moire.AdversarialMoire(model, registered, steps=2, p=1)], strict=True, seed=0
+    )
     images = frames()
     out = steps(images=images, label=1)["images"]
     assert out.shape == images.shape and not np.array_equal(out, images)
-    out = A.Compose([door.RandomMoire(registered, p=1)], strict=True, seed=0)(images=images)[
+    out = A.Compose([moire.RandomMoire(registered, p=1)], strict=True, seed=0)(images=images)[
         "images"
     ]
     assert out.shape == images.shape and not np.array_equal(out, images)
@@ -91,7 +93,7 @@ def test_strict_and_with_images_alone(model, registered):
 def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered):
     images = frames(4)
     steps = A.ReplayCompose(
-        [door.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)], is_check_shapes=False
+        [moire.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)], is_check_shapes=False
     )
     given = {
         "image": images[0],
@@ -109,13 +111,13 @@ def test_each_picture_has_noise_of_its_own_whatever_its_target(model, registered
         row = params["first"][target] + i
         shot = Shot.from_dict(params["shot"])
         shot = dataclasses.replace(shot, seed=shot.seed + i)
-        expected = door.apply_shot(pictures[i], shot, noise[row : row + 1])
+        expected = moire.apply_shot(pictures[i], shot, noise[row : row + 1])
         assert np.array_equal(photos[i], expected)
 
 
 def test_a_replay_needs_no_model(model, registered):
     image = frames(1)[0]
-    out = A.ReplayCompose([door.AdversarialMoire(model, registered, steps=2, p=1)])(
+    out = A.ReplayCompose([moire.AdversarialMoire(model, registered, steps=2, p=1)])(
         image=image, label=1
     )
     again = A.ReplayCompose.replay(json.loads(json.dumps(out["replay"])), image=image)
@@ -125,10 +127,10 @@ def test_a_replay_needs_no_model(model, registered):
 
 
 def test_it_is_written_as_lambda_is(model, registered):
-    nameless = A.Compose([door.AdversarialMoire(model, registered)])
+    nameless = A.Compose([moire.AdversarialMoire(model, registered)])
     with pytest.raises(ValueError, match="give it a name"):
         A.to_dict(nameless)
-    named = door.AdversarialMoire(model, registered, name="mine")
+    named = moire.AdversarialMoire(model, registered, name="mine")
     written = json.loads(json.dumps(A.to_dict(A.Compose([named]))))
     assert A.from_dict(written, nonserializable={"mine": named})[0] is named
     with pytest.raises(ValueError, match="mine"):
@@ -137,13 +139,13 @@ def test_it_is_written_as_lambda_is(model, registered):
 
 def test_what_is_no_model_or_no_label_is_refused(model, registered):
     with pytest.raises(TypeError, match="model must be a module or a function of images; got str"):
-        door.AdversarialMoire("resnet18", registered)
+        moire.AdversarialMoire("resnet18", registered)
     with pytest.raises(ValueError, match="eps must be one number"):
-        door.AdversarialMoire(model, registered, eps=[0.1, 0.2])
+        moire.AdversarialMoire(model, registered, eps=[0.1, 0.2])
     with pytest.raises(
         TypeError, match="label must be the index of the image's class, an integer; got 'cat'"
     ):
-        A.Compose([door.AdversarialMoire(model, registered, p=1)])(image=frames(1)[0], label="cat")
+        A.Compose([moire.AdversarialMoire(model, registered, p=1)])(image=frames(1)[0], label="cat")
 
 
 @pytest.mark.parametrize("kind", ["image", "images", "volume"])
@@ -151,7 +153,7 @@ def test_a_picture_in_an_additional_target_is_refused(kind, model, registered):
     """It would get the noise of another one."""
     image = np.random.default_rng(0).random((12, 14, 3)).astype(np.float32)
     steps = A.Compose(
-        [door.AdversarialMoire(model, registered, steps=1, p=1)], additional_targets={"more": kind}
+        [moire.AdversarialMoire(model, registered, steps=1, p=1)], additional_targets={"more": kind}
     )
     more = image if kind == "image" else np.stack([image, image])
     with pytest.raises(ValueError, match="'more' is an additional target of kind"):
@@ -161,7 +163,7 @@ def test_a_picture_in_an_additional_target_is_refused(kind, model, registered):
 
 def test_double_precision_is_attacked(model, registered):
     image = np.random.default_rng(0).random((12, 14, 3))
-    steps = A.Compose([door.AdversarialMoire(model, registered, steps=1, p=1)])
+    steps = A.Compose([moire.AdversarialMoire(model, registered, steps=1, p=1)])
     assert steps(image=image, label=1)["image"].dtype == np.float64
 
 
@@ -170,7 +172,7 @@ def test_a_model_of_one_channel_is_attacked_by_the_luma(registered):
     model = nn.Sequential(nn.Conv2d(1, 4, 3), nn.BatchNorm2d(4), nn.Flatten(), nn.Linear(480, 3))
     shown = []
     for eps in (0, 0.1):
-        transform = door.AdversarialMoire(model, registered, eps=eps, steps=2, p=1)
+        transform = moire.AdversarialMoire(model, registered, eps=eps, steps=2, p=1)
         steps = A.Compose([transform], seed=0)
         shown.append(steps(image=np.full((12, 14), 128, np.uint8), label=1)["image"])
     assert shown[0].shape == (12, 14) and not np.array_equal(*shown)

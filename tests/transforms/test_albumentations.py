@@ -1,16 +1,16 @@
-"""The albumentations door: targets, replay and serialisation."""
+"""The albumentations transforms: targets, replay and serialisation."""
 
 import dataclasses
 import json
 
-# isort: skip  # after the door, which keeps it from asking for its newest version
+# isort: skip  # after moireaug, which keeps it from asking for its newest version
 import albumentations as A
 import numpy as np
 import pytest
 import torch
 
 from moireaug import Develop, Panel, Scene, Sensor, Shot, View
-from moireaug.transforms import albumentations as door
+from moireaug.transforms import albumentations as moire
 from moireaug.transforms.albumentations import RandomMoire
 
 
@@ -110,7 +110,7 @@ def test_replay_is_exact_and_survives_json(frame, request):
     assert np.array_equal(A.ReplayCompose.replay(out["replay"], image=image)["image"], out["image"])
     shot = out["replay"]["transforms"][0]["params"]["shot"]
     assert json.loads(json.dumps(shot)) == shot
-    photo = door.apply_shot(image, Shot.from_dict(shot))
+    photo = moire.apply_shot(image, Shot.from_dict(shot))
     assert any(np.array_equal(out["image"], x) for x in (photo, photo[:, ::-1]))
 
 
@@ -119,7 +119,7 @@ def test_a_transform_replays_the_shot_of_another_scene(registered, camera):
     own, other = RandomMoire(registered, p=1), RandomMoire(camera, p=1)
     for scene in (registered, camera):
         shot = scene.sample(1, (9, 12), torch.Generator().manual_seed(0)).to_dict()
-        expected = door.apply_shot(image, Shot.from_dict(shot))
+        expected = moire.apply_shot(image, Shot.from_dict(shot))
         assert np.array_equal(own.apply(image, shot=shot), expected)
         assert np.array_equal(other.apply(image, shot=shot), expected)
 
@@ -184,11 +184,11 @@ def test_channels_first_are_told_how_to_come_last(registered):
         RandomMoire(registered, p=1)(image=values((3, 9, 12), np.uint8))
 
 
-@pytest.mark.parametrize("door_class", [RandomMoire, door.AdversarialMoire])
-def test_the_docstrings_list_targets_as_albumentations_does(door_class):
-    lines = [line.strip() for line in door_class.__doc__.splitlines()]
+@pytest.mark.parametrize("transform_class", [RandomMoire, moire.AdversarialMoire])
+def test_the_docstrings_list_targets_as_albumentations_does(transform_class):
+    lines = [line.strip() for line in transform_class.__doc__.splitlines()]
     targets = lines[lines.index("Targets:") + 1].split(", ")
-    assert targets == [target.value.lower() for target in door_class._targets]
+    assert targets == [target.value.lower() for target in transform_class._targets]
     assert lines[lines.index("Image types:") + 1] == "uint8, float32"
     assert lines[lines.index("Number of channels:") + 1] == "1, 3"
 

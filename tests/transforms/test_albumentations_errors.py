@@ -9,7 +9,7 @@ import pytest
 import torch
 from albumentations.pytorch import ToTensorV2
 
-from moireaug.transforms import albumentations as door
+from moireaug.transforms import albumentations as moire
 
 IMAGE = np.zeros((9, 12, 3), np.uint8)
 TENSOR = torch.zeros(3, 9, 12)
@@ -33,9 +33,9 @@ SAMPLES = {
 @pytest.fixture(params=["RandomMoire", "AdversarialMoire"])
 def transform(request, camera):
     if request.param == "RandomMoire":
-        return door.RandomMoire(camera, p=1)
+        return moire.RandomMoire(camera, p=1)
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
-    return door.AdversarialMoire(model, camera, steps=1, p=1)
+    return moire.AdversarialMoire(model, camera, steps=1, p=1)
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -51,17 +51,17 @@ def test_a_transform_after_one_that_makes_tensors_is_sent_before_it(transform):
 
 
 def test_tensors_in_a_replay_are_refused(camera):
-    out = A.ReplayCompose([door.RandomMoire(camera, p=1)])(volume=IMAGE[None])
+    out = A.ReplayCompose([moire.RandomMoire(camera, p=1)])(volume=IMAGE[None])
     with pytest.raises(TypeError, match=BEFORE):
         A.ReplayCompose.replay(out["replay"], volume=TENSOR[None])
 
 
 def test_masks_that_stay_may_be_tensors(registered):
     mask = TENSOR[0]
-    out = door.RandomMoire(registered, p=1)(image=IMAGE, mask=mask)
+    out = moire.RandomMoire(registered, p=1)(image=IMAGE, mask=mask)
     assert out["mask"] is mask
 
 
 def test_lists_of_arrays_are_taken(camera):
-    out = door.RandomMoire(camera, p=1)(images=[IMAGE, IMAGE], masks=[IMAGE[..., 0]])
+    out = moire.RandomMoire(camera, p=1)(images=[IMAGE, IMAGE], masks=[IMAGE[..., 0]])
     assert out["images"].shape == (2, *IMAGE.shape) and out["masks"].shape == (1, 9, 12)

@@ -18,7 +18,7 @@ from albumentations.core.transforms_interface import DualTransform
 
 from moireaug import Shot
 from moireaug.transforms import _calls
-from moireaug.transforms import albumentations as door
+from moireaug.transforms import albumentations as moire
 
 IMAGE = np.random.default_rng(0).random((9, 12, 3)).astype(np.float32)
 
@@ -77,7 +77,7 @@ def other_door(request, monkeypatch):
         monkeypatch.setattr(transforms_interface, "SampledParams", SampledParams, raising=False)
     monkeypatch.setattr(transforms_interface, "DualTransform", SamplingTransform)
     monkeypatch.setitem(sys.modules, _calls.__name__, imported_again(_calls))
-    return imported_again(door)
+    return imported_again(moire)
 
 
 def imported_again(module):
@@ -97,16 +97,16 @@ def test_a_shot_is_sampled_and_applied(other_door, camera):
     mask = np.ones((9, 12), np.uint8)
     out = transform(image=IMAGE, mask=mask, keypoints=np.array([[3.0, 4.0]]), label=1)
     shot = shot_of(transform)
-    assert np.array_equal(out["image"], door.apply_shot(IMAGE, shot))
-    assert np.array_equal(out["mask"], door.move_mask(mask, shot))
-    assert np.array_equal(out["keypoints"], door.move_keypoints(np.array([[3.0, 4.0]]), shot))
+    assert np.array_equal(out["image"], moire.apply_shot(IMAGE, shot))
+    assert np.array_equal(out["mask"], moire.move_mask(mask, shot))
+    assert np.array_equal(out["keypoints"], moire.move_keypoints(np.array([[3.0, 4.0]]), shot))
 
 
 def test_an_attack_is_sampled_and_applied(other_door, registered):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
     transform = other_door.AdversarialMoire(model, registered, steps=1, p=1)
     out = transform(image=IMAGE, volume=np.stack([IMAGE, IMAGE]), label=1)
-    assert np.any(out["image"] != door.apply_shot(IMAGE, shot_of(transform)))
+    assert np.any(out["image"] != moire.apply_shot(IMAGE, shot_of(transform)))
     assert np.any(out["volume"][0] != out["image"]), "the volume has the noise of the image"
 
 
@@ -115,5 +115,5 @@ def test_a_replay_at_another_size_moves_boxes_by_that_size(other_door, camera):
     transform(image=IMAGE)
     large, box = np.repeat(IMAGE, 2, 0), np.array([[0.25, 0.25, 0.5, 0.75]])
     out = transform.apply_with_params(transform.record, image=large, bboxes=box)
-    expected = door.move_bboxes(box, dataclasses.replace(shot_of(transform), size=(18, 12)))
+    expected = moire.move_bboxes(box, dataclasses.replace(shot_of(transform), size=(18, 12)))
     assert np.array_equal(out["bboxes"], expected)

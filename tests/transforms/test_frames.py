@@ -11,7 +11,7 @@ from torchvision import tv_tensors
 
 from moireaug import Shot
 from moireaug.attacks import MoireAttack
-from moireaug.transforms import albumentations as door
+from moireaug.transforms import albumentations as moire
 from moireaug.transforms import torchvision
 
 SHAPE = (9, 12, 3)
@@ -32,13 +32,13 @@ def of_target(target, pictures):
 
 def photos_by_hand(picture, shot, n):
     shots = [dataclasses.replace(shot, seed=shot.seed + i) for i in range(n)]
-    return np.stack([door.apply_shot(picture, one) for one in shots])
+    return np.stack([moire.apply_shot(picture, one) for one in shots])
 
 
 @pytest.mark.parametrize("frame", ["registered", "camera"])
 @pytest.mark.parametrize("target", LEADS)
 def test_a_target_s_pictures_differ_in_sensor_noise(target, frame, repeated, request):
-    steps = A.ReplayCompose([door.RandomMoire(request.getfixturevalue(frame), p=1)])
+    steps = A.ReplayCompose([moire.RandomMoire(request.getfixturevalue(frame), p=1)])
     out = steps(**{target: of_target(target, repeated)})
     shot = Shot.from_dict(out["replay"]["transforms"][0]["params"]["shot"])
     photos = out[target].reshape(-1, *SHAPE)
@@ -50,7 +50,7 @@ def test_a_video_s_frames_are_those_of_images(registered, repeated):
     shot = registered.sample(1, SHAPE[:2], torch.Generator().manual_seed(0))
     video = tv_tensors.Video(torch.from_numpy(repeated).permute(0, 3, 1, 2))
     frames = torchvision.apply_shot(video, shot).permute(0, 2, 3, 1).numpy()
-    assert np.array_equal(frames, door.apply_to_all(repeated, shot))
+    assert np.array_equal(frames, moire.apply_to_all(repeated, shot))
     assert np.array_equal(frames, photos_by_hand(repeated[0], shot, 4))
 
 
@@ -58,12 +58,12 @@ def test_without_sensor_noise_the_pictures_of_a_target_are_alike(registered, rep
     quiet = dataclasses.replace(
         registered, sensor=dataclasses.replace(registered.sensor, read_noise=0.0)
     )
-    photos = A.Compose([door.RandomMoire(quiet, p=1)])(images=repeated)["images"]
+    photos = A.Compose([moire.RandomMoire(quiet, p=1)])(images=repeated)["images"]
     assert np.array_equal(photos, np.repeat(photos[:1], 4, 0)) and np.any(photos != repeated)
 
 
 def test_the_masks_of_a_volume_move_alike(camera, repeated):
-    out = A.Compose([door.RandomMoire(camera, p=1)])(
+    out = A.Compose([moire.RandomMoire(camera, p=1)])(
         volume=repeated, mask3d=np.ones((4, 9, 12), np.uint8)
     )
     assert np.array_equal(out["mask3d"], np.repeat(out["mask3d"][:1], 4, 0))
@@ -72,7 +72,7 @@ def test_the_masks_of_a_volume_move_alike(camera, repeated):
 @pytest.mark.parametrize("targets", [["images"], ["image", "images", "volumes"]], ids=str)
 def test_the_photos_are_those_that_the_attack_found(targets, registered, repeated, monkeypatch):
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 9 * 12, 3))
-    adversarial = door.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)
+    adversarial = moire.AdversarialMoire(model, registered, eps=0.1, steps=2, p=1)
     results, attack = [], MoireAttack.__call__
 
     def recorded(*args, **kwargs):

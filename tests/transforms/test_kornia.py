@@ -1,4 +1,4 @@
-"""The kornia door: the augmentation contract, replay, and the scenes that it refuses."""
+"""The kornia transform: the augmentation contract, replay, and the scenes that it refuses."""
 
 import copy
 
@@ -60,14 +60,14 @@ def test_p_and_replay(p, same_on_batch, registered):
     out = steps(batch)
     assert torch.equal(out, steps(batch, params=steps._params))
     assert p == 0 or not torch.equal(out, steps(batch))
-    door = RandomMoire(registered, p=p, same_on_batch=same_on_batch)
+    transform = RandomMoire(registered, p=p, same_on_batch=same_on_batch)
     torch.manual_seed(2)
-    out = door(batch)
+    out = transform(batch)
     kept = torch.tensor([torch.equal(a, b) for a, b in zip(out, batch, strict=True)])
-    assert torch.equal(~kept, door._params["batch_prob"] > 0.5)
+    assert torch.equal(~kept, transform._params["batch_prob"] > 0.5)
     assert kept.float().mean() == 1 - p or (p == 0.5 and (same_on_batch or 0 < kept.sum() < 8))
     torch.manual_seed(2)
-    assert torch.equal(out, door(batch))
+    assert torch.equal(out, transform(batch))
 
 
 def test_parameters_hold_the_whole_shot(registered):
@@ -75,15 +75,15 @@ def test_parameters_hold_the_whole_shot(registered):
     params = to_params(shot)
     assert all(v.shape == (3,) for v in params.values())
     assert from_params(registered, (9, 12), params).to_dict() == shot.to_dict()
-    door, image = RandomMoire(registered, p=1), torch.rand(3, 3, 9, 12)
-    out = door(image)
-    assert torch.equal(out, capture(image, from_params(registered, (9, 12), door._params)))
+    transform, image = RandomMoire(registered, p=1), torch.rand(3, 3, 9, 12)
+    out = transform(image)
+    assert torch.equal(out, capture(image, from_params(registered, (9, 12), transform._params)))
 
 
 def test_skipped_rows_cost_nothing_and_may_hold_nan(registered, monkeypatch):
-    door, batch = RandomMoire(registered, p=0.5), torch.rand(8, 3, 9, 12)
+    transform, batch = RandomMoire(registered, p=0.5), torch.rand(8, 3, 9, 12)
     torch.manual_seed(0)
-    params = door.forward_parameters(batch.shape)
+    params = transform.forward_parameters(batch.shape)
     chosen = params["batch_prob"] > 0.5
     assert 0 < chosen.sum() < 8
     batch[~chosen] = torch.nan
@@ -95,7 +95,7 @@ def test_skipped_rows_cost_nothing_and_may_hold_nan(registered, monkeypatch):
         "photograph",
         lambda x, s: seen.append(len(x)) or real(x, s),
     )
-    out = door(batch, params=params)
+    out = transform(batch, params=params)
     assert seen == [int(chosen.sum())]
     out[chosen].sum().backward()
     assert out[chosen].isfinite().all() and out[~chosen].isnan().all()
@@ -115,8 +115,8 @@ def test_in_a_video_sequence_frames_share_the_shot(registered):
 
 
 def test_a_copy_and_an_empty_batch(registered):
-    door = copy.deepcopy(RandomMoire(registered, p=1))
-    assert door(torch.rand(0, 3, 9, 12)).shape == (0, 3, 9, 12)
+    transform = copy.deepcopy(RandomMoire(registered, p=1))
+    assert transform(torch.rand(0, 3, 9, 12)).shape == (0, 3, 9, 12)
 
 
 @pytest.mark.parametrize("scene", ["paper", "paper_code"])
@@ -159,18 +159,18 @@ def test_images_only_refuses_what_would_have_to_move(key, leaf, p):
 
 @pytest.mark.parametrize("p", [0.5, 1.0])
 def test_parameters_of_one_image_replay_on_all_rows(p, registered):
-    door, batch = RandomMoire(registered, p=p), torch.rand(4, 3, 9, 12)
+    transform, batch = RandomMoire(registered, p=p), torch.rand(4, 3, 9, 12)
     torch.manual_seed(0)
-    while not (door(batch[:1]) != batch[:1]).any():
+    while not (transform(batch[:1]) != batch[:1]).any():
         pass
-    params = door._params
-    photos = door(batch, params=params)
+    params = transform._params
+    photos = transform(batch, params=params)
     for row in range(4):
-        assert torch.equal(photos[row : row + 1], door(batch[row : row + 1], params=params))
+        assert torch.equal(photos[row : row + 1], transform(batch[row : row + 1], params=params))
         assert not torch.equal(photos[row], batch[row])
-    door(batch[:2])
+    transform(batch[:2])
     with pytest.raises(ValueError, match="parameters are of 2 images; got 4"):
-        door(batch, params=door._params)
+        transform(batch, params=transform._params)
 
 
 def test_repr_shows_the_scene(registered):
@@ -188,12 +188,12 @@ def test_one_graph_gives_the_same_photos_as_no_graph():
     numbers."""
     torch._dynamo.reset()
     scene = Scene(panel=Panel(scale=(2.0, 3.0)), sensor=Sensor(exposure="point"))
-    door, batch = RandomMoire(scene, p=0.5), torch.rand(6, 3, 8, 8)
-    compiled = torch.compile(door, fullgraph=True, backend="eager")
+    transform, batch = RandomMoire(scene, p=0.5), torch.rand(6, 3, 8, 8)
+    compiled = torch.compile(transform, fullgraph=True, backend="eager")
     torch.manual_seed(2)
     photos = compiled(batch)
     torch.manual_seed(2)
-    assert torch.allclose(photos, door(batch), atol=1e-6)
+    assert torch.allclose(photos, transform(batch), atol=1e-6)
     changed = (photos != batch).flatten(1).any(1)
     assert changed.any() and not changed.all()
 

@@ -30,7 +30,7 @@ def which(photos, images, scenes=LISTED):
     return found
 
 
-DOORS = {"torchvision": RandomMoire, "kornia": kornia.RandomMoire}
+TRANSFORMS = {"torchvision": RandomMoire, "kornia": kornia.RandomMoire}
 
 
 @pytest.fixture
@@ -38,10 +38,10 @@ def many():
     return torch.rand(16, 3, 16, 20, generator=torch.Generator().manual_seed(1))
 
 
-@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("library", TRANSFORMS)
 @pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
-def test_each_chosen_image_of_a_batch_is_in_one_of_the_scenes(door, p, many):
-    transform = DOORS[door](LISTED, p=p)
+def test_each_chosen_image_of_a_batch_is_in_one_of_the_scenes(library, p, many):
+    transform = TRANSFORMS[library](LISTED, p=p)
     seen = set()
     for seed in range(3):
         torch.manual_seed(seed)
@@ -52,18 +52,20 @@ def test_each_chosen_image_of_a_batch_is_in_one_of_the_scenes(door, p, many):
     assert seen == {0.0: {-1}, 0.5: {-1, 0, 1}, 1.0: {0, 1}}[p]
 
 
-@pytest.mark.parametrize("door", DOORS)
-def test_a_list_of_one_is_that_scene(door, many):
+@pytest.mark.parametrize("library", TRANSFORMS)
+def test_a_list_of_one_is_that_scene(library, many):
     photos = []
     for scene in ("screen_photo", ["screen_photo"]):
         torch.manual_seed(0)
-        photos.append(DOORS[door](scene, p=0.7)(many))
+        photos.append(TRANSFORMS[library](scene, p=0.7)(many))
     assert torch.equal(*photos)
 
 
-@pytest.mark.parametrize("door", DOORS)
-def test_what_is_printed_names_every_scene(door):
-    said = repr(DOORS[door](["screen_photo", {"preset": "phone_at_laptop", "tolerance": 0}]))
+@pytest.mark.parametrize("library", TRANSFORMS)
+def test_what_is_printed_names_every_scene(library):
+    said = repr(
+        TRANSFORMS[library](["screen_photo", {"preset": "phone_at_laptop", "tolerance": 0}])
+    )
     assert "scene=['screen_photo', Scene(" in said and "tolerance=0.0" in said
 
 

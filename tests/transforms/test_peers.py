@@ -1,9 +1,9 @@
-"""Each peer's resampling, blur and noise in front of each door: what it leaves outside [0, 1] is
+"""Each peer's resampling, blur and noise in front of each transform: values left outside [0, 1] are
 clipped."""
 
 import functools
 
-# isort: skip  # after the door, which keeps it from asking for its newest version
+# isort: skip  # after moireaug, which keeps it from asking for its newest version
 import albumentations as A
 import kornia.augmentation as K
 import numpy as np

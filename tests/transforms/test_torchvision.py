@@ -1,4 +1,4 @@
-"""The torchvision door: what is kept, what moves, and what is drawn."""
+"""The torchvision transform: what is kept, what moves, and what is drawn."""
 
 import dataclasses
 import itertools
@@ -131,11 +131,11 @@ def test_images_of_one_sample_share_the_draw(registered):
 
 
 def test_the_global_seed_reproduces_and_the_photo_is_a_capture(registered):
-    image, door = values((2, 3, 9, 12), torch.float32), RandomMoire(registered, p=1)
+    image, transform = values((2, 3, 9, 12), torch.float32), RandomMoire(registered, p=1)
     torch.manual_seed(5)
-    a, b = door(image), door(image)
+    a, b = transform(image), transform(image)
     torch.manual_seed(5)
-    assert torch.equal(a, door(image)) and not torch.equal(a, b)
+    assert torch.equal(a, transform(image)) and not torch.equal(a, b)
     torch.manual_seed(5)
     torch.rand(2)
     assert torch.equal(a, capture(image, registered.sample(2, (9, 12))))

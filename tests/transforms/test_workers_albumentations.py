@@ -1,6 +1,6 @@
 """The seeds of albumentations transforms in the workers of a DataLoader."""
 
-# isort: skip  # after the door, which keeps it from asking for its newest version
+# isort: skip  # after moireaug, which keeps it from asking for its newest version
 import functools
 import types
 from collections import deque
@@ -13,7 +13,7 @@ from torch import nn
 from torch.utils.data import ConcatDataset, DataLoader, Dataset, Subset
 from torchvision.transforms import v2
 
-from moireaug.transforms import albumentations as door
+from moireaug.transforms import albumentations as moire
 from moireaug.transforms._workers import transforms_of
 from moireaug.transforms.albumentations import RandomMoire
 
@@ -34,7 +34,7 @@ def test_seeded_workers_draw_differently_and_reproducibly(registered):
 
     def epochs():
         torch.manual_seed(0)
-        loader = DataLoader(data, batch_size=2, num_workers=2, worker_init_fn=door.seed_worker)
+        loader = DataLoader(data, batch_size=2, num_workers=2, worker_init_fn=moire.seed_worker)
         return torch.cat([torch.cat(list(loader)) for _ in range(2)])
 
     first = epochs()
@@ -46,12 +46,12 @@ def test_a_worker_without_a_transform_says_so(monkeypatch):
     info = type("Info", (), {"dataset": Same(None)})
     monkeypatch.setattr(torch.utils.data, "get_worker_info", lambda: info)
     with pytest.raises(ValueError, match="found no albumentations transform that Same leads to"):
-        door.seed_worker(0)
+        moire.seed_worker(0)
 
 
 def test_seeding_outside_a_worker_says_so():
     with pytest.raises(RuntimeError, match=r"pass it as DataLoader\(worker_init_fn="):
-        door.seed_worker(0)
+        moire.seed_worker(0)
 
 
 class Views(Dataset):
@@ -85,7 +85,7 @@ def test_every_transform_of_a_data_set_has_a_seed_of_its_own(registered):
     weak, strong = (A.Compose([RandomMoire(registered, p=1)], seed=0) for _ in range(2))
     torch.manual_seed(0)
     loader = DataLoader(
-        Views(weak, strong), batch_size=2, num_workers=2, worker_init_fn=door.seed_worker
+        Views(weak, strong), batch_size=2, num_workers=2, worker_init_fn=moire.seed_worker
     )
     views = torch.cat([torch.cat(list(loader)) for _ in range(2)]).flatten(0, 1)
     assert len({view.numpy().tobytes() for view in views}) == 2 * 16
@@ -235,7 +235,7 @@ def draws():
 
     def epochs():
         torch.manual_seed(0)
-        loader = DataLoader(data, batch_size=2, num_workers=2, worker_init_fn=door.seed_worker)
+        loader = DataLoader(data, batch_size=2, num_workers=2, worker_init_fn=moire.seed_worker)
         images = torch.stack([torch.cat(list(loader)) for _ in range(2)])
         return images.unflatten(1, (len(HOLDERS), 4)).transpose(0, 1)
 
@@ -279,4 +279,4 @@ def test_what_leads_to_no_transform_is_refused(call, monkeypatch):
     info = type("Info", (), {"dataset": Recorded(call)})
     monkeypatch.setattr(torch.utils.data, "get_worker_info", lambda: info)
     with pytest.raises(ValueError, match="that Recorded leads to"):
-        door.seed_worker(0)
+        moire.seed_worker(0)

@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from moireaug.evaluation.report.plots import FAINT, INK, OURS, THEIRS
+from moireaug.evaluation.report.plots import BASELINE_COLOUR, GRID_COLOUR, MODEL_COLOUR, TEXT_COLOUR
 from training.calibration.compare import Line, Span
 
 SIZE, DPI = (10.4, 6.4), 100
 MAIN = "codes RMS"  # the unit of most, on the left
 APART = 0.17  # between the two marks of a line, in lines
 LEAST = 0.05  # codes, on the logarithmic axis
-REAL, SIMULATED = (OURS, "o"), (THEIRS, "D")  # colour and marker
+REAL, SIMULATED = (MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D")  # colour and marker
 
 
 def draw(lines: Sequence[Line], name: str) -> bytes:
@@ -59,9 +59,9 @@ def _panel(ax: Axes, group: Sequence[Line], name: str) -> None:
             _mark(ax, line.simulated, row + shift, least, SIMULATED, simulated_name)
     ax.set_yticks(range(len(group)), [line.statistic.title for line in group], size=9.5)
     ax.set_ylim(len(group) - 0.5, -0.5)
-    ax.set_xlabel(group[0].statistic.unit or "share", size=9.5, color=INK, labelpad=1)
-    ax.tick_params(labelsize=9, labelcolor=INK, color=FAINT)
-    ax.grid(axis="x", color=FAINT, linewidth=0.7)
+    ax.set_xlabel(group[0].statistic.unit or "share", size=9.5, color=TEXT_COLOUR, labelpad=1)
+    ax.tick_params(labelsize=9, labelcolor=TEXT_COLOUR, color=GRID_COLOUR)
+    ax.grid(axis="x", color=GRID_COLOUR, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right", "left"]].set_visible(False)
     ax.spines["bottom"].set_color("#999999")

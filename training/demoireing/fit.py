@@ -25,12 +25,12 @@ import hydra
 from omegaconf import DictConfig
 
 from moireaug.defenses import demoire
-from moireaug.defenses.demoire.losses import WITHOUT_FEATURES
+from moireaug.defenses.demoire.losses import NETWORKS_WITHOUT_FEATURES
 from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scenes import as_scene
-from moireaug.synthesis.pairs import SIZES, check_aligned
+from moireaug.synthesis.pairs import SIZE_RANGE, check_aligned
 from training import commands, machine, runs, scenes
 from training.attacking import device
 from training.bounds import SEEDS, Bounds, check_run
@@ -48,7 +48,7 @@ Metrics = dict[str, Any]
 TARGETS = ("twin", "original", "toned")
 BOUNDS: dict[str, Bounds] = {
     "seed": (0, SEEDS),
-    "data.size": SIZES,
+    "data.size": SIZE_RANGE,
     "data.val": (1, None),
     "data.test": (1, None),
     "data.workers": (0, 1024),
@@ -58,7 +58,7 @@ BOUNDS: dict[str, Bounds] = {
     "train.lr": (1e-8, 10),
     "train.warmup": (0, None),
     "train.ema": (0, 0.999999),
-    "test.size": SIZES,
+    "test.size": SIZE_RANGE,
     "trainer.num_nodes": (1, 100_000),
 }
 UNUSED = {"train": None, "class_index": None, "augment": "none", "download": False}  # of `data`
@@ -100,7 +100,7 @@ def check(cfg: DemoireConfig) -> None:
         if getattr(cfg.data, key) != usual:
             raise ValueError(f"data.{key}= has no effect on a demoiréing network: leave it out.")
     _check_numbers(cfg)
-    if cfg.demoire.vgg and cfg.model in WITHOUT_FEATURES:
+    if cfg.demoire.vgg and cfg.model in NETWORKS_WITHOUT_FEATURES:
         raise ValueError(
             f"demoire.vgg= has no effect on {cfg.model}, whose published loss compares no "
             "features: leave it out."

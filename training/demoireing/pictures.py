@@ -64,7 +64,7 @@ def load(cfg: DemoireConfig) -> Splits:
         train, val = _parts(Pictures(root / "train", side), 2)
         return Splits(train, val, Pictures(root / "test", test_side))
     train, val, test = _parts(Pictures(root, side), 3)
-    test.least = test_side
+    test.min_side = test_side
     return Splits(train, val, test)
 
 
@@ -126,5 +126,5 @@ def _parts(pictures: Pictures, parts: int) -> list[Pictures]:
         )
     held = max(1, total // HELD_OUT)
     order = shuffled(total, 0)
-    others = [pictures.part(order[n * held : (n + 1) * held]) for n in range(parts - 1)]
-    return [pictures.part(order[(parts - 1) * held :]), *others]
+    others = [pictures.subset(order[n * held : (n + 1) * held]) for n in range(parts - 1)]
+    return [pictures.subset(order[(parts - 1) * held :]), *others]

@@ -11,9 +11,16 @@ from torch import Tensor
 
 from moireaug.evaluation.report.numbers import number
 from moireaug.evaluation.report.page import environment, uri
-from moireaug.evaluation.report.plots import FAINT, OURS, SIZE, THEIRS, finish, svg
+from moireaug.evaluation.report.plots import (
+    BASELINE_COLOUR,
+    FIGURE_INCHES,
+    GRID_COLOUR,
+    MODEL_COLOUR,
+    finish,
+    svg,
+)
 from moireaug.evaluation.report.terminal import Grid, Part
-from moireaug.evaluation.visibility import WINDOW
+from moireaug.evaluation.visibility import SSIM_WINDOW
 from training.demoireing.testing import GroupedPair
 
 TEMPLATE = Path(__file__).with_name("report.html.j2")
@@ -51,7 +58,7 @@ def page(metrics: Mapping[str, Any], shown: Sequence[tuple[GroupedPair, Tensor]]
         phases={"parts": time, "total": sum(time.values())},
         metrics={**metrics, "scene": None, "plan": None},
         target=metrics["target"],
-        window=WINDOW,
+        window=SSIM_WINDOW,
     )
 
 
@@ -161,15 +168,15 @@ def block(pair: GroupedPair, cleaned: Tensor) -> dict[str, Any]:
 def curves(history: Sequence[Mapping[str, float]], best: int) -> list[dict[str, str]]:
     """Return the plots of a training: its loss, and PSNR on the pairs that validate."""
     steps = [row["steps"] for row in history]
-    loss = Figure(SIZE, layout="constrained")
+    loss = Figure(FIGURE_INCHES, layout="constrained")
     ax = loss.subplots()
-    ax.plot(steps, [row["loss"] for row in history], "o-", color=OURS, markersize=3.2)
+    ax.plot(steps, [row["loss"] for row in history], "o-", color=MODEL_COLOUR, markersize=3.2)
     finish(ax, "step", "training loss")
-    psnr = Figure(SIZE, layout="constrained")
+    psnr = Figure(FIGURE_INCHES, layout="constrained")
     ax = psnr.subplots()
-    ax.plot(steps, [row["psnr"] for row in history], "o-", color=OURS, markersize=3.2)
-    ax.axvline(best, color=FAINT)
-    ax.axhline(history[-1]["photo_psnr"], color=THEIRS, linewidth=1)
+    ax.plot(steps, [row["psnr"] for row in history], "o-", color=MODEL_COLOUR, markersize=3.2)
+    ax.axvline(best, color=GRID_COLOUR)
+    ax.axhline(history[-1]["photo_psnr"], color=BASELINE_COLOUR, linewidth=1)
     finish(ax, "step", "validation PSNR, dB")
     return [
         _curve(

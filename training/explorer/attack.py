@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.evaluation.conditions import EvalBatch
-from moireaug.evaluation.report.page import shown, title_of
-from moireaug.evaluation.suites.ladder import rungs
+from moireaug.evaluation.report.page import embedded_picture, title_of
+from moireaug.evaluation.suites.ladder import ladder_conditions
 from moireaug.evaluation.tables import SuiteConfig
 from moireaug.scenes import Scene
 from training import data, saved
@@ -92,7 +92,7 @@ def ladder(run: Run, index: int, scene: Scene, eps: float, steps: int, seed: int
         run.model, image, label, likeliest, scene.sample(1, size, generator), generator
     )
     found = []
-    for condition in rungs(SuiteConfig(scene=scene, eps=(eps,), steps=steps)):
+    for condition in ladder_conditions(SuiteConfig(scene=scene, eps=(eps,), steps=steps)):
         photo = condition.show(batch).detach()
         with torch.no_grad():
             chances = run.model(photo)[0].softmax(0)
@@ -113,7 +113,7 @@ def as_html(rungs: Sequence[Rung]) -> str:
     """Return a ladder as HTML figures: each rung's picture, and the model's answer below it."""
     figures = []
     for rung in rungs:
-        picture = shown(rung.picture, rung.title)
+        picture = embedded_picture(rung.picture, rung.title)
         title, answer = html.escape(rung.title), html.escape(rung.answer)
         said = f"{answer}, {rung.probability:.0%}: {rung.verdict}"
         figures.append(

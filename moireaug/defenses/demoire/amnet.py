@@ -8,9 +8,9 @@ from torch import Tensor, nn
 from moireaug.defenses.demoire.base import DemoireNet, scaled
 from moireaug.defenses.demoire.layers import conv
 
-CHANNELS = (32, 64, 108)  # of the additive module, the finest first
-RATES = (1, 2, 4, 8)  # dilation of the pyramid's branches
-FACTORS, BLOCKS = 36, 4  # channels and blocks of the multiplicative module
+ADDITIVE_CHANNELS = (32, 64, 108)  # of the additive module, the finest first
+PYRAMID_RATES = (1, 2, 4, 8)  # dilation of the pyramid's branches
+FACTOR_CHANNELS, FACTOR_BLOCKS = 36, 4  # channels and blocks of the multiplicative module
 
 
 class AMNet(DemoireNet):
@@ -31,7 +31,7 @@ class AMNet(DemoireNet):
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__(width)
-        fine, middle, coarse = [scaled(channels, width) for channels in CHANNELS]
+        fine, middle, coarse = [scaled(channels, width) for channels in ADDITIVE_CHANNELS]
         self.head = nn.Sequential(conv(3, fine), conv(fine, fine))
         self.down = nn.Sequential(conv(fine, middle, stride=2), conv(middle, middle))
         self.deep = nn.Sequential(conv(middle, coarse, stride=2), conv(coarse, coarse))
@@ -40,21 +40,20 @@ class AMNet(DemoireNet):
         self.up = nn.Sequential(conv(coarse + middle, middle), conv(middle, middle))
         self.top = nn.Sequential(conv(middle + fine, fine), conv(fine, fine))
         self.additive = nn.Conv2d(fine, 3, 3, padding=1)
-        factors = scaled(FACTORS, width)
-        blocks = [Multiplicative(factors) for _ in range(BLOCKS)]
-        self.brightness = nn.Sequential(
-            conv(3, factors, stride=2), conv(factors, factors, stride=2), *blocks
-        )
+        factors = scaled(FACTOR_CHANNELS, width)
+        blocks = [Multiplicative(factors) for _ in range(FACTOR_BLOCKS)]
+        shrink = [conv(3, factors, stride=2), conv(factors, factors, stride=2)]
+        self.brightness = nn.Sequential(*shrink, *blocks)
         self.spread = nn.Sequential(self.twice, conv(factors, factors), self.twice)
         self.multiplicative = nn.Conv2d(factors, 3, 3, padding=1)
 
     def predict(self, images: Tensor) -> tuple[Tensor, ...]:
         fine = self.head(images)
         middle = self.down(fine)
-        found = self.pyramid(self.deep(middle))
-        found = self.up(torch.cat([middle, self.twice(found)], 1))
-        found = self.top(torch.cat([fine, self.twice(found)], 1))
-        cleaned = images + self.additive(found)
+        features = self.pyramid(self.deep(middle))
+        features = self.up(torch.cat([middle, self.twice(features)], 1))
+        features = self.top(torch.cat([fine, self.twice(features)], 1))
+        cleaned = images + self.additive(features)
         factors = 1 + self.multiplicative(self.spread(self.brightness(images)))
         return (cleaned * factors,)
 
@@ -65,8 +64,10 @@ class Pyramid(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.branches = nn.ModuleList([conv(channels, channels, rate=rate) for rate in RATES])
-        self.fuse = conv(len(RATES) * channels, channels)
+        self.branches = nn.ModuleList(
+            [conv(channels, channels, rate=rate) for rate in PYRAMID_RATES]
+        )
+        self.fuse = conv(len(PYRAMID_RATES) * channels, channels)
 
     def forward(self, x: Tensor) -> Tensor:
         return x + self.fuse(torch.cat([branch(x) for branch in self.branches], 1))

@@ -1,4 +1,4 @@
-"""What every demoiréing network shares: images of any size in, images in [0, 1] out."""
+"""The base of every demoiréing network: images of any size in, images in [0, 1] out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from moireaug.checks import channels_last
 from moireaug.defenses.base import check_real, mirrored, straight_through
 
-WIDEST = 4.0
+MAX_WIDTH = 4.0
 
 
 class DemoireNet(nn.Module, ABC):
@@ -33,13 +33,13 @@ class DemoireNet(nn.Module, ABC):
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__()
-        check_real("width", width, 0, WIDEST)
+        check_real("width", width, 0, MAX_WIDTH)
         self.width = float(width)
 
     @abstractmethod
     def predict(self, images: Tensor) -> tuple[Tensor, ...]:
-        """Predict from images whose sides are multiples of `multiple`: what `outputs` returns, not
-        cropped."""
+        """Predict from images whose sides are multiples of `multiple`: `outputs` without its
+        crop."""
 
     def outputs(self, images: Tensor) -> tuple[Tensor, ...]:
         """Predict the images without moiré as the published loss takes them: not clipped.
@@ -50,8 +50,8 @@ class DemoireNet(nn.Module, ABC):
                 predictions cropped.
 
         Returns:
-            Predictions from the finest to the coarsest. The first is the image, (B, 3, H, W); what
-            follows depends on the network: images at the same size or at 1 / s of it, (B, 3, ceil(H
+            Predictions from the finest to the coarsest. The first is the image, (B, 3, H, W); the
+            others depend on the network: images at the same size or at 1 / s of it, (B, 3, ceil(H
             / s), ceil(W / s)), or edges. Differentiable in images and weights.
 
         Raises:

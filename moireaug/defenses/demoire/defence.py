@@ -24,7 +24,7 @@ class Demoire(Defence):
     Backward: the network's own gradient; where its output is clipped, that of the unclipped one.
 
     Raises:
-        TypeError: what cannot be called on images.
+        TypeError: a network that cannot be called on images.
         ValueError: in a call, a network that changes the images' shape.
     """
 
@@ -39,18 +39,18 @@ class Demoire(Defence):
 
     @property
     def title(self) -> str:
-        named = getattr(self.network, "title", "") or getattr(self.network, "__name__", "")
-        return str(named or type(self.network).__name__)
+        name = getattr(self.network, "title", "") or getattr(self.network, "__name__", "")
+        return str(name or type(self.network).__name__)
 
     @property
     def networks(self) -> tuple[nn.Module, ...]:
         return (self.network,) if isinstance(self.network, nn.Module) else ()
 
     def apply(self, images: Tensor) -> Tensor:
-        shown = images
+        x = images
         if isinstance(self.network, nn.Module):
-            shown = images.to(next(self.network.parameters(), images).dtype)
-        out = self.network(shown)
+            x = images.to(next(self.network.parameters(), images).dtype)
+        out = self.network(x)
         if out.shape != images.shape:
             raise ValueError(
                 f"a demoiréing network must keep the images' shape {tuple(images.shape)}; "

@@ -12,11 +12,11 @@ from torch import Tensor, nn
 from moireaug.defenses.demoire.base import DemoireNet, scaled
 from moireaug.defenses.demoire.layers import Residual, resized
 
-ENCODER, DECODER = 48, 64  # channels of the first encoder level and of every decoder level
-GROWTH = 32  # channels that a layer of a dense block adds
+ENCODER_CHANNELS, DECODER_CHANNELS = 48, 64  # of the first encoder level, of every decoder level
+DENSE_GROWTH = 32  # channels that a layer of a dense block adds
 RESIDUAL_RATES = (1, 2, 1)  # dilation of the layers of a dilated residual dense block
 PYRAMID_RATES = (1, 2, 3, 2, 1)  # of the five layers of a branch of the pyramid
-REDUCTION = 4  # of the perceptron that weighs the branches
+PERCEPTRON_REDUCTION = 4  # of the perceptron that weighs the branches
 
 
 class ESDNet(DemoireNet):
@@ -37,8 +37,8 @@ class ESDNet(DemoireNet):
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__(width)
-        wide = [scaled(ENCODER * 2**level, width) for level in range(3)]
-        deep, growth = scaled(DECODER, width), scaled(GROWTH, width)
+        wide = [scaled(ENCODER_CHANNELS * 2**level, width) for level in range(3)]
+        deep, growth = scaled(DECODER_CHANNELS, width), scaled(DENSE_GROWTH, width)
         first = nn.Conv2d(12, wide[0], 5, padding=2)
         self.head = nn.Sequential(nn.PixelUnshuffle(2), first, _relu())
         self.encoders = nn.ModuleList([_level(channels, growth) for channels in wide])
@@ -103,7 +103,7 @@ class ScaleAware(nn.Module):
         super().__init__()
         branches = [DenseBlock(channels, growth, PYRAMID_RATES) for _ in range(3)]
         self.branches = nn.ModuleList(branches)
-        squeezed = max(8, 3 * channels // REDUCTION)
+        squeezed = max(8, 3 * channels // PERCEPTRON_REDUCTION)
         self.weigh = nn.Sequential(
             nn.Conv2d(3 * channels, squeezed, 1),
             _relu(),
@@ -114,14 +114,14 @@ class ScaleAware(nn.Module):
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        found = [self.branches[0](x)]
+        scales = [self.branches[0](x)]
         for scale, branch in zip((2, 4), list(self.branches)[1:], strict=True):
             small = F.interpolate(x, scale_factor=1 / scale, mode="bilinear", align_corners=False)
-            found.append(resized(branch(small), x))
-        means = torch.cat(found, 1).mean((2, 3), keepdim=True)
+            scales.append(resized(branch(small), x))
+        means = torch.cat(scales, 1).mean((2, 3), keepdim=True)
         weights = self.weigh(means).chunk(3, 1)
         total = x
-        for weight, features in zip(weights, found, strict=True):
+        for weight, features in zip(weights, scales, strict=True):
             total = total + weight * features
         return total
 

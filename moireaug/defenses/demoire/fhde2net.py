@@ -11,12 +11,12 @@ from torch import Tensor, nn
 from moireaug.defenses.demoire.base import DemoireNet, scaled
 from moireaug.defenses.demoire.layers import Residual, UNet, conv, resized
 
-GLOBAL = (52, 104, 208, 416)  # channels of the levels of GDN, and of LRN
-FUSION = (36, 72, 144, 288)  # of FRN
-SPECTRAL, BLOCKS = 98, 4  # channels and residual blocks of FDN
-SMALLER = 4  # factor by which the image that GDN sees is reduced
-SIDE = 8  # of the blocks of the cosine transform, in pixels
-LUMINANCE = (0.299, 0.587, 0.114)  # BT.601
+GLOBAL_CHANNELS = (52, 104, 208, 416)  # channels of the levels of GDN, and of LRN
+FUSION_CHANNELS = (36, 72, 144, 288)  # of FRN
+SPECTRAL_CHANNELS, SPECTRAL_BLOCKS = 98, 4  # channels and residual blocks of FDN
+GDN_REDUCTION = 4  # factor by which the image that GDN sees is reduced
+DCT_SIDE = 8  # of the blocks of the cosine transform, in pixels
+LUMA_WEIGHTS = (0.299, 0.587, 0.114)  # BT.601
 
 
 class FHDe2Net(DemoireNet):
@@ -36,19 +36,19 @@ class FHDe2Net(DemoireNet):
 
     name = "fhde2net"
     title = "FHDe2Net"
-    multiple = SMALLER * 2 ** (len(GLOBAL) - 1)
+    multiple = GDN_REDUCTION * 2 ** (len(GLOBAL_CHANNELS) - 1)
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__(width)
-        deep = [scaled(channels, width) for channels in GLOBAL]
-        fusion = [scaled(channels, width) for channels in FUSION]
+        deep = [scaled(channels, width) for channels in GLOBAL_CHANNELS]
+        fusion = [scaled(channels, width) for channels in FUSION_CHANNELS]
         self.gdn = UNet(3, 3, deep)
         self.lrn = UNet(6, 3, deep)
-        self.fdn = Spectral(scaled(SPECTRAL, width))
+        self.fdn = Spectral(scaled(SPECTRAL_CHANNELS, width))
         self.frn = UNet(4, 3, fusion)
 
     def predict(self, images: Tensor) -> tuple[Tensor, ...]:
-        small = F.avg_pool2d(images, SMALLER)
+        small = F.avg_pool2d(images, GDN_REDUCTION)
         coarse = small + self.gdn(small)
         start = images + resized(coarse - small, images)
         refined = start + self.lrn(torch.cat([images, start], 1))
@@ -69,28 +69,28 @@ class Spectral(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        layers: list[nn.Module] = [conv(SIDE**2, channels)]
-        for _ in range(BLOCKS):
+        layers: list[nn.Module] = [conv(DCT_SIDE**2, channels)]
+        for _ in range(SPECTRAL_BLOCKS):
             last = nn.Conv2d(channels, channels, 3, padding=1)
             layers.append(Residual(nn.Sequential(conv(channels, channels), last)))
-        layers.append(nn.Conv2d(channels, SIDE**2, 3, padding=1))
+        layers.append(nn.Conv2d(channels, DCT_SIDE**2, 3, padding=1))
         self.body = nn.Sequential(*layers)
         self.register_buffer("basis", cosines(), persistent=False)
-        weights = torch.tensor(LUMINANCE).view(1, 3, 1, 1)
+        weights = torch.tensor(LUMA_WEIGHTS).view(1, 3, 1, 1)
         self.register_buffer("luminance", weights, persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
         grey = F.conv2d(images, self.luminance)
-        coefficients = F.conv2d(grey, self.basis, stride=SIDE)
-        found = coefficients + self.body(coefficients)
-        return F.conv_transpose2d(found, self.basis, stride=SIDE)
+        coefficients = F.conv2d(grey, self.basis, stride=DCT_SIDE)
+        coefficients = coefficients + self.body(coefficients)
+        return F.conv_transpose2d(coefficients, self.basis, stride=DCT_SIDE)
 
 
 def cosines() -> Tensor:
     """Return the orthonormal DCT-II of 8 x 8 blocks as kernels (64, 1, 8, 8), of the dtype and on
     the device that new weights have."""
-    place = torch.arange(SIDE, dtype=torch.float64)
-    rows = torch.cos(math.pi / SIDE * (place + 0.5) * place[:, None]) * math.sqrt(2 / SIDE)
+    place = torch.arange(DCT_SIDE, dtype=torch.float64)
+    rows = torch.cos(math.pi / DCT_SIDE * (place + 0.5) * place[:, None]) * math.sqrt(2 / DCT_SIDE)
     rows[0] /= math.sqrt(2)
     basis = torch.einsum("iy,jx->ijyx", rows, rows)
-    return basis.reshape(SIDE**2, 1, SIDE, SIDE).to(torch.get_default_dtype())
+    return basis.reshape(DCT_SIDE**2, 1, DCT_SIDE, DCT_SIDE).to(torch.get_default_dtype())

@@ -26,7 +26,7 @@ NETWORKS: dict[str, type[DemoireNet]] = {
     "amnet": AMNet,
     "esdnet": ESDNet,
 }
-KEYS = ("network", "width", "state")  # of a weights file
+FILE_KEYS = ("network", "width", "state")
 
 
 def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -> DemoireNet:
@@ -52,14 +52,14 @@ def build(name: str, *, width: float = 1.0, weights: str | Path | None = None) -
         return NETWORKS[name](width)
     with float32_on_cpu():
         network = NETWORKS[name](width)
-    kept = _read(weights)
-    if (kept["network"], kept["width"]) != (name, network.width):
+    content = _read(weights)
+    if (content["network"], content["width"]) != (name, network.width):
         raise ValueError(
-            f"demoire: {str(weights)!r} holds {kept['network']} of width {kept['width']:g}; you "
-            f"asked for {name} of width {network.width:g}. Ask for what it holds, or use "
+            f"demoire: {str(weights)!r} holds {content['network']} of width {content['width']:g}; "
+            f"you asked for {name} of width {network.width:g}. Ask for what it holds, or use "
             "demoire.load, which reads both from the file."
         )
-    _fill(network, kept["state"], weights)
+    _fill(network, content["state"], weights)
     return network
 
 
@@ -69,10 +69,10 @@ def load(path: str | Path) -> DemoireNet:
     Raises:
         ValueError: a file that is missing, damaged, or holds none of `demoire.NETWORKS`.
     """
-    kept = _read(path)
+    content = _read(path)
     with float32_on_cpu():
-        network = build(kept["network"], width=kept["width"])
-    _fill(network, kept["state"], path)
+        network = build(content["network"], width=content["width"])
+    _fill(network, content["state"], path)
     return network.eval()
 
 
@@ -93,36 +93,36 @@ def save(network: DemoireNet, path: str | Path) -> None:
             "any other module with torch.save(module.state_dict(), path)."
         )
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
-    packed = io.BytesIO()
-    torch.save({"network": network.name, "width": network.width, "state": state}, packed)
-    write_bytes(Path(path), packed.getvalue())
+    file = io.BytesIO()
+    torch.save({"network": network.name, "width": network.width, "state": state}, file)
+    write_bytes(Path(path), file.getvalue())
 
 
 def _read(path: str | Path) -> dict[str, Any]:
     """Return a file's name, width and state; no code in it is run."""
-    kept = read_weights(path, "demoire", _wanted())
-    if not isinstance(kept, Mapping) or set(kept) != set(KEYS):
+    content = read_weights(path, "demoire", _advice())
+    if not isinstance(content, Mapping) or set(content) != set(FILE_KEYS):
         raise ValueError(
-            f"demoire: the file {str(path)!r} holds no network, width and state. {_wanted()}"
+            f"demoire: the file {str(path)!r} holds no network, width and state. {_advice()}"
         )
-    if kept["network"] not in NETWORKS:
+    if content["network"] not in NETWORKS:
         raise ValueError(
-            f"demoire: {str(path)!r} holds a network {kept['network']!r}, which this version does "
-            f"not know. {_wanted()}"
+            f"demoire: {str(path)!r} holds a network {content['network']!r}, which this version "
+            f"does not know. {_advice()}"
         )
-    return dict(kept)
+    return dict(content)
 
 
 def _fill(network: DemoireNet, state: Mapping[str, torch.Tensor], path: str | Path) -> None:
     try:
         network.load_state_dict(state)
     except (RuntimeError, TypeError, AttributeError) as error:
-        told = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         raise ValueError(
             f"demoire: the weights in {str(path)!r} are not of {network.name} of width "
-            f"{network.width:g} ({told[:200]}). {_wanted()}"
+            f"{network.width:g} ({reason[:200]}). {_advice()}"
         ) from error
 
 
-def _wanted() -> str:
+def _advice() -> str:
     return f"Pass a file that demoire.save wrote, of {', '.join(NETWORKS)}."

@@ -9,14 +9,14 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-REGION = 8  # side of the regions within which non-local attention looks, in pixels of its scale
-SLOPE = 0.1  # of leaky ReLUs
+REGION_SIDE = 8  # of the regions of non-local attention, in pixels of its scale
+LEAKY_SLOPE = 0.1  # of leaky ReLUs
 
 
 def conv(inputs: int, outputs: int, stride: int = 1, rate: int = 1) -> nn.Sequential:
     """Return a 3 x 3 convolution and a leaky ReLU; a stride of 2 halves the sides."""
     layer = nn.Conv2d(inputs, outputs, 3, stride=stride, padding=rate, dilation=rate)
-    return nn.Sequential(layer, nn.LeakyReLU(SLOPE, inplace=True))
+    return nn.Sequential(layer, nn.LeakyReLU(LEAKY_SLOPE, inplace=True))
 
 
 def resized(x: Tensor, like: Tensor) -> Tensor:
@@ -51,7 +51,7 @@ class ChannelAttention(nn.Module):
         hidden = max(2, channels // reduction)
         self.weigh = nn.Sequential(
             nn.Conv2d(channels, hidden, 1),
-            nn.LeakyReLU(SLOPE, inplace=True),
+            nn.LeakyReLU(LEAKY_SLOPE, inplace=True),
             nn.Conv2d(hidden, channels, 1),
             nn.Sigmoid(),
         )
@@ -76,13 +76,13 @@ class RegionAttention(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         batch, _, height, width = x.shape
-        rows, columns = height // REGION, width // REGION
-        split = self.embed(x).reshape(batch, 3, self.inner, rows, REGION, columns, REGION)
+        rows, columns = height // REGION_SIDE, width // REGION_SIDE
+        split = self.embed(x).reshape(batch, 3, self.inner, rows, REGION_SIDE, columns, REGION_SIDE)
         query, key, value = split.permute(1, 0, 3, 5, 4, 6, 2).flatten(4, 5)
-        found = F.scaled_dot_product_attention(query, key, value)
-        found = found.reshape(batch, rows, columns, REGION, REGION, self.inner)
-        found = found.permute(0, 5, 1, 3, 2, 4).reshape(batch, self.inner, height, width)
-        return x + self.fuse(found)
+        attended = F.scaled_dot_product_attention(query, key, value)
+        attended = attended.reshape(batch, rows, columns, REGION_SIDE, REGION_SIDE, self.inner)
+        attended = attended.permute(0, 5, 1, 3, 2, 4).reshape(batch, self.inner, height, width)
+        return x + self.fuse(attended)
 
 
 class UNet(nn.Module):
@@ -120,8 +120,8 @@ class UNet(nn.Module):
         skips = [self.head(x)]
         for level in self.encoder:
             skips.append(level(skips[-1]))
-        found = skips.pop()
+        features = skips.pop()
         for level in reversed(self.decoder):
             skip = skips.pop()
-            found = level(torch.cat([skip, resized(found, skip)], 1))
-        return found
+            features = level(torch.cat([skip, resized(features, skip)], 1))
+        return features

@@ -17,13 +17,13 @@ from moireaug.defenses.demoire.layers import resized
 from moireaug.defenses.demoire.mopnet import sobel
 from moireaug.weights import read_state_dict
 
-MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the images that VGG-16 was trained on
-DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
-USUAL_DEPTH = 16  # up to the ReLU after conv3_3
-WITHOUT_FEATURES = ("mddm",)  # networks whose loss compares none
-CHARBONNIER = 1e-3  # added to the difference, in quadrature
-FEATURES = 0.1  # weight of MopNet's features
-WANTED = "Pass a state_dict of torchvision's vgg16."
+IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+FEATURE_DEPTHS = {"mopnet": 4}  # layers of VGG-16 up to the ReLU after conv1_2
+DEFAULT_FEATURE_DEPTH = 16  # up to the ReLU after conv3_3
+NETWORKS_WITHOUT_FEATURES = ("mddm",)  # whose loss compares none
+CHARBONNIER_EPSILON = 1e-3  # added to the difference, in quadrature
+MOPNET_FEATURE_WEIGHT = 0.1
+WEIGHTS_ADVICE = "Pass a state_dict of torchvision's vgg16."
 
 Loss = Callable[[Sequence[Tensor], Tensor, nn.Module | None], Tensor]
 
@@ -49,16 +49,16 @@ class VGGFeatures(nn.Module):
         super().__init__()
         with torch.device("meta"):  # the file's weights replace the random ones
             whole = torchvision.models.vgg16().features
-        self.layers = whole[: DEPTHS.get(network, USUAL_DEPTH)]
-        state = read_state_dict(path, "vgg", WANTED)
+        self.layers = whole[: FEATURE_DEPTHS.get(network, DEFAULT_FEATURE_DEPTH)]
+        state = read_state_dict(path, "vgg", WEIGHTS_ADVICE)
         try:
             own = {key: state[f"features.{key}"].float() for key in self.layers.state_dict()}
             self.layers.load_state_dict(own, assign=True)
         except (KeyError, TypeError, RuntimeError, AttributeError) as error:
             raise ValueError(
-                f"vgg: the weights in {str(path)!r} are not of VGG-16. {WANTED}"
+                f"vgg: the weights in {str(path)!r} are not of VGG-16. {WEIGHTS_ADVICE}"
             ) from error
-        for name, values in (("mean", MEAN), ("std", STD)):
+        for name, values in (("mean", IMAGENET_MEAN), ("std", IMAGENET_STD)):
             buffer = torch.tensor(values, dtype=torch.float32, device="cpu").view(-1, 1, 1)
             self.register_buffer(name, buffer, persistent=False)
         self.eval().requires_grad_(False)
@@ -91,7 +91,7 @@ def esdnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None
 def mddm(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
     """Compute MDDM's loss: Charbonnier's, the mean of sqrt((output - target)^2 + 1e-6), an L1 that
     is smooth at 0; `features` are not used. Args, Returns: as `esdnet`."""
-    return ((outputs[0] - target).square() + CHARBONNIER**2).sqrt().mean()
+    return ((outputs[0] - target).square() + CHARBONNIER_EPSILON**2).sqrt().mean()
 
 
 def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None = None) -> Tensor:
@@ -100,7 +100,7 @@ def mopnet(outputs: Sequence[Tensor], target: Tensor, features: nn.Module | None
     image, edges = outputs
     total = F.mse_loss(image, target) + F.mse_loss(edges, sobel(target))
     if features is not None:
-        total = total + FEATURES * F.mse_loss(features(image), features(target))
+        total = total + MOPNET_FEATURE_WEIGHT * F.mse_loss(features(image), features(target))
     return total
 
 

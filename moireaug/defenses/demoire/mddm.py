@@ -7,11 +7,11 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.defenses.demoire.base import DemoireNet, scaled
-from moireaug.defenses.demoire.layers import REGION, ChannelAttention, RegionAttention
+from moireaug.defenses.demoire.layers import REGION_SIDE, ChannelAttention, RegionAttention
 
-CHANNELS = 64
-BLOCKS = (6, 12, 18, 27)  # residual blocks of each branch, the finest first
-EPSILON = 1e-5  # of the variances in AdaIN
+BRANCH_CHANNELS = 64
+BRANCH_BLOCKS = (6, 12, 18, 27)  # residual blocks of each branch, the finest first
+VARIANCE_EPSILON = 1e-5  # of the variances in AdaIN
 
 
 class MDDM(DemoireNet):
@@ -30,22 +30,22 @@ class MDDM(DemoireNet):
 
     name = "mddm"
     title = "MDDM"
-    multiple = 2 ** (len(BLOCKS) - 1) * REGION
+    multiple = 2 ** (len(BRANCH_BLOCKS) - 1) * REGION_SIDE
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__(width)
-        channels = scaled(CHANNELS, width)
+        channels = scaled(BRANCH_CHANNELS, width)
         self.head = nn.Sequential(nn.Conv2d(3, channels, 3, padding=1), nn.PReLU())
         self.downs = nn.ModuleList()
         self.branches = nn.ModuleList()
         self.tails = nn.ModuleList()
-        for level, blocks in enumerate(BLOCKS):
+        for level, blocks in enumerate(BRANCH_BLOCKS):
             if level:
                 down = nn.Conv2d(channels, channels, 3, stride=2, padding=1)
                 self.downs.append(nn.Sequential(down, nn.PReLU()))
             self.branches.append(Branch(channels, blocks))
             self.tails.append(_tail(channels, level))
-        self.factors = nn.Parameter(torch.full((len(BLOCKS),), 1 / len(BLOCKS)))
+        self.factors = nn.Parameter(torch.full((len(BRANCH_BLOCKS),), 1 / len(BRANCH_BLOCKS)))
 
     def predict(self, images: Tensor) -> tuple[Tensor, ...]:
         x = self.head(images)
@@ -67,10 +67,10 @@ class Branch(nn.Module):
         self.region = RegionAttention(channels)
 
     def forward(self, x: Tensor) -> Tensor:
-        found, encoded = x, x
+        features, encoded = x, x
         for block in self.blocks:
-            found, encoded = block(found, encoded)
-        return x + self.region(found)
+            features, encoded = block(features, encoded)
+        return x + self.region(features)
 
 
 class DynamicResidual(nn.Module):
@@ -96,13 +96,13 @@ def adain(x: Tensor, like: Tensor) -> Tensor:
     """Give features the mean and the standard deviation of others, channel by channel (Huang and
     Belongie, ICCV 2017); both (B, C, H, W)."""
     mean, deviation = _statistics(x)
-    wanted, spread = _statistics(like)
-    return (x - mean) / deviation * spread + wanted
+    target_mean, target_deviation = _statistics(like)
+    return (x - mean) / deviation * target_deviation + target_mean
 
 
 def _statistics(x: Tensor) -> tuple[Tensor, Tensor]:
     variance, mean = torch.var_mean(x, (2, 3), correction=0, keepdim=True)
-    return mean, (variance + EPSILON).sqrt()
+    return mean, (variance + VARIANCE_EPSILON).sqrt()
 
 
 def _tail(channels: int, level: int) -> nn.Sequential:

@@ -7,15 +7,15 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from moireaug.defenses.demoire.base import DemoireNet, scaled
-from moireaug.defenses.demoire.layers import REGION, ChannelAttention, UNet, conv, resized
+from moireaug.defenses.demoire.layers import REGION_SIDE, ChannelAttention, UNet, conv, resized
 
-CHANNELS, GROWTH, LAYERS, SCALES = 80, 52, 6, 5  # of the generator's dense blocks
-NECK = 4  # channels of a dense layer's bottleneck, as a multiple of its growth
-EDGES = (60, 120, 240, 480)  # channels of the levels of the edge predictor
-ATTRIBUTES = 3  # colour; frequency and shape
-HIDDEN, GRID = 256, 3  # of a classifier's head: units, and the side of the map that it sees
+DENSE_CHANNELS, DENSE_GROWTH, DENSE_LAYERS, DENSE_SCALES = 80, 52, 6, 5  # of the generator
+BOTTLENECK_FACTOR = 4  # channels of a dense layer's bottleneck, as a multiple of its growth
+EDGE_CHANNELS = (60, 120, 240, 480)  # channels of the levels of the edge predictor
+N_ATTRIBUTES = 3  # colour; frequency and shape
+HEAD_UNITS, HEAD_GRID = 256, 3  # of a classifier's head: units, and side of its input map
 VGG16 = (64, 64, "M", 128, 128, "M", 256, 256, 256, "M", 512, 512, 512, "M", 512, 512, 512, "M")
-STEEPEST = 4.0  # the largest sum of a Sobel kernel over values in [0, 1]
+MAX_SOBEL_SUM = 4.0  # the largest sum of a Sobel kernel over values in [0, 1]
 
 
 class MopNet(DemoireNet):
@@ -41,22 +41,22 @@ class MopNet(DemoireNet):
 
     name = "mopnet"
     title = "MopNet"
-    multiple = 2 ** (len(EDGES) - 1) * REGION
+    multiple = 2 ** (len(EDGE_CHANNELS) - 1) * REGION_SIDE
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__(width)
-        channels, growth = scaled(CHANNELS, width), scaled(GROWTH, width)
-        self.edges = UNet(3, 3, [scaled(level, width) for level in EDGES], attention=True)
+        channels, growth = scaled(DENSE_CHANNELS, width), scaled(DENSE_GROWTH, width)
+        self.edges = UNet(3, 3, [scaled(level, width) for level in EDGE_CHANNELS], attention=True)
         self.colour = Classifier(width)
-        self.stripes = nn.ModuleList([Classifier(width) for _ in range(ATTRIBUTES - 1)])
+        self.stripes = nn.ModuleList([Classifier(width) for _ in range(N_ATTRIBUTES - 1)])
         self.image_head = conv(3, channels)
         self.edge_head = conv(3, channels)
         self.merge = conv(2 * channels, channels)
-        self.scales = nn.ModuleList([DenseScale(channels, growth) for _ in range(SCALES)])
-        self.aggregate = ChannelAttention(SCALES * channels)
+        self.scales = nn.ModuleList([DenseScale(channels, growth) for _ in range(DENSE_SCALES)])
+        self.aggregate = ChannelAttention(DENSE_SCALES * channels)
         self.tail = nn.Sequential(
-            ChannelAttention(SCALES * channels + ATTRIBUTES),
-            conv(SCALES * channels + ATTRIBUTES, 2 * channels),
+            ChannelAttention(DENSE_SCALES * channels + N_ATTRIBUTES),
+            conv(DENSE_SCALES * channels + N_ATTRIBUTES, 2 * channels),
             conv(2 * channels, channels),
             nn.Conv2d(channels, 3, 3, padding=1),
         )
@@ -64,13 +64,13 @@ class MopNet(DemoireNet):
     def predict(self, images: Tensor) -> tuple[Tensor, ...]:
         edges = self.edges(images + sobel(images))
         x = self.merge(torch.cat([self.image_head(images), self.edge_head(edges)], 1))
-        found = []
+        scales = []
         for level, scale in enumerate(self.scales):
             if level:
                 x = F.avg_pool2d(x, 2)
             x, full = scale(x, images)
-            found.append(full)
-        features = self.aggregate(torch.cat(found, 1))
+            scales.append(full)
+        features = self.aggregate(torch.cat(scales, 1))
         answers = [classifier(images) for classifier in (self.colour, *self.stripes)]
         maps = torch.cat(answers, 1).sigmoid()[..., None, None]
         maps = maps.expand(-1, -1, *images.shape[-2:])
@@ -84,10 +84,11 @@ class DenseScale(nn.Module):
     def __init__(self, channels: int, growth: int) -> None:
         super().__init__()
         self.layers = nn.ModuleList()
-        for index in range(LAYERS):
-            neck = nn.Conv2d(channels + index * growth, NECK * growth, 1)
-            self.layers.append(nn.Sequential(neck, nn.ReLU(), conv(NECK * growth, growth)))
-        self.shrink = nn.Conv2d(channels + LAYERS * growth, channels, 1)
+        for index in range(DENSE_LAYERS):
+            neck = nn.Conv2d(channels + index * growth, BOTTLENECK_FACTOR * growth, 1)
+            layer = conv(BOTTLENECK_FACTOR * growth, growth)
+            self.layers.append(nn.Sequential(neck, nn.ReLU(), layer))
+        self.shrink = nn.Conv2d(channels + DENSE_LAYERS * growth, channels, 1)
         self.upsample = conv(channels, channels)
 
     def forward(self, x: Tensor, full: Tensor) -> tuple[Tensor, Tensor]:
@@ -106,8 +107,8 @@ class Classifier(nn.Module):
         super().__init__()
         layers = [layer if layer == "M" else scaled(int(layer), width) for layer in VGG16]
         self.features = vgg.make_layers(layers)
-        inputs = GRID**2 * int(layers[-2])
-        hidden = scaled(HIDDEN, width)
+        inputs = HEAD_GRID**2 * int(layers[-2])
+        hidden = scaled(HEAD_UNITS, width)
         self.head = nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, 1))
         for layer in self.features:
             if isinstance(layer, nn.Conv2d):  # torch's default start loses the signal
@@ -116,14 +117,14 @@ class Classifier(nn.Module):
                     nn.init.zeros_(layer.bias)
 
     def forward(self, images: Tensor) -> Tensor:
-        found = F.adaptive_avg_pool2d(self.features(images - 0.5), GRID)
-        return self.head(found.flatten(1))
+        features = F.adaptive_avg_pool2d(self.features(images - 0.5), HEAD_GRID)
+        return self.head(features.flatten(1))
 
 
 def sobel(images: Tensor) -> Tensor:
     """Compute the strength of the edges of each channel, (B, 3, H, W) to the same shape in [0,
     sqrt(2)]: the length of Sobel's gradient, 1 for an upright step from 0 to 1."""
-    across = images.new_tensor([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]]) / STEEPEST
+    across = images.new_tensor([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]]) / MAX_SOBEL_SUM
     kernels = torch.stack([across, across.T]).repeat(3, 1, 1)[:, None]
     framed = F.pad(images, (1, 1, 1, 1), mode="replicate")
     parts = F.conv2d(framed, kernels, groups=3).unflatten(1, (3, 2))

@@ -7,14 +7,14 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-SIDE, OVERLAP = 768, 128  # pixels; half the overlap is a multiple of every network's `multiple`
+TILE_SIDE, TILE_OVERLAP = 768, 128  # pixels; half an overlap suits every network's `multiple`
 
 
 def tiled(
     network: Callable[[Tensor], Tensor],
     images: Tensor,
-    side: int = SIDE,
-    overlap: int = OVERLAP,
+    side: int = TILE_SIDE,
+    overlap: int = TILE_OVERLAP,
 ) -> Tensor:
     """Return a network's output for images of any size, computed tile by tile.
 
@@ -51,8 +51,8 @@ def tiled(
         for left, right in _spans(width, side, overlap):
             columns = _fade(left, right, width, overlap).to(images)
             share = rows[:, None] * columns
-            found = network(images[..., top:bottom, left:right])
-            total[..., top:bottom, left:right] += share * found
+            output = network(images[..., top:bottom, left:right])
+            total[..., top:bottom, left:right] += share * output
             weight[top:bottom, left:right] += share
     return total / weight
 

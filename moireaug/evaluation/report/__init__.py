@@ -26,9 +26,9 @@ def write_run(path: Path, metrics: Mapping[str, Any], examples: Examples | None 
 
     Args:
         path: of the page; its folder is created if missing.
-        metrics: what `metrics.json` holds. Entries may be missing; None and NaN stand for unknown.
+        metrics: content of `metrics.json`. Entries may be missing; None and NaN stand for unknown.
         examples: blocks of pictures: {"label", "cells"} each; a cell is {"title", "image": (H, W,
-            3) uint8} and, where models were asked, "predictions": [(model, class, right)].
+            3) uint8} and, where models have answered, "predictions": [(model, class, right)].
 
     Raises:
         ValueError: a picture that is not (H, W, 3) uint8.
@@ -39,7 +39,7 @@ def write_run(path: Path, metrics: Mapping[str, Any], examples: Examples | None 
     text = page.render(
         "run.html.j2",
         run=run,
-        metrics=_Loose(metrics),
+        metrics=_OptionalMetrics(metrics),
         facts=facts,
         examples=examples or [],
         curves=_curves(metrics),
@@ -61,11 +61,11 @@ def write_suite(
     Args:
         metrics: of the evaluation: model, suite, data, scene, steps, n, trust, time, plan,
             environment, command.
-        tables: what was asked. lines: their rates, as `frame.rates` gives them.
+        tables: tables of the suite.
+        lines: their rates, as `frame.rates` gives them.
         examples: name of a table to blocks of pictures, as `write_run` takes them.
     """
     suite = suite_view(metrics, tables, lines, examples)
-    loose = _Loose(metrics)
     facts = {name: metrics.get(name) for name in ("data", "model", "suite", "n", "steps")}
     facts["scene"] = metrics.get("scene_name")
     phases = _phases(metrics)
@@ -74,13 +74,14 @@ def write_suite(
         unused.append("lpips")
     results = lines.drop(columns=unused).to_csv(index=False, float_format="%.6g")
     write_text(folder / "results.csv", results)
-    write_text(folder / "tables.md", page.render("suite.md.j2", suite=suite, metrics=loose))
-    html = page.render("suite.html.j2", suite=suite, metrics=loose, facts=facts, phases=phases)
+    context = {"suite": suite, "metrics": _OptionalMetrics(metrics)}
+    write_text(folder / "tables.md", page.render("suite.md.j2", **context))
+    html = page.render("suite.html.j2", **context, facts=facts, phases=phases)
     write_text(folder / "report.html", html)
     return suite_parts(metrics, suite)
 
 
-class _Loose(dict[str, Any]):
+class _OptionalMetrics(dict[str, Any]):
     """Metrics whose missing entries are None for a template."""
 
     def __missing__(self, key: str) -> None:
@@ -101,13 +102,12 @@ def _curves(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
             "the adversary that the recipe trains against.",
         ),
     )
-    found = []
-    for svg, (what, caption) in zip(plots.curves(trains), texts, strict=False):
-        alt = f"{what} against the epoch, a line for {' and '.join(trains)}"
-        found.append(
-            {"uri": page.uri(svg.encode(), "image/svg+xml"), "alt": alt, "caption": caption}
-        )
-    return found
+    figures = []
+    for svg, (quantity, caption) in zip(plots.curves(trains), texts, strict=False):
+        alt = f"{quantity} against the epoch, a line for {' and '.join(trains)}"
+        uri = page.uri(svg.encode(), "image/svg+xml")
+        figures.append({"uri": uri, "alt": alt, "caption": caption})
+    return figures
 
 
 def _phases(metrics: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""Numbers as reports print them; a dash for what is not known."""
+"""Numbers as reports print them; a dash where one is not known."""
 
 from __future__ import annotations
 

@@ -16,8 +16,8 @@ from PIL import Image
 
 from moireaug.evaluation.report import numbers
 
-SHOWN = 165  # small pictures are enlarged to about this many pixels, by a whole factor
-FILTERS = ("percent", "points", "codes", "number", "duration", "pc", "capital", "tied")
+PICTURE_SIDE = 165  # pixels, to which small pictures are enlarged by a whole factor
+NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "pc", "capital", "tied")
 
 
 def render(template: str, **context: Any) -> str:
@@ -28,18 +28,18 @@ def render(template: str, **context: Any) -> str:
 @cache
 def environment() -> Environment:
     """Return the environment of all templates."""
-    made = Environment(
+    templates = Environment(
         loader=PackageLoader("moireaug.evaluation.report"),
         autoescape=lambda name: name is not None and name.endswith(".html.j2"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    for name in FILTERS:
-        made.filters[name] = getattr(numbers, name)
-    made.filters["title_of"] = title_of
-    made.filters["shown"] = shown
-    return made
+    for name in NUMBER_FILTERS:
+        templates.filters[name] = getattr(numbers, name)
+    templates.filters["title_of"] = title_of
+    templates.filters["embedded_picture"] = embedded_picture
+    return templates
 
 
 @cache
@@ -54,13 +54,13 @@ def title_of(name: str, section: str) -> str:
     if name in titles[section]:
         return titles[section][name]
     for pattern in titles["patterns"]:
-        if found := re.fullmatch(pattern["match"], name):
-            return pattern["title"].format(*found.groups())
+        if match := re.fullmatch(pattern["match"], name):
+            return pattern["title"].format(*match.groups())
     return name
 
 
-def shown(image: Any, title: str) -> dict[str, Any]:
-    """Return a picture for a page: its data URI, and the size at which it is shown.
+def embedded_picture(image: Any, title: str) -> dict[str, Any]:
+    """Return a picture for a page: its data URI and its size there.
 
     Raises:
         ValueError: a picture that is not (H, W, 3) uint8.
@@ -75,7 +75,7 @@ def shown(image: Any, title: str) -> dict[str, Any]:
     file = io.BytesIO()
     Image.fromarray(pixels).save(file, "PNG")
     height, width = pixels.shape[:2]
-    factor = max(1, round(SHOWN / max(height, width)))
+    factor = max(1, round(PICTURE_SIDE / max(height, width)))
     return {
         "uri": uri(file.getvalue(), "image/png"),
         "width": width * factor,

@@ -17,35 +17,37 @@ from matplotlib.ticker import MaxNLocator
 
 from moireaug.evaluation.report.numbers import finite
 
-OURS, THEIRS = "#0072B2", "#D55E00"  # this model, the baseline
-INK, FAINT = "#222222", "#DDDDDD"
-SIZE = (4.6, 3.3)  # inches: readable on a phone, and two abreast on a page
-CLEAN, PERTURBED = "-", (0, (3, 1.5))
-Train = Mapping[str, Any]
+MODEL_COLOUR, BASELINE_COLOUR = "#0072B2", "#D55E00"  # this model, the baseline
+TEXT_COLOUR, GRID_COLOUR = "#222222", "#DDDDDD"
+FIGURE_INCHES = (4.6, 3.3)  # readable on a phone, and two abreast on a page
+SOLID_LINE, DASHED_LINE = "-", (0, (3, 1.5))
+Training = Mapping[str, Any]
 
 
-def curves(trains: Mapping[str, Train | None]) -> list[str]:
+def curves(trains: Mapping[str, Training | None]) -> list[str]:
     """Draw loss and validation accuracy per epoch, one plot each; none where no model has a
     history.
 
     Args:
         trains: name to `train` of this model, and of the baseline after it.
     """
-    styles = [(OURS, "o"), (THEIRS, "D")]
-    loss, rate = Figure(SIZE, layout="constrained"), Figure(SIZE, layout="constrained")
+    styles = [(MODEL_COLOUR, "o"), (BASELINE_COLOUR, "D")]
+    loss = Figure(FIGURE_INCHES, layout="constrained")
+    rate = Figure(FIGURE_INCHES, layout="constrained")
     losses, rates = loss.subplots(), rate.subplots()
     last = 0
     for (name, train), (colour, marker) in zip(trains.items(), styles, strict=False):
-        look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.2}
+        style: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.2}
         epochs, values = _series(train, "loss")
-        losses.plot(epochs, values, label=name, **look)
+        losses.plot(epochs, values, label=name, **style)
         last = max(last, *epochs, 0)
-        for key, dash, what in (("clean", CLEAN, "clean"), ("perturbed", PERTURBED, "attacked")):
+        lines = (("clean", SOLID_LINE, "clean"), ("perturbed", DASHED_LINE, "attacked"))
+        for key, line, kind in lines:
             epochs, values = _series(train, key)
             if epochs:
                 heights = [100 * value for value in values]
-                rates.plot(epochs, heights, linestyle=dash, label=f"{name}: {what}", **look)
-                _ring(rates, train, epochs, heights, colour)
+                rates.plot(epochs, heights, linestyle=line, label=f"{name}: {kind}", **style)
+                _ring_best_epoch(rates, train, epochs, heights, colour)
                 last = max(last, *epochs)
     if not last:
         return []
@@ -54,13 +56,13 @@ def curves(trains: Mapping[str, Train | None]) -> list[str]:
     for ax, label in ((losses, "training loss, nats"), (rates, "validation accuracy, %")):
         ax.set_xlim(1 - 0.04 * last, 1.04 * last)
         finish(ax, "epoch", label)
-        legend = ax.legend(frameon=False, fontsize=9, labelcolor=INK)
+        legend = ax.legend(frameon=False, fontsize=9, labelcolor=TEXT_COLOUR)
         for text in legend.get_texts():
             text.set_parse_math(False)  # a recipe may have a dollar sign in its name
     return [svg(loss), svg(rate)]
 
 
-def _series(train: Train | None, key: str) -> tuple[list[int], list[float]]:
+def _series(train: Training | None, key: str) -> tuple[list[int], list[float]]:
     """Return the epochs, counted from 1, with known values, and those values."""
     epochs, values = [], []
     for i, row in enumerate((train or {}).get("history") or []):
@@ -71,29 +73,24 @@ def _series(train: Train | None, key: str) -> tuple[list[int], list[float]]:
     return epochs, values
 
 
-def _ring(
-    ax: Axes, train: Train | None, epochs: Sequence[int], heights: Sequence[float], colour: str
+def _ring_best_epoch(
+    ax: Axes, train: Training | None, epochs: Sequence[int], heights: Sequence[float], colour: str
 ) -> None:
-    """Mark the epoch whose weights were kept."""
-    kept = finite((train or {}).get("best_epoch"))
-    if kept is not None and kept + 1 in epochs:
-        height = heights[epochs.index(int(kept) + 1)]
-        ring: dict[str, Any] = {
-            "color": colour,
-            "markersize": 10,
-            "fillstyle": "none",
-            "clip_on": False,
-        }
-        ax.plot([kept + 1], [height], "o", **ring)
+    """Mark the epoch whose weights were saved."""
+    best_epoch = finite((train or {}).get("best_epoch"))
+    if best_epoch is not None and best_epoch + 1 in epochs:
+        height = heights[epochs.index(int(best_epoch) + 1)]
+        ring: dict[str, Any] = {"markersize": 10, "fillstyle": "none", "clip_on": False}
+        ax.plot([best_epoch + 1], [height], "o", color=colour, **ring)
 
 
 def finish(ax: Axes, x: str, y: str) -> None:
     """Label the axes, of which x counts something, and draw them faintly."""
     ax.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    ax.set_xlabel(x, size=10, color=INK)
-    ax.set_ylabel(y, size=10, color=INK)
-    ax.tick_params(labelsize=9.5, labelcolor=INK, color=FAINT)
-    ax.grid(axis="y", color=FAINT, linewidth=0.7)
+    ax.set_xlabel(x, size=10, color=TEXT_COLOUR)
+    ax.set_ylabel(y, size=10, color=TEXT_COLOUR)
+    ax.tick_params(labelsize=9.5, labelcolor=TEXT_COLOUR, color=GRID_COLOUR)
+    ax.grid(axis="y", color=GRID_COLOUR, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[:].set_color("#999999")

@@ -1,5 +1,4 @@
-"""What the report of a run shows: numbers from its metrics, computed once for the page and the
-terminal."""
+"""The view of a run: numbers from its metrics, computed once for the page and the terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ from moireaug.evaluation.report.numbers import finite
 from moireaug.evaluation.report.page import title_of
 
 Metrics = Mapping[str, Any]
-WIDE_CHANGE = 0.05  # a change of rates from which on no decimal is shown
+MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
 
 
 @dataclass(frozen=True)
@@ -24,13 +23,13 @@ class Rate:
 
 
 def run_view(metrics: Metrics) -> dict[str, Any]:
-    """Return what the templates of a run need. Entries of the metrics may be missing; None and NaN
-    stand for unknown."""
+    """Return the values for the templates of a run. Entries of the metrics may be missing; None and
+    NaN stand for unknown."""
     known = {"baseline": metrics.get("baseline"), "ours": metrics}
     sides = {}
-    cleans = {}
+    clean_accuracies = {}
     for kind, side in known.items():
-        cleans[kind] = finite((side or {}).get("clean_accuracy"))
+        clean_accuracies[kind] = finite((side or {}).get("clean_accuracy"))
         if side and side.get("reattack"):
             sides[kind] = side
     baseline = sides.get("baseline")
@@ -40,15 +39,15 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
     view = {
         "name": name_of(metrics),
         "baseline": name_of(baseline) if baseline else None,
-        "started": train.get("init") == "clean",
+        "is_pretrained": train.get("init") == "clean",
         "sides": [_side(kind, side) for kind, side in sides.items()],
         "rows": rows,
         "n": rows[0]["n"] if rows else None,
         "main": main,
         "noise": [row for row in rows if row["psnr"] is not None],
         "has_lpips": any(row["lpips"] is not None for row in rows),
-        "clean": cleans["ours"],
-        "clean_theirs": cleans["baseline"],
+        "clean": clean_accuracies["ours"],
+        "clean_theirs": clean_accuracies["baseline"],
         "change": None,
         "digits": 0,
         "seconds": total_seconds(metrics),
@@ -61,13 +60,13 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
     }
     if main and baseline:
         view["change"] = _change(main["gain"])
-        wide = abs(main["gain"].value or 0.0) >= WIDE_CHANGE
-        view["digits"] = 0 if wide else 1
+        is_wide = abs(main["gain"].value or 0.0) >= MIN_WHOLE_CHANGE
+        view["digits"] = 0 if is_wide else 1
     return view
 
 
 def name_of(side: Metrics) -> str:
-    """Return what to call a model: its recipe, or its architecture where it was not trained
+    """Return the name of a model: its recipe, or its architecture where it was not trained
     here."""
     recipe = side.get("recipe")
     if recipe and recipe != "pretrained":
@@ -89,14 +88,14 @@ def _side(kind: str, side: Metrics) -> dict[str, Any]:
     label = role if role == name else f"{role} ({name})"
     counts: list[str] = []
     for row in side["reattack"]:
-        counted = row.get("counted")
-        if counted is not None and str(counted) not in counts:
-            counts.append(str(counted))
+        clean_correct = row.get("counted")
+        if clean_correct is not None and str(clean_correct) not in counts:
+            counts.append(str(clean_correct))
     return {"kind": kind, "name": name, "label": label, "counted": " / ".join(counts)}
 
 
 def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
-    """Return a row per rung, with every side's rates and the gain over the baseline."""
+    """Return the rows of the ladder, with every side's rates and the gain over the baseline."""
     rows: list[dict[str, Any]] = []
     for line in metrics.get("reattack") or []:
         rates = {}
@@ -126,8 +125,8 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
 
 
 def is_attack(line: Metrics) -> bool:
-    """Return whether an attacker searches for this row's noise; the others only show what a camera
-    does."""
+    """Return whether an attacker searches for this row's noise; the others show the camera
+    alone."""
     control = line.get("control")
     return not control if control is not None else str(line["name"]).startswith(("ma_", "pgd"))
 
@@ -152,7 +151,7 @@ def _both(ends: Sequence[Any]) -> tuple[float | None, float | None]:
 
 
 def gain(metrics: Metrics, name: str) -> Rate:
-    """Return the accuracy of this model minus the baseline's on one rung, and its interval."""
+    """Return the accuracy of this model minus the baseline's in one row, and its interval."""
     value = finite((metrics.get("gain") or {}).get(name))
     ends = (metrics.get("gain_interval") or {}).get(name) or (None, None)
     return Rate(value, *_both(ends))
@@ -161,27 +160,27 @@ def gain(metrics: Metrics, name: str) -> Rate:
 def _main(
     metrics: Metrics, rows: Sequence[dict[str, Any]], sides: Mapping[str, Metrics]
 ) -> dict[str, Any] | None:
-    """Return the row that the headline is about: the plain Moiré Attack at the middle eps, else the
+    """Return the headline's row: the plain Moiré Attack at the middle eps, else the
     last row."""
     if not rows:
         return None
-    plain = []
+    plain_attacks = []
     for row in rows:
         line = row_of(metrics, row["name"])
         name = str(row["name"])
         if name.startswith("ma_") and "_" not in name[3:] and not line.get("targeted"):
-            plain.append(row)
-    plain.sort(key=lambda row: row["eps"])
-    row = plain[len(plain) // 2] if plain else rows[-1]
-    own = row["sides"]["ours"]["accuracy"]
-    theirs = {kind: row["sides"][kind]["accuracy"].value for kind in sides}
+            plain_attacks.append(row)
+    plain_attacks.sort(key=lambda row: row["eps"])
+    row = plain_attacks[len(plain_attacks) // 2] if plain_attacks else rows[-1]
+    accuracy = row["sides"]["ours"]["accuracy"]
+    accuracies = {kind: row["sides"][kind]["accuracy"].value for kind in sides}
     return row | {
-        "is_ma": bool(plain),
-        "ours": own.value,
-        "low": own.low,
-        "high": own.high,
+        "is_ma": bool(plain_attacks),
+        "ours": accuracy.value,
+        "low": accuracy.low,
+        "high": accuracy.high,
         "success": row["sides"]["ours"]["success"].value,
-        "theirs": theirs.get("baseline"),
+        "theirs": accuracies.get("baseline"),
     }
 
 
@@ -198,60 +197,59 @@ def _change(gain: Rate) -> str | None:
 def _shares(
     rows: Sequence[dict[str, Any]], main: dict[str, Any] | None, sides: Mapping[str, Metrics]
 ) -> list[dict[str, Any]]:
-    """Return what the camera, its moiré and the attacker's noise each add to the images fooled,
-    baseline first."""
+    """Return the share of fooled images that the camera, its moiré and the attacker's noise each
+    add, baseline first."""
     if main is None or not main["attack"]:
         return []
     by_name = {row["name"]: row for row in rows}
-    found = []
+    shares = []
     for kind in ("baseline", "ours"):
         if kind not in sides:
             continue
-        seen = []
+        successes = []
         for name in ("no_moire", "moire", main["name"]):
             row = by_name.get(name)
-            seen.append(row["sides"][kind]["success"].value if row else None)
-        camera, photo, attacked = seen
+            successes.append(row["sides"][kind]["success"].value if row else None)
+        camera, photo, attacked = successes
         if camera is not None and photo is not None and attacked is not None:
-            own = name_of(sides[kind])
-            found.append(
-                {"name": own, "camera": camera, "moire": photo - camera, "noise": attacked - photo}
-            )
-    return found
+            model, moire, noise = name_of(sides[kind]), photo - camera, attacked - photo
+            shares.append({"name": model, "camera": camera, "moire": moire, "noise": noise})
+    return shares
 
 
 def _unanswered(sides: Mapping[str, Metrics]) -> list[dict[str, Any]]:
-    """Return how many images had no answer, model by model and rung by rung."""
-    found = []
+    """Return the number of images without an answer, model by model and row by row."""
+    unanswered = []
     for side in sides.values():
         for row in side["reattack"]:
             if finite(row.get("undecided")):
-                shown = f"{name_of(side)}, {title_of(row['name'], 'ladder')}"
-                found.append({"undecided": row["undecided"], "n": row.get("n", 0), "shown": shown})
-    return found
+                title = f"{name_of(side)}, {title_of(row['name'], 'ladder')}"
+                counts = {"undecided": row["undecided"], "n": row.get("n", 0)}
+                unanswered.append(counts | {"title": title})
+    return unanswered
 
 
 def _cost(metrics: Metrics, baseline: Metrics | None) -> dict[str, Any] | None:
-    """Return what training cost, next to the baseline's where it is known."""
+    """Return the costs of training, next to the baseline's where they are known."""
     if not metrics.get("train"):
         return None
     sides = {}
     if (baseline or {}).get("train"):
         sides[name_of(baseline or {})] = (baseline or {})["train"]
     sides[name_of(metrics)] = metrics["train"]
-    asked = (
+    cost_rows = (
         ("training time, s", "total_seconds", "seconds", 1),
         ("epochs", "total_epochs", "epochs", 0),
         ("images per second", "images_per_second", None, 0),
         ("passes per image and epoch", "passes", None, 2),
     )
     lines = []
-    for title, key, otherwise, digits in asked:
+    for title, key, fallback, digits in cost_rows:
         values = []
         for train in sides.values():
             value = finite(train.get(key))
-            if value is None and otherwise:
-                value = finite(train.get(otherwise))
+            if value is None and fallback:
+                value = finite(train.get(fallback))
             values.append(value)
         lines.append({"title": title, "figures": values, "digits": digits, "ratio": _ratio(values)})
     return {"sides": list(sides), "lines": lines}

@@ -1,4 +1,4 @@
-"""What the report of a suite shows: pivots of its frame of rates."""
+"""The view of a suite: pivots of its frame of rates."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from moireaug.evaluation.report.page import render, title_of
 from moireaug.evaluation.report.run_view import Metrics, Rate, name_of
 from moireaug.evaluation.tables import Table
 
-ATTACKS = ("worst", "ma")  # columns of a table, the strongest first
-# of the tables without an attacker: the column with moiré, and the one without
-UNATTACKED = {"threat": ("all", "all_no_moire"), "unseen": ("moire", "no_moire")}
-CONTROLS = ("clean", "rotated", "rotated_dim", "no_moire", "moire", "random")
+ATTACK_COLUMNS = ("worst", "ma")  # columns of a table, the strongest first
+# columns with and without moiré of the tables without an attacker
+MOIRE_COLUMNS = {"threat": ("all", "all_no_moire"), "unseen": ("moire", "no_moire")}
+CONTROL_COLUMNS = ("clean", "rotated", "rotated_dim", "no_moire", "moire", "random")
 Cells = Mapping[tuple[str, str], dict[str, Any]]  # by row and column
 
 
@@ -26,10 +26,12 @@ def suite_view(
     lines: pd.DataFrame,
     examples: Mapping[str, list[dict[str, Any]]],
 ) -> dict[str, Any]:
-    """Return what the templates of a suite need.
+    """Return the values for the templates of a suite.
 
     Args:
-        metrics: of the evaluation. tables: its tables. lines: their rates.
+        metrics: metrics of the evaluation.
+        tables: tables of the suite.
+        lines: rates of the tables.
         examples: name of a table to its pictures.
     """
     views = []
@@ -92,29 +94,29 @@ def _table_view(table: Table, lines: pd.DataFrame) -> dict[str, Any]:
 
 def _row(table: Table, cells: Cells, name: str) -> dict[str, Any]:
     """Return a row's cells, None where one is missing, with their denominators and their time."""
-    own = []
+    row_cells = []
     counts: list[str] = []
     seconds = None
     for column in table.columns:
         cell = cells.get((name, column))
-        own.append(cell)
+        row_cells.append(cell)
         if cell is None:
             continue
         seconds = (seconds or 0.0) + cell["seconds"]
         if str(cell["counted"]) not in counts:
             counts.append(str(cell["counted"]))
-    return {"name": name, "cells": own, "counted": " / ".join(counts), "seconds": seconds}
+    return {"name": name, "cells": row_cells, "counted": " / ".join(counts), "seconds": seconds}
 
 
 def _cell(line: dict[str, Any]) -> dict[str, Any]:
-    found = {}
+    view = {}
     for name in ("row", "column", "counted", "n", "judge", "seconds", "eps"):
-        found[name] = line[name]
+        view[name] = line[name]
     for name in ("success", "low", "high", "paper", *MEASURES):
-        found[name] = finite(line[name])
-    found["control"] = line["column"] in CONTROLS
-    found["side"] = Rate(found["success"], found["low"], found["high"])
-    return found
+        view[name] = finite(line[name])
+    view["control"] = line["column"] in CONTROL_COLUMNS
+    view["side"] = Rate(view["success"], view["low"], view["high"])
+    return view
 
 
 def _success(cells: Cells, row: str, column: str) -> float | None:
@@ -123,15 +125,15 @@ def _success(cells: Cells, row: str, column: str) -> float | None:
 
 
 def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
-    """Return what a table says of the moiré and of the noise, on its row at eps 4, or its first, by
-    the attack that it names, or the strongest that it has; None where it lacks one, the photo or
-    the random noise."""
+    """Return a table's success rates of the moiré and of the noise, in its row at eps 4, or its
+    first, for the attack that it names, or its strongest; None where it lacks the attack, the photo
+    or the random noise."""
     row = "eps_4" if "eps_4" in table.rows else table.rows[0]
     named = table.facts.get("attack")
-    there = [column for column in (named, *ATTACKS) if column in table.columns]
-    if not there:
+    columns = [column for column in (named, *ATTACK_COLUMNS) if column in table.columns]
+    if not columns:
         return None
-    attack = there[0]
+    attack = columns[0]
     photo = _success(cells, row, "moire")
     random = _success(cells, row, "random")
     fooled = _success(cells, row, attack)
@@ -153,43 +155,43 @@ def verdict(table: Table, cells: Cells) -> dict[str, Any] | None:
 
 
 def _others(table: Table, cells: Cells, row: str, attack: str) -> dict[str, Any] | None:
-    """Return what the photo does in the other rows, and where the noise adds most."""
+    """Return the success of the photo in the other rows, and the row where the noise adds most."""
     photos, added = [], {}
     for other in table.rows:
-        alone, both = _success(cells, other, "moire"), _success(cells, other, attack)
-        if other != row and alone is not None and both is not None:
-            photos.append(alone)
-            added[other] = max(0.0, both - alone)
+        photo, attacked = _success(cells, other, "moire"), _success(cells, other, attack)
+        if other != row and photo is not None and attacked is not None:
+            photos.append(photo)
+            added[other] = max(0.0, attacked - photo)
     if not photos:
         return None
-    most = max(added, key=lambda name: added[name])
-    return {"least": min(photos), "most": max(photos), "added": added[most], "row": most}
+    largest = max(added, key=lambda name: added[name])
+    return {"least": min(photos), "most": max(photos), "added": added[largest], "row": largest}
 
 
 def natural(table: Table, cells: Cells) -> dict[str, Any] | None:
-    """Return where the moiré alone adds most and least; None for a table with an attacker."""
-    if table.name not in UNATTACKED:
+    """Return the rows where the moiré alone adds most and least; None if there is an attacker."""
+    if table.name not in MOIRE_COLUMNS:
         return None
-    with_moire, without = UNATTACKED[table.name]
-    found: list[dict[str, Any]] = []
+    with_moire, without = MOIRE_COLUMNS[table.name]
+    rows: list[dict[str, Any]] = []
     for row in table.rows:
         photo, plain = _success(cells, row, with_moire), _success(cells, row, without)
         if photo is not None and plain is not None:
-            found.append({"row": row, "photo": photo, "plain": plain})
-    if not found:
+            rows.append({"row": row, "photo": photo, "plain": plain})
+    if not rows:
         return None
-    found.sort(key=lambda one: one["photo"] - one["plain"])
-    return {"table": table.name, "most": found[-1], "least": found[0]}
+    rows.sort(key=lambda one: one["photo"] - one["plain"])
+    return {"table": table.name, "most": rows[-1], "least": rows[0]}
 
 
 def _unanswered(lines: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return how many images had no answer, for each condition that a judge saw; several cells may
-    show one. A cell of several conditions counts only what is counted already."""
-    found: dict[tuple[str, str], dict[str, Any]] = {}
+    """Return the number of images without an answer, once for each condition and judge: several
+    cells may show one condition, and cells of several conditions are left out."""
+    unanswered: dict[tuple[str, str], dict[str, Any]] = {}
     for line in lines.to_dict("records"):
         single = line["condition"] != "worst" and not line["condition"].endswith(" pooled")
         if line["undecided"] and single:
-            shown = f"{title_of(line['row'], 'rows')}, {title_of(line['column'], 'columns')}"
-            counts = {"undecided": line["undecided"], "n": line["n"], "shown": shown}
-            found.setdefault((line["condition"], line["judge"]), counts)
-    return list(found.values())
+            title = f"{title_of(line['row'], 'rows')}, {title_of(line['column'], 'columns')}"
+            counts = {"undecided": line["undecided"], "n": line["n"], "title": title}
+            unanswered.setdefault((line["condition"], line["judge"]), counts)
+    return list(unanswered.values())

@@ -18,7 +18,7 @@ from moireaug.evaluation.report.page import render, title_of
 from moireaug.evaluation.report.run_view import Metrics, Rate, run_view
 from moireaug.printing import printable
 
-TITLE, NAME = 27, 10
+TITLE_WIDTH, NAME_WIDTH = 27, 10
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def _table(grid: Grid) -> Table:
 
 
 def run_summary(metrics: Metrics) -> str:
-    """Return what `run_parts` does, as plain text."""
+    """Return the same as `run_parts`, as plain text."""
     return plain(run_parts(metrics))
 
 
@@ -137,7 +137,7 @@ def run_parts(metrics: Metrics) -> list[Part]:
         )
     parts += _training(run)
     if run["unanswered"]:
-        parts.append(render("unanswered.j2", found=run["unanswered"]))
+        parts.append(render("unanswered.j2", unanswered=run["unanswered"]))
     return parts
 
 
@@ -146,13 +146,13 @@ def _head(run: dict[str, Any]) -> list[str]:
     if run["noise"]:
         heads += ["codes", "dB"]
     for side in run["sides"]:
-        heads.append(short(side["name"], NAME))
+        heads.append(short(side["name"], NAME_WIDTH))
     heads.append("gain [95 %]" if run["baseline"] else "95 %")
     return heads
 
 
 def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
-    line = [short(row["title"], TITLE), codes(row["eps"])]
+    line = [short(row["title"], TITLE_WIDTH), codes(row["eps"])]
     if run["noise"]:
         line += _noise(row)
     for side in run["sides"]:
@@ -165,7 +165,7 @@ def _line(run: dict[str, Any], row: dict[str, Any]) -> list[str]:
 
 
 def _noise(row: dict[str, Any]) -> list[str]:
-    """Return how far an attack's noise moves the photo; empty for a control."""
+    """Return the change of the photo by an attack's noise; empty for a control."""
     if row["psnr"] is None:
         return ["", ""]
     return [codes(row["largest"]), number(row["psnr"])]
@@ -184,11 +184,11 @@ def _ends(gain: Rate) -> str:
 
 
 def _training(run: dict[str, Any]) -> list[str]:
-    """Return what training took, with the weights that it started from."""
+    """Return the time of training, that of its initial weights included."""
     if run["seconds"] is None:
         return []
     text = f"training: {short(run['name'], 20)} {duration(run['seconds'])}"
-    if run["started"]:
+    if run["is_pretrained"]:
         text += " with its start"
     if run["seconds_theirs"]:
         ratio = run["seconds"] / run["seconds_theirs"]
@@ -213,7 +213,7 @@ def suite_parts(metrics: Metrics, suite: dict[str, Any]) -> list[Part]:
             parts.append("")
         parts.append(Grid(rows, title=f"{title_of(table['name'], 'tables')}: fooled, %"))
     if suite["unanswered"]:
-        parts += ["", render("unanswered.j2", found=suite["unanswered"])]
+        parts += ["", render("unanswered.j2", unanswered=suite["unanswered"])]
     if metrics.get("trust"):
         parts += ["", "Can it be trusted?"]
         for check in metrics["trust"]:

@@ -1,4 +1,4 @@
-"""Suites: which tables answer which question, each a short definition.
+"""Suites: the tables that answer a question, each a short definition.
 
 Rows and columns are laid out so that the controls stand beside the attack that they control: the
 same shots without noise, and with noise of random sign.
@@ -65,26 +65,20 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
     "recipes": ("worst_case", "unseen"),
 }
-UNATTACKED = ("threat", "unseen")
-# what some suites have no use for, and the suites that have
-USES: dict[str, tuple[str, ...]] = {
-    "eps": (*(name for name in SUITES if name not in (*UNATTACKED, "worst_case")), "paper"),
+ATTACK_FREE_SUITES = ("threat", "unseen")
+# options that only some suites use, and those suites
+OPTION_SUITES: dict[str, tuple[str, ...]] = {
+    "eps": (*(name for name in SUITES if name not in (*ATTACK_FREE_SUITES, "worst_case")), "paper"),
     "targets": ("transfer", "trust", "paper"),
     "defences": ("mean_normalised", "jpeg", "defences", "noise_position", "adaptive", "paper"),
     "networks": ("demoireing", "paper"),
-    "lpips": tuple(name for name in (*SUITES, *GROUPS) if name not in UNATTACKED),
+    "lpips": tuple(name for name in (*SUITES, *GROUPS) if name not in ATTACK_FREE_SUITES),
 }
 
 
 def check_used(suite: str, option: str, suites: Sequence[str]) -> None:
-    """Refuse an option that a suite would ignore.
-
-    Args:
-        suites: those that have a use for it, such as `USES["targets"]`.
-
-    Raises:
-        ValueError: says which they are.
-    """
+    """Refuse an option that only other suites use, such as those of `OPTION_SUITES["targets"]`:
+    ValueError."""
     if suite not in suites:
         raise ValueError(
             f"{option}= is for suite={' or '.join(suites)}; suite={suite} has no use for it."

@@ -18,6 +18,6 @@ def appearance(config: SuiteConfig) -> Table:
         "patch": PixelAttacker(attack="patch", eps=Patch.eps, steps=steps, until_fooled=False),
     }
     cells = row_of(eps_row(eps), columns)
-    shown = [(cell.row, cell.column) for cell in cells]
+    pictures = [(cell.row, cell.column) for cell in cells]
     facts = {"area": Patch.area}
-    return Table("appearance", tuple(cells), pictures=tuple(shown), facts=facts)
+    return Table("appearance", tuple(cells), pictures=tuple(pictures), facts=facts)

@@ -1,5 +1,4 @@
-"""Demoiréing networks before the model: the paper's table 5, and what an attacker gains by knowing
-the network."""
+"""Demoiréing networks before the model: the paper's table 5, and attackers who know the network."""
 
 from __future__ import annotations
 
@@ -7,14 +6,14 @@ from moireaug.evaluation.attackers import MoireAttacker
 from moireaug.evaluation.autoattack import Apgd
 from moireaug.evaluation.conditions import Condition
 from moireaug.evaluation.judges import UNDEFENDED, Judge
-from moireaug.evaluation.suites.paper import controls, is_published, rivals
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, worst_of
+from moireaug.evaluation.suites.paper import controls, is_published, paper_attacks
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, worst_of
 
-PRINTED = ("mopnet", "mddm", "fhde2net", "amnet")  # the paper's networks
+PAPER_NETWORKS = ("mopnet", "mddm", "fhde2net", "amnet")
 LARGER_EPS = 8 / 255  # the paper's other bound
-NOT_GIVEN = "no weights were given"
-# the columns of the worst case: all through the camera, at one bound
-CAMERA = ("moire", "ma", "adaptive")
+MISSING_WEIGHTS = "no weights were given"
+# all through the camera, at one bound
+WORST_CASE_COLUMNS = ("moire", "ma", "adaptive")
 
 
 def demoireing(config: SuiteConfig) -> Table:
@@ -23,19 +22,19 @@ def demoireing(config: SuiteConfig) -> Table:
     judges: dict[str, Judge] = {"undefended": UNDEFENDED}
     for name, network in config.networks.items():
         judges[name] = Judge(name, defence=network)
-    lost = {name: NOT_GIVEN for name in PRINTED if name not in judges}
+    missing = {name: MISSING_WEIGHTS for name in PAPER_NETWORKS if name not in judges}
     eps, steps = config.middle, config.steps
-    columns: dict[str, Condition] = controls(eps) | rivals(config)
+    columns: dict[str, Condition] = controls(eps) | paper_attacks(config)
     columns["ma_8"] = MoireAttacker(eps=LARGER_EPS, steps=steps, until_fooled=False)
-    cells = crossed(judges, columns)
+    cells = cross(judges, columns)
     for name, judge in judges.items():
         knows = None if judge is UNDEFENDED else judge
         cells.append(Cell(name, "adaptive", (Apgd(eps=eps, steps=steps, knows=knows),), judge))
-        cells.append(worst_of(cells, name, CAMERA))
+        cells.append(worst_of(cells, name, WORST_CASE_COLUMNS))
     return Table(
         "demoireing",
         tuple(cells),
         pictures=tuple(("undefended", column) for column in columns),
-        empty=lost,
+        empty=missing,
         published=is_published(config),
     )

@@ -1,8 +1,7 @@
-"""The ladder: how much of an attack's success is the camera, how much the moiré, how much the
-noise.
+"""The ladder: shares of the camera, the moiré and the noise in an attack's success.
 
-Every rung shows a model the same images through the same shots; each adds one thing to the rung
-before. The paper's tables lack the rungs between clean and attacked: on ImageNet the moiré alone
+Every row shows a model the same images through the same shots, and adds one thing to the row
+before. The paper's tables lack the rows between clean and attacked: on ImageNet the moiré alone
 often fools as many images as the attack.
 """
 
@@ -19,23 +18,23 @@ from moireaug.evaluation.conditions import (
     RandomNoise,
     codes,
 )
-from moireaug.evaluation.tables import EPS, Cell, SuiteConfig, Table
+from moireaug.evaluation.tables import DEFAULT_EPS, Cell, SuiteConfig, Table
 
-ANSWER = "answer"  # the one column
+ANSWER_COLUMN = "answer"  # the one column
 
 
-def rungs(config: SuiteConfig) -> list[Condition]:
-    """Return the rungs of one condition: the controls first, then the Moiré Attack at each eps,
-    targeted at the middle one, then PGD."""
-    eps = config.bounds(EPS)
+def ladder_conditions(config: SuiteConfig) -> list[Condition]:
+    """Return the conditions of the rows that have one: the controls first, then the Moiré Attack at
+    each eps, targeted at the middle one, then PGD."""
+    eps = config.bounds(DEFAULT_EPS)
     steps = config.steps
-    found: list[Condition] = [Clean(), Dimmed(), PhotoWithoutMoire(), Photo()]
-    found.append(RandomNoise(eps=eps[-1]))
+    conditions: list[Condition] = [Clean(), Dimmed(), PhotoWithoutMoire(), Photo()]
+    conditions.append(RandomNoise(eps=eps[-1]))
     for bound in eps:
-        found.append(MoireAttacker(eps=bound, steps=steps))
-    found.append(MoireAttacker(eps=config.middle, steps=steps, targeted=True))
-    found.append(PixelAttacker(attack="pgd", eps=config.middle, steps=steps))
-    return found
+        conditions.append(MoireAttacker(eps=bound, steps=steps))
+    conditions.append(MoireAttacker(eps=config.middle, steps=steps, targeted=True))
+    conditions.append(PixelAttacker(attack="pgd", eps=config.middle, steps=steps))
+    return conditions
 
 
 def main_attack(table: Table) -> Condition:
@@ -50,14 +49,15 @@ def main_attack(table: Table) -> Condition:
 
 
 def ladder(config: SuiteConfig) -> Table:
-    """Lay out the ladder: a row per rung, and last each image at the worst of its photo, the Moiré
-    Attack, APGD and APGD-T at the middle eps."""
+    """Lay out the ladder: a row per condition, and last each image at the worst of its photo, the
+    Moiré Attack, APGD and APGD-T at the middle eps."""
     cells = []
-    for condition in rungs(config):
-        cells.append(Cell(condition.name, ANSWER, (condition,)))
+    for condition in ladder_conditions(config):
+        cells.append(Cell(condition.name, ANSWER_COLUMN, (condition,)))
     eps, steps = config.middle, config.steps
     plain = MoireAttacker(eps=eps, steps=steps)
-    tried = (Photo(), plain, Apgd(eps=eps, steps=steps))
-    cells.append(Cell(f"worst_{codes(eps)}", ANSWER, tried, worst=True))
-    shown = ("clean", "moire", plain.name)
-    return Table("ladder", tuple(cells), pictures=tuple((row, ANSWER) for row in shown))
+    worst_conditions = (Photo(), plain, Apgd(eps=eps, steps=steps))
+    cells.append(Cell(f"worst_{codes(eps)}", ANSWER_COLUMN, worst_conditions, worst=True))
+    picture_rows = ("clean", "moire", plain.name)
+    pictures = tuple((row, ANSWER_COLUMN) for row in picture_rows)
+    return Table("ladder", tuple(cells), pictures=pictures)

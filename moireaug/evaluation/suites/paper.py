@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from functools import partial
 
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
@@ -16,15 +17,15 @@ from moireaug.evaluation.conditions import (
     codes,
 )
 from moireaug.evaluation.judges import UNDEFENDED, Judge
-from moireaug.evaluation.tables import Cell, SuiteConfig, Table, crossed, eps_row, row_of
+from moireaug.evaluation.tables import Cell, SuiteConfig, Table, cross, eps_row, row_of
 from moireaug.mixtures import each, scenes_of
 from moireaug.scene.fields import bounds
 from moireaug.scenes import Scene
 
-PRINTED_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
-BUDGETS = (4 / 255, 8 / 255, 16 / 255, 32 / 255)
-QUALITIES = (20, 40, 60, 80)
-ROLLS = (0, 5, 10, 15, 30, 45)  # degrees
+PAPER_EPS = (2 / 255, 4 / 255, 6 / 255, 8 / 255)
+BUDGET_EPS = (4 / 255, 8 / 255, 16 / 255, 32 / 255)
+JPEG_QUALITIES = (20, 40, 60, 80)
+ROLL_ANGLES = (0, 5, 10, 15, 30, 45)  # degrees
 
 
 def controls(eps: float) -> dict[str, Condition]:
@@ -33,14 +34,16 @@ def controls(eps: float) -> dict[str, Condition]:
     return {"clean": Clean(), "moire": Photo(), "random": RandomNoise(eps=eps)}
 
 
-def rivals(config: SuiteConfig) -> dict[str, Condition]:
+def paper_attacks(config: SuiteConfig) -> dict[str, Condition]:
     """Return the paper's attacks at one eps."""
     eps, steps = config.middle, config.steps
-    found: dict[str, Condition] = {"ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False)}
+    attackers: dict[str, Condition] = {
+        "ma": MoireAttacker(eps=eps, steps=steps, until_fooled=False)
+    }
     for name in ("bim", "pgd", "cw", "mifgsm"):
         bound = 0.0 if name == "cw" else eps
-        found[name] = PixelAttacker(attack=name, eps=bound, steps=steps, until_fooled=False)
-    return found
+        attackers[name] = PixelAttacker(attack=name, eps=bound, steps=steps, until_fooled=False)
+    return attackers
 
 
 def is_published(config: SuiteConfig) -> bool:
@@ -51,7 +54,7 @@ def is_published(config: SuiteConfig) -> bool:
 def success(config: SuiteConfig) -> Table:
     """Paper, table 1: rotated, rotated and dimmed, targeted and untargeted Moiré Attacks by eps."""
     cells: list[Cell] = []
-    for eps in config.bounds(PRINTED_EPS):
+    for eps in config.bounds(PAPER_EPS):
         columns: dict[str, Condition] = {
             "rotated": Rotated(),
             "rotated_dim": PhotoWithoutMoire(),
@@ -63,8 +66,8 @@ def success(config: SuiteConfig) -> Table:
             ),
         }
         cells += row_of(eps_row(eps), columns)
-    shown = [(cell.row, cell.column) for cell in cells if cell.row == eps_row(config.middle)]
-    return Table("success", tuple(cells), pictures=tuple(shown))
+    pictures = [(cell.row, cell.column) for cell in cells if cell.row == eps_row(config.middle)]
+    return Table("success", tuple(cells), pictures=tuple(pictures))
 
 
 def mean_normalised(config: SuiteConfig) -> Table:
@@ -76,24 +79,20 @@ def mean_normalised(config: SuiteConfig) -> Table:
         "gain": config.behind("gain"),
     }
     columns = controls(config.middle)
-    for eps in config.bounds(PRINTED_EPS):
+    for eps in config.bounds(PAPER_EPS):
         columns[f"ma_{codes(eps)}"] = MoireAttacker(eps=eps, steps=config.steps, until_fooled=False)
     facts = {"codes": codes(config.middle), "attack": f"ma_{codes(config.middle)}"}
-    return Table("mean_normalised", tuple(crossed(judges, columns)), facts=facts)
+    return Table("mean_normalised", tuple(cross(judges, columns)), facts=facts)
 
 
 def jpeg(config: SuiteConfig) -> Table:
     """Paper, table 3: the attacks after JPEG."""
     judges = {"undefended": UNDEFENDED}
-    for quality in QUALITIES:
+    for quality in JPEG_QUALITIES:
         judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    columns = controls(config.middle) | rivals(config)
-    return Table(
-        "jpeg",
-        tuple(crossed(judges, columns)),
-        pictures=tuple(("undefended", column) for column in columns),
-        published=is_published(config),
-    )
+    table = _attacks_table("jpeg", config, judges, {})
+    pictures = tuple(("undefended", column) for column in table.columns)
+    return dataclasses.replace(table, pictures=pictures)
 
 
 def defences(config: SuiteConfig) -> Table:
@@ -102,37 +101,33 @@ def defences(config: SuiteConfig) -> Table:
     for name in config.defences:
         if not name.startswith("jpeg_") and name != "gain":
             judges[name] = config.behind(name)
-    columns = controls(config.middle) | rivals(config)
-    return Table(
-        "defences",
-        tuple(crossed(judges, columns)),
-        empty=config.without,
-        published=is_published(config),
-    )
+    return _attacks_table("defences", config, judges, config.without)
 
 
 def transfer(config: SuiteConfig) -> Table:
     """Paper, table 6: the attacks on the model, judged by other models."""
     judges = {"attacked": UNDEFENDED}
-    lost = {}
+    missing = {}
     for name, model in config.targets.items():
         if model is None:
-            lost[name] = "weights not at hand"
+            missing[name] = "weights not at hand"
         else:
             judges[name] = Judge(name, model=model)
-    columns = controls(config.middle) | rivals(config)
-    return Table(
-        "transfer",
-        tuple(crossed(judges, columns)),
-        empty=lost,
-        published=is_published(config),
-    )
+    return _attacks_table("transfer", config, judges, missing)
+
+
+def _attacks_table(
+    name: str, config: SuiteConfig, judges: Mapping[str, Judge], empty: Mapping[str, str]
+) -> Table:
+    """Lay out the paper's attacks, and their controls, before each judge."""
+    cells = cross(judges, controls(config.middle) | paper_attacks(config))
+    return Table(name, tuple(cells), empty=empty, published=is_published(config))
 
 
 def budget(config: SuiteConfig) -> Table:
     """Paper, section 4.5 and figure 4: success and visibility by eps."""
     cells: list[Cell] = []
-    for eps in config.bounds(BUDGETS):
+    for eps in config.bounds(BUDGET_EPS):
         columns: dict[str, Condition] = {
             "moire": Photo(),
             "random": RandomNoise(eps=eps),
@@ -140,15 +135,15 @@ def budget(config: SuiteConfig) -> Table:
             "bim": PixelAttacker(attack="bim", eps=eps, steps=config.steps, until_fooled=False),
         }
         cells += row_of(eps_row(eps), columns)
-    shown = [(cell.row, cell.column) for cell in cells if cell.column in ("ma", "bim")]
-    return Table("budget", tuple(cells), pictures=tuple(shown))
+    pictures = [(cell.row, cell.column) for cell in cells if cell.column in ("ma", "bim")]
+    return Table("budget", tuple(cells), pictures=tuple(pictures))
 
 
 def factors(config: SuiteConfig) -> Table:
     """Paper, figure 6: rotation, and the factor alpha by which the picture is enlarged on the
     screen."""
     scenes = {}
-    for roll in ROLLS:
+    for roll in ROLL_ANGLES:
         scenes[f"roll_{roll}"] = each(config.scene, partial(_rolled, roll=roll))
     # at odd multiples a point-sampled photo reads one sensor pixel, at even ones the mean of two,
     # which is a filter
@@ -203,4 +198,4 @@ def noise_position(config: SuiteConfig) -> Table:
     judges = {"undefended": UNDEFENDED}
     for quality in (20, 40):
         judges[f"jpeg_{quality}"] = config.behind(f"jpeg_{quality}")
-    return Table("noise_position", tuple(crossed(judges, columns)), published=is_published(config))
+    return Table("noise_position", tuple(cross(judges, columns)), published=is_published(config))

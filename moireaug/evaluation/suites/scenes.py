@@ -10,13 +10,13 @@ from moireaug.scene.naming import preset_name
 from moireaug.scene.presets import PRESETS
 from moireaug.scenes import Scene
 
-OWN = "own_scene"
+OWN_SCENE_ROW = "own_scene"
 
 
 def natural(config: SuiteConfig) -> Table:
     """Paper, section 3.1 and figure 3: displays x cameras x angles."""
     cells: list[Cell] = []
-    for display, camera in threat.PAIRS:
+    for display, camera in threat.DISPLAY_CAMERA_PAIRS:
         row = f"{display}, {camera}"
         photos, plain = [], []
         for angle in threat.ANGLES:
@@ -27,32 +27,33 @@ def natural(config: SuiteConfig) -> Table:
             cells.append(Cell(row, f"angle_{angle}", (photos[-1],)))
         cells.append(Cell(row, "all", tuple(photos)))
         cells.append(Cell(row, "all_no_moire", tuple(plain)))
-    shown = []
+    pictures = []
     for display in threat.DISPLAYS:
-        shown.append((f"{display}, {threat.PAIRS[0][1]}", "angle_90"))
+        pictures.append((f"{display}, {threat.DISPLAY_CAMERA_PAIRS[0][1]}", "angle_90"))
     for angle in threat.ANGLES:
-        shown.append((", ".join(threat.PAIRS[-1]), f"angle_{angle}"))
-    return Table("threat", tuple(cells), pictures=tuple(shown))
+        pictures.append((", ".join(threat.DISPLAY_CAMERA_PAIRS[-1]), f"angle_{angle}"))
+    return Table("threat", tuple(cells), pictures=tuple(pictures))
 
 
 def other_scenes(scene: Scene | Mixture) -> dict[str, Scene]:
     """Return the presets that are another scene and bring the photo back to the image's frame: one
     that leaves the image turned, as the paper's does, changes the task as well as adding moiré."""
-    found = {}
+    others = {}
     for name in PRESETS:
         preset = Scene.preset(name)
         if preset.develop.registered and preset not in scenes_of(scene):
-            found[name] = preset
-    return found
+            others[name] = preset
+    return others
 
 
 def unseen(config: SuiteConfig) -> Table:
-    """Natural moiré in the own scene and in every other, next to the same photos without moiré."""
+    """Lay out natural moiré in the own scene and in every other, next to the same photos without
+    moiré."""
     columns: dict[str, Condition] = {"no_moire": PhotoWithoutMoire(), "moire": Photo()}
-    cells = row_of(OWN, columns)
+    cells = row_of(OWN_SCENE_ROW, columns)
     for name, scene in other_scenes(config.scene).items():
         cells += row_of(name, {key: c.at(name, scene) for key, c in columns.items()})
-    shown = [(cell.row, cell.column) for cell in cells if cell.column == "moire"]
+    pictures = [(cell.row, cell.column) for cell in cells if cell.column == "moire"]
     names = [preset_name(one) for one in scenes_of(config.scene)]
-    own = " or ".join(names) if all(names) else ""
-    return Table("unseen", tuple(cells), pictures=tuple(shown), facts={"own": own})
+    own_names = " or ".join(names) if all(names) else ""
+    return Table("unseen", tuple(cells), pictures=tuple(pictures), facts={"own": own_names})

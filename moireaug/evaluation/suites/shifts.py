@@ -8,30 +8,31 @@ import dataclasses
 from moireaug.evaluation.attackers import MoireAttacker, PixelAttacker
 from moireaug.evaluation.conditions import Clean, Condition, Photo, codes
 from moireaug.evaluation.corruptions import CORRUPTIONS, Corrupted
-from moireaug.evaluation.suites.scenes import OWN, other_scenes
+from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table
 from moireaug.mixtures import Mixture, each
 from moireaug.scenes import Scene
 
-UNATTACKED, ATTACKED = "unattacked", "attacked"
-QUALITY = 60  # of a photo saved as a JPEG file
+UNATTACKED_COLUMN, ATTACKED_COLUMN = "unattacked", "attacked"
+JPEG_QUALITY = 60  # of a photo saved as a JPEG file
 
 
-def scenes(own: Scene | Mixture) -> dict[str, Scene | Mixture]:
+def shifted_scenes(own_scene: Scene | Mixture) -> dict[str, Scene | Mixture]:
     """Return the own scene, every other preset in the image's frame, and the own scene's photos as
     JPEG files and in the camera's frame, unless they already are."""
-    found = {OWN: own, **other_scenes(own)}
-    for name, change in {f"photo_jpeg_{QUALITY}": _saved, "camera_frame": _unregistered}.items():
-        changed = each(own, change)
-        if changed != own:
-            found[name] = changed
-    return found
+    scenes = {OWN_SCENE_ROW: own_scene, **other_scenes(own_scene)}
+    changes = {f"photo_jpeg_{JPEG_QUALITY}": _saved_as_jpeg, "camera_frame": _unregistered}
+    for name, change in changes.items():
+        changed = each(own_scene, change)
+        if changed != own_scene:
+            scenes[name] = changed
+    return scenes
 
 
-def _saved(scene: Scene) -> Scene:
+def _saved_as_jpeg(scene: Scene) -> Scene:
     if scene.develop.jpeg != 0:
         return scene
-    return dataclasses.replace(scene, develop=dataclasses.replace(scene.develop, jpeg=QUALITY))
+    return dataclasses.replace(scene, develop=dataclasses.replace(scene.develop, jpeg=JPEG_QUALITY))
 
 
 def _unregistered(scene: Scene) -> Scene:
@@ -39,25 +40,23 @@ def _unregistered(scene: Scene) -> Scene:
 
 
 def shifts(config: SuiteConfig) -> Table:
-    """Lay out what robustness to moiré gains or costs elsewhere: each row unattacked, and, where
+    """Lay out the gains and costs of robustness to moiré elsewhere: each row unattacked, and, where
     there is an attacker, attacked at the middle eps."""
     eps, steps = config.middle, config.steps
     cells: list[Cell] = []
-    for name, scene in scenes(config.scene).items():
+    for name, scene in shifted_scenes(config.scene).items():
         photo: Condition = Photo()
         attacked: Condition = MoireAttacker(eps=eps, steps=steps)
-        if name != OWN:  # other suites share the own scene's conditions
+        if name != OWN_SCENE_ROW:  # other suites share the own scene's conditions
             photo, attacked = photo.at(name, scene), attacked.at(name, scene)
-        cells.append(Cell(name, UNATTACKED, (photo,)))
-        cells.append(Cell(name, ATTACKED, (attacked,)))
-    cells.append(Cell("image", UNATTACKED, (Clean(),)))
-    cells.append(Cell("image", ATTACKED, (PixelAttacker(attack="pgd", eps=eps, steps=steps),)))
+        cells.append(Cell(name, UNATTACKED_COLUMN, (photo,)))
+        cells.append(Cell(name, ATTACKED_COLUMN, (attacked,)))
+    cells.append(Cell("image", UNATTACKED_COLUMN, (Clean(),)))
+    pgd = PixelAttacker(attack="pgd", eps=eps, steps=steps)
+    cells.append(Cell("image", ATTACKED_COLUMN, (pgd,)))
     for corruption, (_, amounts) in CORRUPTIONS.items():
         for amount in amounts:
-            shown = Corrupted(corruption=corruption, amount=amount)
-            cells.append(Cell(shown.name, UNATTACKED, (shown,)))
-    pictures = []
-    for cell in cells:
-        if cell.column == UNATTACKED:
-            pictures.append((cell.row, cell.column))
+            corrupted = Corrupted(corruption=corruption, amount=amount)
+            cells.append(Cell(corrupted.name, UNATTACKED_COLUMN, (corrupted,)))
+    pictures = [(cell.row, cell.column) for cell in cells if cell.column == UNATTACKED_COLUMN]
     return Table("shifts", tuple(cells), pictures=tuple(pictures), facts={"codes": codes(eps)})

@@ -1,4 +1,4 @@
-"""One shot, one photo, whichever door it comes through; and no door opens another's library."""
+"""One shot, one photo, whichever library it comes through; and none imports another's library."""
 
 import subprocess
 import sys
@@ -15,8 +15,8 @@ from moireaug.transforms import albumentations, kornia, torchvision
 def through_kornia(image, shot):
     if image.dtype == torch.uint8:
         pytest.skip("kornia takes no uint8")
-    door = kornia.RandomMoire(shot.scene, p=1, keepdim=True)
-    return door(image, params={**kornia.to_params(shot), "batch_prob": torch.ones(1)})
+    transform = kornia.RandomMoire(shot.scene, p=1, keepdim=True)
+    return transform(image, params={**kornia.to_params(shot), "batch_prob": torch.ones(1)})
 
 
 def through_pil(image, shot):
