@@ -67,7 +67,7 @@ def one_cell(shown: Tensor, shot: Shot) -> Tensor:
         cell=whole.cell._replace(radius=0),
         # only weights read them, and a single cell has none
         widths=np.minimum(whole.widths, 0.5),
-        share=np.zeros_like(whole.share),
+        neighbour_share=np.zeros_like(whole.neighbour_share),
     )
     run.fits(exposure, beats)  # as every exposure does
     return run.expose(shown, exposure, beats)

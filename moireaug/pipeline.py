@@ -3,7 +3,7 @@ a scene calls for."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection
 
 import torch
 from torch import Tensor
@@ -62,7 +62,6 @@ DEVELOP: tuple[Effect, ...] = (
     Registration(),  # back to the image's frame
     Jpeg(),
 )
-BY_NAME: dict[str, Effect] = {effect.name: effect for effect in (*EXPOSE, *DEVELOP)}
 
 
 def expose(light: Tensor, shot: ShotRecord) -> Tensor:
@@ -77,10 +76,11 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     return apply(shot.plan.developing, raw, shot)
 
 
-def apply(effects: Iterable[str], values: Tensor, shot: ShotRecord) -> Tensor:
-    """Apply effects, given by name, in turn."""
-    for name in effects:
-        values = BY_NAME[name](values, shot)
+def apply(names: Collection[str], values: Tensor, shot: ShotRecord) -> Tensor:
+    """Apply the effects of these names in turn."""
+    for effect in (*EXPOSE, *DEVELOP):
+        if effect.name in names:
+            values = effect(values, shot)
     return values
 
 

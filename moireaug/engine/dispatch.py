@@ -39,8 +39,8 @@ def expose(light: Tensor, shot: ShotRecord) -> Tensor:
         return raw
     if varies:
         light = as_float(light)
-        names = ("decode", "black_level", "prefilter")
-        light = pipeline.apply((name for name in names if name in shot.plan), light, shot)
+        names = {"decode", "black_level", "prefilter"}.intersection(shot.plan.exposing)
+        light = pipeline.apply(names, light, shot)
     return run.expose(light, exposure, beats)
 
 

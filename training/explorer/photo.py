@@ -17,7 +17,7 @@ from torch import Tensor
 from moireaug import images
 from moireaug.capture import capture
 from moireaug.effects.base import WithinExposure
-from moireaug.pipeline import BY_NAME
+from moireaug.pipeline import DEVELOP, EXPOSE
 from moireaug.scenes import Scene, Shot
 from training import signs
 
@@ -146,7 +146,7 @@ def milliseconds(shown: Tensor, scene: Scene, seed: int) -> list[tuple[str, floa
     crop = shown[..., top : top + height, left : left + width]
     shot = scene.sample(1, (height, width), torch.Generator().manual_seed(seed))
     taken: dict[str, list[float]] = {}
-    effects = [BY_NAME[name] for name in (*shot.plan.exposing, *shot.plan.developing)]
+    effects = [effect for effect in (*EXPOSE, *DEVELOP) if effect.name in shot.plan]
     for _ in range(REPEATS):
         light = crop
         for effect in effects:

@@ -14,7 +14,7 @@ from torch import nn
 
 from moireaug import Layout, Panel, Scene, capture
 from moireaug.effects.base import WithinExposure
-from moireaug.pipeline import BY_NAME
+from moireaug.pipeline import EXPOSE
 from moireaug.scene.fields import bounds
 from moireaug.scene.parts import PARTS, Lens
 from moireaug.scene.presets import PRESETS
@@ -149,7 +149,7 @@ def test_every_planned_effect_is_timed_or_within_the_exposure():
     found = dict(photo.milliseconds(torch.rand(1, 3, 20, 300), scene, 0))
     plan = scene.plan((20, 128))
     assert list(found) == [step.name for step in plan]
-    within = {name for name in plan.exposing if isinstance(BY_NAME[name], WithinExposure)}
+    within = {e.name for e in EXPOSE if e.name in plan and isinstance(e, WithinExposure)}
     assert {name for name, spent in found.items() if spent is None} == within
     assert all(spent > 0 for spent in found.values() if spent is not None)
 
