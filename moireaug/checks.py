@@ -29,7 +29,6 @@ from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import clip, is_transformed
 from moireaug.scene.by_name import limits
 from moireaug.scene.parts import LEAST_LENS_SLOPE
-from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
 
 MAX_CLIPPED_RMS = 0.18
@@ -173,8 +172,6 @@ def check_is_shot(shot: object) -> None:
             f"a shot must be a Shot; got a {type(shot).__name__}. Draw one with "
             "scene.sample(len(images), images.shape[-2:])."
         )
-    if not isinstance(shot.scene, SceneRecord):
-        raise TypeError(f"a shot's scene must be a Scene; got {shot.scene!r}.")
 
 
 def _check_fields(shot: ShotRecord) -> None:

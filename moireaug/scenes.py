@@ -170,6 +170,8 @@ class Shot(ShotRecord):
     def __post_init__(self) -> None:
         """Plan: a scene that cannot be photographed is refused here, not in the middle of a
         batch."""
+        if not isinstance(self.scene, Scene):
+            raise TypeError(f"a shot's scene must be a Scene; got {self.scene!r}.")
         super().__post_init__()
         object.__setattr__(self, "plan", self.scene.plan(self.size))
 
