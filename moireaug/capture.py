@@ -122,7 +122,10 @@ def _mixed_photo_of(
         check_rows_of_noise(noise, shot)
 
     def photo(rows: Tensor, part: ShotRecord) -> Tensor:
-        own = None if noise is None else torch.stack([noise[row] for row in rows.tolist()])
+        if noise is None or isinstance(noise, Tensor):
+            own = noise if noise is None else noise[rows.to(noise.device)]
+        else:
+            own = torch.stack([noise[row] for row in rows.tolist()]) if len(rows) else None
         return photo_of(image[rows.to(image.device)], part, own)
 
     return shot.gathered(photo)

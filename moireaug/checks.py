@@ -235,16 +235,17 @@ def check_rows_of_noise(noise: object, shot: MixedShot) -> None:
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
-    listed = isinstance(noise, (list, tuple)) and all(isinstance(row, Tensor) for row in noise)
-    if not listed and not isinstance(noise, Tensor):
+    if isinstance(noise, Tensor):
+        count = len(noise) if noise.ndim else 0
+    elif isinstance(noise, (list, tuple)) and all(isinstance(row, Tensor) for row in noise):
+        count = len(noise)
+    else:
         raise TypeError(
             "noise of a mixture must be a torch.Tensor or a list of one for each image; got "
             f"{type(noise).__name__}."
         )
-    if len(noise) != len(shot):  # type: ignore[arg-type]  # either of them has one
-        raise ValueError(
-            f"noise must be of the {len(shot)} images of the shot; got {len(noise)} rows."  # type: ignore[arg-type]
-        )
+    if count != len(shot):
+        raise ValueError(f"noise must be of the {len(shot)} images of the shot; got {count} rows.")
 
 
 def check_noise(noise: object, raw: Tensor) -> Tensor:

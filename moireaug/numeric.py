@@ -101,6 +101,11 @@ def is_transformed() -> bool:
     return torch.compiler.is_compiling() or torch._C._are_functorch_transforms_active()
 
 
+def as_single(values: Tensor) -> Tensor:
+    """Return half precision as float32, other dtypes unchanged."""
+    return values.float() if values.dtype in (torch.float16, torch.bfloat16) else values
+
+
 def as_float(images: Tensor) -> Tensor:
     """Return uint8 images as float32 in [0, 1], others unchanged."""
     return images.float() / 255 if images.dtype == torch.uint8 else images

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.capture import develop, reading_of
+from moireaug.checks import check_images
 from moireaug.engine.graph import LIBRARY
 from moireaug.scene.by_name import parts_with, values_of
 from moireaug.scenes import Scene, Shot
@@ -29,6 +30,8 @@ def _scene(text: str) -> Scene:
 
 @torch.no_grad()
 def _expose(light: Tensor, *given: Any) -> Tensor:
+    if light.dtype != torch.uint8:  # a graph has not seen the values
+        light = check_images(light)
     return reading_of(light, _shot(*given[:-1])).contiguous()
 
 

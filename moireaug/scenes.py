@@ -70,9 +70,11 @@ class Scene(SceneRecord):
         sizes between two powers of 2. Computed once.
 
         Raises:
-            ValueError: the "point" exposure with a layout of slanted subpixels.
+            ValueError: the "point" or "box" exposure with a layout of slanted subpixels, or a size
+                that is not two positive integers.
+            RuntimeError: within torch.compile, if no plan of such a size was made before.
         """
-        octave = self.octave(size)
+        octave = self.octave(check_size(size))
         plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
         if octave not in plans:
             if torch.compiler.is_compiling():
@@ -214,7 +216,7 @@ def shot_of(scene: Scene, size: tuple[int, int], u: Tensor) -> Shot:
 
 def as_scene(scene: Scene | str | Mapping[str, Any]) -> Scene:
     """Return a Scene from a Scene, a preset's name or a mapping, such as a dict. Where several may
-    be given, see `mixture.as_scenes`.
+    be given, see `mixtures.as_scenes`.
 
     Raises:
         ValueError: an unknown name, or a file's.

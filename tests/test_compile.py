@@ -139,3 +139,10 @@ def test_a_scene_is_planned_before_the_graph_or_refused_in_a_sentence():
         photograph(images)
     scene.plan(shot.size)
     assert photograph(images).shape == images.shape
+
+
+def test_a_graph_refuses_what_is_no_picture():
+    images, shot = seen_by("released chain")
+    images[0, 0, 0, 0] = torch.nan
+    with pytest.raises(ValueError, match="NaN in image 0"):
+        compiled(capture)(images, shot)

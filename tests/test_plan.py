@@ -105,6 +105,7 @@ NOT_CALLED = [
     ),
     ("register", {"view": View(roll=5), "develop": Develop(registered=False)}),
     ("saturate", {"sensor": colour(gain=0.5)}),
+    ("saturate", {"panel": Panel(layout="even", glare=0.05), "sensor": colour(gain=0.5)}),
     ("layout", {"panel": Panel(), "lens": Lens(blur=3.0)}),
     # the slope of a light that is not there, the radius of a mask that is not applied
     ("glare", {"panel": Panel(layout="even", glare_x=0.5, glare_y=-0.5)}),

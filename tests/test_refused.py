@@ -100,6 +100,7 @@ REFUSED = [
     (lambda: Panel(scale=10**400), "Panel.scale must lie in"),
     (lambda: RandomMoire("scene.yaml"), "Pass what it holds, yaml.safe_load(open('scene.yaml'))"),
     (lambda: Scene().sample(1, (8,)), "at least 1 x 1 pixels"),
+    (lambda: Scene().plan(224), "at least 1 x 1 pixels"),
     (
         lambda: Scene().sample(1, 8),
         "size (height, width) of at least 1 x 1 pixels, in whole numbers; got 8",

@@ -109,7 +109,7 @@ SCENES = st.builds(
 
 
 @settings(
-    max_examples=30,
+    max_examples=20,
     deadline=None,
     derandomize=True,
     database=None,

@@ -30,6 +30,7 @@ from moireaug.attacks.problem import Point, Problem, Result
 from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.task import ActiveImages, Task
 from moireaug.checks import check_images
+from moireaug.numeric import as_single
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
 
@@ -240,7 +241,7 @@ class Attack(ABC):
             if step == 0:
                 self._check(active, images, logits, best)
                 check_gradient(logits)
-            objective = LOSSES[self.loss](logits, *active.goals())
+            objective = LOSSES[self.loss](as_single(logits), *active.goals())
             # a scene may have ranges that no photo of it depends on
             gradients = torch.autograd.grad(
                 objective.sum(), list(variables.values()), allow_unused=True

@@ -162,8 +162,13 @@ class MoireAttack(Attack):
         self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
     ) -> Problem:
         if shot is None:
-            size = (images.shape[-2], images.shape[-1])
-            shot = self._scene_of(shot).sample(len(images), size, generator)
+            scene, size = as_scenes(self.scene), (images.shape[-2], images.shape[-1])
+            if isinstance(scene, Mixture):
+                raise ValueError(
+                    "a mixture is attacked scene by scene: call the attack, or pass the shot of "
+                    "one."
+                )
+            shot = scene.sample(len(images), size, generator)
         with torch.no_grad():
             base = NOISE_AT[self.noise_at][0](images, shot)
         drawn = shot
@@ -172,23 +177,12 @@ class MoireAttack(Attack):
             drawn = shot._map(torch.clone).to(images.device)
         return self._problem_of(images, drawn, base, generator)
 
-    def _scene_of(self, shot: Shot | None) -> Scene:
-        """Return the scene from which a shot, or fresh ones beside it, are drawn."""
-        scene = as_scenes(self.scene)
-        if isinstance(scene, Scene):
-            return scene
-        if shot is None:
-            raise ValueError(
-                "a mixture is attacked scene by scene: call the attack, or pass the shot of one."
-            )
-        return shot.scene
-
     def _problem_of(
         self, images: Tensor, drawn: Shot, base: Tensor, generator: torch.Generator | None
     ) -> Problem:
         """Return the problem of a shot whose photos, or readings, are `base`."""
         before_noise, after_noise = NOISE_AT[self.noise_at]
-        scene, size = self._scene_of(drawn), (images.shape[-2], images.shape[-1])
+        scene, size = drawn.scene, (images.shape[-2], images.shape[-1])
         fields = searched_fields(drawn.scene, self.optimise)
         averages_draws = self.eot > 1
 

@@ -14,6 +14,7 @@ from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point
 from moireaug.attacks.rules import choose
 from moireaug.attacks.task import ActiveImages, Task
+from moireaug.numeric import as_single
 
 FIRST_WINDOW_SHARE = 0.8  # of the planes' area, as in AutoAttack
 # queries of 10,000 after which that share is halved: Andriushchenko et al. (2020), section 4.1 and
@@ -73,7 +74,7 @@ class SquareMoire(MoireAttack):
                     self._check(active, images, logits, best)
                 if best:
                     best.update(candidate, logits, active.rows)
-                loss = LOSSES[self.loss](logits, *active.goals())
+                loss = LOSSES[self.loss](as_single(logits), *active.goals())
                 # no loss, of an image without an answer, is below any other
                 loss = active.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
                 better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)

@@ -86,9 +86,8 @@ class Saturation(Effect):
     name = "saturate"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        gain = bounds(scene.sensor.gain)[1]
-        glare = gain * most_reflected(scene)
-        if gain > 1 or glare > scene.tolerance or gain * depth(scene) > scene.tolerance:
+        brightest = 1 + depth(scene) + most_reflected(scene)  # of a white screen's light
+        if bounds(scene.sensor.gain)[1] * brightest > 1 + scene.tolerance:
             return called("the reading can exceed a full well")
         return left_out("no reading exceeds a full well")
 

@@ -62,10 +62,12 @@ def _views(
 
 
 @functools.lru_cache(maxsize=64)
-def _least_magnification(v: View, lens: Lens) -> float:
-    """Return the least `homography.magnification` for the angles and lenses that a scene allows."""
-    fields, k1, k2 = _poses(v, lens, bounds(v.zoom)[0])
-    return min(float(magnification(fields, k1, k2, size, v.fit).min()) for size in PHOTO_SHAPES)
+def _magnifications(v: View, lens: Lens, zoom: float) -> tuple[float, float]:
+    """Return the least and the greatest `homography.magnification` for the angles and lenses that a
+    scene allows at this zoom."""
+    fields, k1, k2 = _poses(v, lens, zoom)
+    every = torch.cat([magnification(fields, k1, k2, size, v.fit) for size in PHOTO_SHAPES])
+    return float(every.min()), float(every.max())
 
 
 def _poses(v: View, lens: Lens, zoom: float) -> tuple[dict[str, Tensor], Tensor, Tensor]:
@@ -100,13 +102,16 @@ def steps(scene: SceneRecord) -> Tensor:
 def least_bin_scale(scene: SceneRecord, alpha: float) -> float:
     """Return the least of `shot.bin_scale`, for `alpha` panel pixels per image pixel."""
     view, pitch = scene.view, bounds(scene.sensor.pitch)[0]
-    if not scene.is_rectified:  # a picture that fits is at most as large as the photo
-        return pitch * alpha / bounds(view.zoom)[1] if pitch else scene.sensor.scale
+    least_zoom, greatest_zoom = bounds(view.zoom)
+    if not scene.is_rectified:
+        if not pitch:
+            return scene.sensor.scale
+        return pitch * alpha / _magnifications(view, scene.lens, greatest_zoom)[1]
     yaw, tilt = (math.radians(max(map(abs, bounds(axis)))) for axis in (view.yaw, view.pitch))
     turned = math.sqrt(math.cos(yaw) * math.cos(tilt))
     if pitch:
         return pitch * alpha * turned
-    return scene.sensor.scale * _least_magnification(view, scene.lens) * turned
+    return scene.sensor.scale * _magnifications(view, scene.lens, least_zoom)[0] * turned
 
 
 def least_side(scene: SceneRecord, alpha: float) -> float:

@@ -124,11 +124,12 @@ def test_a_draw_follows_the_generator_and_a_list_of_one_is_that_scene(model, bat
 def test_a_shot_of_one_scene_is_attacked_in_that_scene(model, batch):
     shot = OTHER.sample(6, (16, 16), torch.Generator().manual_seed(0))
     found = []
-    for scene in (ALIKE, OTHER):
+    for scene in (ALIKE, SCENE, OTHER):
         attack = MoireAttack(model, scene=scene, eot=2, **STEPS)
         generator = torch.Generator().manual_seed(0)
         found.append(attack(*batch, shot=shot, generator=generator))
-    assert torch.equal(found[0].images, found[1].images)
+    assert torch.equal(found[0].images, found[2].images)
+    assert torch.equal(found[1].images, found[2].images)
 
 
 def test_training_takes_the_last_step_of_every_scene(model, batch):

@@ -5,6 +5,7 @@ import torch
 
 from moireaug import Develop, Lens, Panel, Scene, Sensor, View
 from moireaug.exposure.bins import middle_bins, pixels_on_photo
+from moireaug.exposure.extreme_views import least_bin_scale
 from moireaug.geometry import grids
 
 SCREEN = {"panel": Panel(width=200.0), "sensor": Sensor(pitch=2.0)}
@@ -48,3 +49,19 @@ def test_a_bins_sides_are_a_photo_pixel(registered):
         assert (ends[1] - ends[0]).tolist() == pytest.approx(expected, abs=2e-3)
     area = float(torch.linalg.det(bins.sides[0, 0, 0]).sqrt())
     assert area == pytest.approx(float(shot.bin_scale), rel=1e-6)
+
+
+@pytest.mark.parametrize("registered", [True, False])
+@pytest.mark.parametrize("lens", [Lens(), Lens(k1=0.3), Lens(k1=(-0.1, 0.2))])
+@pytest.mark.parametrize("zoom", [1.0, (0.8, 1.3)])
+def test_no_bin_is_smaller_than_the_plan_takes_for_the_least(registered, lens, zoom):
+    scene = Scene(
+        **SCREEN,
+        view=View(yaw=(-20.0, 20.0), roll=(-30.0, 30.0), zoom=zoom),
+        lens=lens,
+        develop=Develop(registered=registered),
+    )
+    size = (128, 128)
+    least = least_bin_scale(scene.at(size), 200.0 / 128)
+    bins = scene.sample(200, size, torch.Generator().manual_seed(0)).bin_scale
+    assert 0.6 * float(bins.min()) < least <= 1.001 * float(bins.min())

@@ -191,6 +191,12 @@ def test_noise_is_a_tensor_where_readings_have_one_shape_and_else_a_list():
     assert shot.raw_shapes() == set(shapes.values()) and len(set(shapes.values())) == 2
 
 
+def test_no_image_has_no_photo_with_noise_or_without():
+    shot = MIXTURE.sample(0, SIZE, seeded())
+    for noise in (None, torch.zeros(shot.raw_shape()), []):
+        assert capture(pictures(0), shot, noise).shape == (0, 3, *SIZE)
+
+
 SHOT = MIXTURE.sample(4, SIZE, seeded())
 REFUSED = {
     "other number": (lambda: capture(pictures(3), SHOT), ValueError, "drawn for 4 images"),
@@ -205,6 +211,11 @@ REFUSED = {
         lambda: capture(pictures(4), SHOT, torch.zeros(4, 4, 3, 3)),
         ValueError,
         "the raw reading's shape",
+    ),
+    "a single number": (
+        lambda: capture(pictures(4), SHOT, torch.tensor(0.1)),
+        ValueError,
+        "of the 4 images of the shot; got 0",
     ),
     "a number": (lambda: capture(pictures(4), SHOT, 0.1), TypeError, "list of one for each image"),
     "expose": (lambda: expose(pictures(4), SHOT), TypeError, "shot.by_scene()"),
