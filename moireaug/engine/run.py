@@ -46,16 +46,17 @@ def fits(exposure: Exposure, beats: Beats | None) -> np.ndarray:
     fitting = batch.fits(exposure)
     if beats is not None and len(beats.orders):
         fitting &= batch.beats_fit(exposure, beats)
-    if cold and beats is None and fitting.any() and not batch.expose.signatures:
+    reading = batch.expose if beats is None else batch.expose_binned
+    if cold and fitting.any() and not reading.signatures:
         # before `show`, which the other process compiles in the meantime
-        compile_expose(exposure)
+        compile_expose(exposure, beats)
     return fitting
 
 
-def compile_expose(exposure: Exposure) -> None:
+def compile_expose(exposure: Exposure, beats: Beats | None) -> None:
     """Compile the kernel of exposing, by exposing nothing."""
     readings, shown = np.empty((0, 1, 0, 0), np.float32), np.empty((0, 0), np.float32)
-    batch.expose(readings, shown, exposure, 0, 0, 0, 0)
+    _reader(readings, exposure, beats)(shown, 0, 0, 0, 0)
 
 
 def compile_show(exposure: Exposure) -> None:
