@@ -210,7 +210,7 @@ def _check_numbers(shot: ShotRecord) -> None:
 @functools.cache
 def _finite_limits() -> np.ndarray:
     """Return the least and the greatest finite number of each field, (2, fields, 1) float64. An
-    array, because a tensor may be of a mode that ends."""
+    array: a cached tensor could belong to a fake mode of torch.compile that has ended."""
     return np.nan_to_num(np.array(limits(), np.float64)[..., None])
 
 

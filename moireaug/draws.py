@@ -49,7 +49,8 @@ def numbers_needed(scene: SceneRecord) -> int:
 
 def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tensor]:
     """Return the ranged fields by name, such as "view.yaw", (n,) float64 each, and seeds, (n,)
-    int64: where `u` (n, numbers_needed(scene)) says, from 0, the low end of a range, to 1.
+    int64, from uniform numbers `u` (n, numbers_needed(scene)): 0 is the low end of a range, 1 the
+    high end; the last column gives the seeds.
 
     Only ranges take random numbers: the value of a fixed field does not change the others' draws.
     """

@@ -13,7 +13,7 @@ SLOPE_AT_BLACK = 12.92  # codes per light: the slope of sRGB at black
 
 
 def in_codes(light: float, scene: SceneRecord) -> float:
-    """Return the most codes that so much light may be: in the dark, a little is many."""
+    """Return the most by which a change of light can change a code: sRGB is steepest at black."""
     return light * SLOPE_AT_BLACK if scene.develop.linear_light else light
 
 

@@ -16,20 +16,20 @@ from moireaug.scene.layout import Layout, as_layout
 from moireaug.scene.record import SceneRecord
 
 # variance in squared sensor pixels that a reading adds by being held over a pixel, and on a Bayer
-# sensor by being interpolated: 1/2 for red and blue, 1/4 for green
-HELD, INTERPOLATED = 1 / 12, 1 / 12 + 5 / 12
+# sensor by being interpolated: 5/12 is the mean of 1/2 for red and blue, and 1/4 for green
+HOLD_VARIANCE, BAYER_HOLD_VARIANCE = 1 / 12, 1 / 12 + 5 / 12
 
 
 class Content(NamedTuple):
     """What bins see of a picture, on a panel of at most one pixel per image pixel.
 
     Args:
-        scale: (B,) its panel pixels per image pixel. ratio: (B,) of which one is so many of the
-            real panel's.
+        scale: (B,) its panel pixels per image pixel.
+        ratio: (B,) real panel pixels per pixel of this coarser panel.
         optics: of a sensor pixel, its aperture as a Gaussian.
         shift: (B, 3, 2) where a colour's subpixels lie from the middle of a pixel.
-        width: (B, 3, 2) of a colour's subpixels, in pixels. hold: (B,) variance, in squared pixels,
-            of the picture between the pixels of the finer panel.
+        width: (B, 3, 2) of a colour's subpixels, in pixels.
+        hold: (B,) variance that interpolating the picture adds, in squared pixels.
     """
 
     scale: Tensor
@@ -85,7 +85,7 @@ def content_of(shot) -> Content:
 def spread_of(scene: SceneRecord, optics: Optics) -> Optics:
     """Return the optics of a sensor pixel with its aperture, and what holding and interpolation add
     to it, as a Gaussian."""
-    extra = INTERPOLATED if scene.cells == "binned" else HELD
+    extra = BAYER_HOLD_VARIANCE if scene.cells == "binned" else HOLD_VARIANCE
     variance = optics.blur.square() + optics.fill.square() / 12 + extra
     return optics._replace(fill=torch.zeros_like(optics.fill), blur=variance.sqrt())
 

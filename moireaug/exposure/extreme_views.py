@@ -92,7 +92,7 @@ def _in_the_photo(points: Tensor, size: tuple[int, int]) -> Tensor:
 
 def steps(scene: SceneRecord) -> Tensor:
     """Return panel pixels per sensor pixel, d(x, y) / d(u, v), in the views that show the panel at
-    its smallest, (N, 2, 2)."""
+    its largest, where its harmonics have their lowest frequencies: (N, 2, 2)."""
     zoom, (_, pitch) = bounds(scene.view.zoom)[1], bounds(scene.sensor.pitch)
     if pitch:
         return views(scene, zoom, usual=False, magnified=True) / pitch

@@ -74,8 +74,9 @@ def _harmonics(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
 @functools.lru_cache(maxsize=64)
 def harmonics_in_bins(scene: SceneRecord) -> list[tuple[tuple[int, int], float]]:
     """Return those harmonics whose contrast can exceed the tolerance in a binned reading, strongest
-    first: as their slowest alias can be in any view, of any pitch, in the smallest bin. Where
-    sensor pixels may saturate, which they do by what bins average away, too, all of them."""
+    first: as their slowest alias can be in any view, of any pitch, in the smallest bin. With a gain
+    above 1 all are kept: pixels that saturate before they are averaged turn contrast into a change
+    of the mean."""
     if bounds(scene.sensor.gain)[1] > 1:
         return harmonics(scene)
     layout, step = as_layout(scene.panel.layout), steps(scene)

@@ -27,7 +27,7 @@ class Panel(Part):
     Args:
         width: panel pixels across the picture's longer side, whatever the picture's size. A range;
             0 leaves it to `scale`. Panel pixels are square, so the shorter side gets fewer. Where
-            they are finer than the image's, those are the means of what the screen shows in them.
+            they are finer than the image's, an image pixel is the mean of those that it covers.
         scale: panel pixels per image pixel, along each axis (the paper's alpha). A range. A panel
             of more pixels than the image shows it interpolated, one of fewer antialiased.
         layout: arrangement of the subpixels in a panel pixel: a key of

@@ -64,8 +64,8 @@ class SceneRecord:
         return "binned" if self.is_binned and self.sensor.cfa == "rggb" else self.sensor.cfa
 
     def octave(self, size: tuple[int, int]) -> int:
-        """Return the power of 2 that pictures' longer side reaches, by which scenes with
-        `Panel.width` are planned; 0 for others, which do not differ by size."""
+        """Return the exponent of the greatest power of 2 not above a picture's longer side, by
+        which scenes with `Panel.width` are planned; 0 for others, which do not differ by size."""
         octave = 0
         if bounds(self.panel.width)[1]:
             # compared, so that torch.compile, to which a size may be a symbol, guards what it finds
