@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from moireaug import Scene
-from moireaug.scene.naming import changed_fields
 
 HERE = Path(__file__).resolve().parents[1]
 
@@ -73,7 +72,7 @@ class Checkout:
 def plain(scene: Scene) -> dict[str, Any]:
     """Return the fields in which a scene differs from the default one; an older checkout may not
     know them all."""
-    return {"tolerance": scene.tolerance, **changed_fields(scene)}
+    return {"tolerance": scene.tolerance, **scene.changed_fields()}
 
 
 def add_before(parser: argparse.ArgumentParser) -> None:

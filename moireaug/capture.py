@@ -15,19 +15,18 @@ import torch
 from torch import Tensor
 
 from moireaug import pipeline
-from moireaug.checks import (
-    check_batch,
-    check_images,
-    check_noise,
-    check_raw,
-    check_rows_of_noise,
-    check_shape,
-    check_shot,
-)
 from moireaug.engine import dispatch, program
+from moireaug.image_checks import check_images, check_shape
 from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import as_float
 from moireaug.shot import ShotRecord
+from moireaug.shot_checks import (
+    check_batch,
+    check_noise,
+    check_raw,
+    check_rows_of_noise,
+    check_shot,
+)
 
 
 def capture(
@@ -40,7 +39,7 @@ def capture(
     Args:
         image: (B, 3, H, W) float in [0, 1], sRGB codes. Values a little outside, by rounding,
             overshoot or noise, are clipped, with gradient 1 in [0, 1] and 0 outside;
-            `moireaug.checks` says how much is allowed.
+            `moireaug.image_checks` says how much is allowed.
         shot: one draw for B images of this size, from a scene or a mixture of scenes.
         noise: the attacker's delta, a tensor of shape `shot.raw_shape()`, in raw units; added to
             the raw reading, in its dtype and on its device. Of a mixture, also a list of one tensor

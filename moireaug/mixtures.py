@@ -8,16 +8,9 @@ from typing import Any
 
 import torch
 
+from moireaug.draws import check_size, numbers_needed, random_numbers
 from moireaug.mixed_shot import MixedShot
-from moireaug.scenes import (
-    Scene,
-    Shot,
-    as_scene,
-    check_size,
-    numbers_needed,
-    random_numbers,
-    shot_of,
-)
+from moireaug.scenes import Scene, Shot, as_scene, shot_of
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from moireaug.capture import develop, reading_of
-from moireaug.checks import check_images
 from moireaug.engine.graph import LIBRARY
+from moireaug.image_checks import check_images
 from moireaug.scene.by_name import parts_with, values_of
 from moireaug.scenes import Scene, Shot
 

@@ -13,7 +13,7 @@ from moireaug.effects.demosaic import Demosaic
 from moireaug.effects.denoise import Denoise
 from moireaug.effects.detail import ChromaBlur, ClipDetail, Sharpen
 from moireaug.effects.display import BlackLevel, Glare
-from moireaug.effects.exposing import Crosstalk, Distortion, Exposed, Pose, Subpixels
+from moireaug.effects.exposure import Crosstalk, Distortion, Exposure, Pose, Subpixels
 from moireaug.effects.flicker import Flicker
 from moireaug.effects.jpeg import Jpeg
 from moireaug.effects.prefilter import Prefilter, most_lost
@@ -23,7 +23,7 @@ from moireaug.effects.sensor import FullWell, Gain, Noise, Quantisation, Saturat
 from moireaug.effects.srgb import Clip, Decode, Encode
 from moireaug.effects.tone import Brighten, ColourMatrix, ToneCurve, WhiteBalance
 from moireaug.effects.vignetting import Vignetting
-from moireaug.exposure.choose import exposure_of
+from moireaug.exposure.choose import method_of
 from moireaug.plan import Plan, Step
 from moireaug.scene.record import SceneRecord
 from moireaug.shot import ShotRecord
@@ -36,7 +36,7 @@ EXPOSE: tuple[Effect, ...] = (
     Pose(),
     Distortion(),
     Crosstalk(),
-    Exposed(),  # panel light to readings
+    Exposure(),  # panel light to readings
     Flicker(),  # of the panel, not of the room that its glass reflects
     Glare(),
     Vignetting(),
@@ -98,7 +98,7 @@ def make_plan(scene: SceneRecord) -> Plan:
             if effect.shown:
                 steps.append(Step(effect.name, *verdict))
     exposing, developing = (tuple(names) for names in computed.values())
-    return Plan(tuple(steps), exposing, developing, exposure_of(scene), most_lost(scene))
+    return Plan(tuple(steps), exposing, developing, method_of(scene), most_lost(scene))
 
 
 make_plan._torchdynamo_disable = True  # type: ignore[attr-defined]  # torch.compile runs it as it is

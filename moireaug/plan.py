@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from moireaug.exposure.base import Exposure
+from moireaug.exposure.base import ExposureMethod
 
 
 class Step(NamedTuple):
@@ -34,7 +34,7 @@ class Plan:
     steps: tuple[Step, ...]
     exposing: tuple[str, ...]
     developing: tuple[str, ...]
-    method: Exposure
+    method: ExposureMethod
     prefilter: float
     _computed: frozenset[str] = field(init=False, repr=False)  # a photo asks for dozens of names
 

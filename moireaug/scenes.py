@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from moireaug.capture import capture
-from moireaug.checks import check_shape
 from moireaug.draws import (
     check_size,
     draw_numbers,
@@ -19,6 +18,7 @@ from moireaug.draws import (
     numbers_needed,
     random_numbers,
 )
+from moireaug.image_checks import check_shape
 from moireaug.pipeline import make_plan
 from moireaug.plan import Plan
 from moireaug.scene.by_name import part_from_dict, parts_with

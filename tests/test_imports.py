@@ -14,7 +14,7 @@ FLOORS = (
     ("panel", "geometry", "exposure.base"),
     ("plan",),
     ("shot", "mixed_shot", "draws"),
-    ("checks",),
+    ("image_checks", "shot_checks"),
     ("exposure",),
     ("effects",),
     ("pipeline",),

@@ -29,7 +29,7 @@ from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Point, Problem, Result
 from moireaug.attacks.rules import RULES, Ball, Rule
 from moireaug.attacks.task import ActiveImages, Task
-from moireaug.checks import check_images
+from moireaug.image_checks import check_images
 from moireaug.numeric import as_single
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot

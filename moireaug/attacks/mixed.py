@@ -10,10 +10,11 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.problem import Result, noise_tensor
-from moireaug.checks import check_batch, check_images
+from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot, in_order
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene, Shot
+from moireaug.shot_checks import check_batch
 
 
 class SceneBatch(NamedTuple):

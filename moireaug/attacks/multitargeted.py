@@ -16,7 +16,7 @@ from moireaug.attacks.mixed import drawn_shot, join_results, split_by_scene
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Problem, Result, noise_tensor
-from moireaug.checks import check_images
+from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import as_scenes
 from moireaug.scene.by_name import parts_with

@@ -23,7 +23,7 @@ from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import evaluating
 from moireaug.attacks.problem import Problem, Result
 from moireaug.attacks.rules import choose
-from moireaug.checks import check_images
+from moireaug.image_checks import check_images
 from moireaug.numeric import clip
 from moireaug.scenes import Shot
 

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from moireaug.capture import check_images
 from moireaug.defenses.base import check_whole
 from moireaug.files import write_bytes
+from moireaug.image_checks import check_images
 
 
 def check_patches(patch: int, overlap: int) -> None:

@@ -9,7 +9,7 @@ from numbers import Integral, Real
 import torch
 from torch import Tensor, nn
 
-from moireaug.capture import check_images
+from moireaug.image_checks import check_images
 
 
 class Defence(ABC):

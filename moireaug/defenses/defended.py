@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from moireaug.checks import check_images
 from moireaug.defenses.base import Defence, check_whole
+from moireaug.image_checks import check_images
 from moireaug.numeric import clip
 
 

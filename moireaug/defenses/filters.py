@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from moireaug.checks import check_images
 from moireaug.defenses.base import Defence, check_real, check_whole, mirrored, straight_through
 from moireaug.effects.jpeg import jpeg
+from moireaug.image_checks import check_images
 from moireaug.numeric import clip
 
 MIN_MEAN = 1 / 255  # to which `Gain` raises a lower mean, so that black stays black

@@ -16,7 +16,7 @@ from moireaug.exposure import content, extreme_views, extremes
 from moireaug.exposure.bin_content import content_of
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.bins import bins_on_image
-from moireaug.exposure.choose import exposure_of
+from moireaug.exposure.choose import method_of
 from moireaug.exposure.content import Footprint
 from moireaug.exposure.optics import optics_of
 from moireaug.exposure.sampled import Sampled
@@ -103,7 +103,7 @@ def lost_variance(
 def most_lost(scene: SceneRecord) -> float:
     """Return the most variance that a view loses when narrowed to the cells that are looked up, in
     squared image pixels."""
-    method, most = exposure_of(scene), 0.0
+    method, most = method_of(scene), 0.0
     if isinstance(method, Sampled):
         return 0.0
     views = extreme_views.views(scene, bounds(scene.view.zoom)[0], usual=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from moireaug.effects.base import Effect, Verdict, called, left_out
-from moireaug.effects.exposing import is_bent, is_posed
+from moireaug.effects.exposure import is_bent, is_posed
 from moireaug.exposure.bins import pixels_on_photo
 from moireaug.geometry import grids
 from moireaug.numeric import bounded

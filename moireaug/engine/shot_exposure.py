@@ -26,7 +26,7 @@ from moireaug.engine.shot_numbers import (
     numbers_of,
     panel_scale_of,
 )
-from moireaug.exposure.base import Exposure as Method
+from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.bin_content import content_of
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.geometry.sensor import CFA
@@ -185,7 +185,7 @@ def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
-def _orders(scene: SceneRecord, method: Method) -> list[np.ndarray]:
+def _orders(scene: SceneRecord, method: ExposureMethod) -> list[np.ndarray]:
     """Return the k and l of each kind of subpixel's harmonics, (2, n) int64."""
     layout, of_kinds = as_layout(scene.panel.layout), []
     for subpixel in _kinds(scene).values():
@@ -202,7 +202,7 @@ def _subpixels(scene: SceneRecord) -> list[Subpixel]:
 
 
 @functools.lru_cache(maxsize=MAX_CACHED_SCENES)
-def _cell(scene: SceneRecord, method: Method) -> Cell:
+def _cell(scene: SceneRecord, method: ExposureMethod) -> Cell:
     if method.name == "mean":
         subpixels = [(channel, (0.5, 0.5), channel) for channel in range(3)]
         none = np.empty((2, 0), np.int64)

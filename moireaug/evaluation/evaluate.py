@@ -13,7 +13,6 @@ from torch import Tensor
 from tqdm import tqdm
 
 from moireaug.attacks.checks import as_tensor, check_bounds, check_count, check_model
-from moireaug.checks import check_images
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import Defence, Model
 from moireaug.evaluation.frame import images_frame
@@ -23,6 +22,7 @@ from moireaug.evaluation.runner import Job, Runner, jobs_of
 from moireaug.evaluation.suites import OPTION_SUITES, check_used, tables_of
 from moireaug.evaluation.tables import SuiteConfig, paper_defences
 from moireaug.evaluation.visibility import LPIPS
+from moireaug.image_checks import check_images
 from moireaug.mixtures import as_scenes
 from moireaug.scenes import Scene
 

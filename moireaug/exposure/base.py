@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from torch import Tensor
 
 
-class Exposure(ABC):
+class ExposureMethod(ABC):
     """Integrates panel light over the aperture and the point spread of each sensor pixel that a
     photo reads.
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from moireaug.exposure.base import Exposure
+from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.bin_content import Content, content_of
 from moireaug.exposure.binning import Wave, plane_waves, power_left, times
 from moireaug.exposure.bins import Bins, bins_at, middle_bins
@@ -31,11 +31,11 @@ from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import Layout, as_layout
 
 
-class Binned(Exposure):
+class Binned(ExposureMethod):
     """A binned reading, differentiable in the image and in every field of the shot.
 
     Args:
-        taps: see `Exposure`.
+        taps: see `ExposureMethod`.
         harmonics: (k, l) in cycles per cell of the layout, conjugates and (0, 0) left out; none for
             the panel's mean light alone.
         name: "spectral" or "mean", as in `Sensor.exposure`.

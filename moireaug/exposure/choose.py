@@ -6,7 +6,7 @@ import functools
 import math
 
 from moireaug.exposure import extreme_views, extremes
-from moireaug.exposure.base import Exposure
+from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.binned import Binned
 from moireaug.exposure.sampled import Point, Supersample
 from moireaug.exposure.smooth import Box, Mean, Spectral
@@ -23,7 +23,7 @@ MAX_TAPS = 7
 
 
 @functools.lru_cache(maxsize=512)
-def exposure_of(scene: SceneRecord) -> Exposure:
+def method_of(scene: SceneRecord) -> ExposureMethod:
     """Return the method that a scene's `Sensor.exposure` names; for "auto" the cheapest that meets
     its tolerance.
 

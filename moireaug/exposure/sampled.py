@@ -8,7 +8,7 @@ from abc import abstractmethod
 import torch
 from torch import Tensor
 
-from moireaug.exposure.base import Exposure
+from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import optics_of
 from moireaug.exposure.shown import Shown
@@ -20,7 +20,7 @@ from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
 
 
-class Sampled(Exposure):
+class Sampled(ExposureMethod):
     """The mean of the panel's light at some points around each sensor pixel's centre."""
 
     def __call__(self, light: Tensor, shot) -> Tensor:

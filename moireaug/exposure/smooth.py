@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from moireaug.exposure.base import Exposure
+from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.filters import colours_seen, through_filters
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
@@ -35,11 +35,11 @@ MAX_TENSOR_NUMBERS = {"cpu": 2**19, "cuda": 2**27}
 MAX_BANDS = 64  # each allocates a gradient of the whole panel
 
 
-class SmoothExposure(Exposure):
+class SmoothExposure(ExposureMethod):
     """An exposure in closed form, differentiable in the image and in every field of the shot.
 
     Args:
-        taps: see `Exposure`.
+        taps: see `ExposureMethod`.
         fine: compute shares in float64, which an aperture much smaller than the panel's cell
             needs.
     """

@@ -172,3 +172,11 @@ PRESETS: dict[str, SceneRecord] = {
         develop=PHONE_PHOTO,
     ),
 }
+
+
+def preset_name(scene: SceneRecord) -> str:
+    """Return the name of the preset that equals a scene, or an empty string."""
+    for name, preset in PRESETS.items():
+        if preset.to_dict() == scene.to_dict():
+            return name
+    return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from moireaug.scene.fields import bounds, check_number
@@ -132,6 +132,18 @@ class SceneRecord:
                     f"{' or '.join(map(repr, allowed))}; got {got!r}. Change it, or use "
                     "Sensor(reading='full') with Panel.scale and Sensor.scale."
                 )
+
+    def changed_fields(self) -> dict[str, dict[str, Any]]:
+        """Return the fields in which the parts differ from those of `Scene()`, by part."""
+        changed: dict[str, dict[str, Any]] = {}
+        for name, kind in PARTS.items():
+            given, default = getattr(self, name), kind()
+            changed[name] = {}
+            for field in fields(given):
+                value = getattr(given, field.name)
+                if value != getattr(default, field.name):
+                    changed[name][field.name] = value
+        return changed
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers, strings and pairs, fit for JSON and YAML; `Scene.from_dict` is the

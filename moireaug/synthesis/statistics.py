@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from moireaug.checks import check_images
+from moireaug.image_checks import check_images
 from moireaug.synthesis import spectra
 from moireaug.synthesis.tone import ColourMap, levels, psnr
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 
-from moireaug.checks import check_is_shot
 from moireaug.scenes import Scene, Shot
+from moireaug.shot_checks import check_is_shot
 
 
 def without_moire(shot: Shot) -> Shot:

@@ -12,12 +12,12 @@ import torch
 from torch import Tensor, nn
 
 from moireaug.capture import photo_of
-from moireaug.checks import channels_last, check_images
+from moireaug.image_checks import channels_last_hint, check_images
 from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture
 from moireaug.networks import in_evaluation_mode
 from moireaug.numeric import as_float
-from moireaug.scene.naming import changed_fields, preset_name
+from moireaug.scene.presets import preset_name
 from moireaug.scenes import Scene, Shot
 
 AnyShot = TypeVar("AnyShot", bound=Shot | MixedShot)
@@ -76,7 +76,7 @@ def describe(scene: Scene | Mixture) -> str:
     if preset:
         return repr(preset)
     changed = []
-    for part, fields in changed_fields(scene).items():
+    for part, fields in scene.changed_fields().items():
         changed += [f"{part}.{name}={value!r}" for name, value in fields.items()]
     if scene.tolerance != Scene().tolerance:
         changed.append(f"tolerance={scene.tolerance!r}")
@@ -93,7 +93,7 @@ def check_format(images: Tensor) -> None:
         )
     if images.shape[-3] not in (1, 3):
         advice = (
-            channels_last(images)
+            channels_last_hint(images)
             or " Pass the RGB channels alone, and join the others again afterwards."
         )
         raise ValueError(
@@ -169,7 +169,7 @@ def photograph(images: Tensor, shot: Shot | MixedShot, noise: Tensor | None = No
     Args:
         images: (B, C, H, W), C = 3 for RGB or 1 for grey, which is shown as grey RGB and returned
             as the photo's luma; uint8, or floating point in [0, 1], where values a little
-            outside are clipped, see `moireaug.checks`. Not modified.
+            outside are clipped, see `moireaug.image_checks`. Not modified.
         shot: one draw for B images, of a scene or a mixture.
         noise: an attacker's, on the raw reading; see `capture`.
 

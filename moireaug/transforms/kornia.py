@@ -42,7 +42,7 @@ class RandomMoire(IntensityAugmentationBase2D):
 
     Shapes: (B, C, H, W) or (C, H, W), C = 3, or 1 for grey, which is shown as grey RGB and returned
     as luma; floating point in [0, 1], so use it before `Normalize`. Values that resizing, blur or
-    noise left a little outside are clipped, see `moireaug.checks`. Dtype and device are kept.
+    noise left a little outside are clipped, see `moireaug.image_checks`. Dtype and device are kept.
     Differentiable in the images. Only the chosen images are computed; the others are returned
     unchanged. `torch.compile(fullgraph=True)` computes all of them, and checks no values.
 

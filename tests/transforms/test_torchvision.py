@@ -15,7 +15,7 @@ from torchvision.transforms.v2 import functional as F
 from moireaug import Panel, Scene, Sensor, capture
 from moireaug.effects.prefilter import most_lost
 from moireaug.exposure import extreme_views, extremes
-from moireaug.exposure.choose import exposure_of
+from moireaug.exposure.choose import method_of
 from moireaug.transforms import RandomMoire
 from moireaug.transforms.torchvision import apply_shot
 from tests.transforms.common import sample_of_leaves, values
@@ -225,7 +225,7 @@ def test_neither_default_device_nor_default_dtype_changes_a_photo(camera):
         # planned anew
         scene = dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor))
         torch.manual_seed(0)
-        for cached in (extreme_views._views, extremes._harmonics, exposure_of, most_lost):
+        for cached in (extreme_views._views, extremes._harmonics, method_of, most_lost):
             cached.cache_clear()
         return RandomMoire(scene, p=0.9)(video)
 

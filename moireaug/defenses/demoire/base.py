@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 
 from torch import Tensor, nn
 
-from moireaug.checks import channels_last
 from moireaug.defenses.base import check_real, mirrored, straight_through
+from moireaug.image_checks import channels_last_hint
 
 MAX_WIDTH = 4.0
 
@@ -119,5 +119,5 @@ def _check_shape(images: Tensor) -> None:
     if images.ndim != 4 or images.shape[1] != 3 or 0 in images.shape:
         raise ValueError(
             "images must have the shape (B, 3, H, W) with B, H, W >= 1; got "
-            f"{tuple(images.shape)}.{channels_last(images)}"
+            f"{tuple(images.shape)}.{channels_last_hint(images)}"
         )

@@ -6,8 +6,7 @@ from moireaug.evaluation import threat
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, row_of
 from moireaug.mixtures import Mixture, scenes_of
-from moireaug.scene.naming import preset_name
-from moireaug.scene.presets import PRESETS
+from moireaug.scene.presets import PRESETS, preset_name
 from moireaug.scenes import Scene
 
 OWN_SCENE_ROW = "own_scene"

@@ -9,7 +9,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, WithinExposure, called, left_out, show, varies
 from moireaug.exposure import extreme_views, extremes
 from moireaug.exposure.binned import Binned
-from moireaug.exposure.choose import exposure_of
+from moireaug.exposure.choose import method_of
 from moireaug.exposure.smooth import Spectral
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
@@ -22,7 +22,7 @@ class Subpixels(WithinExposure):
     name = "layout"
 
     def verdict(self, scene: SceneRecord) -> Verdict:
-        panel, method = scene.panel, exposure_of(scene)
+        panel, method = scene.panel, method_of(scene)
         layout = panel.layout
         name = layout if isinstance(layout, str) else f"a cell of {len(layout.subpixels)} subpixels"
         if is_solid(scene):
@@ -87,7 +87,7 @@ class Crosstalk(WithinExposure):
         return called(f"{show(crosstalk)} of a filter's light from its neighbours' colours")
 
 
-class Exposed(Effect):
+class Exposure(Effect):
     """Panel light integrated over the aperture and the spread of each sensor pixel that the photo
     reads."""
 
@@ -96,7 +96,7 @@ class Exposed(Effect):
     def verdict(self, scene: SceneRecord) -> Verdict:
         if not is_exposed(scene):
             return left_out("each sensor pixel reads its own image pixel")
-        method, lens = exposure_of(scene), scene.lens
+        method, lens = method_of(scene), scene.lens
         reason = f"{method.name}: {method.reason}"
         if method.name == "point":
             return called(reason)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from moireaug import Panel, Scene, Sensor, View, capture, develop, expose
-from moireaug.checks import check_images
+from moireaug.image_checks import check_images
 
 BARE = Scene(panel=Panel(layout="even"), sensor=Sensor(cfa="none"))  # needs no effects
 SCENE = Scene(view=View(roll=5.0), sensor=Sensor(gain=2.0))
