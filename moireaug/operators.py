@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
+import math
 from typing import Any
 
 import torch
@@ -11,7 +13,7 @@ from torch import Tensor
 
 from moireaug.capture import develop, reading_of
 from moireaug.engine.graph import LIBRARY
-from moireaug.image_checks import check_images
+from moireaug.engine.switch import reference
 from moireaug.scene.by_name import parts_with, values_of
 from moireaug.scenes import Scene, Shot
 
@@ -30,9 +32,11 @@ def _scene(text: str) -> Scene:
 
 @torch.no_grad()
 def _expose(light: Tensor, *given: Any) -> Tensor:
-    if light.dtype != torch.uint8:  # a graph has not seen the values
-        light = check_images(light)
-    return reading_of(light, _shot(*given[:-1])).contiguous()
+    # a graph has not seen the values: kernels would look up NaN and infinity out of bounds, and an
+    # error would leave gradients switched off
+    finite = light.dtype == torch.uint8 or math.isfinite(light.sum())
+    with contextlib.nullcontext() if finite else reference():
+        return reading_of(light, _shot(*given[:-1])).contiguous()
 
 
 @torch.no_grad()

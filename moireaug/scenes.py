@@ -74,7 +74,10 @@ class Scene(SceneRecord):
                 that is not two positive integers.
             RuntimeError: within torch.compile, if no plan of such a size was made before.
         """
-        octave = self.octave(check_size(size))
+        return self._planned(check_size(size))
+
+    def _planned(self, size: tuple[int, int]) -> Plan:
+        octave = self.octave(size)
         plans = getattr(self, "_plans", {})  # kept here so that torch.compile finds them ready
         if octave not in plans:
             if torch.compiler.is_compiling():
@@ -175,14 +178,14 @@ class Shot(ShotRecord):
         if not isinstance(self.scene, Scene):
             raise TypeError(f"a shot's scene must be a Scene; got {self.scene!r}.")
         super().__post_init__()
-        object.__setattr__(self, "plan", self.scene.plan(self.size))
+        object.__setattr__(self, "plan", self.scene._planned(self.size))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the plan out of copies and pickles: another version may plan otherwise."""
         return {name: value for name, value in vars(self).items() if name != "plan"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, plan=state["scene"].plan(state["size"]))
+        vars(self).update(state, plan=state["scene"]._planned(state["size"]))
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Shot:
