@@ -49,10 +49,12 @@ def imports():
             elif isinstance(node, ast.ImportFrom):
                 whole = [f"{node.module}.{alias.name}" for alias in node.names]
                 known = [one for one in whole if one.removeprefix("moireaug.") in files]
-                named = known or [node.module]
+                package = [node.module] if node.module != "moireaug" else []
+                named = [*known, *package] if known else [node.module]
             for one in named:
                 if one.split(".")[0] == "moireaug":
                     found[name].add(one.removeprefix("moireaug").removeprefix("."))
+        found[name].discard(name)  # a package that names its own files
     return found
 
 

@@ -62,7 +62,7 @@ def pitch(display: str, camera: str) -> float:
     return CAMERAS[camera].focal * screen.pixel / screen.distance
 
 
-def scene(display: str, camera: str, angle: float) -> Scene:
+def threat_scene(display: str, camera: str, angle: float) -> Scene:
     """Return the scene of that display and camera at that angle, in degrees; the camera is held
     within two degrees of level."""
     screen, body = DISPLAYS[display], CAMERAS[camera]

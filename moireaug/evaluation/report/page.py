@@ -14,7 +14,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
-from moireaug.evaluation.report import numbers
+import moireaug.evaluation.report.numbers as numbers
 
 PICTURE_SIDE = 165  # pixels, to which small pictures are enlarged by a whole factor
 NUMBER_FILTERS = ("percent", "points", "codes", "number", "duration", "pc", "capital", "tied")

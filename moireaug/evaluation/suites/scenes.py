@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from moireaug.evaluation import threat
 from moireaug.evaluation.conditions import Condition, Photo, PhotoWithoutMoire
 from moireaug.evaluation.tables import Cell, SuiteConfig, Table, row_of
+from moireaug.evaluation.threat import ANGLES, DISPLAY_CAMERA_PAIRS, DISPLAYS, threat_scene
 from moireaug.mixtures import Mixture, scenes_of
 from moireaug.scene.presets import PRESETS, preset_name
 from moireaug.scenes import Scene
@@ -15,22 +15,22 @@ OWN_SCENE_ROW = "own_scene"
 def natural(config: SuiteConfig) -> Table:
     """Paper, section 3.1 and figure 3: displays x cameras x angles."""
     cells: list[Cell] = []
-    for display, camera in threat.DISPLAY_CAMERA_PAIRS:
+    for display, camera in DISPLAY_CAMERA_PAIRS:
         row = f"{display}, {camera}"
         photos, plain = [], []
-        for angle in threat.ANGLES:
+        for angle in ANGLES:
             place = f"{row}, {angle}"
-            scene = threat.scene(display, camera, angle)
+            scene = threat_scene(display, camera, angle)
             photos.append(Photo().at(place, scene))
             plain.append(PhotoWithoutMoire().at(place, scene))
             cells.append(Cell(row, f"angle_{angle}", (photos[-1],)))
         cells.append(Cell(row, "all", tuple(photos)))
         cells.append(Cell(row, "all_no_moire", tuple(plain)))
     pictures = []
-    for display in threat.DISPLAYS:
-        pictures.append((f"{display}, {threat.DISPLAY_CAMERA_PAIRS[0][1]}", "angle_90"))
-    for angle in threat.ANGLES:
-        pictures.append((", ".join(threat.DISPLAY_CAMERA_PAIRS[-1]), f"angle_{angle}"))
+    for display in DISPLAYS:
+        pictures.append((f"{display}, {DISPLAY_CAMERA_PAIRS[0][1]}", "angle_90"))
+    for angle in ANGLES:
+        pictures.append((", ".join(DISPLAY_CAMERA_PAIRS[-1]), f"angle_{angle}"))
     return Table("threat", tuple(cells), pictures=tuple(pictures))
 
 
