@@ -11,7 +11,7 @@ from torch import Tensor
 from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import is_transformed
 from moireaug.scene.by_name import limits
-from moireaug.scene.parts import LEAST_LENS_SLOPE
+from moireaug.scene.lens import LEAST_LENS_SLOPE, least_lens_slope
 from moireaug.shot import ShotRecord
 
 
@@ -76,11 +76,15 @@ def _check_numbers(shot: ShotRecord) -> None:
     """Refuse a shot with a number that no scene may have: the engine's kernels would look up what
     is not there."""
     numbers = shot.numbers()
-    _check_lens(numbers["lens.k1"].detach(), numbers["lens.k2"].detach())
     table = torch.stack(list(numbers.values())).detach()
     low, high = torch.from_numpy(_finite_limits()).to(table.device)
-    if ((table >= low) & (table <= high)).all():
-        return
+    if not table.clamp(low, high).equal(table):  # nor is NaN equal to itself
+        _refuse_numbers(numbers)
+    _check_lens(shot.lens.k1.detach(), shot.lens.k2.detach())
+
+
+def _refuse_numbers(numbers: dict[str, Tensor]) -> None:
+    """Name the first field of which a number lies out of bounds."""
     for (name, values), least, greatest in zip(numbers.items(), *limits(), strict=True):
         if not ((values >= least) & (values <= greatest)).all():
             raise ValueError(
@@ -100,14 +104,11 @@ def _check_lens(k1: Tensor, k2: Tensor) -> None:
     """Refuse what `Lens` refuses, too: a distortion that folds the photo onto itself."""
     if ((3 * k1).abs() + (5 * k2).abs() < 1 - LEAST_LENS_SLOPE).all():
         return  # no slope can be as small
-    flattest = torch.where(k2 == 0, 0.0, -0.3 * k1 / k2).clamp(0, 1)
-    for t in (torch.ones_like(k1), flattest):
-        slope = 1 + 3 * k1 * t + 5 * k2 * t * t
-        if (slope <= LEAST_LENS_SLOPE).any():
-            row = int(slope.argmin())
+    for a, b in zip(k1.tolist(), k2.tolist(), strict=True):
+        if least_lens_slope(a, b) <= LEAST_LENS_SLOPE:
             raise ValueError(
-                f"shot.lens.k1 = {float(k1[row]):g} and k2 = {float(k2[row]):g} fold the photo "
-                "onto itself before its corners. Bring them closer to 0."
+                f"shot.lens.k1 = {a:g} and k2 = {b:g} fold the photo onto itself before its "
+                "corners. Bring them closer to 0."
             )
 
 

@@ -81,6 +81,10 @@ SENTENCES = [
         lambda: Scene(panel=Panel(width=99.0), develop=Develop(resize="point")),
         "Develop.resize must be 'area'",
     ),
+    (
+        lambda: Scene(panel=Panel(width=1.0)).plan((10, 8192)),
+        "Panel.width must be at least 1.6384 panel pixels for pictures of 10 x 8192; got 1.0.",
+    ),
 ]
 
 

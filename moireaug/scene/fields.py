@@ -111,3 +111,24 @@ class Part:
 def bounds(value: Range) -> tuple[float, float]:
     """Return `(low, high)` of a range; a plain number is a range of zero width."""
     return value if isinstance(value, tuple) else (value, value)
+
+
+def check_stated_once(name: str, value: Range, least: float, other: str, given: Range) -> None:
+    """Check a field of which 0 means that another, 1 by default, is read instead.
+
+    Args:
+        name, value, least: the field, and the least that it may be if it is not 0.
+        other, given: the other field.
+    """
+    if hasattr(value, "shape"):
+        return
+    low, high = bounds(value)
+    if high and low < least:
+        raise ValueError(
+            f"{name} must be at least {least:g}, or 0 to read {other} instead; got {value!r}."
+        )
+    if high and given != 1.0:
+        raise ValueError(
+            f"{name} and {other} say the same thing in two ways; got {value!r} and {given!r}. "
+            f"Leave one out: {other} = 1, or {name} = 0."
+        )

@@ -8,6 +8,7 @@ from typing import Any
 from moireaug.scene.fields import bounds, check_number
 from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 
+LEAST_PANEL_SCALE = Panel.__dataclass_fields__["scale"].metadata["low"]
 NOMINAL_SIZE = (224, 224)  # that a plan is for where none is given
 
 
@@ -85,10 +86,21 @@ class SceneRecord:
     def at(self, size: tuple[int, int] = NOMINAL_SIZE) -> SceneRecord:
         """Return the scene for pictures of `size` (height, width), and of all sizes in the same
         octave: with `Panel.scale` in place of `Panel.width`, and, where the reading is binned, as
-        such."""
+        such.
+
+        Raises:
+            ValueError: a `Panel.width` of far fewer panel pixels than the picture has.
+        """
         if not bounds(self.panel.width)[1]:
             return self
-        panel = replace(self.panel, width=0.0, scale=self.panel_scales(size))
+        scales = self.panel_scales(size)
+        if scales[0] < LEAST_PANEL_SCALE:
+            least = bounds(self.panel.width)[0] * LEAST_PANEL_SCALE / scales[0]
+            raise ValueError(
+                f"Panel.width must be at least {least:g} panel pixels for pictures of {size[0]} x "
+                f"{size[1]}; got {self.panel.width!r}. Raise it, or make the pictures smaller."
+            )
+        panel = replace(self.panel, width=0.0, scale=scales)
         reading = "binned" if self.is_binned else "full"
         return SceneRecord(
             panel=panel,

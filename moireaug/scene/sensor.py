@@ -1,0 +1,110 @@
+"""The sensor."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from numbers import Integral
+
+from moireaug.scene.fields import (
+    Part,
+    Range,
+    check_number,
+    check_stated_once,
+    one_of,
+    ranged,
+)
+
+EXPOSURES = ("auto", "spectral", "box", "point", "mean", "supersample:4", "supersample:8")
+CFAS = ("rggb", "none")
+READINGS = ("auto", "full", "binned")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor(Part):
+    """The sensor.
+
+    Args:
+        pitch: sensor pixels per panel pixel, in the picture's centre and before it is turned; for a
+            binned reading. A range; 0 leaves it to `scale`.
+        scale: sensor pixels per photo pixel, along each axis. One number: it fixes the size of a
+            full reading.
+        reading: "full", a value for each sensor pixel; or "binned", for each photo pixel the mean
+            of each colour's sensor pixels in it, interpolated bilinearly: the same photo, at a
+            price that does not depend on the number of sensor pixels; see
+            `moireaug.exposure.binning`. "auto" is binned where `Panel.width` or `pitch` is given.
+        cfa: colour filters: "rggb", a Bayer sensor, or "none", all three colours at every pixel.
+        crosstalk: share of its light that a colour filter receives from its neighbours in the
+            spectrum: red and blue from green, green from both. The colour matrix undoes it for
+            colours, but not for what aliases in each channel separately. A range.
+        fill: width of the light-sensitive aperture, as a share of the pixel pitch. A range.
+        exposure: how panel light is integrated over a sensor pixel: "spectral", the sum of the
+            panel's harmonics; "box", the overlap of subpixel and aperture; "supersample:n" (n * n
+            samples per pixel, n from 1 to 999); "point" (as the paper does); "mean" (only the
+            panel's mean light: a screen without moiré, the control of every experiment); or "auto":
+            "spectral" if harmonics of up to order 29, and at most 1024 of them, carry all contrast
+            above the scene's tolerance, or if subpixels are slanted; else "box". "box" and "point"
+            need rectangular subpixels.
+        gain: factor on the raw reading before it saturates at 1. A range.
+        shutter: exposure time of each row in seconds; 0 hides a panel's flicker. A range.
+        readout: time from the first row's exposure to the last row's in a rolling shutter, in
+            seconds. A range.
+        read_noise: standard deviation of the Gaussian read noise, in raw units [0, 1]. A range.
+        shot_noise: standard deviation of the photon noise at full scale; it grows with the square
+            root of the reading. A full well of N electrons has N^-1/2. A range.
+        bits: bit depth of the converter, 1 to 16; None does not round. The gradient passes straight
+            through.
+    """
+
+    pitch: Range = ranged(0.0, 0.0, 1e3, "sensor pixels per panel pixel")
+    scale: float = 1.0
+    reading: str = "auto"
+    cfa: str = "rggb"
+    crosstalk: Range = ranged(0.0, 0.0, 0.3)
+    fill: Range = ranged(1.0, 1e-3, 1.0)
+    exposure: str = "auto"
+    gain: Range = ranged(1.0, 1e-3, 1000.0)
+    shutter: Range = ranged(0.0, 0.0, 3600.0, "seconds")
+    readout: Range = ranged(0.0, 0.0, 3600.0, "seconds")
+    read_noise: Range = ranged(0.0, 0.0, 1.0)
+    shot_noise: Range = ranged(0.0, 0.0, 1.0)
+    bits: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_scale()
+        check_stated_once("Sensor.pitch", self.pitch, 1e-3, "Sensor.scale", self.scale)
+        one_of("Sensor.reading", self.reading, READINGS)
+        self._check_exposure()
+        one_of("Sensor.cfa", self.cfa, CFAS)
+        self._check_bits()
+
+    def _check_scale(self) -> None:
+        if isinstance(self.scale, (tuple, list)):
+            raise ValueError(
+                "Sensor.scale must be one number, because it fixes the size of the raw reading of "
+                f"a whole batch; got {self.scale!r}. Vary Sensor.pitch, Panel.scale or View.zoom "
+                "instead."
+            )
+        unit = "sensor pixels per photo pixel"
+        scale = check_number("Sensor.scale", self.scale, 0.25, 64.0, unit)
+        object.__setattr__(self, "scale", scale)
+
+    def _check_exposure(self) -> None:
+        if not str(self.exposure).startswith("supersample"):
+            one_of("Sensor.exposure", self.exposure, EXPOSURES)
+        elif not re.fullmatch(r"supersample:[1-9]\d{0,2}", str(self.exposure)):
+            raise ValueError(
+                "Sensor.exposure must be supersample:n with n from 1 to 999, to read n * n "
+                f"points; got {self.exposure!r}."
+            )
+
+    def _check_bits(self) -> None:
+        if self.bits is None:
+            return
+        whole = isinstance(self.bits, Integral) and not isinstance(self.bits, bool)
+        if not whole or not 1 <= self.bits <= 16:
+            raise ValueError(
+                f"Sensor.bits must be a whole number in [1, 16], or None; got {self.bits!r}."
+            )
+        object.__setattr__(self, "bits", int(self.bits))
