@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import operator
 from collections.abc import Mapping
 from numbers import Integral
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -15,6 +17,7 @@ from moireaug.scene.fields import bounds, check_number, one_of
 from moireaug.scene.parts import PARTS
 from moireaug.scene.record import SceneRecord
 
+MAX_CACHED_SCENES = 64
 ANGLES = ("view.yaw", "view.pitch", "view.roll")
 
 
@@ -41,10 +44,39 @@ def random_numbers(n: int, count: int, generator: torch.Generator | None) -> Ten
     return torch.rand(int(n), count, dtype=torch.float64, device="cpu", generator=generator)
 
 
+class DrawTable(NamedTuple):
+    """How the ranged fields of a scene are drawn.
+
+    Args:
+        names: names of the fields, such as "view.yaw", in the order in which they are drawn.
+        ranges: (ranges,) int64, indices of the fields that are not fixed.
+        low: (fields, 1) float64, low ends of all fields.
+        range_low, range_width: (ranges, 1) float64, low ends and widths of these.
+    """
+
+    names: tuple[str, ...]
+    ranges: np.ndarray
+    low: np.ndarray
+    range_low: np.ndarray
+    range_width: np.ndarray
+
+
+@functools.lru_cache(maxsize=MAX_CACHED_SCENES)
+def draw_table(scene: SceneRecord) -> DrawTable:
+    """Return the DrawTable of a scene."""
+    fields = {name: bounds(value) for name, value in values_of(scene).items()}
+    lows = [[low] for low, _ in fields.values()]
+    ranges = [i for i, (low, high) in enumerate(fields.values()) if low < high]
+    range_lows = [[low] for low, high in fields.values() if low < high]
+    widths = [[high - low] for low, high in fields.values() if low < high]
+    as_column = functools.partial(np.array, dtype=np.float64)
+    columns = [as_column(rows).reshape(-1, 1) for rows in (lows, range_lows, widths)]
+    return DrawTable(tuple(fields), np.array(ranges, np.int64), *columns)
+
+
 def numbers_needed(scene: SceneRecord) -> int:
     """Return how many random numbers a shot takes: one for each range, and one for the seed."""
-    ranges = map(bounds, values_of(scene).values())
-    return sum(low < high for low, high in ranges) + 1
+    return len(draw_table(scene).ranges) + 1
 
 
 def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tensor]:
@@ -54,15 +86,12 @@ def draw_numbers(scene: SceneRecord, u: Tensor) -> tuple[dict[str, Tensor], Tens
 
     Only ranges take random numbers: the value of a fixed field does not change the others' draws.
     """
-    ranges = {name: bounds(value) for name, value in values_of(scene).items()}
-    varied = [i for i, (low, high) in enumerate(ranges.values()) if low < high]
-    given = torch.tensor(list(ranges.values()), dtype=torch.float64, device="cpu")
-    low, high = given.mT[..., None]
-    values = low.repeat(1, len(u))
-    values[varied] = low[varied] + (high - low)[varied] * u[:, :-1].mT
+    table = draw_table(scene)
+    values = table.low.repeat(len(u), 1)
+    values[table.ranges] = table.range_low + table.range_width * u[:, :-1].mT.numpy()
     numbers = {}
-    for name, row in zip(ranges, values, strict=True):
-        numbers[name] = row.clone()  # a row of the table would be pickled with all of it
+    for name, row in zip(table.names, values, strict=True):
+        numbers[name] = torch.from_numpy(row.copy())  # else pickled with the whole table
     if scene.view.pose == "released":
         for angle in ANGLES:
             numbers[angle] = numbers[angle].floor()  # the released code turns by whole degrees

@@ -182,10 +182,12 @@ class Shot(ShotRecord):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the plan out of copies and pickles: another version may plan otherwise."""
-        return {name: value for name, value in vars(self).items() if name != "plan"}
+        made = ("plan", "_numbers")
+        return {name: value for name, value in vars(self).items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, plan=state["scene"]._planned(state["size"]))
+        vars(self).update(state)
+        self.__post_init__()
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Shot:

@@ -17,7 +17,6 @@ from moireaug.numeric import as_dtype
 from moireaug.plan import Plan
 from moireaug.scene.by_name import by_part, parts_with, values_of
 from moireaug.scene.fields import bounds
-from moireaug.scene.parts import PARTS, Develop, Lens, Panel, Sensor, View
 from moireaug.scene.record import SceneRecord
 
 # sensor pixels to each side from which a colour is demosaiced
@@ -46,27 +45,30 @@ class ShotRecord:
 
     scene: SceneRecord
     size: tuple[int, int]
-    panel: Panel
-    view: View
-    lens: Lens
-    sensor: Sensor
-    develop: Develop
+    # a Panel, View, Lens, Sensor and Develop, whose annotations are those of a scene's
+    panel: Any
+    view: Any
+    lens: Any
+    sensor: Any
+    develop: Any
     seed: Tensor
     plan: Plan = field(init=False, repr=False)
+    _numbers: dict[str, Tensor] = field(init=False, repr=False)  # which a photo asks for often
 
     def __post_init__(self) -> None:
         """Bring drawn numbers of another dtype to float64, differentiably, and the size to a
         tuple."""
         object.__setattr__(self, "size", tuple(self.size))
-        for name in PARTS:
-            part = getattr(self, name)
-            exact = {}
-            for ranged in part.ranged:
-                values = getattr(part, ranged)
-                if isinstance(values, Tensor) and values.dtype != torch.float64:
-                    exact[ranged] = values.double()
-            if exact:
-                object.__setattr__(self, name, part.drawn(exact))
+        numbers = values_of(self)
+        changed = {}
+        for name, values in numbers.items():
+            if isinstance(values, Tensor) and values.dtype != torch.float64:
+                changed[name] = values.double()
+        if changed:
+            numbers |= changed
+            for name, part in parts_with(self, numbers).items():
+                object.__setattr__(self, name, part)
+        object.__setattr__(self, "_numbers", numbers)
 
     def __len__(self) -> int:
         return len(self.seed)
@@ -103,16 +105,16 @@ class ShotRecord:
     def panel_scale(self) -> Tensor:
         """Panel pixels per image pixel, (B,) float64: `Panel.scale`, or from `Panel.width`."""
         if bounds(self.scene.panel.width)[1]:
-            return self._drawn("panel", "width") / max(self.size)
-        return self._drawn("panel", "scale")
+            return self.panel.width / max(self.size)
+        return self.panel.scale
 
     @property
     def sensor_scale(self) -> Tensor:
         """Sensor pixels per photo pixel along each axis, (B,) float64: `Sensor.scale`, or from
         `Sensor.pitch`, which holds in the middle of the picture before it is turned."""
         if not bounds(self.scene.sensor.pitch)[1]:
-            return torch.full_like(self._drawn("panel", "scale"), self.scene.sensor.scale)
-        return self._drawn("sensor", "pitch") * self.panel_scale / self._magnification()
+            return torch.full_like(self.panel.scale, self.scene.sensor.scale)
+        return self.sensor.pitch * self.panel_scale / self._magnification()
 
     @property
     def bin_scale(self) -> Tensor:
@@ -121,32 +123,27 @@ class ShotRecord:
         scale = self.sensor_scale
         if not self.scene.is_rectified:
             return scale
-        yaw, pitch = (torch.deg2rad(self._drawn("view", axis)) for axis in ("yaw", "pitch"))
+        yaw, pitch = torch.deg2rad(self.view.yaw), torch.deg2rad(self.view.pitch)
         return scale * self._magnification() * (torch.cos(yaw) * torch.cos(pitch)).sqrt()
 
     def _magnification(self) -> Tensor:
         """Return how many photo pixels an image pixel takes; see `homography.magnification`."""
         view = {k: getattr(self.view, k) for k in self.view.ranged}
-        k1, k2 = self._drawn("lens", "k1"), self._drawn("lens", "k2")
-        return magnification(view, k1, k2, self.size, self.scene.view.fit)
+        return magnification(view, self.lens.k1, self.lens.k2, self.size, self.scene.view.fit)
 
     @property
     def distortion(self) -> tuple[Tensor, Tensor] | None:
         """(k1, k2), (B,) each, if the plan has lens distortion, else None."""
         if "lens" not in self.plan:
             return None
-        return self._drawn("lens", "k1"), self._drawn("lens", "k2")
-
-    def _drawn(self, part: str, name: str) -> Tensor:
-        """Return a drawn field, (B,). The parts' annotations describe a scene, with ranges."""
-        return getattr(getattr(self, part), name)
+        return self.lens.k1, self.lens.k2
 
     def matrix(self) -> Tensor:
         """Return the homography from image to ideal photo coordinates, (B, 3, 3) float64.
         Differentiable in every View field that the scene's pose reads."""
         view = {k: getattr(self.view, k) for k in self.view.ranged}
         pose, fit, scale = self.scene.view.pose, self.scene.view.fit, self.scene.sensor.scale
-        k1, k2 = self._drawn("lens", "k1"), self._drawn("lens", "k2")
+        k1, k2 = self.lens.k1, self.lens.k2
         return homography(view, k1, k2, self.size, scale, pose=pose, fit=fit)
 
     def sampled_pixels(self) -> tuple[SampledPixels, SampledPixels]:
@@ -216,7 +213,7 @@ class ShotRecord:
 
     def numbers(self) -> dict[str, Tensor]:
         """Return the drawn numbers, (B,) each, by name, such as "view.yaw"."""
-        return values_of(self)
+        return dict(self._numbers)
 
     def to_dict(self) -> dict[str, Any]:
         """Return exact plain numbers and lists; `Shot.from_dict` is the inverse."""
