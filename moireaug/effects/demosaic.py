@@ -13,6 +13,7 @@ from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.geometry.sensor import CFA, unpack
 from moireaug.numeric import repeat_edges
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 
 class Demosaic(Effect):
@@ -31,7 +32,7 @@ class Demosaic(Effect):
             return called("the two greens of each cell averaged; its pixels were interpolated")
         return called(f"{scene.develop.demosaic}, {scene.sensor.cfa.upper()}")
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         if shot.scene.cells == "binned":
             return merged_greens(raw)
         mosaic = unpack(repeat_edges(raw, 1, 1, 1, 1))

@@ -11,6 +11,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.effects.codes import check_not_dual, from_codes, to_codes
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 WINDOW = 5  # pixels: larger than the 3 x 3 that demosaicing has already smoothed
 # sum of the differences of R, G and B: 8 codes each, above sensor noise and below most edges
@@ -28,8 +29,9 @@ class Denoise(Effect):
             return left_out("not asked for")
         return called(f"{scene.develop.denoise}, on every sensor pixel")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
-        return DENOISERS[shot.scene.develop.denoise](photo)
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
+        name = shot.scene.develop.denoise
+        return photo if name is None else DENOISERS[name](photo)
 
 
 def nlm(photo: Tensor) -> Tensor:

@@ -3,6 +3,7 @@ sharpens brightness."""
 
 from __future__ import annotations
 
+import functools
 import math
 
 import torch
@@ -14,6 +15,7 @@ from moireaug.exposure.extreme_views import least_bin_scale
 from moireaug.numeric import clip, per_image, repeat_edges
 from moireaug.scene.fields import Range, bounds
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 KERNEL_SIGMAS = 3.0  # standard deviations that a kernel holds
 LEAST_SAMPLED_VARIANCE = (
@@ -33,7 +35,7 @@ class ChromaBlur(Effect):
             return left_out("colour keeps its detail")
         return called(f"colour smoothed by {show(blur)} sensor pixels")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         size = kernel_size(photo_sigma(shot.scene, "chroma_blur", shot.size))
         return chroma_blur(photo, in_photo(shot, shot.develop.chroma_blur), size)
 
@@ -50,7 +52,7 @@ class Sharpen(Effect):
         )
         return judged(off(develop.sharpen, 0), scene, why, "not asked for")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         size = kernel_size(photo_sigma(shot.scene, "sharpen_radius", shot.size))
         develop = shot.develop
         return sharpen(photo, develop.sharpen, in_photo(shot, develop.sharpen_radius), size)
@@ -67,7 +69,7 @@ class ClipDetail(Effect):
             return called("overshoots end at 0 and 1")
         return left_out("nothing overshoots")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return clip(photo)
 
 
@@ -101,7 +103,7 @@ def gaussian(planes: Tensor, sigma: Tensor, size: int) -> Tensor:
     return filter2d_separable(wide, kernel, kernel, padding="valid")
 
 
-def in_photo(shot, sigma: Tensor) -> Tensor:
+def in_photo(shot: ShotRecord, sigma: Tensor) -> Tensor:
     """Return standard deviations in sensor pixels (B,) as those of kernels in the pixels that are
     developed: in photo pixels of a binned reading, and at most the photo's longer side."""
     if not shot.scene.is_binned:
@@ -117,12 +119,14 @@ def kernel_sigma(sigma: Tensor) -> Tensor:
     small = variance.clamp(max=LEAST_SAMPLED_VARIANCE)
     w = small / (2 * (1 - small))  # of the next pixel, by Newton steps from that of three pixels
     for _ in range(3):
-        total, moment = 1 + 2 * w + 2 * w**4, 2 * w + 8 * w**4
-        slope = ((2 + 32 * w**3) * total - moment * (2 + 8 * w**3)) / total.square()
+        twice, fourth, cube = 2 * w, w**4, w**3
+        total, moment = 1 + twice + 2 * fourth, twice + 8 * fourth
+        slope = ((2 + 32 * cube) * total - moment * (2 + 8 * cube)) / total.square()
         w = w - (moment / total - small) / slope
     return torch.where(variance > LEAST_SAMPLED_VARIANCE, sigma, (-0.5 / w.log()).sqrt())
 
 
+@functools.lru_cache(maxsize=256)
 def photo_sigma(scene: SceneRecord, name: str, size: tuple[int, int]) -> Range:
     """Return a range of standard deviations, a field of `Develop` in sensor pixels, in the pixels
     that are developed."""

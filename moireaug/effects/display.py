@@ -8,13 +8,14 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, judged, off, show
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.effects.srgb import in_codes
-from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.exposure.filters import filters_of
 from moireaug.geometry.sensor import CFA
 from moireaug.numeric import per_image
 from moireaug.panel.fourier import emitting_share, mean_light
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 
 class BlackLevel(Effect):
@@ -28,7 +29,7 @@ class BlackLevel(Effect):
         change = bounds(black)[1] * bounds(scene.sensor.gain)[1]
         return judged(in_codes(change, scene), scene, why, "black is black")
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         return light + per_image(shot.panel.black, light) * (1 - light)
 
 
@@ -43,7 +44,7 @@ class Glare(Effect):
         change = most_reflected(scene) * bounds(scene.sensor.gain)[1]
         return judged(in_codes(change, scene), scene, why, "the glass reflects nothing")
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         share = reflected(*photo_coordinates(shot, raw.device), shot.size, shot.panel)
         white = white_readings(shot).to(raw.dtype)[..., None, None]
         return raw + in_planes(share, raw, shot) * white
@@ -65,13 +66,12 @@ def reflected(u: Tensor, v: Tensor, size: tuple[int, int], panel) -> Tensor:
     return panel.glare[:, None, None] * (1 + across + along)
 
 
-def white_readings(shot) -> Tensor:
+def white_readings(shot: ShotRecord) -> Tensor:
     """Return the mean reading of a white screen in each plane, (B, planes)."""
     layout = as_layout(shot.scene.panel.layout)
     shares = emitting_share(shot.panel)
     light = torch.stack([mean_light(layout, channel, *shares) for channel in range(3)], 1)
-    if "crosstalk" in shot.plan:
-        light = (crosstalk_matrix(shot.sensor.crosstalk) @ light[..., None])[..., 0]
+    light = (filters_of(shot) @ light[..., None])[..., 0]
     channels: list[int] = []
     for site in CFA[shot.scene.cells]:
         channels.extend(site.channels)

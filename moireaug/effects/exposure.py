@@ -14,6 +14,7 @@ from moireaug.exposure.smooth import Spectral
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 
 class Subpixels(WithinExposure):
@@ -110,7 +111,7 @@ class Exposure(Effect):
             reason += f", low-pass {show(lens.olpf)}"
         return called(f"{reason} sensor pixels")
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         return shot.plan.method(light, shot)
 
 

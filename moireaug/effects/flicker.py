@@ -9,6 +9,7 @@ from moireaug.effects.base import Effect, Verdict, judged, show
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 ROWS_OF_A_BIN = 8  # whose light a binned reading's flicker is the mean of
 BANDS_PER_ROW = 4  # of the photo, between which the engine takes a bin's flicker as linear
@@ -27,13 +28,13 @@ class Flicker(Effect):
             bounds(sensor.gain)[1] * depth(scene), scene, why, "no pulses, or no shutter given"
         )
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         _, v = photo_coordinates(shot, raw.device)
         light = light_of_rows(v.flatten(-2), shot).unflatten(1, v.shape[-2:])
         return raw * in_planes(light, raw, shot)
 
 
-def light_of_rows(rows: Tensor, shot) -> Tensor:
+def light_of_rows(rows: Tensor, shot: ShotRecord) -> Tensor:
     """Return the light at photo coordinates (n,) or (B, n) along the sensor's columns relative to
     the panel's mean, (B, n) float64; of a binned reading, the mean of a bin's rows there."""
     panel, sensor = shot.panel, shot.sensor

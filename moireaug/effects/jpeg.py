@@ -14,6 +14,7 @@ from moireaug.effects.base import Effect, Verdict, called, left_out, show
 from moireaug.effects.codes import check_not_dual, from_codes, to_codes
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 # Kornia's rounding has no slope where a coefficient is a whole multiple of its step, as all are in
 # flat black or white: an attack that starts without noise would be stuck there. This share of the
@@ -32,7 +33,7 @@ class Jpeg(Effect):
             return left_out("no quality given")
         return called(f"quality {show(quality)}")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return jpeg(photo, shot.develop.jpeg)
 
 

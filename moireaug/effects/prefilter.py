@@ -27,6 +27,7 @@ from moireaug.numeric import repeat_edges
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 MAX_PYRAMID_LEVELS = 10  # halvings of a picture seen from afar or at a grazing angle
 MAX_NEIGHBOUR_VARIANCE = 0.5  # squared image pixels, of one pass over the neighbours
@@ -45,7 +46,7 @@ class Prefilter(Effect):
             f"the picture blurred by up to {variance**0.5:.2g} image pixels before it is looked up"
         )
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         most = shot.plan.prefilter
         if most <= MAX_NEIGHBOUR_VARIANCE:
             return spread(light, share_at_centre(shot))
@@ -53,12 +54,12 @@ class Prefilter(Effect):
         return mipmap(light, variance[:, None].to(light.dtype), levels(most))
 
 
-def _middle(shot) -> tuple[Tensor, Tensor]:
+def _middle(shot: ShotRecord) -> tuple[Tensor, Tensor]:
     h, w = shot.size
     return shot.panel_scale.new_tensor([h / 2]), shot.panel_scale.new_tensor([w / 2])
 
 
-def variance_at(points: Tensor, shot) -> Tensor:
+def variance_at(points: Tensor, shot: ShotRecord) -> Tensor:
     """Return the blur that the picture needs at image points (1, h, w, 2), in squared image pixels:
     (B, h, w)."""
     alpha, method = shot.panel_scale[:, None, None], shot.plan.method
@@ -78,7 +79,7 @@ def variance_at(points: Tensor, shot) -> Tensor:
     return lost_variance(footprints, alpha, method.taps)
 
 
-def _lost_by_bins(points: Tensor, shot) -> Tensor:
+def _lost_by_bins(points: Tensor, shot: ShotRecord) -> Tensor:
     """Return the variance that bins lose at image points (B, h, w, 2); see `variance_at`."""
     shown, bins = content_of(shot), bins_on_image(points, shot)
     step = bins.step / shown.ratio[:, None, None, None, None]
@@ -120,7 +121,7 @@ def levels(variance: float) -> int:
     return min(MAX_PYRAMID_LEVELS, max(1, math.ceil(math.log(4 * variance, 4))))
 
 
-def share_at_centre(shot) -> Tensor:
+def share_at_centre(shot: ShotRecord) -> Tensor:
     """Return the share of a pixel's light that comes from its neighbours along each axis, (B,): the
     variance that the middle of the picture needs, in squared image pixels, up to 1/2."""
     return variance_at(grids.grid(*_middle(shot)), shot).flatten().clamp(max=MAX_NEIGHBOUR_VARIANCE)

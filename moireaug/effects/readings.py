@@ -6,9 +6,10 @@ from torch import Tensor
 
 from moireaug.exposure.bins import pixels_on_photo
 from moireaug.geometry.sensor import pack
+from moireaug.shot import ShotRecord
 
 
-def photo_coordinates(shot, device) -> tuple[Tensor, Tensor]:
+def photo_coordinates(shot: ShotRecord, device) -> tuple[Tensor, Tensor]:
     """Return the photo coordinates u and v of the sensor's pixels, (w,) and (h, 1); of a binned
     reading in the image's frame, (B, h, w) each."""
     if shot.scene.is_rectified:
@@ -18,7 +19,7 @@ def photo_coordinates(shot, device) -> tuple[Tensor, Tensor]:
     return cols, rows[:, None]
 
 
-def in_planes(values: Tensor, raw: Tensor, shot) -> Tensor:
+def in_planes(values: Tensor, raw: Tensor, shot: ShotRecord) -> Tensor:
     """Return values (B, h or 1, w or 1) that differ over the sensor, for the planes of a raw
     reading: (B, 4 or 1, ...), of its dtype."""
     rows, cols = (len(pixels.index) for pixels in shot.sampled_pixels())

@@ -11,6 +11,7 @@ from moireaug.geometry import grids
 from moireaug.numeric import bounded
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 
 class Registration(Effect):
@@ -30,7 +31,7 @@ class Registration(Effect):
             return left_out("bins are read in the image's frame")
         return called("black where the photo does not show the image; bins are read in its frame")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         if shot.scene.is_rectified:
             _, shown = pixels_on_photo(shot)
             return photo * shown.to(photo.dtype)[:, None]

@@ -10,6 +10,7 @@ from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.geometry.sensor import SampledPixels
 from moireaug.numeric import bounded
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 
 class Resize(Effect):
@@ -25,7 +26,7 @@ class Resize(Effect):
             return left_out("one sensor pixel per photo pixel")
         return called(f"{scene.develop.resize}, {scale:g} sensor pixels per photo pixel")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         rows, cols = shot.sampled_pixels()
         return bounded(resize(photo, rows, cols, shot.scene.develop.resize))
 

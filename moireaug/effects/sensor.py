@@ -10,9 +10,11 @@ from moireaug.effects.display import most_reflected
 from moireaug.effects.flicker import depth
 from moireaug.effects.random_numbers import normal
 from moireaug.effects.srgb import in_codes
+from moireaug.exposure.binned import Binned
 from moireaug.numeric import clip, per_image, saturate
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 DARK_LEVEL = 1e-4  # of full scale, below which photon noise falls no further: dark current
 LEAST_VARIANCE = 1e-10  # of readings that count as different
@@ -28,7 +30,7 @@ class Gain(Effect):
         gain = scene.sensor.gain
         return judged(off(gain, 1), scene, f"raw times {show(gain)}", "gain is 1")
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         return raw * per_image(shot.sensor.gain, raw)
 
 
@@ -46,7 +48,7 @@ class Noise(Effect):
         change = NOISE_SIGMAS * (read**2 + shot**2) ** 0.5
         return judged(in_codes(change, scene), scene, why, "read_noise and shot_noise are 0")
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         read, photons = shot.sensor.read_noise, shot.sensor.shot_noise
         if shot.scene.is_binned:
             root = averaged_pixels(shot, shot.bin_scale).sqrt()
@@ -69,7 +71,7 @@ class FullWell(Effect):
             return called("a reading can leave [0, 1], and ends there")
         return left_out("no reading leaves [0, 1]")
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         if not shot.scene.is_binned:
             return clip(raw)
         read, photons, pattern = (t.to(raw.dtype) for t in averaged_away(shot))
@@ -91,7 +93,7 @@ class Saturation(Effect):
             return called("the reading can exceed a full well")
         return left_out("no reading exceeds a full well")
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         return saturate(raw)
 
 
@@ -107,8 +109,9 @@ class Quantisation(Effect):
         step = 1 / (2**bits - 1)
         return judged(in_codes(step / 2, scene), scene, f"{bits} bits", "")
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
-        return quantise(raw, shot.scene.sensor.bits)
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
+        bits = shot.scene.sensor.bits
+        return raw if bits is None else quantise(raw, bits)
 
 
 def add_noise(raw: Tensor, read: Tensor, shot: Tensor, seeds: Tensor) -> Tensor:
@@ -138,7 +141,7 @@ torch.library.register_fake(
 )
 
 
-def averaged_pixels(shot, scale: Tensor) -> Tensor:
+def averaged_pixels(shot: ShotRecord, scale: Tensor) -> Tensor:
     """Return how many sensor pixels of one colour a value of a binned reading averages, (B,), for
     `shot.bin_scale`."""
     share = 4.0 if shot.scene.cells == "binned" else 1.0
@@ -147,7 +150,7 @@ def averaged_pixels(shot, scale: Tensor) -> Tensor:
     return (scale.square() / share).clamp(min=1)
 
 
-def averaged_away(shot) -> tuple[Tensor, Tensor, Tensor]:
+def averaged_away(shot: ShotRecord) -> tuple[Tensor, Tensor, Tensor]:
     """Return the variance of sensor pixels that a binned reading has averaged away: of read noise
     and of photon noise at full scale, (B, 1, 1, 1) each, and of the panel's pattern, as a share of
     the squared reading, (B, 3)."""
@@ -157,7 +160,7 @@ def averaged_away(shot) -> tuple[Tensor, Tensor, Tensor]:
         read, photons = torch.zeros_like(read), torch.zeros_like(read)
     read, photons = ((away * t)[:, None, None, None] for t in (read, photons))
     pattern = torch.zeros_like(away)[:, None].expand(-1, 3)
-    if "saturate" in shot.plan:
+    if "saturate" in shot.plan and isinstance(shot.plan.method, Binned):
         pattern = shot.plan.method.pattern_variance(shot)
     return read, photons, pattern
 

@@ -8,6 +8,7 @@ from torch import Tensor
 from moireaug.effects.base import Effect, Verdict, called, left_out
 from moireaug.numeric import clip
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 SLOPE_AT_BLACK = 12.92  # codes per light: the slope of sRGB at black
 
@@ -27,7 +28,7 @@ class Decode(Effect):
             return called("sRGB codes to light")
         return left_out("linear_light is off")
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         return rgb_to_linear_rgb(light)
 
 
@@ -41,7 +42,7 @@ class Encode(Effect):
             return called("light to sRGB codes")
         return left_out("linear_light is off")
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         return linear_rgb_to_rgb(light)
 
 
@@ -54,5 +55,5 @@ class Clip(Effect):
     def verdict(self, scene: SceneRecord) -> Verdict:
         return called("codes end at 0 and 1")
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         return clip(light)

@@ -11,6 +11,7 @@ from moireaug.effects.base import Effect, Verdict, called, judged, left_out, off
 from moireaug.exposure.filters import crosstalk_matrix
 from moireaug.numeric import clip, mix_colours, per_image
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 CONTRAST_PER_CODE = 6 * 3**0.5  # the reciprocal of the most by which a contrast of 1 moves a code
 
@@ -25,7 +26,7 @@ class WhiteBalance(Effect):
         why = f"red times {show(red)}, blue {show(blue)}"
         return judged(max(off(red, 1), off(blue, 1)), scene, why, "red and blue as they are read")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return balance(photo, shot.develop.red, shot.develop.blue)
 
 
@@ -40,7 +41,7 @@ class ColourMatrix(Effect):
             return left_out("the sensor's own colours")
         return called(f"crosstalk of {show(crosstalk)} undone, saturation {show(saturation)}")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         matrix = colour_matrix(shot.sensor.crosstalk, shot.develop.saturation)
         return mix_colours(matrix, photo)
 
@@ -56,7 +57,7 @@ class ToneCurve(Effect):
         why = f"shoulder {show(shoulder)}, contrast {show(contrast)}"
         return judged(most, scene, why, "a straight line")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return tone_curve(photo, shot.develop.contrast, shot.develop.shoulder)
 
 
@@ -69,7 +70,7 @@ class Brighten(Effect):
         brighten = scene.develop.brighten
         return judged(off(brighten, 0), scene, f"{show(brighten)} added", "nothing to add")
 
-    def __call__(self, photo: Tensor, shot) -> Tensor:
+    def __call__(self, photo: Tensor, shot: ShotRecord) -> Tensor:
         return photo + per_image(shot.develop.brighten, photo)
 
 

@@ -8,6 +8,7 @@ from moireaug.effects.base import Effect, Verdict, judged, show
 from moireaug.effects.readings import in_planes, photo_coordinates
 from moireaug.scene.fields import bounds
 from moireaug.scene.record import SceneRecord
+from moireaug.shot import ShotRecord
 
 
 class Vignetting(Effect):
@@ -22,7 +23,7 @@ class Vignetting(Effect):
             bounds(scene.sensor.gain)[1] * lost, scene, why, "no light lost in the corners"
         )
 
-    def __call__(self, raw: Tensor, shot) -> Tensor:
+    def __call__(self, raw: Tensor, shot: ShotRecord) -> Tensor:
         u, v = photo_coordinates(shot, raw.device)
         return raw * in_planes(falloff(u, v, shot.size, shot.lens.vignetting), raw, shot)
 

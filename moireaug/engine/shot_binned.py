@@ -113,8 +113,8 @@ def lower_beats(shot: ShotRecord, sensors: np.ndarray, seen: Content, scales: Bi
     layout, method = as_layout(shot.scene.panel.layout), shot.plan.method
     harmonics = np.array(method.harmonics, np.int64).reshape(-1, 2)
     lit = [share.detach() for share in emitting_share(shot.panel)]
-    parts = [amplitudes_of(layout, channel, method.harmonics, shot.panel) for channel in range(3)]
-    waves = np.stack([np.stack([t.detach().numpy() for t in wave], -1) for wave in parts])
+    parts = amplitudes_of(layout, method.harmonics, shot.panel)
+    waves = np.stack([part.detach().numpy() for part in parts], -1)
     waves = np.ascontiguousarray(waves.transpose(2, 0, 1, 3))  # (B, 3, K, 2)
     mean = np.stack([mean_light(layout, c, *(t.numpy() for t in lit)) for c in range(3)], 1)
     centres = 0.5 + seen.shift.detach().numpy()

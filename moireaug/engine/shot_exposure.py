@@ -28,7 +28,7 @@ from moireaug.engine.shot_numbers import (
 )
 from moireaug.exposure.base import ExposureMethod
 from moireaug.exposure.bin_content import content_of
-from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.exposure.filters import filters_of
 from moireaug.geometry.sensor import CFA
 from moireaug.panel.fourier import emitting_share, mean_light, own_orders
 from moireaug.scene.layout import as_layout
@@ -59,7 +59,7 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         back = pose.from_corner(inverse, shot.size)
         cameras = lowering.lower_cameras(back, shot.size, (rows.scale, cols.scale), fields)
         lenses = cameras
-    filters = _filters_of(shot, drawn)
+    filters = filters_of(shot).detach().numpy()
     black, share = np.zeros((2, len(shot)), np.float32)
     if "black_level" in plan and not decoded:
         black[:] = drawn["panel.black"]
@@ -87,12 +87,6 @@ def lower_exposure(shot: ShotRecord, *, decoded: bool) -> tuple[Exposure, Beats 
         point=_point_of(shot) if plan.exposure == "point" else None,
     )
     return exposure, lower_beats(shot, sensors, seen, scales) if binned else None
-
-
-def _filters_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> np.ndarray:
-    if "crosstalk" in shot.plan:
-        return crosstalk_matrix(torch.from_numpy(drawn["sensor.crosstalk"])).numpy()
-    return np.eye(3)[None].repeat(len(shot), 0)
 
 
 def _fields_of(shot: ShotRecord, drawn: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -188,9 +182,10 @@ def _kind(scene: SceneRecord, subpixel: Subpixel) -> int:
 def _orders(scene: SceneRecord, method: ExposureMethod) -> list[np.ndarray]:
     """Return the k and l of each kind of subpixel's harmonics, (2, n) int64."""
     layout, of_kinds = as_layout(scene.panel.layout), []
+    harmonics = np.array(method.harmonics, np.int64).reshape(-1, 2).T
     for subpixel in _kinds(scene).values():
-        orders = np.array(own_orders(subpixel, layout, method.harmonics), np.int64)
-        of_kinds.append(orders.reshape(-1, 2).T.copy())
+        k, l, has = own_orders(subpixel, layout, *harmonics)
+        of_kinds.append(np.stack([k, l])[:, has].astype(np.int64))
     return of_kinds
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 from torch import Tensor
 
@@ -24,5 +25,5 @@ class ExposureMethod(ABC):
     differentiable_in_shot = False
 
     @abstractmethod
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: Any) -> Tensor:
         """Return the readings (B, 4 or 3, h, w) of the panel light (B, 3, H, W)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -14,6 +16,8 @@ from moireaug.panel.fourier import emitting_share
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import Layout, as_layout
 from moireaug.scene.record import SceneRecord
+from moireaug.scene.subpixel import Subpixel
+from moireaug.shot import ShotRecord
 
 # variance in squared sensor pixels that a reading adds by being held over a pixel, and on a Bayer
 # sensor by being interpolated: 5/12 is the mean of 1/2 for red and blue, and 1/4 for green
@@ -54,7 +58,7 @@ class Content(NamedTuple):
         return Footprint(box.box, box.variance + content.spread(along, self.optics))
 
 
-def content_of(shot) -> Content:
+def content_of(shot: ShotRecord) -> Content:
     """Return the Content of a shot.
 
     A panel of more pixels than the picture shows more than the picture holds: with `Panel.width`,
@@ -69,9 +73,11 @@ def content_of(shot) -> Content:
         # the filter that shrinks the photo blurs the picture, too, where its pixels are not means
         second_mean = 1.0 if shot.scene.develop.resize == "antialias" else 0.0
         hold = (fine + second_mean * alpha.clamp(max=1).square()) / 12
-    cells = [colour_cell(layout, channel, shot.panel) for channel in range(3)]
-    middle = alpha.new_tensor([[x - 0.5, y - 0.5] for (x, y), _ in cells])
-    width = torch.stack([torch.stack(sides, -1) for _, sides in cells], 1)
+    middle, edges, whole = map(alpha.new_tensor, _colour_cells(layout))
+    lit_x, lit_y = (share[:, None, None] for share in emitting_share(shot.panel))
+    # the larger of its two edges, one across and one down
+    width = torch.maximum(edges[..., 0] * lit_x, edges[..., 1] * lit_y).clamp(max=1)
+    width = torch.where(whole > 0, torch.ones_like(width), width)
     return Content(
         alpha.clamp(max=1),
         ratio,
@@ -90,23 +96,33 @@ def spread_of(scene: SceneRecord, optics: Optics) -> Optics:
     return optics._replace(fill=torch.zeros_like(optics.fill), blur=variance.sqrt())
 
 
-def colour_cell(
-    layout: Layout, channel: int, panel
-) -> tuple[tuple[float, float], tuple[Tensor, Tensor]]:
-    """Return where in a panel pixel a channel's light comes from, and how wide along x and y, (B,)
-    each: its subpixel's, or if it has several, their middle and the whole pixel."""
-    subpixels, (lit_x, lit_y) = layout.of(channel), emitting_share(panel)
-    one = torch.ones_like(lit_x)
-    if len(subpixels) == 1 and subpixels[0].period == (1, 1):
-        (only,) = subpixels
-        sides = []
-        for axis in (0, 1):
-            across, down = abs(only.across[axis]) * lit_x, abs(only.down[axis]) * lit_y
-            sides.append(torch.maximum(across, down).clamp(max=1))
-        return only.centre, (sides[0], sides[1])
-    total = sum(s.density for s in subpixels) or 1.0
+@functools.lru_cache(maxsize=64)
+def _colour_cells(layout: Layout) -> tuple[list, list, list]:
+    """Return where in a panel pixel each channel's light comes from: its subpixel, or if it has
+    several, their middle and the whole pixel.
+
+    Returns:
+        (3, 2) the middle along x and y, from that of the pixel; (3, 2, 2) the lengths along x and y
+        of the subpixel's two edges; and (3, 1) whether it is the whole pixel.
+    """
+    middles, edges, whole = [], [], []
+    for channel in range(3):
+        subpixels = layout.of(channel)
+        single = len(subpixels) == 1 and subpixels[0].period == (1, 1)
+        middles.append(subpixels[0].centre if single else _mean_place(subpixels))
+        across, down = (subpixels[0].across, subpixels[0].down) if single else ((1, 0), (0, 1))
+        edges.append([[abs(across[axis]), abs(down[axis])] for axis in (0, 1)])
+        whole.append([not single])
+    return [[x - 0.5, y - 0.5] for x, y in middles], edges, whole
+
+
+def _mean_place(subpixels: Sequence[Subpixel]) -> tuple[float, float]:
+    """Return the mean place of some subpixels in their panel pixels, weighted by their area."""
+    if not subpixels:
+        return 0.5, 0.5
+    total = sum(s.density for s in subpixels)
     x, y = (
         sum(s.density * (s.centre[axis] - s.pixel[axis] + 0.5) for s in subpixels) / total
         for axis in (0, 1)
     )
-    return (float(x), float(y)) if subpixels else (0.5, 0.5), (one, one)
+    return x, y

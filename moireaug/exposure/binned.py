@@ -14,7 +14,7 @@ from moireaug.exposure.bin_content import Content, content_of
 from moireaug.exposure.binning import Wave, plane_waves, power_left, times
 from moireaug.exposure.bins import Bins, bins_at, middle_bins
 from moireaug.exposure.content import Footprint
-from moireaug.exposure.filters import crosstalk_matrix
+from moireaug.exposure.filters import filters_of
 from moireaug.exposure.optics import Optics, optics_of
 from moireaug.exposure.screen import Screen
 from moireaug.exposure.sight import (
@@ -29,6 +29,7 @@ from moireaug.geometry.sensor import CFA
 from moireaug.numeric import is_transformed
 from moireaug.panel.fourier import amplitudes_of, emitting_share, mean_light
 from moireaug.scene.layout import Layout, as_layout
+from moireaug.shot import ShotRecord
 
 
 class Binned(ExposureMethod):
@@ -49,7 +50,7 @@ class Binned(ExposureMethod):
         if name == "spectral":
             self.reason = "harmonics by their modulation transfer and their aliases"
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
         inverse = torch.linalg.inv(shot.matrix())
         shown = content_of(shot)
@@ -69,14 +70,14 @@ class Binned(ExposureMethod):
         (site,) = CFA[shot.scene.cells]
         return torch.cat(planes, 2)[:, list(site.channels)]
 
-    def read(self, screen: Screen, shown: Content, bins: Bins, shot) -> Tensor:
+    def read(self, screen: Screen, shown: Content, bins: Bins, shot: ShotRecord) -> Tensor:
         """Return what the pixels of each colour filter read in bins: (B, 3, h, w)."""
         dtype, layout = screen.light.dtype, as_layout(shot.scene.panel.layout)
         lit = emitting_share(shot.panel)
         filled = self.modulation(bins, layout, shot)
         filters = None
         if "crosstalk" in shot.plan:
-            filters = crosstalk_matrix(shot.sensor.crosstalk).to(dtype)[..., None, None]
+            filters = filters_of(shot).to(dtype)[..., None, None]
         picture = [self.content(screen, shown, channel, bins, shot) for channel in range(3)]
         planes = []
         for plane in range(3):
@@ -91,7 +92,9 @@ class Binned(ExposureMethod):
             planes.append(total)
         return torch.stack(planes, 1)
 
-    def content(self, screen: Screen, shown: Content, channel: int, bins: Bins, shot) -> Tensor:
+    def content(
+        self, screen: Screen, shown: Content, channel: int, bins: Bins, shot: ShotRecord
+    ) -> Tensor:
         """Return the picture in one channel as bins see it, (B, h, w)."""
         dtype = bins.step.dtype
         step = bins.step / shown.ratio.to(dtype)[:, None, None, None, None]
@@ -108,7 +111,7 @@ class Binned(ExposureMethod):
 
         return panel_pixels(screen, channel, along(0), along(1), WHOLE_PIXEL)
 
-    def modulation(self, bins: Bins, layout: Layout, shot) -> list[list[Tensor]]:
+    def modulation(self, bins: Bins, layout: Layout, shot: ShotRecord) -> list[list[Tensor]]:
         """Return the sum of the harmonics of each channel's light, as the pixels of each colour
         filter read them: (B, h, w) by filter and channel. Empty if there are none."""
         if not self.harmonics:
@@ -126,17 +129,18 @@ class Binned(ExposureMethod):
         carrier: Wave = passed * torch.cos(phase), passed * torch.sin(phase)
         bayer, modulation = shot.scene.cells == "binned", []
         read = plane_waves(u, v, bins.centre, bins.sides, bins.triangle, bayer=bayer)
-        amplitudes = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
+        parts = amplitudes_of(layout, self.harmonics, shot.panel)
+        real, imaginary = (part.to(dtype)[..., None, None] for part in parts)
         for plane in range(3):
             wave = times(carrier, read[plane if bayer else 0])
             channels = []
-            for real, imaginary in amplitudes:
-                real, imaginary = (t.to(dtype)[..., None, None] for t in (real, imaginary))
-                channels.append((real * wave[0] - imaginary * wave[1]).sum(0))
+            for channel in range(3):
+                left = real[channel] * wave[0] - imaginary[channel] * wave[1]
+                channels.append(left.sum(0))
             modulation.append(channels)
         return modulation
 
-    def pattern_variance(self, shot) -> Tensor:
+    def pattern_variance(self, shot: ShotRecord) -> Tensor:
         """Return the variance of the panel's pattern that is averaged away in the middle, as a
         share of the squared mean light, by colour filter: (B, 3)."""
         layout = as_layout(shot.scene.panel.layout)
@@ -151,14 +155,10 @@ class Binned(ExposureMethod):
         bayer = shot.scene.cells == "binned"
         left = power_left(u, v, sides, bins.triangle[:, 0, 0], bayer=bayer)
         lost = [power * (1 - left[plane if bayer else 0]).clamp(min=0) for plane in range(3)]
-        filters = torch.eye(3, dtype=step.dtype, device=step.device).expand(len(shot), 3, 3)
-        if "crosstalk" in shot.plan:
-            filters = crosstalk_matrix(shot.sensor.crosstalk)
+        filters = filters_of(shot)
         lit = emitting_share(shot.panel)
         mean = torch.stack([mean_light(layout, c, *lit) for c in range(3)], -1)
-        parts = [amplitudes_of(layout, c, self.harmonics, shot.panel) for c in range(3)]
-        by_filter = [
-            torch.einsum("bpc,ckb->kbp", filters, torch.stack(p)) for p in zip(*parts, strict=True)
-        ]
+        parts = amplitudes_of(layout, self.harmonics, shot.panel)
+        by_filter = [torch.einsum("bpc,ckb->kbp", filters, part) for part in parts]
         total = (torch.stack(lost, -1) * (by_filter[0].square() + by_filter[1].square())).sum(0)
         return total / (filters @ mean[..., None])[..., 0].square().clamp(min=1e-12)

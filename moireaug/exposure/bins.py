@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from moireaug.geometry import grids
+from moireaug.shot import ShotRecord
 
 
 class Bins(NamedTuple):
@@ -31,7 +32,9 @@ class Bins(NamedTuple):
     triangle: Tensor
 
 
-def bins_at(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot) -> Bins:
+def bins_at(
+    rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot: ShotRecord
+) -> Bins:
     """Return the bins of photo pixels in rows x cols; step and sides of dtype `accuracy`.
 
     In the camera's frame they are squares of the sensor; in the image's, of the image. Pixels of
@@ -47,13 +50,13 @@ def bins_at(rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, 
     return _bins(images, points, inverse, accuracy, shot)
 
 
-def bins_on_image(points: Tensor, shot) -> Bins:
+def bins_on_image(points: Tensor, shot: ShotRecord) -> Bins:
     """Return the bins that see image points (B, h, w, 2)."""
     inverse = torch.linalg.inv(shot.matrix())
     return _bins(points, photo_points(points, shot)[0], inverse, inverse.dtype, shot)
 
 
-def middle_bins(shot) -> Bins:
+def middle_bins(shot: ShotRecord) -> Bins:
     """Return the bins in the middle of the photo, or of the picture, (B, 1, 1)."""
     h, w = shot.size
     row, column = (shot.panel_scale.new_tensor([side / 2]) for side in (h, w))
@@ -61,11 +64,12 @@ def middle_bins(shot) -> Bins:
     return bins_at(row, column, inverse, inverse.dtype, shot)
 
 
-def _bins(images: Tensor, points: Tensor, inverse: Tensor, accuracy: torch.dtype, shot) -> Bins:
+def _bins(
+    images: Tensor, points: Tensor, inverse: Tensor, accuracy: torch.dtype, shot: ShotRecord
+) -> Bins:
     """Return the bins that see image points from photo points, (B, h, w, 2) each."""
     alpha, scale = (t[:, None, None, None] for t in (shot.panel_scale, shot.sensor_scale))
-    lens = shot.distortion and tuple(k.to(accuracy) for k in shot.distortion)
-    jacobian = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, lens)
+    jacobian = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, shot.distortion)
     step = jacobian * (alpha / scale).to(accuracy)[..., None]
     photo_pixel = torch.eye(2, dtype=accuracy, device=jacobian.device)
     if shot.scene.is_rectified:
@@ -79,7 +83,7 @@ def _bins(images: Tensor, points: Tensor, inverse: Tensor, accuracy: torch.dtype
     return Bins(images * alpha, points * scale, step, sides, triangle.to(accuracy)[:, None, None])
 
 
-def photo_points(images: Tensor, shot) -> tuple[Tensor, Tensor]:
+def photo_points(images: Tensor, shot: ShotRecord) -> tuple[Tensor, Tensor]:
     """Return where image points (B, h, w, 2) lie on the photo, float64, and which do, (B, h, w)
     bool; those that do not are put at its nearest edge. Of a photo that a picture fits, that is
     less than a pixel away: a lens may bend a border outwards between the points that are fitted."""
@@ -90,7 +94,7 @@ def photo_points(images: Tensor, shot) -> tuple[Tensor, Tensor]:
     return torch.minimum(torch.maximum(points, torch.zeros_like(size)), size), shown
 
 
-def pixels_on_photo(shot) -> tuple[Tensor, Tensor]:
+def pixels_on_photo(shot: ShotRecord) -> tuple[Tensor, Tensor]:
     """Return `photo_points` of the centres of all pixels of the image."""
     images = grids.pixel_centres(shot.size, shot.device).expand(len(shot), -1, -1, -1)
     return photo_points(images, shot)

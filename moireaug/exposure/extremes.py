@@ -22,7 +22,7 @@ from moireaug.exposure.extreme_views import (
 )
 from moireaug.exposure.optics import Optics
 from moireaug.exposure.sight import WHOLE_PIXEL, footprints_of
-from moireaug.panel.fourier import coefficient
+from moireaug.panel.fourier import coefficient, own_orders
 from moireaug.scene.fields import bounds
 from moireaug.scene.layout import as_layout
 from moireaug.scene.record import SceneRecord
@@ -134,12 +134,9 @@ def _strongest(scene: SceneRecord, k: Tensor, l: Tensor) -> Tensor:
     height = (emitting[:, 0].sqrt() * emitting[:, 2])[None]
     strongest = torch.zeros(3, len(k), **FLOAT64_ON_CPU)
     for subpixel in layout.all():
-        # in cycles per cell of its own, which must be whole
-        across = k / (layout.period[0] // subpixel.period[0])
-        down = l / (layout.period[1] // subpixel.period[1])
-        there = (across == across.round()) & (down == down.round())
-        c = coefficient(subpixel, across[:, None], down[:, None], width, height)
-        strongest[subpixel.channel] += c.abs().amax(1) * there
+        own_k, own_l, has = own_orders(subpixel, layout, k, l)
+        c = coefficient(subpixel, own_k[:, None], own_l[:, None], width, height)
+        strongest[subpixel.channel] += c.abs().amax(1) * has
     return strongest.amax(0)
 
 

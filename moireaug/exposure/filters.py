@@ -7,6 +7,7 @@ from torch import Tensor
 
 from moireaug.geometry.sensor import CFA, cell
 from moireaug.numeric import mix_colours
+from moireaug.shot import ShotRecord
 
 
 def crosstalk_matrix(share: Tensor) -> Tensor:
@@ -17,24 +18,30 @@ def crosstalk_matrix(share: Tensor) -> Tensor:
     each: neighbours in the spectrum overlap, red and blue do not.
     """
     none, own, half = torch.zeros_like(share), 1 - share, share / 2
-    red = torch.stack([own, share, none], -1)
-    green = torch.stack([half, own, half], -1)
-    blue = torch.stack([none, share, own], -1)
-    return torch.stack([red, green, blue], -2)
+    rows = (own, share, none, half, own, half, none, share, own)
+    return torch.stack(rows, -1).unflatten(-1, (3, 3))
 
 
-def colours_seen(shot) -> str:
+def filters_of(shot: ShotRecord) -> Tensor:
+    """Return what each of a shot's colour filters passes of red, green and blue light, (B, 3, 3)
+    float64, rows by filter."""
+    if "crosstalk" in shot.plan:
+        return crosstalk_matrix(shot.sensor.crosstalk)
+    return torch.eye(3, dtype=torch.float64, device=shot.device).expand(len(shot), 3, 3)
+
+
+def colours_seen(shot: ShotRecord) -> str:
     """Return the filter cell, a key of `CFA`, of the colours that pixels see: all three if the
     filters' bands overlap, else their own."""
     return "none" if "crosstalk" in shot.plan else shot.scene.cells
 
 
-def through_filters(light: Tensor, shot) -> Tensor:
+def through_filters(light: Tensor, shot: ShotRecord) -> Tensor:
     """Return the readings (B, 4 or 3, h, w) of the light that pixels see, in the cell that
     `colours_seen` names."""
     if "crosstalk" not in shot.plan:
         return light
-    mixed = mix_colours(crosstalk_matrix(shot.sensor.crosstalk), light)
+    mixed = mix_colours(filters_of(shot), light)
     cfa, planes = shot.scene.cells, []
     for site in CFA[cfa]:
         for channel in site.channels:

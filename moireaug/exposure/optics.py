@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from moireaug.numeric import sinc
+from moireaug.shot import ShotRecord
 
 GOLDEN = 0.6180339887498949
 
@@ -86,7 +87,7 @@ def golden_points(n: int) -> list[tuple[int, int]]:
     return list(enumerate(order))
 
 
-def optics_of(shot) -> Optics:
+def optics_of(shot: ShotRecord) -> Optics:
     """Return a shot's drawn fields that blur."""
     lens = shot.lens
     return Optics(shot.sensor.fill, lens.blur, lens.olpf, lens.motion_x, lens.motion_y)

@@ -18,12 +18,13 @@ from moireaug.panel.fourier import emitting_share
 from moireaug.panel.mask import cell_of, emits
 from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
+from moireaug.shot import ShotRecord
 
 
 class Sampled(ExposureMethod):
     """The mean of the panel's light at some points around each sensor pixel's centre."""
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         pixels, alpha = shot.sampled_pixels(), shot.panel_scale[:, None, None]
         rows, cols = (axis.positions(light.device) for axis in pixels)
         shown, offsets = Shown(light, shot), self.offsets(shot)
@@ -44,12 +45,12 @@ class Sampled(ExposureMethod):
         return through_filters(torch.cat(planes, 1), shot)
 
     @abstractmethod
-    def offsets(self, shot) -> Tensor:
+    def offsets(self, shot: ShotRecord) -> Tensor:
         """Return the points of each sensor pixel, (B, 2, N) float64, down and across from its
         centre in sensor pixels."""
 
     @abstractmethod
-    def read(self, shown: Shown, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+    def read(self, shown: Shown, x: Tensor, y: Tensor, shot: ShotRecord, channel: int) -> Tensor:
         """Return one channel's light at panel positions x, y (B, h, w): (B, h, w)."""
 
 
@@ -65,10 +66,10 @@ class Point(Sampled):
     name = "point"
     reason = "the panel read at each sensor pixel's centre"
 
-    def offsets(self, shot) -> Tensor:
+    def offsets(self, shot: ShotRecord) -> Tensor:
         return shot.panel_scale.new_zeros(len(shot), 2, 1)
 
-    def read(self, shown: Shown, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+    def read(self, shown: Shown, x: Tensor, y: Tensor, shot: ShotRecord, channel: int) -> Tensor:
         layout, alpha = as_layout(shot.scene.panel.layout), shot.panel_scale[:, None, None]
         width, height = emitting_share(shot.panel)
         ends: tuple = (None, None)
@@ -128,10 +129,10 @@ class Supersample(Sampled):
         self.name = f"supersample:{n}"
         self.reason = f"the mean over {n * n} points of the aperture and the lens spread"
 
-    def offsets(self, shot) -> Tensor:
+    def offsets(self, shot: ShotRecord) -> Tensor:
         return optics_of(shot).offsets(self.n)
 
-    def read(self, shown: Shown, x: Tensor, y: Tensor, shot, channel: int) -> Tensor:
+    def read(self, shown: Shown, x: Tensor, y: Tensor, shot: ShotRecord, channel: int) -> Tensor:
         width, height = (t[:, None, None] for t in emitting_share(shot.panel))
         total = torch.zeros_like(x, dtype=shown.light.dtype)
         for s in as_layout(shot.scene.panel.layout).of(channel):
@@ -139,7 +140,7 @@ class Supersample(Sampled):
             total = total + self._content(shown, s, x, y, shot) * lit
         return total
 
-    def _content(self, shown: Shown, s: Subpixel, x: Tensor, y: Tensor, shot) -> Tensor:
+    def _content(self, shown: Shown, s: Subpixel, x: Tensor, y: Tensor, shot: ShotRecord) -> Tensor:
         """Return what the nearest copies of a subpixel show, at panel points."""
         alpha = shot.panel_scale[:, None, None]
         column, row = cell_of(s, x, y)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from moireaug.exposure.shown import Shown
 from moireaug.scene.layout import as_layout
+from moireaug.shot import ShotRecord
 
 PANEL_PIXELS_PER_LOOKUP = 1  # the panel is built if it has at most this many pixels per look-up
 
@@ -20,7 +21,9 @@ class Screen:
     The picture is put on the panel once, unless the panel has more pixels than are looked up.
     """
 
-    def __init__(self, light: Tensor, shot, taps: int, alpha: Tensor | None = None) -> None:
+    def __init__(
+        self, light: Tensor, shot: ShotRecord, taps: int, alpha: Tensor | None = None
+    ) -> None:
         """`alpha` (B,) is the number of pixels per image pixel of another panel than the shot's,
         at most 1, whose cells are single pixels."""
         self.light, self.taps = light, taps

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from moireaug.geometry import grids
 from moireaug.numeric import is_transformed
+from moireaug.shot import ShotRecord
 
 EDGE_PIXELS = 2  # panel pixels ahead of a picture, and behind it, until all is its edge pixels
 
@@ -25,7 +26,7 @@ class Shown:
         alpha: (B,), panel pixels per image pixel, if not the shot's; at most 1.
     """
 
-    def __init__(self, light: Tensor, shot, alpha: Tensor | None = None) -> None:
+    def __init__(self, light: Tensor, shot: ShotRecord, alpha: Tensor | None = None) -> None:
         least, most = shot.scene.panel_scales(shot.size)
         if alpha is None:
             alpha = shot.panel_scale

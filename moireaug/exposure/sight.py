@@ -16,6 +16,7 @@ from moireaug.exposure.screen import Screen
 from moireaug.geometry import grids
 from moireaug.panel.fourier import emitting_share
 from moireaug.scene.subpixel import Subpixel
+from moireaug.shot import ShotRecord
 
 WHOLE_PIXEL = Subpixel(0, (0.5, 0.5), (1.0, 0.0), (0.0, 1.0))
 
@@ -41,14 +42,13 @@ class AlongAxis(NamedTuple):
 
 
 def look_at_panel(
-    rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot
+    rows: Tensor, cols: Tensor, inverse: Tensor, accuracy: torch.dtype, shot: ShotRecord
 ) -> Sight:
     """Return where the sensor pixels at photo coordinates rows x cols look on the panel."""
     alpha = shot.panel_scale[:, None, None, None]
     points = grids.grid(rows, cols)
     position = grids.photo_to_image(points, inverse, shot.size, shot.distortion) * alpha
-    lens = shot.distortion and tuple(k.to(accuracy) for k in shot.distortion)
-    step = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, lens)
+    step = grids.jacobian(points.to(accuracy), inverse.to(accuracy), shot.size, shot.distortion)
     scale = step.new_tensor([pixels.scale for pixels in shot.sampled_pixels()[::-1]])
     return Sight(position, step * alpha[..., None].to(accuracy) / scale)
 
@@ -86,7 +86,9 @@ def footprints_of(
     return footprints
 
 
-def along_axis(axis: int, subpixel: Subpixel, sight: Sight, shot, screen: Screen) -> AlongAxis:
+def along_axis(
+    axis: int, subpixel: Subpixel, sight: Sight, shot: ShotRecord, screen: Screen
+) -> AlongAxis:
     """Return one kind of subpixel along x (axis 0) or y (axis 1)."""
     across, down = emitting_share(shot.panel)
     if subpixel is WHOLE_PIXEL:
@@ -107,7 +109,7 @@ class Place(NamedTuple):
 
 
 def shares_along(
-    place: Place, at: Tensor, footprint: Footprint, width: Tensor, shot, screen: Screen
+    place: Place, at: Tensor, footprint: Footprint, width: Tensor, shot: ShotRecord, screen: Screen
 ) -> AlongAxis:
     """Return one kind of subpixel along an axis, for sensor pixels at positions `at` (B, h, w) in
     panel pixels; `footprint` and `width` as from `footprint_of`."""

@@ -29,6 +29,7 @@ from moireaug.numeric import is_transformed
 from moireaug.panel.fourier import coefficient, emitting_share, mean_light, own_orders
 from moireaug.scene.layout import as_layout
 from moireaug.scene.subpixel import Subpixel
+from moireaug.shot import ShotRecord
 
 # numbers of the largest tensor, which bands of rows bound
 MAX_TENSOR_NUMBERS = {"cpu": 2**19, "cuda": 2**27}
@@ -49,7 +50,7 @@ class SmoothExposure(ExposureMethod):
     def __init__(self, taps: int, *, fine: bool = True) -> None:
         self.taps, self.fine = taps, fine
 
-    def __call__(self, light: Tensor, shot) -> Tensor:
+    def __call__(self, light: Tensor, shot: ShotRecord) -> Tensor:
         cfa, screen = colours_seen(shot), Screen(light, shot, self.taps)
         accuracy = torch.float64 if self.fine else light.dtype
         rows, cols = (pixels.positions(light.device) for pixels in shot.sampled_pixels())
@@ -77,7 +78,7 @@ class SmoothExposure(ExposureMethod):
         rows: Tensor,
         cols: Tensor,
         accuracy: torch.dtype,
-        shot,
+        shot: ShotRecord,
     ) -> Tensor:
         """Return the colours that one site of the filter cell sees at photo coordinates
         rows x cols: (B, channels, h, w).
@@ -89,7 +90,7 @@ class SmoothExposure(ExposureMethod):
         return torch.stack(colours, 1)
 
     @abstractmethod
-    def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
+    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
         """Return what sensor pixels read of one channel: (B, h, w)."""
 
     def bands(self, light: Tensor, readings: int) -> int:
@@ -111,7 +112,7 @@ class BySubpixel(SmoothExposure):
     """An exposure that sums over a channel's subpixels: the panel pixels around, times the share of
     the view that the subpixels fill."""
 
-    def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
+    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
         total = torch.zeros_like(sight.position[..., 0], dtype=screen.light.dtype)
         for subpixel in layout.of(channel):
@@ -122,7 +123,7 @@ class BySubpixel(SmoothExposure):
 
     @abstractmethod
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot: ShotRecord
     ) -> Tensor:
         """Return the share of the view that the subpixels fill, (B, h, w)."""
 
@@ -143,12 +144,16 @@ class Spectral(BySubpixel):
         self.harmonics = harmonics
 
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot: ShotRecord
     ) -> Tensor:
         dtype, layout = x.share.dtype, as_layout(shot.scene.panel.layout)
         optics = Optics(*(t.to(dtype)[:, None, None] for t in optics_of(shot)))
         width, height = (t.to(dtype)[:, None, None] for t in emitting_share(shot.panel))
-        orders = own_orders(subpixel, layout, self.harmonics)
+        orders = []
+        for pair in self.harmonics:
+            own_k, own_l, has = own_orders(subpixel, layout, *pair)
+            if has:
+                orders.append((own_k, own_l))
         k, l = x.cells.new_tensor(orders).reshape(-1, 2, 1, 1, 1).unbind(1)
         cycles = k * x.cells + l * y.cells  # (harmonics, B, h, w)
         # drop whole cycles before the cast, so that the phase stays precise far from the origin
@@ -171,7 +176,7 @@ class Box(BySubpixel):
     reason = "the overlap of subpixel and aperture"
 
     def transmission(
-        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot
+        self, x: AlongAxis, y: AlongAxis, subpixel: Subpixel, sight: Sight, shot: ShotRecord
     ) -> Tensor:
         return covered(x) * covered(y)
 
@@ -182,7 +187,7 @@ class Mean(SmoothExposure):
     name = "mean"
     reason = "the panel's mean light alone, so no moiré"
 
-    def read(self, screen: Screen, channel: int, sight: Sight, shot) -> Tensor:
+    def read(self, screen: Screen, channel: int, sight: Sight, shot: ShotRecord) -> Tensor:
         layout = as_layout(shot.scene.panel.layout)
         share = mean_light(layout, channel, *emitting_share(shot.panel)).to(screen.light.dtype)[
             :, None, None

@@ -82,6 +82,8 @@ def jacobian(points: Tensor, inverse: Tensor, size: tuple[int, int], lens: Lens 
     """Return d(image x, y) / d(photo u, v) at photo points (B or 1, h, w, 2): (B, h, w, 2, 2), the
     last axis over u and v."""
     p = points - _centre(points, size)
+    if lens is not None:
+        lens = lens[0].to(points.dtype), lens[1].to(points.dtype)
     x, y, depth = _lift(_through_lens(p, size, lens), inverse, size)
     m = _entries(inverse, size)
     if lens is not None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -32,17 +32,24 @@ def coefficient(
         width, height: shares of its two edges that emit, as from `emitting_share`; the rest is
             black matrix.
     """
+    along, beside = cycles_along_edges(subpixel, k, l)
+    area = width * height * subpixel.density
+    return area * torch.sinc(along * width) * torch.sinc(beside * height)
+
+
+def cycles_along_edges(subpixel: Subpixel, k: Any, l: Any) -> tuple[Any, Any]:
+    """Return the cycles of harmonics (k, l) of a subpixel's own cell along its two edges; of
+    numbers, tensors or arrays."""
     (px, py), (ax, ay), (dx, dy) = subpixel.period, subpixel.across, subpixel.down
-    along = torch.sinc((k * (ax / px) + l * (ay / py)) * width)
-    beside = torch.sinc((k * (dx / px) + l * (dy / py)) * height)
-    return width * height * subpixel.density * along * beside
+    return k * (ax / px) + l * (ay / py), k * (dx / px) + l * (dy / py)
 
 
-def own_orders(subpixel: Subpixel, layout: Layout, harmonics: Iterable[Orders]) -> list[Orders]:
-    """Return those of a layout's harmonics that a subpixel has, in cycles per cell of its own: one
-    that repeats twice in the layout's cell has every second harmonic."""
+def own_orders(subpixel: Subpixel, layout: Layout, k: Any, l: Any) -> tuple[Any, Any, Any]:
+    """Return harmonics (k, l) of a layout's cell in cycles per cell of a subpixel's own, and
+    whether the subpixel has them: one that repeats twice in the layout's cell has every second
+    harmonic. Of numbers, tensors or arrays."""
     across, down = (whole // own for whole, own in zip(layout.period, subpixel.period, strict=True))
-    return [(k // across, l // down) for k, l in harmonics if k % across == 0 and l % down == 0]
+    return k / across, l / down, (k % across == 0) & (l % down == 0)
 
 
 def mean_light(layout: Layout, channel: int, width: Numbers, height: Numbers) -> Numbers:
@@ -57,30 +64,31 @@ def emitting_share(panel) -> tuple[Tensor, Tensor]:
     return side * panel.lit_x, side * panel.lit_y
 
 
-def amplitudes_of(
-    layout: Layout, channel: int, harmonics: tuple[tuple[int, int], ...], panel
-) -> tuple[Tensor, Tensor]:
-    """Return twice the Fourier coefficients of one channel's light about the corner of the cell,
-    (K, B) float64 each, real and imaginary part."""
+def amplitudes_of(layout: Layout, harmonics: tuple[Orders, ...], panel) -> tuple[Tensor, Tensor]:
+    """Return twice the Fourier coefficients of each channel's light about the corner of the cell,
+    (3, K, B) float64 each, real and imaginary part."""
     width, height = emitting_share(panel)
-    orders = width.new_tensor(harmonics).reshape(-1, 2, 1)
-    real = imaginary = width.new_zeros(len(harmonics), len(width))
-    for subpixel in layout.of(channel):
-        k, l, own = _own_orders(orders, subpixel, layout)
-        amplitude = 2 * own * coefficient(subpixel, k, l, width, height)
+    channel, table = (torch.from_numpy(t).to(width.device) for t in _waves(layout, harmonics))
+    along, beside, density, cosine, sine = table
+    amplitude = width * height * density * torch.sinc(along * width) * torch.sinc(beside * height)
+    none = amplitude.new_zeros(3, *amplitude.shape[1:])
+    real = none.index_add(0, channel, amplitude * cosine)
+    return real, none.index_add(0, channel, amplitude * sine, alpha=-1)
+
+
+@functools.lru_cache(maxsize=64)
+def _waves(layout: Layout, harmonics: tuple[Orders, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `amplitudes_of` reads of a layout's S subpixels: their channels, (S,) int64, and
+    a table (5, S, K, 1) float64 of the harmonics' cycles along both edges, the subpixels' density,
+    and twice the cosine and sine of the phase at their centres, 0 where they lack a harmonic."""
+    orders = np.array(harmonics, np.float64).reshape(-1, 2, 1)
+    rows = []
+    for subpixel in layout.all():
+        k, l, has = own_orders(subpixel, layout, orders[:, 0], orders[:, 1])
         turns = k * (subpixel.centre[0] / subpixel.period[0])
         turns = turns + l * (subpixel.centre[1] / subpixel.period[1])
-        real = real + amplitude * torch.cos(2 * math.pi * turns)
-        imaginary = imaginary - amplitude * torch.sin(2 * math.pi * turns)
-    return real, imaginary
-
-
-def _own_orders(
-    orders: Tensor, subpixel: Subpixel, layout: Layout
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return a layout's orders in cycles per cell of a subpixel, and 1 where it has them, else
-    0."""
-    across, down = (whole // own for whole, own in zip(layout.period, subpixel.period, strict=True))
-    k, l = orders[:, 0] / across, orders[:, 1] / down
-    own = ((k == k.round()) & (l == l.round())).to(k.dtype)
-    return k, l, own
+        cosine, sine = 2 * has * np.cos(2 * math.pi * turns), 2 * has * np.sin(2 * math.pi * turns)
+        density = np.full_like(k, subpixel.density)
+        rows.append(np.stack([*cycles_along_edges(subpixel, k, l), density, cosine, sine]))
+    channel = np.array([subpixel.channel for subpixel in layout.all()], np.int64)
+    return channel, np.stack(rows, 1)

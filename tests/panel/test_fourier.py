@@ -48,7 +48,8 @@ def sampled(layout, channel, n, width, height):
 def in_closed_form(layout, channel, k, l, width, height):
     total = 0.0
     for s in layout.of(channel):
-        for own_k, own_l in own_orders(s, layout, [(k, l)]):
+        own_k, own_l, has = own_orders(s, layout, k, l)
+        if has:
             turns = own_k * s.centre[0] / s.period[0] + own_l * s.centre[1] / s.period[1]
             c = coefficient(s, own_k, own_l, width, height)
             total = total + c * torch.exp(torch.tensor(-2j * math.pi * turns))
