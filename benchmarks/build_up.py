@@ -28,7 +28,11 @@ def rows_of(scene: Scene, settings: dict[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for i, (added, stage) in enumerate(stages):
         plan = stage.plan((shown.shape[-2], shown.shape[-1]))
-        row = {"added": added, "effects": [step.name for step in plan], "exposure": plan.exposure}
+        row = {
+            "added": added,
+            "effects": [step.name for step in plan.called],
+            "exposure": plan.exposure,
+        }
         rows.append(
             row | {execution: times[execution][str(i)]._asdict() for execution in EXECUTIONS}
         )

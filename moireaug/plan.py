@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -20,15 +19,15 @@ class Step(NamedTuple):
 @dataclass(frozen=True)
 class Plan:
     """The effects of a scene, in the order in which light meets them. `"pose" in plan` asks whether
-    one is computed.
+    an effect is computed.
 
     Args:
-        steps: every effect but those that only clip, called for or not.
-        exposing, developing: the names of the effects that are computed before and after the
-            attacker's noise.
-        method: the exposure method, "auto" resolved.
-        prefilter: the most variance by which the picture is blurred before it is looked up, in
-            squared image pixels.
+        steps: all effects but those that only clip, called for or not.
+        exposing, developing: names of the effects that are computed before and after the attacker's
+            noise.
+        method: exposure method, "auto" resolved.
+        prefilter: largest variance of the blur of the picture before it is looked up, in squared
+            image pixels.
     """
 
     steps: tuple[Step, ...]
@@ -54,21 +53,26 @@ class Plan:
     def __contains__(self, effect: object) -> bool:
         return effect in self._computed
 
-    def __iter__(self) -> Iterator[Step]:
-        return (step for step in self.steps if step.called)
+    @property
+    def called(self) -> tuple[Step, ...]:
+        """The steps that the scene calls for."""
+        return tuple(step for step in self.steps if step.called)
+
+    @property
+    def left_out(self) -> tuple[Step, ...]:
+        """The steps that it does not call for."""
+        return tuple(step for step in self.steps if not step.called)
 
     def __str__(self) -> str:
-        called = [step for step in self.steps if step.called]
-        absent = [step for step in self.steps if not step.called]
         width = max(len(step.name) for step in self.steps) + 2
         lines = ["The photo is the image"]
-        if called:
-            lines = [f"{_counted(called)} computed, in this order"]
-        for i, step in enumerate(called, 1):
+        if self.called:
+            lines = [f"{_counted(self.called)} computed, in this order"]
+        for i, step in enumerate(self.called, 1):
             lines.append(f"  {i:2d}  {step.name:{width}}{step.reason}")
-        if absent:
-            lines.append(f"{_counted(absent)} left out")
-        for step in absent:
+        if self.left_out:
+            lines.append(f"{_counted(self.left_out)} left out")
+        for step in self.left_out:
             lines.append(f"   -  {step.name:{width}}{step.reason}")
         return "\n".join(lines)
 
@@ -76,12 +80,12 @@ class Plan:
         """Return plain values: effects called for and those left out (each name to reason),
         exposure and harmonics."""
         return {
-            "effects": {step.name: step.reason for step in self.steps if step.called},
-            "left_out": {step.name: step.reason for step in self.steps if not step.called},
+            "effects": {step.name: step.reason for step in self.called},
+            "left_out": {step.name: step.reason for step in self.left_out},
             "exposure": self.exposure,
             "harmonics": [list(pair) for pair in self.harmonics],
         }
 
 
-def _counted(steps: list[Step]) -> str:
+def _counted(steps: tuple[Step, ...]) -> str:
     return "1 effect is" if len(steps) == 1 else f"{len(steps)} effects are"

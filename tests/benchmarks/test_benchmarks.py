@@ -121,7 +121,7 @@ def test_effects_cost(ran):
     for name, rows in written["presets"].items():
         plan = Scene.preset(name).plan((8, 8))
         assert (
-            rows[-1]["effects"] == [step.name for step in plan]
+            rows[-1]["effects"] == [step.name for step in plan.called]
             and rows[-1]["exposure"] == plan.exposure
         )
     assert "develop.registered False" in out and "noise of photons" in out
