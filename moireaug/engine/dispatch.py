@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -12,6 +10,7 @@ from moireaug.effects.demosaic import merged_greens
 from moireaug.effects.prefilter import MAX_NEIGHBOUR_VARIANCE
 from moireaug.engine import graph
 from moireaug.engine.program import program_of
+from moireaug.mixed_shot import in_order
 from moireaug.numeric import as_float, saturate
 from moireaug.shot import ShotRecord
 
@@ -52,8 +51,13 @@ def develop(raw: Tensor, shot: ShotRecord) -> Tensor:
     from moireaug.engine import run
     from moireaug.engine.shot_development import lower_development
 
-    if not math.isfinite(raw.detach().sum()):  # NaN and infinity are not in the kernels' tables
+    finite = raw.detach().sum((1, 2, 3)).isfinite()
+    if not finite.any():  # NaN and infinity are not in the kernels' tables
         return pipeline.develop(raw, shot)
+    if not finite.all():
+        rows, others = finite.nonzero().flatten(), (~finite).nonzero().flatten()
+        photos = develop(raw[rows], shot[rows]), pipeline.develop(raw[others], shot[others])
+        return in_order([rows, others], photos)
     if shot.scene.cells == "binned":
         # saturated before the greens are averaged; the rest is that of pixels that read all colours
         raw = merged_greens(saturate(raw) if "saturate" in shot.plan else raw)

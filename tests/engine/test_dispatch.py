@@ -14,11 +14,12 @@ IMAGES = torch.rand(4, 3, 16, 20, generator=torch.Generator().manual_seed(1))
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
-def test_a_reading_that_is_not_finite_is_left_to_the_reference(value):
+def test_a_reading_that_is_not_finite_is_left_to_the_reference_alone(value):
     raw = expose(IMAGES, SHOT)
+    expected = develop(raw, SHOT)
     raw[1, 2, 3, 4] = value
     with reference():
-        expected = develop(raw, SHOT)
+        expected[1] = develop(raw, SHOT)[1]
     assert torch.equal(develop(raw, SHOT).nan_to_num(-1), expected.nan_to_num(-1))
 
 
