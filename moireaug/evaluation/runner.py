@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from moireaug.attacks import evaluating, predicted
 from moireaug.attacks.checks import check_classes, check_labels
 from moireaug.evaluation.conditions import Clean, Condition, EvalBatch, Model
-from moireaug.evaluation.identity import digest
+from moireaug.evaluation.identity import identity
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.evaluation.records import Record, Records, key_of
 from moireaug.evaluation.scene_batches import SceneBatches
@@ -64,8 +64,8 @@ def jobs_of(tables: Iterable[Table]) -> list[Job]:
                         f"be mixed up: {known!r} and {condition!r}. Give one another name."
                     )
                 judges.setdefault(condition.name, {})[cell.judge.name] = cell.judge
-            if cell.judge.base == cell.judge.name:
-                judges[CLEAN.name][cell.judge.name] = cell.judge
+            base = cell.judge.base
+            judges[CLEAN.name][base.name] = base
     return [Job(conditions[name], tuple(judges[name].values())) for name in conditions]
 
 
@@ -80,7 +80,7 @@ class Runner:
         seed: seed of shots, targets, random starts and randomised judges. Draws depend only on the
             seed, the batch's index and the names of condition and judge, so that any process, now
             or later, draws the same.
-        name: name of the model in records; None is its `identity.digest`.
+        name: name of the model in records; None is its `identity`.
         lpips: `visibility.LPIPS` to measure every attack with, or None. Records with and without it
             have different keys.
     """
@@ -101,9 +101,9 @@ class Runner:
         self.scene = scene
         self.records = records
         self.seed = seed
-        self.name = digest(model) if name is None else name
+        self.name = identity(model) if name is None else name
         self.lpips = lpips
-        self._lpips_identity = None if lpips is None else digest(lpips)
+        self._lpips_identity = None if lpips is None else identity(lpips)
         self.device = device_of(model)
         self._batch_digests: dict[int, str] = {}
 
