@@ -61,10 +61,10 @@ def evaluate(
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
             photographed in one of them, the same for all conditions. One shot is drawn per image.
-        eps: bounds of the noise, in [0, 1] units: ladder, success, mean_normalised, budget and
-            standard attack at each, the others at the middle one. None is 2, 4 and 8/255, or the
-            suite's own: those that the paper prints, or 4 and 8/255 for standard. worst_case always
-            has these two; threat and unseen attack nothing.
+        eps: bounds of the noise, in [0, 1] units: ladder, full_ladder, success, mean_normalised,
+            budget and standard attack at each, the others at the middle one. None is 2, 4 and
+            8/255, or the suite's own: those that the paper prints, or 4 and 8/255 for standard.
+            worst_case always has these two; threat and unseen attack nothing.
         steps: gradient steps of every attack.
         n: number of images; None is all.
         seed: of shots, targets and random starts.
