@@ -133,14 +133,14 @@ def test_the_worst_case_means_the_same_in_every_table(suite):
 
 def test_the_full_ladder_adds_rows_to_the_ladder(known):
     (table,), (short,) = tables_of("full_ladder", CONFIG), tables_of("ladder", CONFIG)
-    added = {"rotated", "pose_unknown_4", "adaptive_4", "turning_4", "worst_case_4"}
+    added = {"rotated", "pose_unknown_4", "adaptive_4", "worst_case_4"}
     assert set(table.rows) - set(short.rows) == added
     assert table.rows[:4] == ["clean", "dimmed", "rotated", "no_moire"]
     assert set(short.rows) - set(table.rows) == {"worst_4"}
     config = dataclasses.replace(CONFIG, steps=1, eps=(16 / 255,))
     tables, _, lines, _ = run_suite(*known, "full_ladder", config)
     success = lines.set_index("row")["success"]
-    for row in ("moire", "ma_16", "adaptive_16", "pose_unknown_16", "turning_16"):
+    for row in ("moire", "ma_16", "adaptive_16", "pose_unknown_16"):
         assert success["worst_case_16"] >= success[row]
     view = suite_view({"model": "m"}, list(tables.values()), with_paper(lines, []), {})
     assert view["tables"][0]["columns"] == ["fooled"]

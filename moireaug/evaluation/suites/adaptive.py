@@ -26,7 +26,7 @@ def adaptive(config: SuiteConfig) -> Table:
     }
     parts, reason = movable_parts(config.scene)
     if parts:
-        columns["turning"] = turning(eps, steps, parts)
+        columns["turning"] = _turning(eps, steps, parts)
     cells = cross({"undefended": UNDEFENDED}, columns)
     for name in ATTACKED_DEFENCES:
         judge = config.behind(name)
@@ -52,7 +52,7 @@ def standard(config: SuiteConfig) -> Table:
             "pose_unknown": PoseUnknown(eps=eps, steps=steps),
         }
         if parts:
-            columns["turning"] = turning(eps, steps, parts)
+            columns["turning"] = _turning(eps, steps, parts)
         row_cells = row_of(row, columns)
         cells += [*row_cells, worst_of(row_cells, row, eps)]
     facts = {"why_not_turned": reason, "queries": SQUARE_QUERIES_PER_STEP * steps}
@@ -79,8 +79,7 @@ def worst_case(config: SuiteConfig) -> Table:
     return Table("worst_case", tuple(cells), pictures=_picture_places(cells, eps_row(WORST_EPS[0])))
 
 
-def turning(eps: float, steps: int, parts: tuple[str, ...]) -> MoireAttacker:
-    """Return the attacker who searches noise and these parts of the shot together."""
+def _turning(eps: float, steps: int, parts: tuple[str, ...]) -> MoireAttacker:
     optimise = ("noise", *parts)
     return MoireAttacker(eps=eps, steps=steps, variant="turns_the_camera", optimise=optimise)
 
