@@ -16,7 +16,8 @@ from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene, Shot
 
-SHOTS, TARGETS, CONDITION, SHOWING, JUDGING = range(5)  # what the numbers of a stream are for
+# streams of random numbers, by their purpose
+SHOT_STREAM, TARGET_STREAM, CONDITION_STREAM, SHOW_STREAM, JUDGE_STREAM = range(5)
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Draws:
 
     def targets(self, labels: Tensor, classes: int) -> Tensor:
         """Draw one of the other classes for each label, (B,)."""
-        generator = self._generator(TARGETS)
+        generator = self._generator(TARGET_STREAM)
         offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
         return (labels + offset.to(labels)) % classes
 
@@ -41,14 +42,14 @@ class Draws:
         """Draw a shot for each image: for each scene of a mixture, the rows (b,) of its images, and
         their shot."""
         size = (images.shape[-2], images.shape[-1])
-        shot = scene.sample(len(images), size, self._generator(SHOTS)).to(images.device)
+        shot = scene.sample(len(images), size, self._generator(SHOT_STREAM)).to(images.device)
         if isinstance(shot, MixedShot):
             return shot.by_scene()
         return [(torch.arange(len(images), device=images.device), shot)]
 
     def condition_generator(self, condition: str) -> torch.Generator:
         """Return the generator that a condition draws from."""
-        return self._generator(CONDITION, condition)
+        return self._generator(CONDITION_STREAM, condition)
 
     @contextlib.contextmanager
     def global_generators(self, device: torch.device) -> Iterator[None]:
@@ -60,11 +61,11 @@ class Draws:
 
     def seed_showing(self, condition: str) -> None:
         """Seed torch's global generators for the images of a condition."""
-        torch.manual_seed(self._seed(SHOWING, condition))
+        torch.manual_seed(self._seed(SHOW_STREAM, condition))
 
     def seed_judging(self, condition: str, judge: str) -> None:
         """Seed torch's global generators for a judge's answers to them."""
-        torch.manual_seed(self._seed(JUDGING, condition, judge))
+        torch.manual_seed(self._seed(JUDGE_STREAM, condition, judge))
 
     def _generator(self, stream: int, *names: str) -> torch.Generator:
         return torch.Generator().manual_seed(self._seed(stream, *names))

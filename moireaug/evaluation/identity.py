@@ -27,7 +27,7 @@ LIBRARIES = ("torch", "torchvision", "kornia", "timm", "moireaug")  # their func
 # of every module: its mode, hooks, and tables of its parts
 MODULE_ATTRIBUTES = {*vars(nn.Module()), "_compiled_call_impl"}
 ANSWER_HOOKS = ("_forward_pre_hooks", "_forward_hooks")  # hooks that change a module's answers
-PROCESS = uuid.uuid4().hex
+PROCESS_ID = uuid.uuid4().hex  # of this process alone
 
 
 class UnidentifiedError(ValueError):
@@ -47,7 +47,7 @@ def identity(value: object, stated: str | bytes | None = None) -> str:
     try:
         return _digest(value, stated)
     except UnidentifiedError:
-        return _sha256(f"{PROCESS} {id(value)}".encode())[:16]
+        return _sha256(f"{PROCESS_ID} {id(value)}".encode())[:16]
 
 
 def require_identity(name: str, value: object) -> None:

@@ -210,7 +210,7 @@ class Runner:
 
 
 def _seconds_since(start: float, device: torch.device) -> float:
-    """Return the seconds since a time until the device has computed what it was given."""
+    """Return the seconds since `start`, once the device has finished its work."""
     if device.type == "cuda":
         torch.cuda.synchronize()
     return time.perf_counter() - start

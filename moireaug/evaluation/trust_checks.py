@@ -52,8 +52,8 @@ class CheckInputs:
             suites compare.
         growth: success rates by eps, from the smallest on.
         transfer: success rates (attacked, random) of other models by name.
-        zero_gradients: share of gradients that are zero or not finite.
-        differ: share of images answered differently when asked twice.
+        zero_gradient_share: share of gradients that are zero or not finite.
+        changed_share: share of images answered differently when asked twice.
         undecided: number of answers whose logits were not finite.
         answers: number of answers.
         rate_error: allowed error of a rate.
@@ -63,8 +63,8 @@ class CheckInputs:
     success: dict[str, float]
     growth: dict[float, float]
     transfer: dict[str, tuple[float, float]]
-    zero_gradients: float
-    differ: float
+    zero_gradient_share: float
+    changed_share: float
     undecided: int
     answers: int
     rate_error: float
@@ -83,8 +83,8 @@ class CheckInputs:
             "query_count": QUERIES_PER_STEP * self.steps,
             "growth": ", ".join(growth),
             "transfer": transfer,
-            "zero_gradients": _percent(self.zero_gradients),
-            "differ": _percent(self.differ),
+            "zero_gradient_share": _percent(self.zero_gradient_share),
+            "changed_share": _percent(self.changed_share),
             "undecided": self.undecided,
             "answers": self.answers,
         }
@@ -130,12 +130,12 @@ class Check:
 
     Args:
         name: statement that is checked.
-        says: the figures behind the verdict, as a format of `CheckInputs.texts`.
+        summary: figures behind the verdict, as a format of `CheckInputs.texts`.
         fails, warns: limits above which the check fails, or warns.
     """
 
     name: str
-    says: str
+    summary: str
     fails: Limit | None = None
     warns: Limit | None = None
 
@@ -145,7 +145,7 @@ class Check:
             verdict = "warning"
         if self.fails is not None and self.fails.is_exceeded(inputs):
             verdict = "fail"
-        return CheckResult(self.name, verdict, self.says.format(**inputs.texts()))
+        return CheckResult(self.name, verdict, self.summary.format(**inputs.texts()))
 
 
 CHECKS = (
@@ -172,9 +172,9 @@ CHECKS = (
     ),
     Check(
         "gradients are not hidden",
-        "{zero_gradients} of the photo’s values have a gradient of zero or NaN",
-        fails=Limit(lambda inputs: inputs.zero_gradients, 0.5),
-        warns=Limit(lambda inputs: inputs.zero_gradients, 0.3),
+        "{zero_gradient_share} of the photo’s values have a gradient of zero or NaN",
+        fails=Limit(lambda inputs: inputs.zero_gradient_share, 0.5),
+        warns=Limit(lambda inputs: inputs.zero_gradient_share, 0.3),
     ),
     Check(
         "a search without gradients does not win",
@@ -188,8 +188,8 @@ CHECKS = (
     ),
     Check(
         "the model answers the same twice",
-        "asked twice, the model answers {differ} of the images differently",
-        warns=Limit(lambda inputs: inputs.differ, 0.0),
+        "asked twice, the model answers {changed_share} of the images differently",
+        warns=Limit(lambda inputs: inputs.changed_share, 0.0),
     ),
     Check(
         "every image gets an answer",
@@ -232,8 +232,8 @@ def checks(config: SuiteConfig, images: pd.DataFrame, lines: pd.DataFrame) -> li
         success=success | {"attack": success[attack_row]},
         growth={eps: success[eps_row(eps)] for eps in growing_eps(config)},
         transfer=transfer,
-        zero_gradients=float(images["zero_gradients"].mean()),
-        differ=float(images["differ"].mean()),
+        zero_gradient_share=float(images["zero_gradients"].mean()),
+        changed_share=float(images["differ"].mean()),
         undecided=int(model_lines["undecided"].sum()),
         answers=int(model_lines["n"].sum()),
         rate_error=max(RATE_ERROR, 1 / clean_correct) + ROUNDING_ERROR,
