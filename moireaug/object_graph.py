@@ -74,12 +74,6 @@ def enclosed_values(function: FunctionType) -> list[Any]:
     return values
 
 
-def named_globals(function: FunctionType) -> dict[str, Any]:
-    """Return the values of its module that a function names, by name, in a fixed order."""
-    names = sorted(names_in(function.__code__) & function.__globals__.keys())
-    return {name: function.__globals__[name] for name in names}
-
-
 def _entries_of(collection: Any) -> Iterable[Any]:
     if len(collection) > MAX_COLLECTION_LENGTH:
         return ()

@@ -18,7 +18,8 @@ from moireaug.evaluation.evaluate import show_progress
 from moireaug.evaluation.frame import images_frame, rates, with_paper
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of
-from moireaug.evaluation.trust import checks, trust
+from moireaug.evaluation.trust import trust
+from moireaug.evaluation.trust_checks import checks
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene

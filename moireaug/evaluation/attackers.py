@@ -21,7 +21,8 @@ from moireaug.evaluation.visibility import visibility
 from moireaug.mixtures import Mixture, scenes_of
 from moireaug.scenes import Scene
 
-EXPECTATION_DRAWS = 4  # shots, or draws of a randomised defence, that an expectation averages
+EOT_SHOTS = 4  # shots that a noise for an unknown pose is optimised over
+DEFENCE_DRAWS = 4  # draws of a randomised defence that an attack through it averages over
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +147,7 @@ class PoseUnknown(Attacker):
 
     @property
     def n_splits(self) -> int:
-        return EXPECTATION_DRAWS
+        return EOT_SHOTS
 
     def perturb(self, batch: EvalBatch) -> Tensor:
         attack = MoireAttack(
@@ -154,7 +155,7 @@ class PoseUnknown(Attacker):
             scene=batch.shot.scene,
             eps=self.eps,
             steps=self.steps,
-            eot=EXPECTATION_DRAWS,
+            eot=EOT_SHOTS,
         )
         result = single(attack(batch.images, *self.goals(batch), generator=batch.generator))
         return capture(batch.images, batch.shot, result.noise)
@@ -208,7 +209,7 @@ def defence_draws(knows: Judge | None) -> int:
     """Return the number of draws of a defence that an attacker averages over: several where it is
     randomised."""
     randomised = knows is not None and getattr(knows.defence, "randomised", False)
-    return EXPECTATION_DRAWS if randomised else 1
+    return DEFENCE_DRAWS if randomised else 1
 
 
 def behind_defence(knows: Judge | None, model: Model) -> Model:

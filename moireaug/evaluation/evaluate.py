@@ -16,6 +16,7 @@ from moireaug.attacks.checks import as_tensor, check_bounds, check_count, check_
 from moireaug.defenses.demoire import Demoire
 from moireaug.evaluation.conditions import Defence, Model
 from moireaug.evaluation.frame import images_frame
+from moireaug.evaluation.identity import identity as identity_of
 from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.records import RecordFolder, Records
 from moireaug.evaluation.runner import Job, Runner, jobs_of
@@ -43,6 +44,7 @@ def evaluate(
     defences: Mapping[str, Defence] | None = None,
     networks: Mapping[str, Defence] | None = None,
     folder: str | Path | None = None,
+    identity: str | bytes | None = None,
     lpips: str | Path | None = None,
     progress: bool = True,
 ) -> pd.DataFrame:
@@ -59,10 +61,10 @@ def evaluate(
         suite: a key of `evaluation.SUITES`, or of `evaluation.GROUPS`.
         scene: a Scene, a preset's name or a dict, or a list of these, a mixture: each image is then
             photographed in one of them, the same for all conditions. One shot is drawn per image.
-        eps: bounds of the noise, in [0, 1] units: ladder, success, mean_normalised, budget and
-            standard attack at each, the others at the middle one. None is 2, 4 and 8/255, or the
-            suite's own: those that the paper prints, or 4 and 8/255 for standard. worst_case always
-            has these two; threat and unseen attack nothing.
+        eps: bounds of the noise, in [0, 1] units: ladder, full_ladder, success, mean_normalised,
+            budget and standard attack at each, the others at the middle one. None is 2, 4 and
+            8/255, or the suite's own: those that the paper prints, or 4 and 8/255 for standard.
+            worst_case always has these two; threat and unseen attack nothing.
         steps: gradient steps of every attack.
         n: number of images; None is all.
         seed: of shots, targets and random starts.
@@ -72,9 +74,11 @@ def evaluate(
             any callable from images to images. "mopnet", "mddm", "fhde2net" and "amnet" are shown
             with the paper's figures.
         folder: where records are kept as they come, so that the same call resumes where it stopped;
-            None keeps them in memory. Their keys hold weights, settings and pixels, so that model,
-            targets, defences and networks must be Modules, defences of `defenses` or functions that
-            can be imported.
+            None keeps them in memory. Their keys hold pixels, weights and plain settings: model,
+            targets, defences and networks must be Modules or defences of `defenses`; anything else
+            states its identity, a text to change whenever its answers change, in an attribute
+            `identity`.
+        identity: such a text for the model, in addition to its weights.
         lpips: a file with the state_dict of torchvision's squeezenet1_1, alexnet or vgg16, with
             which the LPIPS of every attack is measured; None does not measure it.
         progress: whether to show a bar.
@@ -117,18 +121,34 @@ def evaluate(
         lpips_network.require_side(min(min(images.shape[-2:]) for images, _ in batches))
     records = Records()
     if folder is not None:
-        named_parts = {**config.targets, **config.defences, **config.networks}
-        for name, part in {"the model": model, **named_parts}.items():
-            require_identity(name, part)
+        _require_identities(model, identity, config)
         records = RecordFolder(Path(folder))
     with records:
-        runner = Runner(model, batches, config.scene, records, seed=seed, lpips=lpips_network)
+        runner = Runner(
+            model,
+            batches,
+            config.scene,
+            records,
+            seed=seed,
+            name=identity_of(model, identity),
+            lpips=lpips_network,
+        )
         jobs = jobs_of(tables)
         indices = range(len(batches))
         done = runner.run(jobs, indices)
         for _ in show_progress(done, len(jobs) * len(batches), suite, enabled=progress):
             pass
         return images_frame(tables, runner, indices)
+
+
+def _require_identities(model: Model, stated: str | bytes | None, config: SuiteConfig) -> None:
+    """Refuse parts of an evaluation that a later one could not identify."""
+    if stated is None:
+        require_identity("the model", model)
+    elif not isinstance(stated, (str, bytes)) or not stated:
+        raise TypeError(f"identity must be a text that identifies the model; got {stated!r}.")
+    for name, part in {**config.targets, **config.defences, **config.networks}.items():
+        require_identity(name, part)
 
 
 def show_progress(jobs: Iterable[Job], total: int, title: str, *, enabled: bool) -> Iterable[Job]:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from moireaug.attacks import UNDECIDED
 from moireaug.evaluation.conditions import Condition
-from moireaug.evaluation.judges import UNDEFENDED, Judge
+from moireaug.evaluation.judges import Judge
 from moireaug.evaluation.runner import CLEAN, Runner
 from moireaug.evaluation.statistics import wilson
 from moireaug.evaluation.tables import Table
@@ -55,14 +55,11 @@ def _condition_frame(
     condition: Condition, judge: Judge, runner: Runner, indices: Sequence[int]
 ) -> pd.DataFrame:
     """Return one condition before one judge, a row per image."""
-    base = UNDEFENDED
-    if judge.base != UNDEFENDED.name:
-        base = Judge(judge.base, model=judge.model)
     batch_frames = []
     start = 0
     for index in indices:
         record = runner.record(condition, judge, index)
-        clean = runner.record(CLEAN, base, index)
+        clean = runner.record(CLEAN, judge.base, index)
         n = len(record["labels"])
         batch_frame = pd.DataFrame({name: record[f"{name}s"] for name in ("label", "target")})
         batch_frame["predicted"] = record["predicted"]

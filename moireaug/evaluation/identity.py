@@ -1,5 +1,9 @@
-"""The identity of a model or a defence in records: a digest of all data that its answers may depend
-on."""
+"""The identity of a model or a defence in records: its class, weights and plain settings, or a text
+that it states.
+
+An object that holds more than this, such as a function of the user's, has no identity unless it
+states one: its records are not reused. Code and files are left out.
+"""
 
 from __future__ import annotations
 
@@ -8,224 +12,178 @@ import enum
 import functools
 import hashlib
 import types
-from collections.abc import Iterator, Mapping, Sequence
+import uuid
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
-from torch.utils.hooks import RemovableHandle
 
-from moireaug.object_graph import enclosed_values, named_globals
-
-MODULE_ATTRIBUTES = set(vars(nn.Module()))  # of every module: mode, hooks, and tables of its parts
-ANSWER_HOOKS = {"_forward_pre_hooks", "_forward_hooks"}  # hooks that change a module's answers
-DATA_PACKAGES = ("builtins", "functools", "numpy", "torch")  # whose values identify a function
-UNNAMED_PREFIX = "callable "  # before the id in memory of an object that cannot be imported
-
-
-def identity(value: object) -> str:
-    """Return the text that identifies a model or a defence: a network's weights and settings, the
-    settings of any other object, the import path of a function and the values that it names; for a
-    lambda or a closure, its id in memory."""
-    if isinstance(value, nn.Module):
-        return digest(value)
-    return " ".join(_digest_parts(value, ()))
+NUMBER_TYPES = (int, float, complex, np.generic, torch.dtype)
+PLAIN_TYPES = (*NUMBER_TYPES, str, bytes, type(None), slice, range, enum.Enum, torch.device)
+LIBRARIES = ("torch", "torchvision", "kornia", "timm", "moireaug")  # their functions hold no data
+# of every module: its mode, hooks, and tables of its parts
+MODULE_ATTRIBUTES = {*vars(nn.Module()), "_compiled_call_impl"}
+ANSWER_HOOKS = ("_forward_pre_hooks", "_forward_hooks")  # hooks that change a module's answers
+PROCESS_ID = uuid.uuid4().hex  # of this process alone
 
 
-def digest(model: object) -> str:
-    """Return sixteen hex digits that change with a weight, a buffer, or a setting of a layer or of
-    anything that it holds. Those of a function change with its import path, its defaults, and the
-    values of its module that it names, such as a network. Code and files are left out."""
-    sha256 = hashlib.sha256()
-    for part in _digest_parts(model, ()):
-        sha256.update(part.encode() + b"\n")
-    return sha256.hexdigest()[:16]
+class UnidentifiedError(ValueError):
+    """An object has no identity; the message names the part that has none."""
+
+
+def identity(value: object, stated: str | bytes | None = None) -> str:
+    """Return sixteen hex digits that identify a model or a defence in records. An object without an
+    identity gets those of this object in this process.
+
+    Args:
+        value: a module, by its class, its `state_dict` and the plain settings of its layers; a
+            dataclass, such as a defence, by its class and its fields; or any object with a text in
+            its attribute `identity`, which stands for settings and fields.
+        stated: the text of an object without that attribute.
+    """
+    try:
+        return _digest(value, stated)
+    except UnidentifiedError:
+        return _sha256(f"{PROCESS_ID} {id(value)}".encode())[:16]
 
 
 def require_identity(name: str, value: object) -> None:
-    """Refuse a part that a later process could not identify: a lambda, a closure or a function of
-    the script itself, or an object that holds one: ValueError."""
-    if any(part.startswith(UNNAMED_PREFIX) for part in _digest_parts(value, ())):
+    """Refuse a part without an identity, which later calls could not tell from another:
+    ValueError."""
+    try:
+        _digest(value, None)
+    except UnidentifiedError as error:
         raise ValueError(
-            f"records are kept by what was asked, and nothing tells {name}, a "
-            f"{type(value).__name__} that is or holds a lambda, a function inside another or one "
-            "of the script itself, from others: use functions of an imported module, or leave "
-            "folder out."
-        )
+            f"records are kept for later calls, and nothing tells {name}, a "
+            f"{type(value).__name__} that is or holds a {error}, from others: only weights and "
+            "plain settings do. State a text that you change whenever its answers change, in its "
+            "attribute `identity` or, for the model, by evaluate(identity=...); or leave folder "
+            "out."
+        ) from None
 
 
-def _digest_parts(value: object, holders: tuple[int, ...]) -> Iterator[str]:
-    """Yield the texts that the digest of a value is made of.
+def _digest(value: object, stated: str | bytes | None) -> str:
+    try:
+        text = _text(value) if stated is None else _stated_text(value, stated)
+    except RecursionError:
+        raise UnidentifiedError("part that holds itself") from None
+    return _sha256(text.encode())[:16]
 
-    Args:
-        holders: ids of the objects that hold the value, and that it may hold in turn.
+
+def _text(value: object) -> str:
+    """Return a text that identifies plain data, a dataclass, a module, or a collection of these.
+
+    Raises:
+        UnidentifiedError: the value is or holds anything else.
     """
-    if id(value) in holders:
-        yield "itself"
-    else:
-        yield from _parts_of(value, (*holders, id(value)))
+    stated = getattr(value, "identity", None)
+    if isinstance(stated, (str, bytes)):
+        return _stated_text(value, stated)
+    if isinstance(value, PLAIN_TYPES):
+        return repr(value)
+    for kinds, text_of_kind in TEXTS:
+        if isinstance(value, kinds):
+            return text_of_kind(value)
+    if dataclasses.is_dataclass(value):
+        return f"{_import_path(type(value))} {_text(_settings(value))}"
+    raise UnidentifiedError(type(value).__name__)
 
 
-@functools.singledispatch
-def _parts_of(value: object, holders: tuple[int, ...]) -> Iterator[str]:
-    """Yield the settings of an object, or its text where it has none."""
-    if dataclasses.is_dataclass(value) or hasattr(value, "__dict__"):
-        yield _import_path(type(value))
-        yield from _digest_parts(_settings(value), holders)
-    elif callable(value) and not _slot_values(value):
-        yield from _parts_of_code(value, holders)
-    elif " at 0x" in (text := repr(value)):
-        yield _import_path(type(value))
-        yield from _digest_parts(_slot_values(value), holders)
-    else:
-        yield text
+def _stated_text(value: object, stated: str | bytes) -> str:
+    weights = _weights(value) if isinstance(value, nn.Module) else {}
+    return f"{_import_path(type(value))} {stated!r} {_text(weights)}"
 
 
-@_parts_of.register
-def _parts_of_module(value: nn.Module, holders: tuple[int, ...]) -> Iterator[str]:
-    for name, layer in value.named_modules():
-        if hasattr(layer, "_orig_mod"):  # compiled: a later call compiles more
-            continue
-        yield f"{name} {_import_path(type(layer))}"
-        if isinstance(layer, torch.jit.ScriptModule):
-            yield from _parts_of_script(layer, holders)
-        else:
-            yield from _digest_parts(_settings(layer), holders)
-    values = {**value.state_dict(), **dict(value.named_buffers())}  # some buffers are not saved
-    yield from _digest_parts(values, holders)
+def _module_text(module: nn.Module) -> str:
+    lines = [_text(_weights(module))]
+    for name, layer in module.named_modules():
+        lines.append(f"{name} {_layer_text(layer)}")
+    return "\n".join(lines)
 
 
-@_parts_of.register(torch.jit.ScriptModule)
-@_parts_of.register(torch.jit.ScriptFunction)
-def _parts_of_script(value: torch.jit.ScriptModule, holders: tuple[int, ...]) -> Iterator[str]:
-    """Yield a digest of code and constants, among which are a frozen module's weights."""
-    yield hashlib.sha256(value.save_to_buffer()).hexdigest()
+def _layer_text(layer: nn.Module) -> str:
+    """Return the class and settings of a layer, without those of the layers inside it."""
+    if hasattr(layer, "_orig_mod"):  # compiled: that module is a layer of its own
+        return ""
+    if isinstance(layer, torch.jit.ScriptModule):
+        return _script_text(layer)
+    return f"{_import_path(type(layer))} {_text(_settings(layer))}"
 
 
-@_parts_of.register
-def _parts_of_tensor(value: Tensor, holders: tuple[int, ...]) -> Iterator[str]:
+def _script_text(script: Any) -> str:
+    """Return a digest of code and constants, among which are a frozen module's weights."""
+    return _sha256(script.save_to_buffer())
+
+
+def _tensor_text(value: Tensor) -> str:
     if is_lazy(value):
-        yield "uninitialised"
-        return
-    yield f"{value.dtype} {value.layout} {tuple(value.shape)}"
+        raise UnidentifiedError("weight that is not there yet")
     plain = value.detach() if value.layout == torch.strided else value.detach().to_dense()
     plain = plain.resolve_conj().resolve_neg().cpu().contiguous()
-    raw = plain.view(-1).view(torch.uint8)  # NumPy has no bfloat16
-    yield hashlib.sha256(raw.numpy().data).hexdigest()
+    raw = plain.view(-1).view(torch.uint8).numpy()  # NumPy has no bfloat16
+    return f"{value.dtype} {value.layout} {tuple(value.shape)} {_sha256(raw.data)}"
 
 
-@_parts_of.register
-def _parts_of_array(value: np.ndarray, holders: tuple[int, ...]) -> Iterator[str]:
-    yield f"{value.dtype} {value.shape}"
-    yield hashlib.sha256(value.tobytes()).hexdigest()
+def _array_text(value: np.ndarray) -> str:
+    if value.dtype.hasobject:
+        raise UnidentifiedError("array of objects")
+    return f"{value.dtype} {value.shape} {_sha256(value.tobytes())}"
 
 
-@_parts_of.register
-def _parts_of_enum(value: enum.Enum, holders: tuple[int, ...]) -> Iterator[str]:
-    yield str(value)
+def _mapping_text(value: Mapping[object, object]) -> str:
+    entries = [f"{_text(key)}: {_text(entry)}" for key, entry in value.items()]
+    return f"{{{', '.join(sorted(entries))}}}"
 
 
-@_parts_of.register
-def _parts_of_hook_handle(value: RemovableHandle, holders: tuple[int, ...]) -> Iterator[str]:
-    """Yield the type alone: the hook itself belongs to its module."""
-    yield _import_path(type(value))
+def _sequence_text(value: Iterable[object]) -> str:
+    return f"({', '.join(map(_text, value))})"
 
 
-@_parts_of.register(Mapping)
-def _parts_of_mapping(value: Mapping, holders: tuple[int, ...]) -> Iterator[str]:
-    for key in sorted(value, key=repr):
-        yield repr(key)
-        yield from _digest_parts(value[key], holders)
+def _set_text(value: Iterable[object]) -> str:
+    """Return the members in a fixed order, as theirs differs from process to process."""
+    return f"{{{', '.join(sorted(map(_text, value)))}}}"
 
 
-@_parts_of.register(tuple)
-@_parts_of.register(list)
-def _parts_of_sequence(value: Sequence, holders: tuple[int, ...]) -> Iterator[str]:
-    yield "("
-    for one in value:
-        yield from _digest_parts(one, holders)
-    yield ")"
+def _partial_text(value: functools.partial) -> str:
+    return f"partial {_text((value.func, value.args, value.keywords))}"
 
 
-@_parts_of.register(set)
-@_parts_of.register(frozenset)
-def _parts_of_set(value: set | frozenset, holders: tuple[int, ...]) -> Iterator[str]:
-    """Yield the members in a fixed order, as theirs differs from process to process."""
-    yield from sorted(" ".join(_digest_parts(one, holders)) for one in value)
+def _function_text(value: Any) -> str:
+    package = (value.__module__ or "").partition(".")[0]
+    if package not in LIBRARIES or "<" in value.__qualname__:
+        raise UnidentifiedError("function")
+    return _import_path(value)
 
 
-@_parts_of.register
-def _parts_of_partial(value: functools.partial, holders: tuple[int, ...]) -> Iterator[str]:
-    yield from _digest_parts((value.func, value.args, value.keywords), holders)
+def _weights(module: nn.Module) -> dict[str, object]:
+    """Return the values of a module's `state_dict`, and the buffers that are not saved."""
+    return {**module.state_dict(), **dict(module.named_buffers())}
 
 
-@_parts_of.register
-def _parts_of_method(value: types.MethodType, holders: tuple[int, ...]) -> Iterator[str]:
-    yield _import_path(value.__func__)
-    yield from _digest_parts(value.__self__, holders)
+def _settings(owner: Any) -> dict[str, object]:
+    """Return the attributes of a dataclass, or those of a module that not every module has; without
+    cached properties, which follow from them.
 
-
-@_parts_of.register
-def _parts_of_function(function: types.FunctionType, holders: tuple[int, ...]) -> Iterator[str]:
-    """Yield the import path, the defaults, and the values that the function encloses or names in
-    its module."""
-    yield from _parts_of_code(function, holders)
-    yield from _digest_parts((function.__defaults__, function.__kwdefaults__), holders)
-    for value in enclosed_values(function):
-        yield from _digest_parts(value, holders)
-    for name, value in named_globals(function).items():
-        if _is_data(value, function.__module__):
-            yield name
-            yield from _digest_parts(value, holders)
-
-
-@_parts_of.register(types.BuiltinFunctionType)
-@_parts_of.register(type)
-def _parts_of_code(value: object, holders: tuple[int, ...]) -> Iterator[str]:
-    yield _import_path(value) if _can_be_imported(value) else f"{UNNAMED_PREFIX}{id(value)}"
-
-
-def _is_data(value: object, module: str) -> bool:
-    """Return whether a value that a function of `module` names identifies the function: a network,
-    an array, a plain value, an object of its own package, or a function of its own module."""
-    if isinstance(value, types.FunctionType):
-        return value.__module__ == module
-    if isinstance(value, (types.ModuleType, types.BuiltinFunctionType, type)):
-        return False
-    package = type(value).__module__.split(".")[0]
-    return isinstance(value, nn.Module) or package in (*DATA_PACKAGES, module.split(".")[0])
-
-
-def _settings(owner: object) -> dict[str, object]:
-    """Return the attributes of an object without its cached properties; of the attributes that
-    every module has, its hooks alone."""
-    settings = _slot_values(owner) | getattr(owner, "__dict__", {})
+    Raises:
+        UnidentifiedError: a module with hooks that change its answers.
+    """
+    attributes = dict(getattr(owner, "__dict__", {}))
     if dataclasses.is_dataclass(owner):
-        settings |= {field.name: getattr(owner, field.name) for field in dataclasses.fields(owner)}
-    for name in list(settings):
-        if isinstance(getattr(type(owner), name, None), functools.cached_property):
-            del settings[name]
+        attributes |= {
+            field.name: getattr(owner, field.name) for field in dataclasses.fields(owner)
+        }
     if isinstance(owner, nn.Module):
-        for name in MODULE_ATTRIBUTES & settings.keys():
-            value = settings.pop(name)
-            if name in ANSWER_HOOKS and value:
-                settings[name] = list(value.values())  # their keys count all hooks of a process
+        if any(attributes[name] for name in ANSWER_HOOKS):
+            raise UnidentifiedError("hook")
+        attributes = {name: attributes[name] for name in attributes.keys() - MODULE_ATTRIBUTES}
+    settings = {}
+    for name, value in attributes.items():
+        if not isinstance(getattr(type(owner), name, None), functools.cached_property):
+            settings[name] = value
     return settings
-
-
-def _slot_values(value: object) -> dict[str, object]:
-    """Return the values in the slots of an object's classes, by name."""
-    values = {}
-    for kind in type(value).__mro__:
-        slots = vars(kind).get("__slots__", ())
-        for slot in (slots,) if isinstance(slots, str) else slots:
-            private = slot.startswith("__") and not slot.endswith("__")
-            name = f"_{kind.__name__.lstrip('_')}{slot}" if private else slot
-            if name not in ("__dict__", "__weakref__") and hasattr(value, name):
-                values[name] = getattr(value, name)
-    return values
 
 
 def _import_path(value: Any) -> str:
@@ -233,6 +191,20 @@ def _import_path(value: Any) -> str:
     return f"{value.__module__}.{value.__qualname__}"
 
 
-def _can_be_imported(value: object) -> bool:
-    module, name = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
-    return bool(module and name) and "<" not in name and module != "__main__"
+def _sha256(content: Any) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+# how to tell values of each kind apart; the first row that matches applies
+TEXTS: tuple[tuple[type | tuple[type, ...], Callable[[Any], str]], ...] = (
+    (torch.jit.ScriptFunction, _script_text),
+    (nn.Module, _module_text),
+    (Tensor, _tensor_text),
+    (np.ndarray, _array_text),
+    (Mapping, _mapping_text),
+    ((list, tuple), _sequence_text),
+    ((set, frozenset), _set_text),
+    (functools.partial, _partial_text),
+    ((types.FunctionType, types.BuiltinFunctionType), _function_text),
+    (type, _import_path),
+)

@@ -33,9 +33,13 @@ class Judge:
     restores_mean: bool = False
 
     @property
-    def base(self) -> str:
+    def base(self) -> Judge:
         """The judge without its defence; success counts the images that it gets right clean."""
-        return UNDEFENDED.name if self.model is None else self.name
+        if self.model is None:
+            return UNDEFENDED
+        if self.defence is None and not self.restores_mean:
+            return self
+        return Judge(f"{self.name}, undefended", model=self.model)
 
     def logits(self, batch: EvalBatch, images: Tensor) -> Tensor:
         """Return the logits (B, K) of shown images; every model's state is restored."""
@@ -49,11 +53,11 @@ class Judge:
 
     @cached_property
     def identity(self) -> str:
-        """The judge's identity in records: its defence's settings and its weights."""
+        """The judge's identity in records: its name, and those of its defence and model."""
         parts = [self.name]
-        for part in (self.defence, self.model):
+        for name, part in (("defence", self.defence), ("model", self.model)):
             if part is not None:
-                parts.append(identity(part))
+                parts.append(f"{name} {identity(part)}")
         return "#".join(parts)
 
 

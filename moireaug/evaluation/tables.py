@@ -4,12 +4,13 @@ templates."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from moireaug.defenses import DEFENSES
-from moireaug.evaluation.conditions import Condition, Defence, Model, codes
+from moireaug.evaluation.attackers import Attacker
+from moireaug.evaluation.conditions import Condition, Defence, Model, Photo, codes
 from moireaug.evaluation.judges import UNDEFENDED, Judge
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
@@ -17,8 +18,8 @@ from moireaug.scenes import Scene
 
 @dataclass(frozen=True)
 class Cell:
-    """A condition before a judge; or several, their images pooled, or, as `worst`, each image at
-    its worst."""
+    """A condition before a judge; or several, their images pooled, or, as `worst`, the worst of
+    them for each image."""
 
     row: str
     column: str
@@ -161,14 +162,24 @@ def row_of(row: str, columns: Mapping[str, Condition]) -> list[Cell]:
     return cross({row: UNDEFENDED}, columns)
 
 
-def worst_of(cells: Iterable[Cell], row: str, columns: Sequence[str] | None = None) -> Cell:
-    """Return a cell of each image at its worst in a row: in `columns`, or in all but the clean
-    images."""
-    conditions: list[Condition] = []
+def worst_of(cells: Iterable[Cell], row: str, eps: float, column: str = "worst") -> Cell:
+    """Return the cell of the worst case: an image counts as right only if its judge gets it right
+    in the photo alone and under every attack of these cells that counts, see
+    `is_in_worst_case`."""
+    conditions: dict[str, Condition] = {}
     judge = UNDEFENDED
     for cell in cells:
-        is_wanted = cell.column != "clean" if columns is None else cell.column in columns
-        if cell.row == row and is_wanted:
-            conditions += cell.conditions
-            judge = cell.judge
-    return Cell(row, "worst", tuple(conditions), judge, worst=True)
+        for condition in cell.conditions:
+            if is_in_worst_case(condition, eps):
+                conditions[condition.name] = condition
+                judge = cell.judge
+    return Cell(row, column, tuple(conditions.values()), judge, worst=True)
+
+
+def is_in_worst_case(condition: Condition, eps: float) -> bool:
+    """Return whether a condition counts in the worst case at a bound: the photo alone, and every
+    untargeted attack through the camera at that bound. Random noise, and attacks on pixels, do
+    not."""
+    if isinstance(condition, Attacker):
+        return condition.on_screen and not condition.targeted and condition.eps == eps
+    return isinstance(condition, Photo)

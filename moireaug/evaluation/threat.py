@@ -4,7 +4,8 @@ fools a model.
 The paper names kinds of screens and three cameras, but neither pixel pitches nor distances. Those
 below are of common devices of these kinds; distances are where one would stand. Its "outdoor LCD"
 is a wall of LEDs here. The pitch of a panel in sensor pixels is f * p / d: focal length f in sensor
-pixels, panel pixel p and distance d in mm.
+pixels, panel pixel p and distance d in mm. The picture is shown as wide as in the presets, in a
+window or full screen, and fits on each sensor.
 
 - LED wall, 10 mm between pixels, from 20 m. Television, 55 inch 3840 x 2160, 0.317 mm, from 1 m.
   Large display, 98 inch 3840 x 2160, 0.565 mm, from 2 m. Monitor, 24 inch 1920 x 1080, 0.277 mm,
@@ -29,6 +30,7 @@ class Display(NamedTuple):
     layout: str
     pixel: float  # mm
     distance: float  # mm
+    width: tuple[float, float]  # of the picture, in panel pixels
     gain: float  # white comes to about 90 % of full scale
 
 
@@ -40,10 +42,10 @@ class Camera(NamedTuple):
 
 
 DISPLAYS = {
-    "LED wall": Display("led", 10.0, 20_000.0, 12.0),
-    "television": Display("rgb_stripe", 0.317, 1_000.0, 2.7),
-    "large display": Display("rgb_stripe", 0.565, 2_000.0, 2.7),
-    "monitor": Display("rgb_stripe", 0.277, 500.0, 2.7),
+    "LED wall": Display("led", 10.0, 20_000.0, (128.0, 400.0), 12.0),
+    "television": Display("rgb_stripe", 0.317, 1_000.0, (600.0, 1600.0), 2.7),
+    "large display": Display("rgb_stripe", 0.565, 2_000.0, (600.0, 1600.0), 2.7),
+    "monitor": Display("rgb_stripe", 0.277, 500.0, (400.0, 1600.0), 2.7),
 }
 CAMERAS = {
     "Pixel 4": Camera(3143.0, 0.0),
@@ -52,8 +54,6 @@ CAMERAS = {
 }
 DISPLAY_CAMERA_PAIRS = [(d, c) for d in DISPLAYS for c in CAMERAS]
 ANGLES = (30, 45, 60, 75, 90, 105, 130, 145)  # degrees; 90 is frontal
-SENSOR_SCALE = 2.0  # sensor pixels per photo pixel
-IMAGE_SIDE = 224  # image pixels, for the angle of view
 
 
 def pitch(display: str, camera: str) -> float:
@@ -62,21 +62,26 @@ def pitch(display: str, camera: str) -> float:
     return CAMERAS[camera].focal * screen.pixel / screen.distance
 
 
+def view_angle(screen: Display, width: float) -> float:
+    """Return the angle that the diagonal of a square picture of that width, in panel pixels, spans
+    seen from the display's distance, in degrees."""
+    diagonal = math.hypot(width, width) * screen.pixel  # mm
+    return math.degrees(2 * math.atan(diagonal / 2 / screen.distance))
+
+
 def threat_scene(display: str, camera: str, angle: float) -> Scene:
     """Return the scene of that display and camera at that angle, in degrees; the camera is held
     within two degrees of level."""
     screen, body = DISPLAYS[display], CAMERAS[camera]
-    diagonal = math.hypot(IMAGE_SIDE, IMAGE_SIDE) * SENSOR_SCALE  # sensor pixels
     return Scene(
-        panel=Panel(layout=screen.layout, scale=SENSOR_SCALE / pitch(display, camera)),
+        panel=Panel(layout=screen.layout, width=screen.width),
         view=View(
             yaw=angle - 90.0,
             pitch=(-2.0, 2.0),
             roll=(-2.0, 2.0),
-            fov=math.degrees(2 * math.atan(diagonal / 2 / body.focal)),
-            fit=False,
+            fov=(view_angle(screen, screen.width[0]), view_angle(screen, screen.width[1])),
         ),
         lens=Lens(blur=0.3, olpf=body.olpf),
-        sensor=Sensor(scale=SENSOR_SCALE, gain=screen.gain, read_noise=0.005),
+        sensor=Sensor(pitch=pitch(display, camera), gain=screen.gain, read_noise=0.005),
         develop=Develop(linear_light=True),
     )

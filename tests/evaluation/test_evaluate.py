@@ -171,6 +171,17 @@ def test_records_are_taken_up(known, loader, tmp_path, monkeypatch):
         evaluate(known[0], loader, steps=2, folder=tmp_path, progress=False)
 
 
+def test_a_stated_identity_takes_up_the_records_of_a_function(known, loader, tmp_path):
+    model = known[0]
+    settings = {"steps": 1, "folder": tmp_path, "progress": False}
+    frames = []
+    for name in ("v1", "v1", b"v1"):
+        frames.append(evaluate(lambda x: model(x), loader, identity=name, **settings))
+    assert frames[0].equals(frames[1])
+    assert not frames[0].equals(frames[2])  # attacked again: other seconds
+    assert frames[0]["predicted"].equals(frames[2]["predicted"])
+
+
 def test_a_suite_of_several_tables(known, loader):
     lines = rates(
         evaluate(
@@ -200,6 +211,8 @@ def test_a_suite_of_several_tables(known, loader):
             {"targets": {"other": lambda x: x}, "folder": "out", "suite": "transfer"},
             "nothing tells other, a function",
         ),
+        ({"identity": 3, "folder": "out"}, "identity must be a text that .* the model; got 3"),
+        ({"identity": "", "folder": "out"}, "identity must be a text"),
         ({"targets": {"other": torch.nn.Identity()}}, "targets= is for suite=transfer or trust"),
         ({"defences": {"mine": torch.relu}}, "defences= is for suite=.*suite=ladder has no use"),
         ({"networks": {"mine": torch.relu}}, "networks= is for suite=demoireing or paper"),

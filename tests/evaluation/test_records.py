@@ -7,7 +7,7 @@ import sys
 import pytest
 import torch
 
-from moireaug.evaluation.identity import digest
+from moireaug.evaluation.identity import identity
 from moireaug.evaluation.records import RecordFolder, Records, key_of
 from moireaug.files import write_text
 
@@ -119,6 +119,6 @@ def test_a_plain_attribute_tells_models_apart():
             self.mean, self.by = mean, by
 
     one, same = Normalise(0.5, torch.tensor([1.0])), Normalise(0.5, torch.tensor([1.0]))
-    assert digest(one) == digest(same)
-    assert digest(one) != digest(Normalise(0.4, torch.tensor([1.0])))
-    assert digest(one) != digest(Normalise(0.5, torch.tensor([2.0])))
+    assert identity(one) == identity(same)
+    assert identity(one) != identity(Normalise(0.4, torch.tensor([1.0])))
+    assert identity(one) != identity(Normalise(0.5, torch.tensor([2.0])))

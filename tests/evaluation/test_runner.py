@@ -135,6 +135,20 @@ def test_success_is_counted_on_what_the_judge_has_right(known):
     assert frame.loc["stranger", "counted"].tolist() == right and 0 < sum(right) < 16
 
 
+def test_a_judge_of_another_model_behind_a_defence_counts_on_that_model(known):
+    def contrary(x):
+        """Says the opposite of bright images."""
+        return torch.where((x.mean((1, 2, 3)) > 0.5)[:, None], -1, 1) * known[0](x)
+
+    judge = Judge("both", model=contrary, defence=lambda x: 1 - x)
+    runner = ran(known, table_of(Photo(), judge=judge))
+    frame = images_frame([table_of(Photo(), judge=judge)], runner, (0, 1))
+    bare = ran(known, table_of(Photo(), judge=Judge("bare", model=contrary)))
+    wanted = images_frame([table_of(Photo(), judge=Judge("bare", model=contrary))], bare, (0, 1))
+    assert frame["counted"].equals(wanted["counted"]) and 0 < frame["counted"].sum() < 16
+    assert not frame["predicted"].equals(wanted["predicted"])
+
+
 def test_a_target_is_another_class(known):
     for r in ran(known).records._records.values():
         assert all(t != y and 0 <= t < 4 for t, y in zip(r["targets"], r["labels"], strict=True))

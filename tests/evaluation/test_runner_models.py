@@ -11,8 +11,8 @@ from moireaug.evaluation.conditions import (
     Photo,
 )
 from moireaug.evaluation.corruptions import Corrupted
+from moireaug.evaluation.halving import _generators
 from moireaug.evaluation.judges import Judge
-from moireaug.evaluation.scene_batches import _generators
 from moireaug.evaluation.trust import CleanTwice, PhotoGradient
 from tests.evaluation.haze import CONDITIONS, ran, results, table_of
 

@@ -18,6 +18,7 @@ from moireaug.evaluation import (
     report,
     tables_of,
 )
+from moireaug.evaluation.attackers import Attacker
 from moireaug.evaluation.conditions import Photo, PhotoWithoutMoire
 from moireaug.evaluation.frame import cell_of, read_published, with_paper
 from moireaug.evaluation.judges import UNDEFENDED
@@ -25,11 +26,11 @@ from moireaug.evaluation.records import Records
 from moireaug.evaluation.report.page import render
 from moireaug.evaluation.report.suite_view import suite_view
 from moireaug.evaluation.runner import Runner, jobs_of
-from moireaug.evaluation.suites.adaptive import WORST_CASE_COLUMNS
 from moireaug.evaluation.suites.scenes import OWN_SCENE_ROW, other_scenes
 from moireaug.scene.presets import PRESETS
 
 SCENE = Scene.preset("screen_photo")
+WORST_CASE_COLUMNS = ("moire", "ma", "apgd")
 CONFIG = SuiteConfig(scene=SCENE, steps=2)
 
 
@@ -50,7 +51,7 @@ def measured(known):
 
 def test_groups_share_out_the_suites():
     assert GROUPS["recipes"] == ("worst_case", "unseen")
-    alone = {"ladder", "standard", "shifts", "trust"}
+    alone = {"ladder", "full_ladder", "standard", "shifts", "trust"}
     assert sorted(GROUPS["paper"] + GROUPS["recipes"]) == sorted(SUITES.keys() - alone)
     assert [table.name for table in tables_of("paper", CONFIG)] == list(GROUPS["paper"])
     assert [table.name for table in tables_of("unseen", CONFIG)] == ["unseen"]
@@ -110,6 +111,39 @@ def test_the_worst_case_is_each_images_worst(measured):
         each = [cell_of(lines, row, column)["accuracy"] for column in WORST_CASE_COLUMNS]
         assert worst["accuracy"] <= min(each)
         assert worst["success"] == 1 - worst["accuracy"]  # every image counts
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_the_worst_case_means_the_same_in_every_table(suite):
+    """The photo alone, and each untargeted attack through the camera at its bound."""
+    (table,) = tables_of(suite, CONFIG)
+    for worst in (cell for cell in table.cells if cell.worst):
+        names = {condition.name for condition in worst.conditions}
+        assert "moire" in names and len(names) == len(worst.conditions) > 2
+        eps = max(condition.eps for condition in worst.conditions)
+        beside = [cell for cell in table.cells if cell.row == worst.row or len(table.columns) == 1]
+        for cell in beside:
+            (condition, *others) = cell.conditions
+            if not others:
+                through_camera = isinstance(condition, Attacker) and condition.on_screen
+                counts = through_camera and condition.eps == eps and not condition.targeted
+                counts = counts or condition.name == "moire"
+                assert (condition.name in names) == counts, (worst.row, condition.name)
+
+
+def test_the_full_ladder_adds_rows_to_the_ladder(known):
+    (table,), (short,) = tables_of("full_ladder", CONFIG), tables_of("ladder", CONFIG)
+    added = {"rotated", "pose_unknown_4", "adaptive_4", "worst_case_4"}
+    assert set(table.rows) - set(short.rows) == added
+    assert table.rows[:4] == ["clean", "dimmed", "rotated", "no_moire"]
+    assert set(short.rows) - set(table.rows) == {"worst_4"}
+    config = dataclasses.replace(CONFIG, steps=1, eps=(16 / 255,))
+    tables, _, lines, _ = run_suite(*known, "full_ladder", config)
+    success = lines.set_index("row")["success"]
+    for row in ("moire", "ma_16", "adaptive_16", "pose_unknown_16"):
+        assert success["worst_case_16"] >= success[row]
+    view = suite_view({"model": "m"}, list(tables.values()), with_paper(lines, []), {})
+    assert view["tables"][0]["columns"] == ["fooled"]
 
 
 def test_pixels_and_chance_are_no_part_of_the_worst_case(measured):

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from moireaug import Lens, Panel, Scene, Sensor, View
-from moireaug.evaluation import SuiteConfig, images_frame, rates, trust
+from moireaug.evaluation import SuiteConfig, images_frame, rates, trust, trust_checks
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Runner, jobs_of
 
@@ -24,7 +24,7 @@ def verdicts(model, batch, eps=24 / 255, steps=10, scene=SCENE, targets=()):
     for _ in runner.run(jobs_of([table]), (0,)):
         pass
     images = images_frame([table], runner, (0,))
-    checks = trust.checks(config, images, rates(images))
+    checks = trust_checks.checks(config, images, rates(images))
     assert [c.verdict for c in checks] == sorted(
         (c.verdict for c in checks), key=("fail", "warning", "pass").index
     )
@@ -177,4 +177,4 @@ def test_nothing_right_leaves_nothing_to_check():
 @pytest.mark.parametrize("eps", [0.6, 1.0])
 def test_any_bound_can_be_checked(eps):
     model = Pooled().eval()
-    assert len(verdicts(model, labelled(model), eps=eps, steps=1)) == len(trust.CHECKS)
+    assert len(verdicts(model, labelled(model), eps=eps, steps=1)) == len(trust_checks.CHECKS)

@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from moireaug.evaluation.identity import digest
+from moireaug.evaluation.identity import identity
 from tests.training.small import BRIEF, TINY, command, configured, inside, train
 from training import fit, machine, runs, saved
 from training.data import load
@@ -49,7 +49,7 @@ def test_a_run_leaves_what_it_promises(whole):
         and m["train"]["images_per_second"] > 0
     )
     assert m["train"]["passes"] == 2.875 and len(m["train"]["history"]) == 2
-    assert m["identity"] == digest(saved.read(folder).model())  # as a later re-attack says it
+    assert m["identity"] == identity(saved.read(folder).model())  # as a later re-attack says it
     names = [r["name"] for r in m["reattack"]]
     assert names == [
         "clean",

@@ -9,8 +9,9 @@ from typing import Any
 import pandas as pd
 
 from moireaug.evaluation.report import page, plots
+from moireaug.evaluation.report.metrics import name_of
 from moireaug.evaluation.report.numbers import finite
-from moireaug.evaluation.report.run_view import name_of, run_view
+from moireaug.evaluation.report.run_view import run_view
 from moireaug.evaluation.report.suite_view import suite_view
 from moireaug.evaluation.report.terminal import Part, run_parts, run_summary, show, suite_parts
 from moireaug.evaluation.tables import Table

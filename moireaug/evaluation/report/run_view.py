@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from moireaug.evaluation.report.metrics import (
+    Metrics,
+    Rate,
+    gain_of,
+    is_attack,
+    name_of,
+    rate_of,
+    row_of,
+    total_seconds,
+)
 from moireaug.evaluation.report.numbers import finite
 from moireaug.evaluation.report.page import title_of
 
-Metrics = Mapping[str, Any]
 MIN_WHOLE_CHANGE = 0.05  # the smallest change of rates that is printed without decimals
-
-
-@dataclass(frozen=True)
-class Rate:
-    """A rate and its 95 % interval; None where it is not known."""
-
-    value: float | None = None
-    low: float | None = None
-    high: float | None = None
 
 
 def run_view(metrics: Metrics) -> dict[str, Any]:
@@ -65,23 +64,6 @@ def run_view(metrics: Metrics) -> dict[str, Any]:
     return view
 
 
-def name_of(side: Metrics) -> str:
-    """Return the name of a model: its recipe, or its architecture where it was not trained
-    here."""
-    recipe = side.get("recipe")
-    if recipe and recipe != "pretrained":
-        return str(recipe)
-    return str(side.get("model") or "this model")
-
-
-def total_seconds(side: Metrics | None) -> float | None:
-    """Return the seconds that training took, including those of the weights that it started
-    from."""
-    train = (side or {}).get("train") or {}
-    total = finite(train.get("total_seconds"))
-    return finite(train.get("seconds")) if total is None else total
-
-
 def _side(kind: str, side: Metrics) -> dict[str, Any]:
     name = name_of(side)
     role = "this model" if kind == "ours" else kind
@@ -102,8 +84,8 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
         for kind, side in sides.items():
             theirs = row_of(side, line["name"])
             rates[kind] = {
-                "accuracy": _rate(theirs, "accuracy"),
-                "success": _rate(theirs, "success"),
+                "accuracy": rate_of(theirs, "accuracy"),
+                "success": rate_of(theirs, "success"),
             }
         attack = is_attack(line)
         first = attack and bool(rows) and not rows[-1]["attack"]
@@ -114,7 +96,7 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
             "first_attack": first,
             "eps": finite(line.get("eps")) or 0.0,
             "sides": rates,
-            "gain": gain(metrics, line["name"]),
+            "gain": gain_of(metrics, line["name"]),
             "seconds": finite(line.get("seconds")),
             "n": line.get("n"),
         }
@@ -122,39 +104,6 @@ def _rows(metrics: Metrics, sides: Mapping[str, Metrics]) -> list[dict[str, Any]
             row[name] = finite(line.get(name))
         rows.append(row)
     return rows
-
-
-def is_attack(line: Metrics) -> bool:
-    """Return whether an attacker searches for this row's noise; the others show the camera
-    alone."""
-    control = line.get("control")
-    return not control if control is not None else str(line["name"]).startswith(("ma_", "pgd"))
-
-
-def row_of(side: Metrics | None, name: str) -> Metrics:
-    """Return a model's row of that name; empty where it has none."""
-    for row in (side or {}).get("reattack") or []:
-        if row["name"] == name:
-            return row
-    return {}
-
-
-def _rate(row: Metrics, key: str) -> Rate:
-    ends = row.get(f"{key}_interval") or (None, None)
-    return Rate(finite(row.get(key)), *_both(ends))
-
-
-def _both(ends: Sequence[Any]) -> tuple[float | None, float | None]:
-    """Return two finite ends, or none."""
-    low, high = (finite(end) for end in ends)
-    return (None, None) if low is None or high is None else (low, high)
-
-
-def gain(metrics: Metrics, name: str) -> Rate:
-    """Return the accuracy of this model minus the baseline's in one row, and its interval."""
-    value = finite((metrics.get("gain") or {}).get(name))
-    ends = (metrics.get("gain_interval") or {}).get(name) or (None, None)
-    return Rate(value, *_both(ends))
 
 
 def _main(

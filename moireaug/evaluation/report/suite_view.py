@@ -8,9 +8,9 @@ from typing import Any
 import pandas as pd
 
 from moireaug.evaluation.frame import MEASURES
+from moireaug.evaluation.report.metrics import Metrics, Rate, name_of
 from moireaug.evaluation.report.numbers import finite
 from moireaug.evaluation.report.page import render, title_of
-from moireaug.evaluation.report.run_view import Metrics, Rate, name_of
 from moireaug.evaluation.tables import Table
 
 ATTACK_COLUMNS = ("worst", "ma")  # columns of a table, the strongest first

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from moireaug.evaluation.suites.adaptive import adaptive, standard, worst_case
 from moireaug.evaluation.suites.appearance import appearance
 from moireaug.evaluation.suites.demoireing import demoireing
-from moireaug.evaluation.suites.ladder import ladder
+from moireaug.evaluation.suites.ladder import full_ladder, ladder
 from moireaug.evaluation.suites.paper import (
     budget,
     defences,
@@ -30,6 +30,7 @@ from moireaug.scene.fields import one_of
 
 SUITES: dict[str, Callable[[SuiteConfig], Table]] = {
     "ladder": ladder,
+    "full_ladder": full_ladder,
     "success": success,
     "mean_normalised": mean_normalised,
     "jpeg": jpeg,

@@ -1,0 +1,75 @@
+"""The random numbers of an evaluation. They depend only on its seed, on a batch's index and on the
+names of condition and judge, so that any process, now or later, draws the same."""
+
+from __future__ import annotations
+
+import contextlib
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from moireaug.evaluation.statistics import mix_seeds
+from moireaug.mixed_shot import MixedShot
+from moireaug.mixtures import Mixture
+from moireaug.scenes import Scene, Shot
+
+# streams of random numbers, by their purpose
+SHOT_STREAM, TARGET_STREAM, CONDITION_STREAM, SHOW_STREAM, JUDGE_STREAM = range(5)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The draws for one batch.
+
+    Args:
+        seed: seed of the evaluation.
+        index: index of the batch.
+    """
+
+    seed: int
+    index: int
+
+    def targets(self, labels: Tensor, classes: int) -> Tensor:
+        """Draw one of the other classes for each label, (B,)."""
+        generator = self._generator(TARGET_STREAM)
+        offset = torch.randint(1, classes, labels.shape, generator=generator, device="cpu")
+        return (labels + offset.to(labels)) % classes
+
+    def shots(self, scene: Scene | Mixture, images: Tensor) -> list[tuple[Tensor, Shot]]:
+        """Draw a shot for each image: for each scene of a mixture, the rows (b,) of its images, and
+        their shot."""
+        size = (images.shape[-2], images.shape[-1])
+        shot = scene.sample(len(images), size, self._generator(SHOT_STREAM)).to(images.device)
+        if isinstance(shot, MixedShot):
+            return shot.by_scene()
+        return [(torch.arange(len(images), device=images.device), shot)]
+
+    def condition_generator(self, condition: str) -> torch.Generator:
+        """Return the generator that a condition draws from."""
+        return self._generator(CONDITION_STREAM, condition)
+
+    @contextlib.contextmanager
+    def global_generators(self, device: torch.device) -> Iterator[None]:
+        """Restore torch's global generators on exit: a randomised model or defence draws from
+        them."""
+        devices = [device] if device.type == "cuda" else []
+        with torch.random.fork_rng(devices):
+            yield
+
+    def seed_showing(self, condition: str) -> None:
+        """Seed torch's global generators for the images of a condition."""
+        torch.manual_seed(self._seed(SHOW_STREAM, condition))
+
+    def seed_judging(self, condition: str, judge: str) -> None:
+        """Seed torch's global generators for a judge's answers to them."""
+        torch.manual_seed(self._seed(JUDGE_STREAM, condition, judge))
+
+    def _generator(self, stream: int, *names: str) -> torch.Generator:
+        return torch.Generator().manual_seed(self._seed(stream, *names))
+
+    def _seed(self, stream: int, *names: str) -> int:
+        numbers = (zlib.crc32(name.encode()) for name in names)  # the same on every machine
+        return mix_seeds(self.seed, self.index, stream, *numbers)
