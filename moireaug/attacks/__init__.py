@@ -11,7 +11,7 @@ from moireaug.attacks.multitargeted import MultiTargeted
 from moireaug.attacks.patch import Patch
 from moireaug.attacks.photographed import Photographed
 from moireaug.attacks.pixel import BIM, CW, MIFGSM, PGD
-from moireaug.attacks.problem import Result
+from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES
 from moireaug.attacks.square import SquareMoire
 

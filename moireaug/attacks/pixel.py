@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import has_prediction, predicted
+from moireaug.attacks.answers import has_prediction, reaches
 from moireaug.attacks.checks import (
     check_answers,
     check_classes,
@@ -21,13 +21,33 @@ from moireaug.attacks.checks import (
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import loss_curve, margin, mean_cross_entropy
 from moireaug.attacks.model import evaluating
-from moireaug.attacks.problem import Problem, Result
+from moireaug.attacks.problem import Point, Problem
+from moireaug.attacks.result import Result
 from moireaug.attacks.rules import choose
 from moireaug.image_checks import check_images
+from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import clip
 from moireaug.scenes import Shot
 
 TANH_LIMIT = 1 - 1e-6  # a pixel's largest |tanh(w)|: black and white would lie at infinity
+
+
+@dataclass(eq=False)
+class PixelProblem(Problem):
+    """Noise on the pixels of images."""
+
+    images: Tensor
+
+    def __post_init__(self) -> None:
+        self.shape = tuple(self.images.shape)
+        self.base = self.images if self.images.dtype == torch.float64 else self.images.float()
+        self.effective_range = 0.0, 1.0
+
+    def render(self, point: Point) -> Tensor:
+        return clip(self.images + point["noise"]).to(self.images.dtype)
+
+    def subset(self, rows: Tensor) -> PixelProblem:
+        return PixelProblem(self.images[rows])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,19 +71,11 @@ class PGD(Attack):
             )
 
     def problem(
-        self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
+        self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
     ) -> Problem:
         refuse_shot(shot)
 
-        def render(noise: Tensor) -> Tensor:
-            return clip(images + noise).to(images.dtype)
-
-        def subset(rows: Tensor) -> Problem:
-            return self.problem(images[rows], None, generator)
-
-        shape = tuple(images.shape)
-        base = images if images.dtype == torch.float64 else images.float()
-        return Problem(render, render, shape, images, subset, base=base, effective_range=(0.0, 1.0))
+        return PixelProblem(images)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +140,7 @@ class CW:
         labels: Tensor,
         targets: Tensor | None = None,
         *,
-        shot: Shot | None = None,
+        shot: Shot | MixedShot | None = None,
         generator: torch.Generator | None = None,
     ) -> Result:
         """Attack a batch; arguments, Result and errors as of `Attack`. Nothing is drawn from the
@@ -163,8 +175,7 @@ class CW:
                 w.grad = gradient.nan_to_num()
                 adam.step()
                 losses.append(mean_cross_entropy(logits, goal))
-                predictions = predicted(logits)
-                fooled = predictions != labels if targets is None else predictions == targets
+                fooled = reaches(logits, labels, targets)
                 fooled &= (lead >= self.confidence) | ~has_prediction(logits)
                 is_nearer = fooled & (distance < nearest_distance)
                 nearest_distance = torch.where(is_nearer, distance, nearest_distance).detach()
@@ -174,8 +185,7 @@ class CW:
                 logits = self.model(photo.clone())
             check_classes(classes, logits, 1)
             check_answers(logits, self.model, images)  # without steps, nothing was checked yet
-            predictions = predicted(logits)
-        success = predictions != labels if targets is None else predictions == targets
+        success = reaches(logits, labels, targets)
         noise = nearest - x
         eps = noise.abs().max().item() if noise.numel() else 0.0
         return Result(photo, success, noise, loss_curve(losses), eps)
@@ -186,7 +196,7 @@ def _logits_gradient(logits: Tensor, w: Tensor) -> tuple[Tensor | None, ...]:
     return torch.autograd.grad(logits.sum(), w, allow_unused=True, retain_graph=True)
 
 
-def refuse_shot(shot: Shot | None) -> None:
+def refuse_shot(shot: Shot | MixedShot | None) -> None:
     """Refuse a shot, which a pixel attack has no use for."""
     if shot is not None:
         raise ValueError(
