@@ -15,9 +15,6 @@ from moireaug.attacks.losses import margin, mean_cross_entropy
 from moireaug.attacks.problem import Point, Problem
 from moireaug.attacks.rules import choose
 
-# margin in logits above which an image counts as fooled for good: rounding differs between batches
-FOOLED_MARGIN = 1e-3
-
 
 class Step(NamedTuple):
     """A point of a search, and the model's answer there.
@@ -51,6 +48,7 @@ class Search:
         active: problem of these b images.
         best: each image's point of the greatest margin, over steps and restarts.
         margins: (n,) greatest margins.
+        scales: (n,) greatest size of the two logits whose difference is a margin.
         losses: mean cross-entropy before each step of the last restart.
         stops_fooled: whether fooled images take no further steps.
     """
@@ -70,6 +68,7 @@ class Search:
         self.rows, self.active = torch.arange(len(labels), device=labels.device), problem
         self.best: Point = {}
         self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
+        self.scales = torch.zeros_like(self.margins)
         self.losses: list[Tensor] = []
         self.stops_fooled = False
 
@@ -146,10 +145,14 @@ class Search:
         self.best = {name: choose(better, x, best[name]) for name, x in point.items()}
         self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
         if self.stops_fooled:
-            self._drop(self.margins > FOOLED_MARGIN)
+            self._drop_fooled(margins, logits)
 
-    def _drop(self, fooled: Tensor) -> None:
-        """Take no further steps for the images of a mask (n,)."""
-        rows = self.rows[~fooled[self.rows]]
+    def _drop_fooled(self, margins: Tensor, logits: Tensor) -> None:
+        """Take no further steps for images that are fooled for good: by more than rounding, which
+        differs between batches, so by half of the digits of their logits (b, K)."""
+        sizes = (logits.amax(1).float().abs() + margins.abs()).nan_to_num(0, 0, 0)
+        self.scales = torch.maximum(self.scales, self.scatter(sizes))
+        is_fooled = self.margins > self.scales * torch.finfo(logits.dtype).eps ** 0.5
+        rows = self.rows[~is_fooled[self.rows]]
         if len(rows) < len(self.rows):
             self.rows, self.active = rows, self.problem.subset(rows)
