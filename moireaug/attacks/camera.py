@@ -36,14 +36,14 @@ class CameraProblem(Problem):
     Args:
         images: (B, 3, H, W) images on the screen.
         shot: shot whose photos are judged.
-        exposed: (B, ...) readings or photos of `shot` without noise.
+        clean: (B, ...) readings or photos of `shot` without noise.
         noise_at, optimise, eot: as of `attacks.MoireAttack`.
         generator: CPU generator of the draws of an expectation; None is torch's global one.
     """
 
     images: Tensor
     shot: Shot
-    exposed: Tensor
+    clean: Tensor
     noise_at: str
     optimise: tuple[str, ...]
     eot: int
@@ -52,11 +52,11 @@ class CameraProblem(Problem):
     def __post_init__(self) -> None:
         self.before_noise, self.after_noise = NOISE_AT[self.noise_at]
         self.fields = searched_fields(self.shot.scene, self.optimise)
-        self.shape, self.views = tuple(self.exposed.shape), self.eot
+        self.shape, self.views = tuple(self.clean.shape), self.eot
         if self.fields:
             self.pose = pose_of(self.shot, self.fields)
         elif self.eot == 1:
-            self.base = self.exposed
+            self.base = self.clean
         self.noise_frozen = "noise" not in self.optimise
         if self.noise_at == "photo":
             self.effective_range = 0.0, 1.0
@@ -65,11 +65,11 @@ class CameraProblem(Problem):
             self.effective_range = -math.inf, 1.0
 
     def render(self, point: Point) -> Tensor:
-        shot, exposed = self.shot, self.exposed
+        shot, clean = self.shot, self.clean
         if "pose" in point:
             shot = shot_at_pose(shot, self.fields, point["pose"])
-            exposed = self.before_noise(self.images, shot)
-        return self.after_noise(exposed + point["noise"], shot).to(self.images.dtype)
+            clean = self.before_noise(self.images, shot)
+        return self.after_noise(clean + point["noise"], shot).to(self.images.dtype)
 
     def forward_views(self, point: Point) -> Tensor:
         """Return the photos of the shot itself or, for an expectation, of `eot` fresh draws of its
@@ -81,14 +81,14 @@ class CameraProblem(Problem):
         if "pose" in point:
             pose = point["pose"].repeat(self.eot, 1)
             shots = shot_at_pose(shots.to(self.images.device), self.fields, pose)
-        exposed = self.before_noise(self.images.repeat(self.eot, 1, 1, 1), shots)
+        clean = self.before_noise(self.images.repeat(self.eot, 1, 1, 1), shots)
         noise = point["noise"].repeat(self.eot, 1, 1, 1)
-        return self.after_noise(exposed + noise, shots).to(self.images.dtype)
+        return self.after_noise(clean + noise, shots).to(self.images.dtype)
 
     def subset(self, rows: Tensor) -> CameraProblem:
         shot = self.shot[rows.to(self.shot.device)]
         return dataclasses.replace(
-            self, images=self.images[rows], shot=shot, exposed=self.exposed[rows]
+            self, images=self.images[rows], shot=shot, clean=self.clean[rows]
         )
 
     def shot_of(self, point: Point) -> Shot:

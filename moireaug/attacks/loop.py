@@ -131,15 +131,14 @@ class Attack(ABC):
         Args:
             classes: (B,) int64 classes that the loss steers toward, as toward the `targets` of a
                 call; the best point and success are as without targets.
-
-        Other arguments and errors are as in a call.
+            others, and errors: as in a call.
         """
 
-        def steered(search: Search) -> Result:
+        def result_toward(search: Search) -> Result:
             search.targets = None
             return self._best_result(search)
 
-        return self.attack_batch(steered, images, labels, classes, shot, generator)
+        return self.attack_batch(result_toward, images, labels, classes, shot, generator)
 
     def last(
         self,
@@ -149,9 +148,9 @@ class Attack(ABC):
         shot: Shot | MixedShot | None = None,
         generator: torch.Generator | None = None,
     ) -> Tensor:
-        """Return the images after the last step, (B, 3, H, W), whether or not an earlier step was
-        better: adversarial training uses these, at exactly one forward and backward pass per step.
-        Every step is taken, also for images already fooled. Arguments as in a call."""
+        """Return the images after the last step, (B, 3, H, W), whether or not an earlier one was
+        better, as adversarial training needs them: exactly one forward and backward pass per step,
+        and every step for every image. Arguments as in a call."""
         return self.attack_batch(self._last_images, images, labels, None, shot, generator)
 
     def attack_batch(
@@ -176,7 +175,7 @@ class Attack(ABC):
         for step in self._steps(search, self._start(search, restart=0)):
             point = step.point
         with torch.no_grad():
-            return search.problem.render(point).detach()
+            return search.problem.render(point)
 
     def _best_result(self, search: Search) -> Result:
         return self.result(search, self.best(search))
@@ -196,8 +195,8 @@ class Attack(ABC):
         return search.best
 
     def _steps(self, search: Search, point: Point) -> Iterator[Step]:
-        """Take the steps from a point, and yield each point with the model's answer there, before
-        its step, and the last point. A consumer may drop images from the search."""
+        """Yield each point from which a step is taken, with the model's answer there, and the last
+        point. Between two steps, `Search.keep` may drop images."""
         rules = self._rules(search.problem)
         for k in range(self.steps):
             variables = {}
@@ -222,8 +221,8 @@ class Attack(ABC):
             yield Step(point, images.detach(), logits.detach())
             if search.is_over:
                 return
-            moved = {name: rules[name](point[name], ascent[name], image_loss) for name in ascent}
-            point = point | moved
+            for name, gradient in ascent.items():
+                point = point | {name: rules[name](point[name], gradient, image_loss)}
         yield Step(point)
 
     def _start(self, search: Search, restart: int) -> Point:
@@ -247,6 +246,5 @@ class Attack(ABC):
         """Return the Result of a point."""
         images, logits = search.photo(point)
         success = reaches(logits, search.labels, search.targets)
-        losses = loss_curve(search.losses[: self.steps])
-        shot = search.problem.shot_of(point)
+        shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
         return Result(images, success, point["noise"], losses, self.eps, shot)

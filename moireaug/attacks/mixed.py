@@ -1,49 +1,16 @@
-"""Attacks on a mixture of scenes: the images of each scene are attacked together, as a batch of
-their own, and the results are joined."""
+"""Results of an attack on a mixture of scenes: the images of each scene are attacked as a batch of
+their own, and their results joined."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks.checks import check_goals
 from moireaug.attacks.result import Result, noise_tensor
-from moireaug.image_checks import check_images
 from moireaug.mixed_shot import MixedShot, in_order
-from moireaug.scenes import Shot
-from moireaug.shot_checks import check_batch
-
-
-class SceneBatch(NamedTuple):
-    """The b images of a batch that are photographed in one scene."""
-
-    rows: Tensor  # (b,) indices in the batch
-    shot: Shot
-    images: Tensor
-    labels: Tensor
-    targets: Tensor | None
-
-
-def split_by_scene(
-    shot: MixedShot, images: Tensor, labels: Tensor, targets: Tensor | None
-) -> list[SceneBatch]:
-    """Return a batch for each scene of a shot.
-
-    Raises:
-        TypeError, ValueError: images that an attack does not take, or of another batch; labels or
-            targets of the wrong type, shape or range.
-    """
-    check_batch(check_images(images), shot)
-    labels, targets = check_goals(images, labels, targets)
-    batches = []
-    for scene_rows, scene_shot in shot.by_scene():
-        rows = scene_rows.to(images.device)
-        scene_targets = None if targets is None else targets[rows]
-        batches.append(SceneBatch(rows, scene_shot, images[rows], labels[rows], scene_targets))
-    return batches
 
 
 def join(shot: MixedShot, rows: Sequence[Tensor], results: Sequence[Any], noise_at: str) -> Any:

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.camera import NOISE_AT, CameraProblem
-from moireaug.attacks.checks import check_count
+from moireaug.attacks.checks import check_count, check_goals
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.mixed import join, split_by_scene
+from moireaug.attacks.mixed import join
 from moireaug.attacks.pose import searched_fields
 from moireaug.attacks.search import Search
 from moireaug.image_checks import check_images
@@ -20,6 +20,7 @@ from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture, as_scenes, scenes_of
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Scene, Shot
+from moireaug.shot_checks import check_batch
 
 R = TypeVar("R")
 
@@ -29,7 +30,7 @@ class MoireAttack(Attack):
     """The Moiré Attack (paper, section 3 and Algorithm 1): find delta on the raw reading so that
     the developed photo `develop(expose(x) + delta)` is misclassified, or classified as a target.
 
-    The screen is exposed once; every step only develops raw + delta. Unlike the printed algorithm,
+    The screen is clean once; every step only develops raw + delta. Unlike the printed algorithm,
     each step's photo is developed from the one reading plus the current delta, and the best step
     per image is returned. The printed order is the rule "printed", whose noise is larger than eps:
     see `rules.Printed`.
@@ -109,11 +110,15 @@ class MoireAttack(Attack):
             shot = scene.sample(len(images), (images.shape[-2], images.shape[-1]), generator)
         if not isinstance(shot, MixedShot):
             return search(reduce, images, labels, targets, shot, generator)
-        batches, results = split_by_scene(shot, images, labels, targets), []
-        for batch in batches:
-            goals = batch.labels, batch.targets
-            results.append(search(reduce, batch.images, *goals, batch.shot, generator))
-        return join(shot, [batch.rows for batch in batches], results, self.noise_at)
+        check_batch(check_images(images), shot)
+        labels, targets = check_goals(images, labels, targets)
+        batch_rows, results = [], []
+        for scene_rows, scene_shot in shot.by_scene():
+            rows = scene_rows.to(images.device)
+            goals = labels[rows], None if targets is None else targets[rows]
+            batch_rows.append(rows)
+            results.append(search(reduce, images[rows], *goals, scene_shot, generator))
+        return join(shot, batch_rows, results, self.noise_at)
 
     def problem(
         self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
@@ -126,10 +131,8 @@ class MoireAttack(Attack):
                 "a mixture is attacked scene by scene: call the attack, or pass the shot of one."
             )
         with torch.no_grad():
-            exposed = NOISE_AT[self.noise_at][0](images, shot)
+            clean = NOISE_AT[self.noise_at][0](images, shot)
         if searched_fields(shot.scene, self.optimise):
             # a shot that was drawn in inference mode takes no gradient
             shot = shot._map(torch.clone).to(images.device)
-        return CameraProblem(
-            images, shot, exposed, self.noise_at, self.optimise, self.eot, generator
-        )
+        return CameraProblem(images, shot, clean, self.noise_at, self.optimise, self.eot, generator)

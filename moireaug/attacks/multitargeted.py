@@ -69,23 +69,24 @@ class MultiTargeted:
         _, logits = search.photo(best)
         check_classes(search.labels, logits, 1)
         check_answers(logits, self.attack.model, search.problem.images)
-        fooled = reaches(logits, search.labels, None)
+        is_fooled = reaches(logits, search.labels, None)
         margins = margin(logits.float(), search.labels)
         values, classes = likeliest_wrong_classes(logits, search.labels, self.targets)
         for value, targets in zip(values.T, classes.T, strict=True):
             # images that are still right, and whose class minus infinity does not rule out
-            rows = (~fooled & value.isfinite()).nonzero()[:, 0]
+            rows = (~is_fooled & value.isfinite()).nonzero()[:, 0]
             if not len(rows):
                 break
             toward = search.toward(targets[rows], rows)
             point = self.attack.best(toward)
             _, logits = toward.photo(point)
-            reached = reaches(logits, toward.labels, None)
-            reached_margins = margin(logits.float(), toward.labels)
-            better = reached | (reached_margins > margins[rows])
-            changed = rows[better]
-            fooled[changed] = reached[better]
-            margins[changed] = reached_margins[better]
-            best = {name: x.index_copy(0, changed, point[name][better]) for name, x in best.items()}
+            is_success = reaches(logits, toward.labels, None)
+            new_margins = margin(logits.float(), toward.labels)
+            is_better = is_success | (new_margins > margins[rows])
+            better_rows = rows[is_better]
+            is_fooled[better_rows] = is_success[is_better]
+            margins[better_rows] = new_margins[is_better]
+            for name, x in point.items():
+                best[name] = best[name].index_copy(0, better_rows, x[is_better])
             search.losses = toward.losses
         return self.attack.result(search, best)
