@@ -42,7 +42,8 @@ def step(attack: attacks.Attack, images: Tensor, labels: Tensor) -> Callable[[],
     @torch.enable_grad()
     def run() -> Tensor:
         noise = start.clone().requires_grad_(True)
-        loss = F.cross_entropy(attack.model(problem.forward_views(noise)), labels, reduction="sum")
+        photos = problem.forward_views({"noise": noise})
+        loss = F.cross_entropy(attack.model(photos), labels, reduction="sum")
         (gradient,) = torch.autograd.grad(loss, noise)
         return (noise.detach() + eps / 4 * gradient.sign()).clamp(-eps, eps)
 

@@ -20,7 +20,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 from torchvision.utils import save_image
 
-from moireaug import attacks, capture
+from moireaug import Scene, attacks, capture
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the repository, for `training`
 
@@ -68,16 +68,15 @@ def main() -> None:
 
     codes, labels = signs.make("test", args.attacked, size=32)
     images = codes.float() / 255
-    eps = [2 / 255, 4 / 255, 8 / 255]
-    attack = attacks.MoireAttack(model, scene="screen_photo", eps=eps, steps=args.steps)
-    results = attack(images, labels)  # one for each eps, of the same shots
-    photos = capture(images, results[0].shot)
+    shot = Scene.preset("screen_photo").sample(len(images), (32, 32))
+    photos = capture(images, shot)
     print(f"clean images          {accuracy(model, images, labels):.0%}")
     print(f"photos, no noise      {accuracy(model, photos, labels):.0%}")
-    for result in results:
-        rate = accuracy(model, result.images, labels)
-        print(f"Moiré Attack {255 * result.eps:.0f}/255    {rate:.0%}")
-    save_image(torch.cat([images[:3], photos[:3], results[1].images[:3]]), args.out, nrow=3)
+    for eps in (2, 4, 8):
+        attack = attacks.MoireAttack(model, eps=eps / 255, steps=args.steps)
+        attacked = attack(images, labels, shot=shot).images
+        print(f"Moiré Attack {eps}/255    {accuracy(model, attacked, labels):.0%}")
+    save_image(torch.cat([images[:3], photos[:3], attacked[:3]]), args.out, nrow=3)
 
 
 if __name__ == "__main__":

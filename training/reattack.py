@@ -35,6 +35,7 @@ from omegaconf import DictConfig
 from torch import nn
 
 from moireaug.attacks import MoireAttack
+from moireaug.attacks.checks import check_bounds
 from moireaug.evaluation import GROUPS, SUITES
 from moireaug.evaluation.tables import DEFAULT_EPS
 from moireaug.evaluation.visibility import LPIPS
@@ -72,12 +73,8 @@ def check(cfg: Config) -> None:
     one_of("suite", getattr(cfg, "suite", "ladder"), (*SUITES, *GROUPS))
     one_of("data.augment", cfg.data.augment, AUGMENT)
     require_used(cfg.data)
-    MoireAttack(
-        model=torch.nn.Identity(),
-        scene=scene_of(cfg),
-        eps=list(DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps),
-        steps=cfg.reattack.steps,
-    )
+    check_bounds(list(DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps))
+    MoireAttack(model=torch.nn.Identity(), scene=scene_of(cfg), steps=cfg.reattack.steps)
 
 
 def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> Metrics:

@@ -3,6 +3,7 @@ return logits."""
 
 from moireaug.attacks.answers import UNDECIDED, predicted
 from moireaug.attacks.checks import NoAnswerError
+from moireaug.attacks.cw import CW
 from moireaug.attacks.loop import Attack
 from moireaug.attacks.losses import LOSSES, margin
 from moireaug.attacks.model import Normalized, evaluating
@@ -10,8 +11,8 @@ from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.multitargeted import MultiTargeted
 from moireaug.attacks.patch import Patch
 from moireaug.attacks.photographed import Photographed
-from moireaug.attacks.pixel import BIM, CW, MIFGSM, PGD
-from moireaug.attacks.problem import Result
+from moireaug.attacks.pixel import BIM, MIFGSM, PGD
+from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES
 from moireaug.attacks.square import SquareMoire
 

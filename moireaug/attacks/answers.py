@@ -23,3 +23,10 @@ def predicted(logits: Tensor) -> Tensor:
     equals no label: a model without an answer is wrong, whereas `argmax` would return the index of
     its first NaN."""
     return torch.where(has_prediction(logits), logits.argmax(1), UNDECIDED)
+
+
+def reaches(logits: Tensor, labels: Tensor, targets: Tensor | None) -> Tensor:
+    """Return whether each row of logits (B, K) is a success of an attack, (B,) bool: it does not
+    predict the label or, with targets, it predicts the target."""
+    predictions = predicted(logits)
+    return predictions != labels if targets is None else predictions == targets

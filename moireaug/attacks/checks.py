@@ -29,21 +29,28 @@ def check_model(model: object, name: str = "an attack's model") -> None:
         )
 
 
-def check_bounds(eps: object) -> None:
-    """Refuse an `eps` that is neither a number in [0, 1] nor a list of them: ValueError."""
-    values = eps if isinstance(eps, (list, tuple)) else [eps]
-    if not values or not all(_is_valid_eps(e) for e in values):
-        raise ValueError(
-            f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {eps!r}."
-        )
-    if max(values) > 1:
+def check_eps(eps: object) -> None:
+    """Refuse an `eps` that is not one number in [0, 1]: ValueError."""
+    if isinstance(eps, bool) or not is_finite(eps) or eps < 0:  # type: ignore[operator]
+        is_list = isinstance(eps, (Sequence, np.ndarray, Tensor)) and not isinstance(eps, str)
+        advice = " Make one attack per value." if is_list else ""
+        raise ValueError(f"eps must be a number >= 0 in [0, 1] units; got {eps!r}.{advice}")
+    if eps > 1:  # type: ignore[operator]
         raise ValueError(
             f"eps is in [0, 1] units, where 1 is full scale; got {eps!r}. Divide by 255?"
         )
 
 
-def _is_valid_eps(eps: object) -> bool:
-    return is_finite(eps) and not isinstance(eps, bool) and eps >= 0  # type: ignore[operator]
+def check_bounds(bounds: object) -> None:
+    """Refuse the bounds of an evaluation that are neither an `eps` nor a list of one or more:
+    ValueError."""
+    values = bounds if isinstance(bounds, (list, tuple)) else [bounds]
+    if not values:
+        raise ValueError(
+            f"eps must be a number >= 0 in [0, 1] units, or a list of them; got {bounds!r}."
+        )
+    for value in values:
+        check_eps(value)
 
 
 def is_finite(value: object) -> bool:

@@ -1,38 +1,39 @@
-"""The loop of every gradient attack: projected steps of an update rule, and the best point of each
-image."""
+"""The loop of every gradient attack: one search that yields points, of which an attack keeps each
+image's best, and adversarial training the last."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from numbers import Real
+from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
 
-from moireaug.attacks.answers import predicted
-from moireaug.attacks.best import BestPoints
+from moireaug.attacks.answers import reaches
 from moireaug.attacks.checks import (
-    check_answers,
-    check_bounds,
-    check_classes,
     check_count,
+    check_eps,
     check_goals,
     check_gradient,
     check_model,
     check_sizes,
 )
 from moireaug.attacks.losses import LOSSES, loss_curve
-from moireaug.attacks.model import evaluating
-from moireaug.attacks.problem import Point, Problem, Result
+from moireaug.attacks.model import evaluating, is_repeatable
+from moireaug.attacks.problem import Point, Problem
+from moireaug.attacks.result import Result
 from moireaug.attacks.rules import RULES, Ball, Rule
-from moireaug.attacks.task import ActiveImages, Task
+from moireaug.attacks.search import Search, Step
 from moireaug.image_checks import check_images
+from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import as_single
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Shot
+
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +48,7 @@ class Attack(ABC):
     Args:
         model: (B, 3, H, W) images in [0, 1] to (B, K) logits. Its mode, BatchNorm statistics and
             gradients are the same after the attack as before, even if it raises.
-        eps: bound of the noise in [0, 1] units; a list gives one Result per value, in order.
+        eps: bound of the noise in [0, 1] units.
         steps: gradient steps.
         step_size: in units of eps; None is min(1, 2.5 / steps), or 2 with the rule "apgd", and 1 /
             steps with "printed".
@@ -66,7 +67,7 @@ class Attack(ABC):
     """
 
     model: nn.Module | Callable[[Tensor], Tensor] = field(kw_only=False)
-    eps: float | Sequence[float] = 4 / 255
+    eps: float = 4 / 255
     steps: int = 20
     step_size: float | None = None
     rule: str = "sign"
@@ -77,9 +78,8 @@ class Attack(ABC):
 
     def __post_init__(self) -> None:
         check_model(self.model)
-        check_bounds(self.eps)
-        if isinstance(self.eps, Real):  # NumPy's, for one
-            object.__setattr__(self, "eps", float(self.eps))
+        check_eps(self.eps)
+        object.__setattr__(self, "eps", float(self.eps))  # it may be NumPy's
         check_count("steps", self.steps, 0)
         check_count("restarts", self.restarts, 1)
         check_sizes(self.step_size, self.random_start, self.steps)
@@ -88,7 +88,7 @@ class Attack(ABC):
 
     @abstractmethod
     def problem(
-        self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
+        self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
     ) -> Problem:
         """Return the problem of one batch: how noise becomes its images."""
 
@@ -98,40 +98,24 @@ class Attack(ABC):
         labels: Tensor,
         targets: Tensor | None = None,
         *,
-        shot: Shot | None = None,
+        shot: Shot | MixedShot | None = None,
         generator: torch.Generator | None = None,
-    ) -> Result | list[Result]:
+    ) -> Result:
         """Attack a batch.
 
         Args:
             images: (B, 3, H, W) float in [0, 1].
             labels: (B,) int64 true classes.
             targets: (B,) int64 classes to reach; None is untargeted.
-            shot: the shot that is attacked; None draws one.
+            shot: the shot that is attacked, in its own scene; None draws one.
             generator: CPU generator of the draw and of random starts; None is torch's global one.
-
-        Returns:
-            A Result, or a list of them where `eps` is a list.
 
         Raises:
             TypeError, ValueError: images, labels or logits of the wrong type, shape or range;
                 targets that equal their labels; a model without a gradient, or whose logits are not
                 finite for any of the images.
         """
-        images = check_images(images)
-        with evaluating(self.model, images):
-            images = images.detach().clone()
-            labels, targets = check_goals(images, labels, targets)
-            problem = self.problem(images, shot, generator)
-            if isinstance(self.eps, (int, float)):
-                return self._run(
-                    Task(problem, labels, targets, targets, float(self.eps), generator)
-                )
-            results = []
-            for eps in self.eps:
-                task = Task(problem, labels, targets, targets, float(eps), generator)
-                results.append(self._run(task))
-            return results
+        return self.attack_batch(self._best_result, images, labels, targets, shot, generator)
 
     def toward(
         self,
@@ -139,164 +123,128 @@ class Attack(ABC):
         labels: Tensor,
         classes: Tensor,
         *,
-        shot: Shot | None = None,
+        shot: Shot | MixedShot | None = None,
         generator: torch.Generator | None = None,
-        problem: Problem | None = None,
     ) -> Result:
         """Attack a batch by steps toward one class per image, where any wrong class is a success.
 
         Args:
             classes: (B,) int64 classes that the loss steers toward, as toward the `targets` of a
                 call; the best point and success are as without targets.
-            problem: problem of these images; None makes one.
-
-        Other arguments and errors are as in a call; `eps` must be one number.
+            others, and errors: as in a call.
         """
-        images, eps = check_images(images), self.single_eps()
-        with evaluating(self.model, images):
-            images = images.detach().clone()
-            labels, loss_targets = check_goals(images, labels, classes)
-            problem = problem or self.problem(images, shot, generator)
-            return self._run(Task(problem, labels, None, loss_targets, eps, generator))
+
+        def result_toward(search: Search) -> Result:
+            search.targets = None
+            return self._best_result(search)
+
+        return self.attack_batch(result_toward, images, labels, classes, shot, generator)
 
     def last(
         self,
         images: Tensor,
         labels: Tensor,
         *,
-        shot: Shot | None = None,
+        shot: Shot | MixedShot | None = None,
         generator: torch.Generator | None = None,
     ) -> Tensor:
-        """Return the images after the last step, (B, 3, H, W), whether or not an earlier step was
-        better: adversarial training uses these, at exactly one forward and backward pass per step.
-        Every step is taken, also for images already fooled. Arguments as in a call; `eps` must be
-        one number."""
+        """Return the images after the last step, (B, 3, H, W), whether or not an earlier one was
+        better, as adversarial training needs them: exactly one forward and backward pass per step,
+        and every step for every image. Arguments as in a call."""
+        return self.attack_batch(self._last_images, images, labels, None, shot, generator)
+
+    def attack_batch(
+        self,
+        reduce: Callable[[Search], R],
+        images: Tensor,
+        labels: Tensor,
+        targets: Tensor | None,
+        shot: Shot | MixedShot | None,
+        generator: torch.Generator | None,
+    ) -> R:
+        """Return what `reduce` makes of the search on a batch; arguments as in a call."""
         images = check_images(images)
         with evaluating(self.model, images):
             images = images.detach().clone()
-            labels, _ = check_goals(images, labels, None)
+            labels, targets = check_goals(images, labels, targets)
             problem = self.problem(images, shot, generator)
-            task = Task(problem, labels, None, None, self.single_eps(), generator)
-            point = self._ascend(task, self._start(task, restart=0), best=None)
+            return reduce(Search(self.model, problem, labels, targets, targets, generator))
+
+    def _last_images(self, search: Search) -> Tensor:
+        """Return the images at the last point."""
+        for step in self._steps(search, self._start(search, restart=0)):
+            point = step.point
         with torch.no_grad():
-            return problem.render(**point).detach()
+            return search.problem.render(point)
 
-    def single_eps(self) -> float:
-        """Return eps where it is one number, and refuse a list."""
-        if not isinstance(self.eps, (int, float)):
-            raise ValueError(
-                f"eps must be one number here; got {self.eps!r}. Make one attack per value."
-            )
-        return float(self.eps)
+    def _best_result(self, search: Search) -> Result:
+        return self.result(search, self.best(search))
 
-    def _start(self, task: Task, restart: int) -> Point:
-        """Return the starting point: no noise and the drawn pose, or random ones."""
-        problem, radius = task.problem, self.random_start or (1.0 if restart else 0.0)
-        device, dtype = problem.images.device, problem.images.dtype
-        noise = torch.zeros(problem.shape, dtype=torch.float32, device="cpu")
-        if radius and task.eps and "noise" not in problem.frozen:
-            noise.uniform_(-radius * task.eps, radius * task.eps, generator=task.generator)
-        noise = noise.to(device, torch.promote_types(dtype, torch.float32))
-        if problem.mask is not None:
-            noise = noise * problem.mask
-        point = {"noise": noise}
-        if problem.pose is not None:
-            point["pose"] = problem.pose
-            if restart:
-                shape, dtype = problem.pose.shape, torch.float64
-                fraction = torch.rand(shape, generator=task.generator, dtype=dtype, device="cpu")
-                point["pose"] = (fraction * 2 - 1).to(device)
-        return point
-
-    def _rules(self, task: Task) -> dict[str, Rule]:
-        """Return a rule for each variable that moves."""
-        problem, eps = task.problem, task.eps
-        # noise that starts outside the ball (N-FGSM) takes its step without being pulled back
-        bound = eps if self.random_start <= 1 else math.inf
-        noise = Ball(eps, bound, self.steps, self.step_size, problem.base, problem.effective_range)
-        balls = {"noise": noise}
-        if problem.pose is not None:
-            balls["pose"] = Ball(1.0, 1.0, self.steps, self.step_size)
-        rules = {}
-        for name, ball in balls.items():
-            if name not in problem.frozen:
-                rules[name] = RULES[self.rule](ball)
-        return rules
-
-    def _ascend(self, task: Task, point: Point, best: BestPoints | None) -> Point:
-        """Take the steps and return the last point; `best`, where given, keeps the best points and
-        tells which images go on."""
-        rules = self._rules(task)
-        active = ActiveImages.of_all(task)
-        for step in range(self.steps):
-            if best and best.all_stopped:
+    def best(self, search: Search) -> Point:
+        """Return each image's point of the greatest margin, over all restarts and steps."""
+        for restart in range(self.restarts):
+            if search.is_over:
                 break
-            if best:
-                active = active.subset(best.active_rows())
+            search.losses = []
+            for point, images, logits in self._steps(search, self._start(search, restart)):
+                if images is None or logits is None:
+                    logits = search.logits(point)
+                elif self.until_fooled and not search.losses:
+                    search.stops_fooled = is_repeatable(self.model, images, logits)
+                search.keep(point, logits)
+        return search.best
+
+    def _steps(self, search: Search, point: Point) -> Iterator[Step]:
+        """Yield each point from which a step is taken, with the model's answer there, and the last
+        point. Between two steps, `Search.keep` may drop images."""
+        rules = self._rules(search.problem)
+        for k in range(self.steps):
             variables = {}
-            for name, x in active.point(point).items():
+            for name, x in search.active_point(point).items():
                 variables[name] = x.detach().requires_grad_(True)
-            images = active.problem.forward_views(**variables)
+            images = search.active.forward_views(variables)
             logits = self.model(images.clone())  # a model may work in place
-            if step == 0:
-                self._check(active, images, logits, best)
+            if k == 0:
+                search.check(logits)
                 check_gradient(logits)
-            objective = LOSSES[self.loss](as_single(logits), *active.goals())
+            loss = LOSSES[self.loss](as_single(logits), *search.goals(search.loss_targets))
             # a scene may have ranges that no photo of it depends on
-            gradients = torch.autograd.grad(
-                objective.sum(), list(variables.values()), allow_unused=True
-            )
-            if step == 0:
+            gradients = torch.autograd.grad(loss.sum(), list(variables.values()), allow_unused=True)
+            if k == 0:
                 check_gradient(logits, gradients)
-            point = {name: x.detach() for name, x in point.items()}
-            if best:
-                best.update(point, logits.detach(), active.rows)
-            loss = active.scatter(objective.detach().view(active.problem.views, -1).mean(0))
-            for (name, x), gradient in zip(list(point.items()), gradients, strict=True):
+            image_loss = search.scatter(loss.detach().view(search.active.views, -1).mean(0))
+            ascent = {}
+            for name, gradient in zip(variables, gradients, strict=True):
                 if name in rules and gradient is not None:
                     # a NaN would stay in the point, and with it in every later image
-                    point[name] = rules[name](x, active.scatter(gradient.nan_to_num()), loss)
-        return point
+                    ascent[name] = search.scatter(gradient.nan_to_num())
+            yield Step(point, images.detach(), logits.detach())
+            if search.is_over:
+                return
+            for name, gradient in ascent.items():
+                point = point | {name: rules[name](point[name], gradient, image_loss)}
+        yield Step(point)
 
-    def _check(
-        self, active: ActiveImages, images: Tensor, logits: Tensor, best: BestPoints | None
-    ) -> None:
-        """Refuse logits of the first step that do not match the labels, or of which none is finite,
-        and ask the model twice where images stop once fooled."""
-        classes, loss_targets = active.goals()
-        if loss_targets is not None:
-            classes = torch.maximum(classes, loss_targets)
-        check_classes(classes, logits, 1)
-        # in a later restart, the images that go on may well be those without an answer
-        if len(active.rows) == len(active.task.labels):
-            check_answers(logits, self.model, active.problem.images)
-        if best and self.until_fooled:
-            with torch.no_grad():
-                second_logits = self.model(images)
-            best.stops_fooled = torch.allclose(
-                logits, second_logits, rtol=1e-3, atol=1e-3, equal_nan=True
-            )
+    def _start(self, search: Search, restart: int) -> Point:
+        """Return the starting point: no noise and the drawn pose, or random ones."""
+        radius = self.eps * (self.random_start or (1.0 if restart else 0.0))
+        return search.problem.start(radius, search.generator, random_pose=restart > 0)
 
-    def _run(self, task: Task) -> Result:
-        """Run all restarts, and return the best point of each image."""
-        problem, labels, targets = task.problem, task.labels, task.targets
-        best = BestPoints(labels, targets, problem.views)
-        for restart in range(self.restarts):
-            if best.all_stopped:
-                break
-            best.losses = []
-            point = self._ascend(task, self._start(task, restart), best)
-            if not best.all_stopped:
-                remaining = ActiveImages.of_all(task).subset(best.active_rows())
-                with torch.no_grad():
-                    images = remaining.problem.forward_views(**remaining.point(point))
-                    best.update(point, self.model(images), remaining.rows)
-        with torch.no_grad():
-            photo = problem.render(**best.point)
-            logits = self.model(photo.clone())
-        check_answers(logits, self.model, problem.images)  # without steps, nothing was checked yet
-        predictions = predicted(logits)
-        success = predictions != labels if targets is None else predictions == targets
-        losses = loss_curve(best.losses[: self.steps])
-        shot = problem.shot_at(best.point["pose"]) if problem.shot_at else problem.shot
-        return Result(photo.detach(), success, best.point["noise"], losses, task.eps, shot)
+    def _rules(self, problem: Problem) -> dict[str, Rule]:
+        """Return a rule for each variable that moves."""
+        rules, settings = {}, (self.steps, self.step_size)
+        if not problem.noise_frozen:
+            # noise that starts outside the ball (N-FGSM) takes its step without being pulled back
+            bound = self.eps if self.random_start <= 1 else math.inf
+            ball = Ball(self.eps, bound, *settings, problem.base, problem.effective_range)
+            rules["noise"] = RULES[self.rule](ball)
+        if problem.pose is not None:
+            rules["pose"] = RULES[self.rule](Ball(1.0, 1.0, *settings))
+        return rules
+
+    def result(self, search: Search, point: Point) -> Result:
+        """Return the Result of a point."""
+        images, logits = search.photo(point)
+        success = reaches(logits, search.labels, search.targets)
+        shot, losses = search.problem.shot_of(point), loss_curve(search.losses[: self.steps])
+        return Result(images, success, point["noise"], losses, self.eps, shot)

@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from typing import TypeVar
 
 import torch
 from torch import Tensor
 
+from moireaug.attacks.camera import NOISE_AT, CameraProblem
 from moireaug.attacks.checks import check_count, check_goals
 from moireaug.attacks.loop import Attack
-from moireaug.attacks.mixed import drawn_shot, join_results, split_by_scene
-from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
-from moireaug.attacks.problem import Problem, Result, single
-from moireaug.capture import develop, expose
-from moireaug.mixed_shot import MixedShot, in_order
+from moireaug.attacks.mixed import join
+from moireaug.attacks.pose import searched_fields
+from moireaug.attacks.search import Search
+from moireaug.image_checks import check_images
+from moireaug.mixed_shot import MixedShot
 from moireaug.mixtures import Mixture, as_scenes, scenes_of
-from moireaug.numeric import clip
 from moireaug.scene.fields import one_of
 from moireaug.scenes import Scene, Shot
-from moireaug.shot import ShotRecord
+from moireaug.shot_checks import check_batch
 
-Stage = Callable[[Tensor, ShotRecord], Tensor]
-
-# where noise is added: the stage before it, and the stage after
-NOISE_AT: dict[str, tuple[Stage, Stage]] = {
-    "raw": (expose, develop),
-    "photo": (
-        lambda images, shot: develop(expose(images, shot), shot),
-        lambda photo, shot: clip(photo),
-    ),
-}
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +30,7 @@ class MoireAttack(Attack):
     """The Moiré Attack (paper, section 3 and Algorithm 1): find delta on the raw reading so that
     the developed photo `develop(expose(x) + delta)` is misclassified, or classified as a target.
 
-    The screen is exposed once; every step only develops raw + delta. Unlike the printed algorithm,
+    The screen is clean once; every step only develops raw + delta. Unlike the printed algorithm,
     each step's photo is developed from the one reading plus the current delta, and the best step
     per image is returned. The printed order is the rule "printed", whose noise is larger than eps:
     see `rules.Printed`.
@@ -102,127 +92,47 @@ class MoireAttack(Attack):
                 f"= ('noise',); got eot = {self.eot} and optimise = {self.optimise!r}. Use 'sign'."
             )
 
-    def __call__(
+    def attack_batch(
         self,
+        reduce: Callable[[Search], R],
         images: Tensor,
         labels: Tensor,
-        targets: Tensor | None = None,
-        *,
-        shot: Shot | MixedShot | None = None,
-        generator: torch.Generator | None = None,
-    ) -> Result | list[Result]:
-        """Attack a batch; see `Attack`. A shot of one scene is attacked in that scene."""
-        attack = partial(super().__call__, generator=generator)
-        drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
-        if not isinstance(drawn, MixedShot):
-            return attack(images, labels, targets, shot=drawn)
-        batches = split_by_scene(drawn, images, *check_goals(images, labels, targets))
-        results = [attack(b.images, b.labels, b.targets, shot=b.shot) for b in batches]
-        return join_results(drawn, batches, results, self.noise_at)
-
-    def toward(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        classes: Tensor,
-        *,
-        shot: Shot | MixedShot | None = None,
-        generator: torch.Generator | None = None,
-        problem: Problem | None = None,
-    ) -> Result:
-        """Attack a batch by steps toward one class per image; see `Attack.toward`."""
-        attack: Callable[..., Result] = partial(super().toward, generator=generator)
-        drawn = shot
-        if problem is None:
-            drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
-        if not isinstance(drawn, MixedShot):
-            return attack(images, labels, classes, shot=drawn, problem=problem)
-        batches = split_by_scene(drawn, images, *check_goals(images, labels, classes))
-        results = [attack(b.images, b.labels, b.targets, shot=b.shot) for b in batches]
-        return single(join_results(drawn, batches, results, self.noise_at))
-
-    def last(
-        self,
-        images: Tensor,
-        labels: Tensor,
-        *,
-        shot: Shot | MixedShot | None = None,
-        generator: torch.Generator | None = None,
-    ) -> Tensor:
-        """Return the images after the last step; see `Attack.last`."""
-        attack = partial(super().last, generator=generator)
-        drawn = drawn_shot(as_scenes(self.scene), images, shot, generator)
-        if not isinstance(drawn, MixedShot):
-            return attack(images, labels, shot=drawn)
-        batches = split_by_scene(drawn, images, *check_goals(images, labels, None))
-        photos = [attack(batch.images, batch.labels, shot=batch.shot) for batch in batches]
-        return in_order([batch.rows for batch in batches], photos)
+        targets: Tensor | None,
+        shot: Shot | MixedShot | None,
+        generator: torch.Generator | None,
+    ) -> R:
+        """Search the images of each scene as a batch of their own, and join what `reduce` makes of
+        them; see `Attack`. A shot of one scene is attacked in that scene."""
+        search = super().attack_batch
+        scene = as_scenes(self.scene)
+        if shot is None and isinstance(scene, Mixture):
+            check_images(images)
+            shot = scene.sample(len(images), (images.shape[-2], images.shape[-1]), generator)
+        if not isinstance(shot, MixedShot):
+            return search(reduce, images, labels, targets, shot, generator)
+        check_batch(check_images(images), shot)
+        labels, targets = check_goals(images, labels, targets)
+        batch_rows, results = [], []
+        for scene_rows, scene_shot in shot.by_scene():
+            rows = scene_rows.to(images.device)
+            goals = labels[rows], None if targets is None else targets[rows]
+            batch_rows.append(rows)
+            results.append(search(reduce, images[rows], *goals, scene_shot, generator))
+        return join(shot, batch_rows, results, self.noise_at)
 
     def problem(
-        self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
-    ) -> Problem:
+        self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
+    ) -> CameraProblem:
         if shot is None:
-            scene, size = as_scenes(self.scene), (images.shape[-2], images.shape[-1])
-            if isinstance(scene, Mixture):
-                raise ValueError(
-                    "a mixture is attacked scene by scene: call the attack, or pass the shot of "
-                    "one."
-                )
-            shot = scene.sample(len(images), size, generator)
+            size = images.shape[-2], images.shape[-1]
+            shot = as_scenes(self.scene).sample(len(images), size, generator)
+        if isinstance(shot, MixedShot):
+            raise ValueError(
+                "a mixture is attacked scene by scene: call the attack, or pass the shot of one."
+            )
         with torch.no_grad():
-            base = NOISE_AT[self.noise_at][0](images, shot)
-        drawn = shot
+            clean = NOISE_AT[self.noise_at][0](images, shot)
         if searched_fields(shot.scene, self.optimise):
             # a shot that was drawn in inference mode takes no gradient
-            drawn = shot._map(torch.clone).to(images.device)
-        return self._problem_of(images, drawn, base, generator)
-
-    def _problem_of(
-        self, images: Tensor, drawn: Shot, base: Tensor, generator: torch.Generator | None
-    ) -> Problem:
-        """Return the problem of a shot whose photos, or readings, are `base`."""
-        before_noise, after_noise = NOISE_AT[self.noise_at]
-        scene, size = drawn.scene, (images.shape[-2], images.shape[-1])
-        fields = searched_fields(drawn.scene, self.optimise)
-        averages_draws = self.eot > 1
-
-        def render(noise: Tensor, pose: Tensor | None = None) -> Tensor:
-            if pose is None:
-                return after_noise(base + noise, drawn).to(images.dtype)
-            posed = shot_at_pose(drawn, fields, pose)
-            return after_noise(before_noise(images, posed) + noise, posed).to(images.dtype)
-
-        def render_draws(noise: Tensor, pose: Tensor | None = None) -> Tensor:
-            draws = scene.sample(self.eot * len(images), size, generator)
-            if pose is not None:
-                draws = shot_at_pose(draws.to(images.device), fields, pose.repeat(self.eot, 1))
-            fresh_base = before_noise(images.repeat(self.eot, 1, 1, 1), draws)
-            noise = noise.repeat(self.eot, 1, 1, 1)
-            return after_noise(fresh_base + noise, draws).to(images.dtype)
-
-        def subset(rows: Tensor) -> Problem:
-            shot = drawn[rows.to(drawn.device)]
-            return self._problem_of(images[rows], shot, base[rows], generator)
-
-        return Problem(
-            render,
-            render_draws if averages_draws else render,
-            tuple(base.shape),
-            images,
-            subset,
-            views=self.eot,
-            shot=drawn,
-            base=None if averages_draws or fields else base,
-            effective_range=_effective_range(self.noise_at, drawn),
-            pose=pose_of(drawn, fields) if fields else None,
-            shot_at=(lambda pose: shot_at_pose(drawn, fields, pose)) if fields else None,
-            frozen=() if "noise" in self.optimise else ("noise",),
-        )
-
-
-def _effective_range(noise_at: str, shot: ShotRecord) -> tuple[float, float]:
-    """Return the low and high value beyond which noise changes nothing: the ends of a finished
-    photo, or a full well. A reading below 0 still counts, as demosaicing mixes it with others."""
-    if noise_at == "photo":
-        return 0.0, 1.0
-    return -math.inf, 1.0 if "saturate" in shot.plan else math.inf
+            shot = shot._map(torch.clone).to(images.device)
+        return CameraProblem(images, shot, clean, self.noise_at, self.optimise, self.eot, generator)

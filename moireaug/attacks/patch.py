@@ -9,10 +9,24 @@ import torch
 from torch import Tensor
 
 from moireaug.attacks.checks import is_finite
-from moireaug.attacks.pixel import PGD, refuse_shot
-from moireaug.attacks.problem import Problem
+from moireaug.attacks.pixel import PGD, PixelProblem, refuse_shot
+from moireaug.attacks.problem import Point
+from moireaug.mixed_shot import MixedShot
 from moireaug.numeric import clip
 from moireaug.scenes import Shot
+
+
+@dataclass(eq=False)
+class PatchProblem(PixelProblem):
+    """Noise on the pixels within a mask (B, 1, H, W), 1 inside and 0 outside."""
+
+    mask: Tensor
+
+    def render(self, point: Point) -> Tensor:
+        return clip(self.images + self.mask * point["noise"]).to(self.images.dtype)
+
+    def subset(self, rows: Tensor) -> PatchProblem:
+        return PatchProblem(self.images[rows], self.mask[rows])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +59,10 @@ class Patch(PGD):
             )
 
     def problem(
-        self, images: Tensor, shot: Shot | None, generator: torch.Generator | None
-    ) -> Problem:
+        self, images: Tensor, shot: Shot | MixedShot | None, generator: torch.Generator | None
+    ) -> PatchProblem:
         refuse_shot(shot)
-        return _pasted(images, discs(images, self.area, generator))
+        return PatchProblem(images, discs(images, self.area, generator))
 
 
 def discs(images: Tensor, area: float, generator: torch.Generator | None = None) -> Tensor:
@@ -78,19 +92,3 @@ def discs(images: Tensor, area: float, generator: torch.Generator | None = None)
     down = torch.arange(height, dtype=torch.float64, device="cpu").view(-1, 1) + 0.5 - y
     inside = across.square() + down.square() <= radius**2
     return inside.unsqueeze(1).to(images)
-
-
-def _pasted(images: Tensor, mask: Tensor) -> Problem:
-    """Return the problem of noise within a mask (B, 1, H, W)."""
-
-    def render(noise: Tensor) -> Tensor:
-        return clip(images + mask * noise).to(images.dtype)
-
-    def subset(rows: Tensor) -> Problem:
-        return _pasted(images[rows], mask[rows])
-
-    shape = tuple(images.shape)
-    base = images if images.dtype == torch.float64 else images.float()
-    return Problem(
-        render, render, shape, images, subset, base=base, effective_range=(0.0, 1.0), mask=mask
-    )

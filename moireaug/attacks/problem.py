@@ -1,115 +1,77 @@
-"""The problem that an attack searches, and the Result that it returns."""
+"""What an attack searches: a point, and how it becomes images."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from abc import ABC, abstractmethod
 
 import torch
 from torch import Tensor
 
-from moireaug.mixed_shot import MixedShot
 from moireaug.scenes import Shot
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """The result of an attack on a batch.
-
-    Args:
-        images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
-        success: (B,) bool; True where the label is not predicted or, in a targeted attack, the
-            target is. Logits that are NaN or infinite predict nothing.
-        noise: noise of each image: of `Shot.raw_shape()` on a raw reading, (B, 3, H, W) on a photo
-            or on pixels. In a mixture of scenes whose raw shapes differ, a list of B tensors, one
-            per image.
-        loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
-            the last restart; with `until_fooled`, over the images that took it, and shorter where
-            none was left. In a mixture, the mean of the scenes' own, weighted by their images.
-        eps: the L-infinity bound of the noise. Under the rule "printed" it bounds delta, and
-            `noise` may exceed it; see `rules.Printed`. For `CW`, which has no bound, the largest
-            absolute noise.
-        shot: the Shot of the photos, in a mixture a `MixedShot`; where a pose was searched, the
-            shot at the best pose; None for pixel attacks. `capture(images, shot, noise)` takes all
-            of these.
-    """
-
-    images: Tensor
-    success: Tensor
-    noise: Tensor | list[Tensor]
-    loss: Tensor
-    eps: float
-    shot: Shot | MixedShot | None = None
-
-    def __repr__(self) -> str:
-        """Return a summary in one line, without the tensors."""
-        n, fooled = len(self.success), int(self.success.sum())
-        parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of {n} images fooled"]
-        if n and len(self.loss):
-            steps = f"{len(self.loss)} step{'s' if len(self.loss) > 1 else ''}"
-            parts.append(f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {steps}")
-        return f"Result({', '.join(parts)})"
-
 
 # the variables of a search by name: "noise" and, where a pose is searched, "pose"
 Point = dict[str, Tensor]
 
 
-class Problem(NamedTuple):
-    """How noise, and a pose where one is searched, become images.
+class Problem(ABC):
+    """How noise, and a pose where one is searched, become the images of one batch.
 
-    Args:
-        render: function of `**point` that returns the photos (B, 3, H, W) that are judged.
-        forward_views: function of `**point` that returns the photos (views * B, 3, H, W) whose loss
-            a step ascends.
-        shape: shape of the noise.
+    Attributes:
         images: (B, 3, H, W) attacked images.
-        subset: function of indices (b,) that returns the problem of those images; only where
-            `views` is 1.
+        shape: shape of the noise, (B, ...).
         views: photos per image and step.
-        shot: shot of the photos, or None.
         base: (B, ...) reading or image that the noise is added to, or None where it differs from
             step to step.
         effective_range: low and high end of base + noise, beyond which more noise changes no photo.
         mask: (B, 1, H, W) mask, 1 where noise changes the image and 0 elsewhere; None is
             everywhere.
-        pose: (B, F) pose in [-1, 1] at which the search starts, or None.
-        shot_at: function of a pose (B, F) that returns its shot, or None.
-        frozen: names of the variables that no step moves.
+        pose: (B, F) pose in [-1, 1] at which the search starts; None where none is searched.
+        noise_frozen: whether the noise stays 0, because only the pose is searched.
     """
 
-    render: Callable[..., Tensor]
-    forward_views: Callable[..., Tensor]
-    shape: tuple[int, ...]
     images: Tensor
-    subset: Callable[[Tensor], Problem]
+    shape: tuple[int, ...]
     views: int = 1
-    shot: Shot | None = None
     base: Tensor | None = None
     effective_range: tuple[float, float] = (-math.inf, math.inf)
     mask: Tensor | None = None
     pose: Tensor | None = None
-    shot_at: Callable[[Tensor], Shot] | None = None
-    frozen: tuple[str, ...] = ()
+    noise_frozen: bool = False
 
+    @abstractmethod
+    def render(self, point: Point) -> Tensor:
+        """Return the images (B, 3, H, W) that are judged."""
 
-def noise_tensor(result: Result) -> Tensor:
-    """Return a result's noise as one tensor, (B, ...).
+    def forward_views(self, point: Point) -> Tensor:
+        """Return the images (views * B, 3, H, W) whose loss a step ascends."""
+        return self.render(point)
 
-    Raises:
-        RuntimeError: noise of different shapes, in a mixture.
-    """
-    return result.noise if isinstance(result.noise, Tensor) else torch.stack(result.noise)
+    @abstractmethod
+    def subset(self, rows: Tensor) -> Problem:
+        """Return the problem of the images at indices (b,)."""
 
+    def shot_of(self, point: Point) -> Shot | None:
+        """Return the shot of the images at a point; None without a camera."""
+        return None
 
-def single(result: Result | list[Result]) -> Result:
-    """Return the result of an attack at one bound.
+    def clean_point(self) -> Point:
+        """Return the point of no noise, at the pose that the search starts from."""
+        dtype = torch.promote_types(self.images.dtype, torch.float32)
+        point = {"noise": torch.zeros(self.shape, dtype=dtype, device=self.images.device)}
+        if self.pose is not None:
+            point["pose"] = self.pose
+        return point
 
-    Raises:
-        TypeError: a list of results, from an attack at several bounds.
-    """
-    if isinstance(result, list):
-        raise TypeError(f"eps must be one number here; got the results of {len(result)} bounds.")
-    return result
+    def start(self, radius: float, generator: torch.Generator | None, random_pose: bool) -> Point:
+        """Return a point of uniform random noise within `radius`, and perhaps at a random pose."""
+        point = self.clean_point()
+        if radius and not self.noise_frozen:
+            noise = torch.empty(self.shape, dtype=torch.float32, device="cpu")
+            noise = noise.uniform_(-radius, radius, generator=generator).to(point["noise"])
+            point["noise"] = noise if self.mask is None else noise * self.mask
+        if self.pose is not None and random_pose:
+            shape, dtype = self.pose.shape, torch.float64
+            fraction = torch.rand(shape, generator=generator, dtype=dtype, device="cpu")
+            point["pose"] = (fraction * 2 - 1).to(self.pose.device)
+        return point

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from moireaug.attacks.best import BestPoints
 from moireaug.attacks.losses import LOSSES
 from moireaug.attacks.moire import MoireAttack
 from moireaug.attacks.problem import Point
 from moireaug.attacks.rules import choose
-from moireaug.attacks.task import ActiveImages, Task
+from moireaug.attacks.search import Search, Step
 from moireaug.numeric import as_single
 
 FIRST_WINDOW_SHARE = 0.8  # of the planes' area, as in AutoAttack
@@ -51,39 +51,35 @@ class SquareMoire(MoireAttack):
                     f"{name} = {getattr(self, name)!r}; leave it out."
                 )
 
-    def _start(self, task: Task, restart: int) -> Point:
+    def _start(self, search: Search, restart: int) -> Point:
         """Return vertical stripes: one sign per column, plane and image."""
-        point, shape = super()._start(task, restart), task.problem.shape
+        point, shape = super()._start(search, restart), search.problem.shape
         n, planes, _, columns = shape
-        signs = _signs((n, planes, 1, columns), task.generator).to(point["noise"])
-        return {"noise": task.eps * signs.expand(shape)}
+        signs = _signs((n, planes, 1, columns), search.generator).to(point["noise"])
+        return {"noise": self.eps * signs.expand(shape)}
 
-    def _ascend(self, task: Task, point: Point, best: BestPoints | None) -> Point:
-        best_point, candidate = point, point
-        highest = torch.full_like(task.labels, -math.inf, dtype=torch.float64)
-        active = ActiveImages.of_all(task)
-        with torch.no_grad():
-            for query in range(self.steps):
-                if best and best.all_stopped:
-                    break
-                if best:
-                    active = active.subset(best.active_rows())
-                images = active.problem.forward_views(**active.point(candidate))
-                logits = self.model(images.clone())  # a model may work in place
-                if query == 0:
-                    self._check(active, images, logits, best)
-                if best:
-                    best.update(candidate, logits, active.rows)
-                loss = LOSSES[self.loss](as_single(logits), *active.goals())
-                # no loss, of an image without an answer, is below any other
-                loss = active.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
-                better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)
-                highest = torch.where(better, loss.to(highest), highest)
-                best_point = {"noise": choose(better, candidate["noise"], best_point["noise"])}
-                size = window_side(query, self.steps, task.problem.shape)
-                noise = _with_square(best_point["noise"], task.eps, size, task.generator)
-                candidate = {"noise": noise}
-        return best_point
+    @torch.no_grad()
+    def _steps(self, search: Search, point: Point) -> Iterator[Step]:
+        best = point
+        highest = torch.full_like(search.labels, -math.inf, dtype=torch.float64)
+        for query in range(self.steps):
+            if search.is_over:
+                return
+            images = search.active.forward_views(search.active_point(point))
+            logits = self.model(images.clone())  # a model may work in place
+            if query == 0:
+                search.check(logits)
+            loss = LOSSES[self.loss](as_single(logits), *search.goals(search.loss_targets))
+            # no loss, of an image without an answer, is below any other
+            loss = search.scatter(loss.nan_to_num(-math.inf, math.inf, -math.inf))
+            yield Step(point, images, logits)
+            better = (loss > highest) if query else torch.ones_like(loss, dtype=torch.bool)
+            highest = torch.where(better, loss.to(highest), highest)
+            best = {"noise": choose(better, point["noise"], best["noise"])}
+            size = window_side(query, self.steps, search.problem.shape)
+            point = {"noise": _with_square(best["noise"], self.eps, size, search.generator)}
+        if not search.is_over:
+            yield Step(best)
 
 
 def window_side(query: int, steps: int, shape: tuple[int, ...]) -> int:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from moireaug.attacks import ATTACKS, MoireAttack, NoAnswerError
 from moireaug.attacks.pose import searched_fields
-from moireaug.attacks.problem import Result, single
+from moireaug.attacks.result import Result
 from moireaug.capture import capture
 from moireaug.defenses import Defended
 from moireaug.evaluation.conditions import Condition, EvalBatch, Model, codes
@@ -157,7 +157,7 @@ class PoseUnknown(Attacker):
             steps=self.steps,
             eot=EOT_SHOTS,
         )
-        result = single(attack(batch.images, *self.goals(batch), generator=batch.generator))
+        result = attack(batch.images, *self.goals(batch), generator=batch.generator)
         return capture(batch.images, batch.shot, result.noise)
 
 
@@ -188,14 +188,12 @@ class PixelAttacker(Attacker):
             settings |= {"eps": self.eps, "until_fooled": self.until_fooled}
         attack = ATTACKS[self.attack](model=batch.model, **settings)
         goals = self.goals(batch)
-        return single(attack(batch.images, *goals, generator=batch.generator)).images
+        return attack(batch.images, *goals, generator=batch.generator).images
 
 
-def attack_shot(
-    attack: Callable[..., Result | list[Result]], batch: EvalBatch, *goals: Tensor | None
-) -> Result:
+def attack_shot(attack: Callable[..., Result], batch: EvalBatch, *goals: Tensor | None) -> Result:
     """Return the result of an attack on the batch's own shot."""
-    return single(attack(batch.images, *goals, shot=batch.shot, generator=batch.generator))
+    return attack(batch.images, *goals, shot=batch.shot, generator=batch.generator)
 
 
 def _attack_name(attack: str, eps: float, *variants: str, until_fooled: bool) -> str:

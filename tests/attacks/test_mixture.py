@@ -86,17 +86,6 @@ def test_a_target_and_a_class_to_steer_toward_are_the_images_own(model, batch):
         assert torch.equal(reached.images[rows], alone.images)
 
 
-def test_several_bounds_give_a_result_each(model, batch):
-    images, labels = batch
-    shot = drawn(UNLIKE, batch)
-    results = MoireAttack(model, scene=UNLIKE, eps=[EPS, 2 * EPS], steps=2)(
-        images, labels, shot=shot
-    )
-    for result, eps in zip(results, (EPS, 2 * EPS), strict=True):
-        alone = MoireAttack(model, scene=UNLIKE, eps=eps, steps=2)(images, labels, shot=shot)
-        assert result.eps == eps and torch.equal(result.images, alone.images)
-
-
 def test_an_expectation_is_over_draws_of_the_images_own_scene(model, batch):
     images, labels = batch
     fixed = [dataclasses.replace(scene, view=View(roll=3.0)) for scene in ALIKE]

@@ -185,8 +185,9 @@ def test_more_targets_never_leave_more_right(learnt):
 
 
 def test_what_is_done_is_not_asked_again(learnt):
-    """Four targets of five classes, and in each only the images that are still right: one query and
-    three of steps, one that judges, one that measures."""
+    """Four targets of five classes, and in each only the images that are still right: one query for
+    the photos without noise; for each target three of steps, one of the last point, one of the best
+    ones; and one that judges the result."""
     model, images, labels, shot = learnt
     asked = []
 
@@ -196,20 +197,22 @@ def test_what_is_done_is_not_asked_again(learnt):
 
     attack = MoireAttack(counting, scene=SCENE, eps=EPS, steps=3, rule="apgd", loss="dlr")
     result = MultiTargeted(attack)(images, labels, shot=shot)
-    assert asked[0] == N and len(asked) == 1 + 4 * 6
-    rounds = asked[1::6]
+    assert asked[0] == asked[-1] == N and len(asked) == 1 + 4 * 5 + 1
+    rounds = asked[1:-1:5]
     assert (
         rounds == sorted(rounds, reverse=True)
         and N > rounds[0] > rounds[-1] >= (~result.success).sum()
     )
 
 
-def test_a_list_of_eps_gives_a_list(learnt):
+def test_more_eps_never_fools_fewer(learnt):
     model, images, labels, shot = learnt
-    attack = MoireAttack(model, scene=SCENE, eps=[0, EPS, 1.0], steps=4, rule="apgd", loss="dlr")
-    results = MultiTargeted(attack)(images, labels, shot=shot)
-    rates = [r.success.float().mean().item() for r in results]
-    assert [r.eps for r in results] == [0, EPS, 1.0]
+    rates = []
+    for eps in (0, EPS, 1.0):
+        attack = MoireAttack(model, scene=SCENE, eps=eps, steps=4, rule="apgd", loss="dlr")
+        result = MultiTargeted(attack)(images, labels, shot=shot)
+        assert result.eps == eps
+        rates.append(result.success.float().mean().item())
     assert rates == sorted(rates) and rates[0] < 0.2 and rates[-1] == 1
 
 
@@ -268,10 +271,6 @@ BAD = [
         "targets must be an integer >= 1, the classes to go toward; got 0.",
     ),
     (lambda m: MultiTargeted(PGD(m), targets=True), "got True."),
-    (
-        lambda m: PGD(m, eps=[0.1]).toward(torch.rand(1, 3, 16, 16), *torch.tensor([[1], [2]])),
-        "one number here; got",
-    ),
 ]
 
 

@@ -103,13 +103,29 @@ def test_a_fooled_batch_is_asked_no_more(problem):
     assert not result.noise.any() and len(result.loss) == 1
 
 
-def test_a_model_that_answers_at_random_is_attacked_in_every_step(problem):
+@pytest.mark.parametrize("factor", [1e4, 1e-4])
+def test_the_unit_of_the_logits_does_not_matter(problem, factor):
+    model, images, labels, shot = problem
+    found, asked = [], []
+    for scale in (1.0, factor):
+        counted = Counted(lambda x, scale=scale: scale * model(x))
+        attack = MoireAttack(
+            counted, scene=SCENE, eps=EPS, steps=STEPS, loss="margin", until_fooled=True
+        )
+        found.append(attack(images, labels, shot=shot))
+        asked.append(counted.asked)
+    assert found[0].images.equal(found[1].images)
+    assert asked[0] == asked[1] < STEPS * len(images)
+
+
+@pytest.mark.parametrize("factor", [1e4, 1.0, 1e-4])
+def test_a_model_that_answers_at_random_is_attacked_in_every_step(problem, factor):
     """To be fooled by luck is not to be fooled: stopping there would flatter the model."""
     model, images, labels, shot = problem
 
     class Random(nn.Module):
         def forward(self, images):
-            return model(images) + torch.randn(len(images), 5).to(images)
+            return factor * (model(images) + torch.randn(len(images), 5).to(images))
 
     counted = Counted(Random())
     attack = MoireAttack(counted, scene=SCENE, eps=EPS, steps=STEPS, until_fooled=True)

@@ -30,6 +30,8 @@ BAD = [
     (lambda m, x, y: MoireAttack(model=m, eps=-0.1), "eps must be a number >= 0"),
     (lambda m, x, y: MoireAttack(model=m, eps=math.nan), "eps must be a number >= 0"),
     (lambda m, x, y: MoireAttack(model=m, eps=[]), "eps must be a number >= 0"),
+    (lambda m, x, y: PGD(m, eps=[0.1, 0.2]), "got [0.1, 0.2]. Make one attack per value."),
+    (lambda m, x, y: PGD(m, eps=np.array([0.1])), "Make one attack per value."),
     (lambda m, x, y: MoireAttack(model=m, eps=True), "eps must be a number >= 0"),
     (lambda m, x, y: MoireAttack(m, scene=SCENE).last(x * 255, y), "Divide them by 255"),
     (lambda m, x, y: MoireAttack(model=m, eps=4), "Divide by 255?"),

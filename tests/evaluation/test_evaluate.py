@@ -227,7 +227,7 @@ def test_a_suite_of_several_tables(known, loader):
         ({"eps": (4 / 255, 4 / 255)}, "eps must be one or more different bounds"),
         ({"n": 0}, "n must be an integer >= 1, how many images, or None for all; got 0"),
         ({"n": 2.0}, "n must be an integer >= 1"),
-        ({"eps": (8,)}, "eps is in .0, 1. units, where 1 is full scale; got .8"),
+        ({"eps": (8,)}, "eps is in .0, 1. units, where 1 is full scale; got 8"),
         ({"eps": "a"}, "eps must be a number >= 0"),
         ({"steps": 1.5}, "steps must be an integer >= 0"),
         ({"seed": 1.5}, "seed must be an integer >= 0"),

@@ -1,0 +1,95 @@
+"""The problem of a photographed screen: noise on the raw reading or on the photo, and the pose."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from moireaug.attacks.pose import pose_of, searched_fields, shot_at_pose
+from moireaug.attacks.problem import Point, Problem
+from moireaug.capture import develop, expose
+from moireaug.numeric import clip
+from moireaug.scenes import Shot
+from moireaug.shot import ShotRecord
+
+Stage = Callable[[Tensor, ShotRecord], Tensor]
+
+# where noise is added: the stage before it, and the stage after
+NOISE_AT: dict[str, tuple[Stage, Stage]] = {
+    "raw": (expose, develop),
+    "photo": (
+        lambda images, shot: develop(expose(images, shot), shot),
+        lambda photo, shot: clip(photo),
+    ),
+}
+
+
+@dataclass(eq=False)
+class CameraProblem(Problem):
+    """Noise on the readings or photos of a shot, at its own pose or at one that is searched.
+
+    Args:
+        images: (B, 3, H, W) images on the screen.
+        shot: shot whose photos are judged.
+        clean: (B, ...) readings or photos of `shot` without noise.
+        noise_at, optimise, eot: as of `attacks.MoireAttack`.
+        generator: CPU generator of the draws of an expectation; None is torch's global one.
+    """
+
+    images: Tensor
+    shot: Shot
+    clean: Tensor
+    noise_at: str
+    optimise: tuple[str, ...]
+    eot: int
+    generator: torch.Generator | None
+
+    def __post_init__(self) -> None:
+        self.before_noise, self.after_noise = NOISE_AT[self.noise_at]
+        self.fields = searched_fields(self.shot.scene, self.optimise)
+        self.shape, self.views = tuple(self.clean.shape), self.eot
+        if self.fields:
+            self.pose = pose_of(self.shot, self.fields)
+        elif self.eot == 1:
+            self.base = self.clean
+        self.noise_frozen = "noise" not in self.optimise
+        if self.noise_at == "photo":
+            self.effective_range = 0.0, 1.0
+        elif "saturate" in self.shot.plan:
+            # a reading below 0 still counts, as demosaicing mixes it with others
+            self.effective_range = -math.inf, 1.0
+
+    def render(self, point: Point) -> Tensor:
+        shot, clean = self.shot, self.clean
+        if "pose" in point:
+            shot = shot_at_pose(shot, self.fields, point["pose"])
+            clean = self.before_noise(self.images, shot)
+        return self.after_noise(clean + point["noise"], shot).to(self.images.dtype)
+
+    def forward_views(self, point: Point) -> Tensor:
+        """Return the photos of the shot itself or, for an expectation, of `eot` fresh draws of its
+        scene, each at the point's pose."""
+        if self.eot == 1:
+            return self.render(point)
+        n, _, height, width = self.images.shape
+        shots = self.shot.scene.sample(self.eot * n, (height, width), self.generator)
+        if "pose" in point:
+            pose = point["pose"].repeat(self.eot, 1)
+            shots = shot_at_pose(shots.to(self.images.device), self.fields, pose)
+        clean = self.before_noise(self.images.repeat(self.eot, 1, 1, 1), shots)
+        noise = point["noise"].repeat(self.eot, 1, 1, 1)
+        return self.after_noise(clean + noise, shots).to(self.images.dtype)
+
+    def subset(self, rows: Tensor) -> CameraProblem:
+        shot = self.shot[rows.to(self.shot.device)]
+        return dataclasses.replace(
+            self, images=self.images[rows], shot=shot, clean=self.clean[rows]
+        )
+
+    def shot_of(self, point: Point) -> Shot:
+        return shot_at_pose(self.shot, self.fields, point["pose"]) if self.fields else self.shot

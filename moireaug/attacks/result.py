@@ -1,0 +1,59 @@
+"""The result of an attack on a batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from moireaug.mixed_shot import MixedShot
+from moireaug.scenes import Shot
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The result of an attack on a batch.
+
+    Args:
+        images: (B, 3, H, W) adversarial images in [0, 1], the best found per image.
+        success: (B,) bool; True where the label is not predicted or, in a targeted attack, the
+            target is. Logits that are NaN or infinite predict nothing.
+        noise: noise of each image: of `Shot.raw_shape()` on a raw reading, (B, 3, H, W) on a photo
+            or on pixels. In a mixture of scenes whose raw shapes differ, a list of B tensors, one
+            per image.
+        loss: (steps,) mean cross-entropy to the label (targeted: to the target) before each step of
+            the last restart; with `until_fooled`, over the images that took it, and shorter where
+            none was left. In a mixture, the mean of the scenes' own, weighted by their images.
+        eps: the L-infinity bound of the noise. Under the rule "printed" it bounds delta, and
+            `noise` may exceed it; see `rules.Printed`. For `CW`, which has no bound, the largest
+            absolute noise.
+        shot: the Shot of the photos, in a mixture a `MixedShot`; where a pose was searched, the
+            shot at the best pose; None for pixel attacks. `capture(images, shot, noise)` takes all
+            of these.
+    """
+
+    images: Tensor
+    success: Tensor
+    noise: Tensor | list[Tensor]
+    loss: Tensor
+    eps: float
+    shot: Shot | MixedShot | None = None
+
+    def __repr__(self) -> str:
+        """Return a summary in one line, without the tensors."""
+        n, fooled = len(self.success), int(self.success.sum())
+        parts = [f"eps {255 * self.eps:.3g}/255", f"{fooled} of {n} images fooled"]
+        if n and len(self.loss):
+            steps = f"{len(self.loss)} step{'s' if len(self.loss) > 1 else ''}"
+            parts.append(f"loss {self.loss[0]:.3g} to {self.loss[-1]:.3g} in {steps}")
+        return f"Result({', '.join(parts)})"
+
+
+def noise_tensor(result: Result) -> Tensor:
+    """Return a result's noise as one tensor, (B, ...).
+
+    Raises:
+        RuntimeError: noise of different shapes, in a mixture.
+    """
+    return result.noise if isinstance(result.noise, Tensor) else torch.stack(result.noise)

@@ -1,0 +1,158 @@
+"""The state of a search: the images that still take steps, and the best point of each image."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from moireaug.attacks.answers import has_prediction
+from moireaug.attacks.checks import check_answers, check_classes
+from moireaug.attacks.losses import margin, mean_cross_entropy
+from moireaug.attacks.problem import Point, Problem
+from moireaug.attacks.rules import choose
+
+
+class Step(NamedTuple):
+    """A point of a search, and the model's answer there.
+
+    Args:
+        point: point of all n images.
+        images: (views * b, 3, H, W) images at that point, of those that take the step; None at the
+            last point, from which no step is taken.
+        logits: (views * b, K) their logits, or None.
+    """
+
+    point: Point
+    images: Tensor | None = None
+    logits: Tensor | None = None
+
+
+class Search:
+    """A search on a batch of n images, of which b still take steps.
+
+    Args:
+        model: attacked model.
+        problem: problem of the n images.
+        labels: (n,) true classes.
+        targets: (n,) classes to reach; None where any wrong class is a success.
+        loss_targets: (n,) classes that the loss steers toward; None where it steers away from the
+            label.
+        generator: CPU generator of random starts; None is torch's global one.
+
+    Attributes:
+        rows: (b,) indices of the images that still take steps.
+        active: problem of these b images.
+        best: each image's point of the greatest margin, over steps and restarts.
+        margins: (n,) greatest margins.
+        scales: (n,) greatest size of the two logits whose difference is a margin.
+        losses: mean cross-entropy before each step of the last restart.
+        stops_fooled: whether fooled images take no further steps.
+    """
+
+    def __init__(
+        self,
+        model: Callable[[Tensor], Tensor],
+        problem: Problem,
+        labels: Tensor,
+        targets: Tensor | None,
+        loss_targets: Tensor | None,
+        generator: torch.Generator | None,
+    ) -> None:
+        self.model = model
+        self.problem, self.labels, self.targets = problem, labels, targets
+        self.loss_targets, self.generator = loss_targets, generator
+        self.rows, self.active = torch.arange(len(labels), device=labels.device), problem
+        self.best: Point = {}
+        self.margins = torch.full_like(labels, -math.inf, dtype=torch.float32)
+        self.scales = torch.zeros_like(self.margins)
+        self.losses: list[Tensor] = []
+        self.stops_fooled = False
+
+    def toward(self, loss_targets: Tensor, rows: Tensor) -> Search:
+        """Return a new search on the images at indices (b,), by steps toward one class each,
+        `loss_targets` (b,), where any wrong class is a success."""
+        problem, labels = self.problem.subset(rows), self.labels[rows]
+        return Search(self.model, problem, labels, None, loss_targets, self.generator)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no image takes a further step."""
+        return self.stops_fooled and not len(self.rows)
+
+    def active_rows(self, values: Tensor) -> Tensor:
+        """Return the rows (b, ...) of values (n, ...) of the images that still take steps."""
+        return values if len(self.rows) == len(values) else values[self.rows]
+
+    def active_point(self, point: Point) -> Point:
+        """Return the point of the images that still take steps, of a point of all."""
+        return {name: self.active_rows(x) for name, x in point.items()}
+
+    def scatter(self, values: Tensor) -> Tensor:
+        """Put values (b, ...) into rows of a tensor (n, ...), with 0 for the other images."""
+        n = len(self.labels)
+        if len(self.rows) == n:
+            return values
+        return values.new_zeros(n, *values.shape[1:]).index_copy(0, self.rows, values)
+
+    def goals(self, targets: Tensor | None) -> tuple[Tensor, Tensor | None]:
+        """Return the active images' labels and those of their `targets` (n,), repeated for each
+        view."""
+        labels = self.active_rows(self.labels).repeat(self.active.views)
+        if targets is None:
+            return labels, None
+        return labels, self.active_rows(targets).repeat(self.active.views)
+
+    def check(self, logits: Tensor) -> None:
+        """Refuse the first logits of the active images where they do not match the classes, or
+        where neither they nor those of the clean images are finite."""
+        labels, targets = self.goals(self.loss_targets)
+        check_classes(labels if targets is None else torch.maximum(labels, targets), logits, 1)
+        # in a later restart, the images that go on may well be those without an answer
+        if len(self.rows) == len(self.labels):
+            check_answers(logits, self.model, self.problem.images)
+
+    @torch.no_grad()
+    def logits(self, point: Point) -> Tensor:
+        """Return the logits (views * b, K) of the active images at a point."""
+        logits = self.model(self.active.forward_views(self.active_point(point)))
+        if not self.losses:
+            self.check(logits)
+        return logits
+
+    @torch.no_grad()
+    def photo(self, point: Point) -> tuple[Tensor, Tensor]:
+        """Return the n images that are judged at a point, (n, 3, H, W), and their logits (n, K)."""
+        images = self.problem.render(point)
+        return images, self.model(images.clone())  # a model may work in place
+
+    def keep(self, point: Point, logits: Tensor) -> None:
+        """Keep the point of each active image whose margin has grown, by the logits (views * b, K)
+        of the active images, and drop fooled images where they stop."""
+        labels, targets = self.goals(self.targets)
+        margins = margin(logits.float(), labels, targets)
+        # no answer is a wrong one, and never the target
+        undecided_margin = math.inf if targets is None else -math.inf
+        margins = torch.where(has_prediction(logits), margins, undecided_margin)
+        margins = margins.view(self.active.views, -1).mean(0)
+        better = torch.zeros_like(self.margins, dtype=torch.bool)
+        better[self.rows] = margins > self.margins[self.rows]
+        self.margins = torch.where(better, self.scatter(margins), self.margins)
+        best = self.best or point
+        self.best = {name: choose(better, x, best[name]) for name, x in point.items()}
+        self.losses.append(mean_cross_entropy(logits, labels if targets is None else targets))
+        if self.stops_fooled:
+            self._drop_fooled(margins, logits)
+
+    def _drop_fooled(self, margins: Tensor, logits: Tensor) -> None:
+        """Take no further steps for images that are fooled for good: by more than rounding, which
+        differs between batches, so by half of the digits of their logits (b, K)."""
+        sizes = (logits.amax(1).float().abs() + margins.abs()).nan_to_num(0, 0, 0)
+        self.scales = torch.maximum(self.scales, self.scatter(sizes))
+        is_fooled = self.margins > self.scales * torch.finfo(logits.dtype).eps ** 0.5
+        rows = self.rows[~is_fooled[self.rows]]
+        if len(rows) < len(self.rows):
+            self.rows, self.active = rows, self.problem.subset(rows)
