@@ -71,7 +71,7 @@ def test_the_cosine_transform_is_its_own_inverse():
 
 
 @pytest.mark.parametrize("dtype", DTYPES, ids=str)
-def test_a_network_from_a_file_is_the_same_under_other_defaults(dtype, tmp_path):
+def test_a_network_from_a_file_ignores_other_defaults(dtype, tmp_path):
     path, images = tmp_path / "weights.pt", pictures(1, 3, 8, 8)
     demoire.save(demoire.build("fhde2net", width=0.1), path)  # has buffers that no file holds
     expected = demoire.load(path)(images)

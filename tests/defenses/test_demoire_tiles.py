@@ -21,7 +21,7 @@ SIZES = [(64, 64), (65, 64), (40, 200), (150, 97), (111, 129), (1, 300), (64, 11
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 @torch.no_grad()
-def test_what_is_seen_within_a_quarter_of_the_overlap_is_exact(size):
+def test_tiles_are_exact_within_a_quarter_of_their_overlap(size):
     network = near_sighted(4)
     images = torch.rand(2, 3, *size, dtype=torch.float64)
     found = tiled(network, images, side=64, overlap=16)
@@ -36,7 +36,7 @@ def test_what_is_seen_farther_off_is_not():
 
 
 @torch.no_grad()
-def test_no_tile_is_longer_than_asked_and_none_is_a_sliver():
+def test_no_tile_is_too_long_or_a_sliver():
     sizes = []
 
     def watched(images):

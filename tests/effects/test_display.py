@@ -59,7 +59,7 @@ def test_glare_adds_the_same_to_every_pixel(cfa, level):
 
 
 @pytest.mark.parametrize("cfa", CFAS)
-def test_glare_is_a_share_of_what_each_plane_reads_of_white(cfa):
+def test_glare_is_a_share_of_each_planes_white(cfa):
     """With a black matrix, colours of several sizes, and filters that overlap."""
     panel = Panel(layout=UNEVEN, lit=0.6, lit_x=0.9)
     scene = Scene(panel=panel, sensor=Sensor(cfa=cfa, crosstalk=0.2, exposure="mean"))

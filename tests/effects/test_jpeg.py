@@ -90,7 +90,7 @@ def test_less_quality_is_more_error():
     assert errors == sorted(errors, reverse=True) and len(set(errors)) == 5
 
 
-def test_backward_is_kornias_with_a_little_straight_through_and_computed_only_then(monkeypatch):
+def test_the_gradient_is_kornias_with_a_share_straight_through(monkeypatch):
     photo, quality = (
         scenes(3, dtype=torch.float64)[..., :37, :21].requires_grad_(),
         torch.tensor([10.0, 60.0, 95.0]),
@@ -156,18 +156,6 @@ def test_signed_gradient_steps_beat_random_signs(quality):
 def test_what_is_refused(photo, quality, sentence):
     with pytest.raises(ValueError, match=sentence):
         jpeg(photo, quality)
-
-
-def test_compiles_in_one_graph():
-    photo, quality = scenes(2).requires_grad_(), torch.tensor([30.0, 80.0])
-    weight = torch.rand(photo.shape)
-    out, want = (
-        torch.compile(jpeg, fullgraph=True, backend="aot_eager")(photo, quality),
-        jpeg(photo, quality),
-    )
-    assert torch.equal(out, want)
-    gradients = [torch.autograd.grad((o * weight).sum(), photo)[0] for o in (out, want)]
-    torch.testing.assert_close(*gradients, atol=1e-3, rtol=1e-3)
 
 
 def test_is_a_sound_operator():

@@ -57,11 +57,9 @@ def test_a_spread_inverts_no_pattern(v):
     )
     point[..., 8, 8] = 1
     transfer = torch.fft.fft2(torch.roll(spread(point, wanted), (-8, -8), (2, 3)))
-    assert (
-        transfer.imag.abs().max() < 1e-12
-        and transfer.real.min() > -1e-12
-        and transfer.real.max() < 1 + 1e-12
-    )
+    assert transfer.imag.abs().max() < 1e-12
+    assert transfer.real.min() > -1e-12
+    assert transfer.real.max() < 1 + 1e-12
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (2, 3)])

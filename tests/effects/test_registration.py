@@ -25,7 +25,7 @@ def test_nothing_moved_stays_as_it_is():
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(2, 0), (-1, 1), (0, -3)])
-def test_whole_pixels_are_moved_whole_and_what_is_not_seen_is_black(dx, dy):
+def test_whole_pixels_move_whole_and_the_unseen_is_black(dx, dy):
     photo = torch.rand(1, 3, 5, 6, dtype=torch.float64) + 0.0
     out = register(photo, shifted(dx, dy), None)
     for y in range(5):

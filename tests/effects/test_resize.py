@@ -73,7 +73,7 @@ def test_a_flat_photo_stays_flat(how, scale):
 
 @pytest.mark.parametrize("how", ["area", "antialias", "point"])
 @pytest.mark.parametrize("scale", [1.5, 2.5, 3.0])
-def test_no_photo_is_brighter_than_white_and_white_has_a_gradient(scale, how):
+def test_no_photo_exceeds_white_and_white_has_a_gradient(scale, how):
     sensor = Sensor(scale=scale)
     scene = Scene(panel=Panel(layout="even"), sensor=sensor, develop=Develop(resize=how))
     shot = scene.sample(1, (13, 10))

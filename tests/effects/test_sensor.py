@@ -33,7 +33,7 @@ def test_noise_does_not_touch_the_global_generator():
     assert torch.equal(torch.rand(3), wanted)
 
 
-def test_read_noise_is_as_large_as_it_says_and_none_is_none():
+def test_read_noise_has_the_stated_deviation():
     raw, read = torch.rand(4, 4, 50, 60, dtype=torch.float64), fields(0.0, 0.01, 0.1, 1.0)
     added = add_noise(raw, read, fields(0, 0, 0, 0), SEEDS) - raw
     assert (added[0] == 0).all()
@@ -80,9 +80,3 @@ def test_a_converter_passes_the_gradient_straight_through():
 def test_normal_is_a_sound_operator():
     found = torch.library.opcheck(torch.ops.moireaug.normal.default, ((2, 3, 3), SEEDS))
     assert found and set(found.values()) == {"SUCCESS"}
-
-
-def test_noise_compiles_in_one_graph():
-    args = torch.rand(4, 4, 5, 6), torch.full((4,), 0.01), torch.full((4,), 0.02), SEEDS
-    compiled = torch.compile(add_noise, fullgraph=True, backend="aot_eager")
-    torch.testing.assert_close(compiled(*args), add_noise(*args))

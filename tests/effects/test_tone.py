@@ -109,7 +109,7 @@ def test_more_contrast_than_allowed_falls():
         assert tone_curve(CODES[:1], numbers(contrast), numbers(0)).diff().min() < 0
 
 
-def test_the_tone_curve_moves_no_code_by_more_than_the_plan_expects():
+def test_the_tone_curve_moves_codes_as_the_plan_expects():
     moved = (tone_curve(CODES, CONTRASTS, NONE) - CODES).abs().amax((1, 2, 3))
     assert moved.tolist() == pytest.approx((CONTRASTS.abs() / CONTRAST_PER_CODE).tolist(), rel=1e-6)
     moved = (tone_curve(CODES, NONE, SHOULDERS) - CODES).abs().amax((1, 2, 3))

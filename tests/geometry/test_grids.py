@@ -49,7 +49,7 @@ def test_past_the_horizon_positions_and_jacobians_are_finite_in_float32():
     assert grids.jacobian(points, *given).square().sum((-1, -2)).float().isfinite().all()
 
 
-def test_a_look_up_is_bilinear_between_centres_and_ends_at_the_border():
+def test_a_look_up_is_bilinear_up_to_the_border():
     picture = torch.tensor([[0.0, 1.0], [2.0, 3.0]]).double()[None, None]
     x = torch.tensor([[[0.5, 1.0, 1.5, -9.0, 99.0]]]).double()
     assert grids.look_up(picture, x, torch.full_like(x, 0.5)).flatten().tolist() == pytest.approx(

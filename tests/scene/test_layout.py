@@ -19,54 +19,24 @@ ALL = {**LAYOUTS, "own": OWN}
 
 BAD = [
     (lambda: Layout(()), "at least one"),
-    (
-        lambda: Layout(((0, 0, 0, 1, 1),), (1,)),
-        "two whole numbers of panel pixels in [1, 16]; got (1,)",
-    ),
+    (lambda: Layout(((0, 0, 0, 1, 1),), (1,)), "numbers of panel pixels in [1, 16]; got (1,)"),
     (lambda: Layout(((0, 0, 0, 1, 1),), (1, 0)), "in [1, 16]; got (1, 0)"),
     (lambda: Layout(((0, 0, 0, 1, 1),), (1.0, 1)), "in [1, 16]; got (1.0, 1)"),
-    (
-        lambda: Layout(((0, 0, 0, 1),)),
-        "(channel, cx, cy, ax, ay, dx, dy) parallelograms, all numbers; got (0, 0, 0, 1)",
-    ),
+    (lambda: Layout(((0, 0, 0, 1),)), "ay, dx, dy) parallelograms, all numbers; got (0, 0, 0, 1)"),
     (lambda: Layout((("red", 0, 0, 1, 1),)), "numbers; got ('red', 0, 0, 1, 1)"),
     (lambda: Layout(((True, 0, 0, 1, 1),)), "numbers; got (True, 0, 0, 1, 1)"),
     (lambda: Layout(((3, 0, 0, 1, 1),)), "0 (red), 1 (green) or 2 (blue); got 3"),
     (lambda: Layout(((0, 0, 0, 1.5, 1),)), "inside its cell of 1 x 1 panel pixels"),
     (lambda: Layout(((0, 0.5, 0, 0.5, 1),)), "x0 < x1 and y0 < y1"),
     (lambda: Layout(((0, 0, math.nan, 1, 1),)), "x0 < x1 and y0 < y1"),
-    (
-        lambda: Layout(((1, 0, 0, 0.6, 1), (1, 0.5, 0.5, 1, 1))),
-        "must not overlap; got (1, 0, 0, 0.6, 1) and",
-    ),
-    (
-        lambda: Layout(((0, 0.5, 0.5, 0.4, 0, 0, "a"),)),
-        "all numbers; got (0, 0.5, 0.5, 0.4, 0, 0, 'a')",
-    ),
-    (
-        lambda: Layout(((0, 0.5, 0.5, 0.4, 0.2, 0.2, 0.1),)),
-        "must have an area: its edges must not be parallel",
-    ),
-    (
-        lambda: Layout(((0, 1.1, 0.5, 0.4, 0, 0, 0.4),)),
-        "centre in its cell and be no larger than it",
-    ),
-    (
-        lambda: Layout(((0, 0.5, 0.5, 0.8, 0, 0.3, 0.4),)),
-        "1.1 panel pixels wide in a cell of 1 x 1",
-    ),
-    (
-        lambda: Layout(((0, 0.5, 0.5, 0.1, 0.6, 0, 0.6),)),
-        "1.2 panel pixels high in a cell of 1 x 1",
-    ),
-    (
-        lambda: Layout(((0, 0.5, math.nan, 0.4, 0, 0, 0.4),)),
-        "centre in its cell and be no larger than it",
-    ),
-    (
-        lambda: Layout(((0, 0.5, 0.5, 0.4, 0, math.nan, 0.4),)),
-        "centre in its cell and be no larger than it",
-    ),
+    (lambda: Layout(((1, 0, 0, 0.6, 1), (1, 0.5, 0.5, 1, 1))), "got (1, 0, 0, 0.6, 1) and"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, 0, "a"),)), "got (0, 0.5, 0.5, 0.4, 0, 0, 'a')"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0.2, 0.2, 0.1),)), "must have an area: its edges must not"),
+    (lambda: Layout(((0, 1.1, 0.5, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger than"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.8, 0, 0.3, 0.4),)), "1.1 panel pixels wide in a cell of 1 x"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.1, 0.6, 0, 0.6),)), "1.2 panel pixels high in a cell of 1 x"),
+    (lambda: Layout(((0, 0.5, math.nan, 0.4, 0, 0, 0.4),)), "centre in its cell and be no larger"),
+    (lambda: Layout(((0, 0.5, 0.5, 0.4, 0, math.nan, 0.4),)), "centre in its cell and be no"),
     (
         lambda: Layout(((2, 0.1, 0.5, 0.4, 0, 0.2, 0.4), (2, 0.8, 0.5, 0.4, 0, 0, 0.4))),
         "must not overlap",
@@ -187,7 +157,7 @@ def test_a_raster_is_as_coarse_as_fits_the_rectangles(name):
 
 
 @pytest.mark.parametrize("layout", [OWN, RED_ONLY, SLANTED], ids=["own", "red only", "slanted"])
-def test_a_scene_with_a_layout_of_its_own_is_plain_data(layout):
+def test_a_scene_with_its_own_layout_is_plain_data(layout):
     scene = Scene(panel=Panel(layout=layout, lit=(0.5, 0.9)))
     values = json.loads(json.dumps(scene.to_dict()))
     again = Scene.from_dict(values)

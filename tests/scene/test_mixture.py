@@ -34,7 +34,7 @@ def same(a, b):
     return alike and torch.equal(a.which, b.which) and torch.equal(a.seed, b.seed)
 
 
-def test_a_list_is_of_scenes_names_and_dicts_and_one_alone_is_itself():
+def test_a_list_holds_scenes_names_and_dicts():
     own = Scene(lens=Lens(blur=0.5))
     listed = as_scenes(["paper", {"preset": "screen_photo", "lens": {"k1": 0.01}}, own])
     assert listed.scenes[0] == Scene.preset("paper") and listed.scenes[2] is own
@@ -73,7 +73,7 @@ def test_a_shot_is_of_one_scene():
 
 
 @pytest.mark.parametrize("n", [0, 1, 7])
-def test_the_first_rows_of_a_larger_draw_are_those_of_a_smaller_one(n):
+def test_a_larger_draw_begins_with_a_smaller_one(n):
     larger = MIXTURE.sample(40, SIZE, seeded())
     assert same(larger[:n], MIXTURE.sample(n, SIZE, seeded()))
     assert not same(larger[:7], MIXTURE.sample(7, SIZE, seeded(1)))
@@ -81,7 +81,7 @@ def test_the_first_rows_of_a_larger_draw_are_those_of_a_smaller_one(n):
     assert same(larger[:n], MIXTURE.sample(n, SIZE))
 
 
-def test_scenes_are_drawn_alike_and_twice_as_often_where_named_twice():
+def test_scenes_are_drawn_as_often_as_they_are_named():
     n = 4000
     for weights in ((1, 1, 1), (2, 1, 1)):
         names = [name for name, weight in zip(NAMES, weights, strict=True) for _ in range(weight)]
@@ -130,7 +130,7 @@ ROWS = {
 
 @pytest.mark.parametrize("rows", ROWS.values(), ids=ROWS)
 @pytest.mark.parametrize("mixture", [MIXTURE, UNLIKE], ids=["alike", "unlike"])
-def test_a_draw_is_indexed_repeated_and_photographed_as_a_shot_is(mixture, rows):
+def test_a_draw_is_indexed_and_photographed_as_a_shot(mixture, rows):
     shot, images = mixture.sample(9, SIZE, seeded()), pictures(9)
     photos = capture(images, shot)
     for at, part in shot.by_scene():
@@ -168,7 +168,7 @@ def test_photos_are_differentiable_and_keep_their_dtype():
         assert torch.allclose(gradient[at], expected) and gradient[at].any()
 
 
-def test_noise_is_a_tensor_where_readings_have_one_shape_and_else_a_list():
+def test_noise_is_a_list_where_readings_differ_in_shape():
     images = pictures(8)
     shot = MIXTURE.sample(8, SIZE, seeded())
     noise = 0.1 * torch.rand(shot.raw_shape(), generator=seeded())

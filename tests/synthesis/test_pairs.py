@@ -72,7 +72,7 @@ def test_a_pair_depends_on_its_number_alone(folder):
 
 @pytest.mark.parametrize("size", [(32, 32), (33, 47)])
 @pytest.mark.parametrize("scene", ["screen_photo", "dashcam_at_led_sign"])
-def test_a_batch_is_photographed_as_its_images_are_one_by_one(scene, size):
+def test_a_batch_is_photographed_as_its_images_alone(scene, size):
     shot = Scene.preset(scene).sample(4, size)
     shown = torch.rand(4, 3, *size)
     batch = capture(shown, shot)
@@ -139,7 +139,7 @@ def test_where_no_picture_is_usable_it_is_said(tmp_path):
 
 
 @pytest.mark.parametrize("find", [lambda folder: pictures.Pictures(folder, 1), find_images])
-def test_a_folder_that_may_not_be_read_is_not_passed_over(folder, monkeypatch, find):
+def test_an_unreadable_folder_is_not_passed_over(folder, monkeypatch, find):
     scan, closed = os.scandir, str(folder / "class1")
 
     def refuse(path):
@@ -180,7 +180,7 @@ def test_the_fingerprint_knows_names_and_sizes(folder):
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # Python 3.12 and newer
-def test_workers_share_the_pairs_out_and_give_them_as_they_are(folder):
+def test_workers_share_the_pairs_out_unchanged(folder):
     pairs = Pairs(folder, "phone_at_monitor", SIZE, twin=True, n=7)
     loader = DataLoader(pairs, batch_size=2, num_workers=2, multiprocessing_context="fork")
     found = {}
@@ -235,7 +235,7 @@ def test_what_cannot_be_followed_is_refused(folder, tmp_path, monkeypatch, given
         Pairs(**{"images": folder, "scene": "screen_photo", "size": SIZE} | given)
 
 
-def test_a_list_of_scenes_takes_each_pair_in_one_of_them(folder):
+def test_each_pair_is_in_one_of_the_listed_scenes(folder):
     names = ["phone_at_monitor", "dashcam_at_led_sign"]
     pairs, again = Pairs(folder, names, SIZE, twin=True), Pairs(folder, names, SIZE, twin=True)
     found = [pairs.make_pair(k) for k in range(12)]

@@ -82,7 +82,7 @@ def test_a_photo_larger_than_its_picture(picture):
     assert largest_error(found.matrix, scaled) < 1.5
 
 
-def test_a_small_picture_is_found_to_a_fifth_of_its_pixels(picture):
+def test_a_small_picture_is_found_within_a_fifth_pixel(picture):
     small = picture[:, ::2, ::2]
     large = torch.nn.functional.interpolate(small[None].float(), scale_factor=8, mode="bilinear")
     photo = torch.nn.functional.pad(large[0], (40, 40, 40, 40), value=30).to(torch.uint8)

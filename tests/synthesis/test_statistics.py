@@ -156,7 +156,7 @@ def test_blocks_are_seen_wherever_they_begin():
     assert measure(with_blocks[None])[0]["blocks"] > 0.8
 
 
-def test_a_simulated_photo_has_more_chroma_than_its_twin_without_moire():
+def test_a_simulated_photo_has_more_chroma_than_its_twin():
     scene = Scene.preset("screen_photo")
     shown = grey(0.7).expand(6, -1, -1, -1)
     shot = scene.sample(6, (SIDE, SIDE), torch.Generator().manual_seed(3))

@@ -16,30 +16,10 @@ def cell(row, column, accuracy, n):
 
 
 def put(
-    root,
-    recipe,
-    seed,
-    *,
-    worst=(0.2, 0.1),
-    seconds=10.0,
-    start=10.0,
-    plain=20.0,
-    init="clean",
-    unseen=0.6,
-    attacked=True,
-    n=200,
-    steps=50,
-    collapsed=None,
-    scene="screen_photo",
-    data="signs",
-    at=None,
-    size=48,
-    device=ENVIRONMENT,
-    trust=(),
-    eps=0.02,
-    decay=None,
-    length=1.0,
-):
+    root, recipe, seed, *, worst=(0.2, 0.1), seconds=10.0, start=10.0, plain=20.0, init="clean",
+    unseen=0.6, attacked=True, n=200, steps=50, collapsed=None, scene="screen_photo", data="signs",
+    at=None, size=48, device=ENVIRONMENT, trust=(), eps=0.02, decay=None, length=1.0,
+):  # fmt: skip
     """A finished run as fit.py leaves it, and its re-attack.
 
     `start` and `plain` are the seconds of the start and of the baseline's own training.
@@ -47,13 +27,8 @@ def put(
     folder = root / recipe / f"seed{seed}"
     init = "random" if recipe == "clean" else init
     where = Scene.preset(scene).to_dict()
-    train = {
-        "seconds": seconds,
-        "images_per_second": 600.0,
-        "init": init,
-        "passes": 2.5,
-        "collapsed_at": collapsed,
-    }
+    train = {"seconds": seconds, "images_per_second": 600.0, "passes": 2.5}
+    train |= {"init": init, "collapsed_at": collapsed}
     started = init == "clean"
     baseline = None
     if recipe not in ("clean", "baseline"):
@@ -64,19 +39,10 @@ def put(
         "data": {"name": data, "size": size, "root": at},
         "reattack": {"n": 480, "steps": 20, "seed": 1234},
     }
-    metrics = {
-        "recipe": recipe,
-        "seed": seed,
-        "data": data,
-        "model": "small_resnet",
-        "train": train,
-        "config": config,
-        "baseline": baseline,
-        "start": {"recipe": "clean", "train": {"seconds": start}} if started else None,
-        "scene_name": scene,
-        "scene": where,
-        "environment": device,
-    }
+    metrics = {"recipe": recipe, "seed": seed, "data": data, "model": "small_resnet"}
+    metrics |= {"train": train, "config": config, "baseline": baseline, "environment": device}
+    metrics |= {"start": {"recipe": "clean", "train": {"seconds": start}} if started else None}
+    metrics |= {"scene_name": scene, "scene": where}
     write(folder, metrics)
     if attacked:
         rows = [cell(f"eps_{e}", "worst", w, n) for e, w in zip((4, 8), worst, strict=True)]
@@ -99,3 +65,13 @@ def put(
 def write(folder, metrics):
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "metrics.json").write_text(json.dumps(metrics))
+
+
+def metrics_in(folder):
+    return json.loads((folder / "metrics.json").read_text())
+
+
+def attack_of(folder):
+    """The folder of a run's one re-attack."""
+    (path,) = folder.glob("reattack/*/recipes")
+    return path

@@ -2,6 +2,8 @@
 in this process."""
 
 import contextlib
+import copy
+import functools
 import io
 import os
 import subprocess
@@ -22,24 +24,11 @@ from training.splits import Splits
 from training.train import train_model
 
 NO_DATA = Splits(None, None, None, {}, 0)
-TINY = [
-    "data.train=64",
-    "data.val=32",
-    "data.test=48",
-    "data.size=24",
-    "train.epochs=2",
-    "train.batch_size=32",
-    "reattack.n=24",
-    "reattack.batch_size=12",
-    "reattack.steps=2",
-    "trainer.accelerator=cpu",
-    "trainer.precision=32-true",  # whatever the machine multiplies fast
-]
-BRIEF = [
-    "reattack.n=6",
-    "reattack.eps=[0.02]",
-    "reattack.steps=1",
-]  # after TINY, where the attack does not matter
+TINY = ["data.train=64", "data.val=32", "data.test=48", "data.size=24", "train.epochs=2"]
+TINY += ["train.batch_size=32", "reattack.n=24", "reattack.batch_size=12", "reattack.steps=2"]
+TINY += ["trainer.accelerator=cpu", "trainer.precision=32-true"]  # whatever the CPU multiplies fast
+# after TINY, where the attack does not matter
+BRIEF = ["reattack.n=6", "reattack.eps=[0.02]", "reattack.steps=1"]
 MAINS = {"fit.py": (fit.main, Config), "reattack.py": (reattack.main, ReattackConfig)}
 
 
@@ -92,7 +81,18 @@ def wait(process, last, at_least):
 
 
 def configured(*overrides, name="root"):
-    """The typed settings of a command line."""
+    """The typed settings of a command line, composed once for all folders of runs."""
+    folders = [given for given in overrides if given.startswith(("run=", "runs="))]
+    others = tuple(given for given in overrides if given not in folders)
+    cfg = copy.deepcopy(_composed(others, name))
+    for given in folders:
+        key, _, path = given.partition("=")
+        setattr(cfg, key, path)
+    return cfg
+
+
+@functools.cache
+def _composed(overrides, name):
     GlobalHydra.instance().clear()
     with initialize(version_base="1.3", config_path=None):
         return as_config(compose(name, list(overrides)))

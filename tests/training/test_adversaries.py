@@ -134,10 +134,7 @@ def test_a_batch_has_its_parts(recipe, share, natural):
 REFUSED = [
     ({"kind": "pdg"}, "Did you mean 'pgd'?"),
     ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
-    (
-        {"kind": "pgd", "share": 0.75, "natural": 0.5, "steps": 2, "eps": 0.02},
-        "must not add up to more than 1",
-    ),
+    ({"kind": "pgd", "share": 0.75, "natural": 0.5, "steps": 2, "eps": 0.02}, "must not add up to"),
     ({"kind": "pgd", "steps": 2, "eps": 0.02}, "needs a share, steps and eps above 0; got 0.0, 2"),
 ]
 

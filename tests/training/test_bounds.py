@@ -57,22 +57,12 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
     ("override", "message"),
     [
         ("train.batch_size=0", "train.batch_size must be at least 1; got 0"),
-        ("train.epochs=0", "train.epochs must be at least 1"),
-        ("train.lr=1e9", r"train.lr must be in \[1e-08, 10\]; got 1000000000.0"),
-        ("train.lr=nan", "train.lr must be in"),
-        ("data.train=0", "data.train must be at least 1"),
-        ("seed=-1", r"seed must be in \[0, 4294967295\]"),
         ("trainer.devices=99999", "trainer.devices must be 1 to .* or auto; got 99999"),
-        ("trainer.devices=0", "trainer.devices must be 1 to"),
-        ("trainer.devices=1.5", "trainer.devices must be 1 to"),
-        ("reattack.steps=-1", "reattack.steps must be in"),
         ("reattack.eps=[0.01,0.01]", "reattack.eps must be different bounds"),
         ("trainer.deterministic=foo", "trainer.deterministic must be true, false or warn"),
         ("trainer.precision=bf16-true", "trainer.precision must be one of .*bf16-mixed"),
         ("trainer.precision=64", "trainer.precision must be one of"),
         ("reattack.eps=[nan]", "eps must be a number"),
-        ("reattack.eps=[-0.1]", "eps must be a number"),
-        ("adversary.share=2", "adversary.share must be in"),
         ("adversary.natural=0.9", "parts of one batch"),
         ("train.init=cleen", "Did you mean 'clean'"),
         ("data.augment=flip", "data.augment must be one of"),
@@ -80,14 +70,8 @@ def test_a_number_beyond_its_bounds_is_refused(key, untyped):
 )
 def test_nothing_is_begun(override, message, tmp_path):
     with pytest.raises(ValueError, match=message):
-        fit.fit(
-            configured(
-                "recipe=moire_at",
-                override,
-                "trainer.accelerator=cpu",
-                f"runs={tmp_path / 'runs'}",
-            )
-        )
+        given = "recipe=moire_at", "trainer.accelerator=cpu", f"runs={tmp_path / 'runs'}"
+        fit.fit(configured(*given, override))
     assert not (tmp_path / "runs").exists()
 
 
@@ -95,25 +79,12 @@ def test_nothing_is_begun(override, message, tmp_path):
     ("devices", "fine"),
     [
         *[(1, 1), (2, 1), ("2", 1), ("auto", 1)],
-        *[(-1, 0), ("99999", 0), (None, 0), ([0], 0), ("0,1", 0), ("abc", 0)],
+        *[(-1, 0), (0, 0), (1.5, 0), (None, 0), ([0], 0), ("0,1", 0), ("abc", 0)],
     ],
 )
 def test_devices_that_are_there_are_taken(devices, fine, untyped):
-    cfg = OmegaConf.create(
-        untyped
-        | {
-            "trainer": {
-                "accelerator": "cpu",
-                "devices": devices,
-                "num_nodes": 1,
-                "deterministic": False,
-                "precision": None,
-            }
-        }
-    )
-    with (
-        contextlib.nullcontext()
-        if fine
-        else pytest.raises(ValueError, match=r"trainer\.devices must be 1 to")
-    ):
+    cfg = OmegaConf.create(untyped)
+    OmegaConf.update(cfg, "trainer", {"accelerator": "cpu", "devices": devices})
+    refused = pytest.raises(ValueError, match=r"trainer\.devices must be 1 to")
+    with contextlib.nullcontext() if fine else refused:
         bounds.check(cfg)

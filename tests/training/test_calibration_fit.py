@@ -71,7 +71,7 @@ def test_a_fit_that_may_not_search_leaves_the_scene(hidden):
     assert "found no better ranges: the scene stays as it was" in found.said()
 
 
-def test_a_scene_that_fits_the_shots_of_the_search_alone_is_not_taken(monkeypatch, hidden):
+def test_a_scene_that_overfits_the_search_is_not_taken(monkeypatch, hidden):
     crops, real = hidden
     monkeypatch.setattr(
         fitting,
@@ -141,7 +141,7 @@ def test_a_fit_finds_how_large_a_picture_was_shown():
     assert sum(found.scene.panel.width) / 2 == pytest.approx(47.5, rel=0.2)
 
 
-def test_the_distance_of_a_fit_is_that_of_the_scene_that_is_written(hidden, tmp_path):
+def test_a_fits_distance_is_that_of_the_written_scene(hidden, tmp_path):
     """Narrow ranges, too: as numbers they would draw nothing, and shift all other draws."""
     crops, real = hidden
     narrow = (Searched("lens.blur", 0.7, 0.8), Searched("sensor.gain", 1.0, 5.0))

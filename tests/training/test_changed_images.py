@@ -30,7 +30,7 @@ def settings(tmp_path):
     return [*TINY, *given, "model=small_resnet", "reattack.eps=[0.02]", "reattack.steps=1"]
 
 
-def test_a_gain_is_over_the_images_that_the_folder_holds_now(tmp_path, settings):
+def test_a_gain_is_over_the_folders_present_images(tmp_path, settings):
     """An image that is added later is seen by the baseline, too."""
     inside("fit.py", "recipe=baseline", *settings, cwd=tmp_path)
     shutil.copy(tmp_path / "images/test/red/0.png", tmp_path / "images/test/red/9.png")
@@ -41,7 +41,7 @@ def test_a_gain_is_over_the_images_that_the_folder_holds_now(tmp_path, settings)
     assert set(found["gain"]) == {row["name"] for row in found["reattack"]}
 
 
-def test_no_run_goes_on_from_a_weights_file_that_was_overwritten(tmp_path, settings):
+def test_no_run_resumes_from_an_overwritten_weights_file(tmp_path, settings):
     """Two models with one file's name would share a start, a baseline and a report."""
     weights = tmp_path / "weights.pt"
     torch.save(models.build("small_resnet", 2).state_dict(), weights)

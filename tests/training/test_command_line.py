@@ -40,10 +40,7 @@ KEYS = [
     ("data=sign", "Did you mean 'signs'?"),
     ("sceen=paper", "Did you mean 'scene'?"),
     ("moire_at", "settings are given as key=value; got 'moire_at'"),
-    (
-        "reattack.eps=4/255",
-        "reattack.eps must be a list, as in reattack.eps=[0.00784313725,0.0156862745]",
-    ),
+    ("reattack.eps=4/255", "reattack.eps must be a list, as in"),
     ("scene.preset=paper", "pass scene whole"),
     ("train.lr=fast", "train.lr: Value 'fast' of type 'str' could not be converted to Float."),
     ("data.train=1.5", "data.train: Value '1.5' of type 'float' could not be converted to Integer"),

@@ -71,16 +71,6 @@ def test_hidden_files_and_folders_are_left_out(root):
     assert [label for _, label in splits.test] == [0] * 3 + [1] * 3
 
 
-def test_photos_of_a_phone_stand_upright(root):
-    for path in root.glob("test/*/*.png"):
-        photo, exif = Image.new("RGB", (20, 20), "blue"), Image.Exif()
-        photo.paste("red", (0, 0, 10, 20))
-        exif[0x0112] = 6  # the left is shown on top
-        photo.save(path, exif=exif)
-    image, _ = load(Data(name="folder", root=str(root / "test"), size=20)).test[0]
-    assert image[:, 0, 19].tolist() == [255, 0, 0] and image[:, 19, 0].tolist() == [0, 0, 255]
-
-
 def test_one_process_at_a_time_downloads(tmp_path, monkeypatch):
     def make(folder, transform, download, train):
         with (
@@ -106,9 +96,7 @@ def test_a_single_class_is_refused(root, monkeypatch):
 @pytest.mark.parametrize("row", ["n03,1000", "n04,5", "n03,-1"])
 def test_a_folder_without_a_class_gets_a_sentence(root, row):
     (root / "labels.csv").write_text(f"wnid,class_index\nn01,7\nn02,123\n{row}\n")
-    with pytest.raises(
-        ValueError, match=r"names no class_index from 0 to 999 for the folders \['n03'\]"
-    ):
+    with pytest.raises(ValueError, match=r"class_index from 0 to 999 for the folders \['n03'\]"):
         folder(root, class_index=str(root / "labels.csv"))
 
 

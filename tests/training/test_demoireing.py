@@ -15,7 +15,8 @@ from moireaug.defenses import demoire
 from moireaug.evaluation.visibility import psnr, ssim
 from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
-from tests.training.small import command, configured, same
+from tests.training.forked import Command
+from tests.training.small import configured, same
 from training import runs
 from training.demoireing import fit as demoireing
 from training.demoireing import testing
@@ -29,20 +30,9 @@ from training.files import read_checkpoint
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
-FEW = [
-    "recipe=demoire",
-    "scene=[screen_photo]",
-    "test.unseen=[dashcam_at_led_sign]",
-    "data.size=32",
-    "data.val=2",
-    "data.test=2",
-    "test.size=48",
-    "demoire.width=0.25",
-    "train.steps=4",
-    "train.check_every=1",
-    "train.batch_size=2",
-    "trainer.accelerator=cpu",
-]
+FEW = ["recipe=demoire", "scene=[screen_photo]", "test.unseen=[dashcam_at_led_sign]"]
+FEW += ["data.size=32", "data.val=2", "data.test=2", "test.size=48", "demoire.width=0.25"]
+FEW += ["train.steps=4", "train.check_every=1", "train.batch_size=2", "trainer.accelerator=cpu"]
 FILES = {"report.html", "metrics.json", "scores.csv", "config.yaml"}
 FILES |= {"weights.pt", "best.ckpt", "last.ckpt"}
 
@@ -71,21 +61,18 @@ def real(tmp_path_factory):
 def whole(tmp_path_factory, real):
     """One run of the real command."""
     cwd = tmp_path_factory.mktemp("whole")
-    done = command("fit.py", *FEW, f"pairs={real}", cwd=cwd)
-    assert done.returncode == 0, done.stderr
-    return cwd / "runs/esdnet/demoire/seed0", done
+    process = Command("fit.py", *FEW, f"pairs={real}", cwd=cwd)
+    out, err = process.communicate()
+    assert process.returncode == 0, err
+    return cwd / "runs/esdnet/demoire/seed0", out, err
 
 
 def test_a_run_leaves_what_it_promises(whole):
-    folder, done = whole
+    folder, out, err = whole
     assert {path.name for path in folder.iterdir()} == FILES
     m = json.loads((folder / "metrics.json").read_text())
-    assert (m["recipe"], m["data"], m["model"], m["target"]) == (
-        "demoire",
-        "signs",
-        "esdnet",
-        "twin",
-    )
+    about = [m[key] for key in ("recipe", "data", "model", "target")]
+    assert about == ["demoire", "signs", "esdnet", "twin"]
     assert [h["steps"] for h in m["train"]["history"]] == [1, 2, 3, 4]
     groups = {(row["group"], row["kind"], row["reference"]) for row in m["test"]}
     assert groups == {
@@ -108,8 +95,8 @@ def test_a_run_leaves_what_it_promises(whole):
             assert row["twin"] == pytest.approx(np.mean(mine["twin"]), rel=1e-4)
         else:
             assert row["twin"] is None and not mine["twin"]
-    assert done.stdout.splitlines()[-1].endswith("Report: runs/esdnet/demoire/seed0/report.html")
-    assert "Warning" not in done.stderr, done.stderr
+    assert out.splitlines()[-1].endswith("Report: runs/esdnet/demoire/seed0/report.html")
+    assert "Warning" not in err, err
 
 
 def test_the_page_shows_every_kind_of_pair(whole):
@@ -122,15 +109,13 @@ def test_the_page_shows_every_kind_of_pair(whole):
     assert not re.findall(r"[>\s](?:nan|None|inf)[<\s]", page.split("<details>")[0])
 
 
-def test_a_real_photo_of_another_tone_is_like_its_original_after_the_map(whole):
+def test_a_photo_of_another_tone_matches_after_the_map(whole):
     rows = json.loads((whole[0] / "metrics.json").read_text())["test"]
     before = {r["measure"]: r["before"] for r in rows if r["kind"] == "real"}
     assert before["psnr"] < 18 and before["mapped_psnr"] > 45 and before["mapped_ssim"] > 0.999
 
 
-def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
-    whole, tmp_path, real, monkeypatch, capsys
-):
+def test_a_resumed_run_equals_an_uninterrupted_one(whole, tmp_path, real, monkeypatch, capsys):
     torch.set_num_threads(1)  # as the command
     cfg = configure(f"pairs={real}", f"runs={tmp_path}")
     folder = runs.folder(cfg)
@@ -157,7 +142,7 @@ def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
 def test_a_finished_run_is_shown_and_tested_on_other_pairs(
     whole, tmp_path, real, capsys, monkeypatch
 ):
-    folder, _ = whole
+    folder = whole[0]
     again = configure(f"pairs={real}", f"runs={folder.parents[2]}")
     before = (folder / "weights.pt").stat().st_mtime_ns
     known = demoireing.fit(again)
@@ -219,7 +204,7 @@ def test_ranks_and_epochs_share_the_numbers_out():
     assert sorted(drawn) == list(range(18))
 
 
-def test_scenes_take_turns_and_targets_are_the_twin_or_the_original(tmp_path):
+def test_scenes_take_turns_with_the_target_asked_for(tmp_path):
     put(tmp_path)
     scenes = list(demoireing.scenes_of(configure("scene=[phone_at_phone,screen_photo]")).values())
     for target in ("twin", "original"):

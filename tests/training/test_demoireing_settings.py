@@ -36,13 +36,9 @@ SENTENCES = [
     (["demoire.width=0"], "width"),
     (["data.train=100"], "data.train= has no effect on a demoiréing network"),
     (["train.check_every=3"], "must be a multiple of train.check_every"),
-    (["train.steps=0"], "train.steps must be at least 1"),
     (["train.lr=-1"], "train.lr must be in [1e-08, 10]; got -1.0"),
-    (["seed=-1"], "seed must be in [0, 4294967295]; got -1"),
-    (["data.workers=-1"], "data.workers must be in [0, 1024]; got -1"),
     (["data.val=null"], "data.val must be a number of pairs; got null"),
     (["trainer.precision=bf16-true"], "trainer.precision must be one of '32-true'"),
-    (["trainer.precision=64-true"], "trainer.precision must be one of '32-true'"),
     (["trainer.strategy=foo"], "foo"),
     (["demoire.vgg=missing.pth"], "missing.pth"),
     (["model=mddm", "demoire.vgg=vgg.pth"], "demoire.vgg= has no effect on mddm"),
@@ -51,13 +47,9 @@ SENTENCES = [
     (["scene=screen_foto"], "Did you mean 'screen_photo'?"),
     (["test.unseen=[screen_photo]"], "which is trained on too"),
     (["weights=nowhere.pt"], "nowhere.pt'"),
-    (["pairs=nowhere"], "neither a CSV file nor a folder"),
     (["pairs=uneven"], "uneven.png is 30 x 20 and uneven/shown.png 30 x 21 pixels: a pair must"),
     (["resume=true"], "leave resume=true out, and that run is moved aside"),
-    (
-        ["trainer.accelerator=cpu", "trainer.devices=2", "train.batch_size=3"],
-        "a multiple of their number, 2; got 3",
-    ),
+    (["trainer.accelerator=cpu", "trainer.devices=2", "train.batch_size=3"], "number, 2; got 3"),
 ]
 
 
@@ -97,7 +89,7 @@ def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
     assert next(devices[0].parameters()).device.type == "meta"
 
 
-def test_a_finished_run_is_shown_though_its_start_file_is_gone(tmp_path, monkeypatch):
+def test_a_finished_run_is_shown_without_its_start_file(tmp_path, monkeypatch):
     monkeypatch.setattr(runs.Run, "stage", lambda run: "finished")
     monkeypatch.setattr(demoireing, "finished", lambda cfg: "shown")
     given = ["weights=gone.pt", "demoire.vgg=gone.pth", f"runs={tmp_path}"]

@@ -2,14 +2,13 @@
 goes wrong."""
 
 import json
-import re
 import shutil
 
 import pytest
 
 from moireaug.evaluation.identity import identity
-from tests.training.small import BRIEF, TINY, command, configured, inside, train
-from training import fit, machine, runs, saved
+from tests.training.small import BRIEF, TINY, command, configured, inside
+from training import fit, machine, runs, saved, signs
 from training.data import load
 from training.results import compare
 from training.train import train_model
@@ -37,42 +36,22 @@ def test_a_run_leaves_what_it_promises(whole):
         folder = cwd / "runs" / recipe / "seed0"
         assert {p.name for p in folder.iterdir()} == files
     m = json.loads((cwd / "runs/moire_at/seed0/metrics.json").read_text())
-    assert (m["recipe"], m["seed"], m["data"], m["model"]) == (
-        "moire_at",
-        0,
-        "signs",
-        "attention_convnet",
-    )
-    assert (
-        m["train"]["epochs"] == 2
-        and m["train"]["seconds"] > 0
-        and m["train"]["images_per_second"] > 0
-    )
+    about = [m[key] for key in ("recipe", "seed", "data", "model")]
+    assert about == ["moire_at", 0, "signs", "attention_convnet"]
+    assert m["train"]["epochs"] == 2
+    assert m["train"]["seconds"] > 0 and m["train"]["images_per_second"] > 0
     assert m["train"]["passes"] == 2.875 and len(m["train"]["history"]) == 2
-    assert m["identity"] == identity(saved.read(folder).model())  # as a later re-attack says it
-    names = [r["name"] for r in m["reattack"]]
-    assert names == [
-        "clean",
-        "dimmed",
-        "no_moire",
-        "moire",
-        "random_8",
-        "ma_2",
-        "ma_4",
-        "ma_8",
-        "ma_4_targeted",
-        "pgd_4",
-        "worst_4",
-    ]
+    run = saved.read(folder)
+    assert m["identity"] == identity(run.model())  # as a later re-attack says it
+    assert run.classes == dict(enumerate(signs.CLASSES))
+    rows = "clean dimmed no_moire moire random_8 ma_2 ma_4 ma_8 ma_4_targeted pgd_4 worst_4"
+    assert [r["name"] for r in m["reattack"]] == rows.split()
     base = {r["name"]: r for r in m["baseline"]["reattack"]}
     for row in m["reattack"]:
-        assert (
-            set(row) >= {"name", "eps", "targeted", "accuracy", "success", "n", "seconds"}
-            and row["n"] == 24
-        )
-        assert m["gain"][row["name"]] == pytest.approx(
-            row["accuracy"] - base[row["name"]]["accuracy"]
-        )
+        assert set(row) >= {"name", "eps", "targeted", "accuracy", "success", "n", "seconds"}
+        assert row["n"] == 24
+        gain = row["accuracy"] - base[row["name"]]["accuracy"]
+        assert m["gain"][row["name"]] == pytest.approx(gain)
         low, high = m["gain_interval"][row["name"]]
         assert low <= m["gain"][row["name"]] <= high
     assert m["clean_accuracy"] == m["reattack"][0]["accuracy"]
@@ -81,32 +60,12 @@ def test_a_run_leaves_what_it_promises(whole):
     assert printed[-1] == "Report: runs/moire_at/seed0/report.html"
     assert any(line.startswith("Moiré Attack 4/255") for line in printed)
     assert sum(line.startswith("training: moire_at ") for line in printed) == 1
-    assert "Warning" not in done.stderr, done.stderr
-
-
-def test_a_run_prints_no_line_but_its_own(whole):
-    _, done = whole
+    assert sum(line.startswith("Epoch") for line in printed) == 1 + 2 + 2
     once = "moireaug compiles its CPU kernels, once on this machine"
     assert [line for line in done.stderr.splitlines() if not line.startswith(once)] == []
-    own = (
-        r"The (start|baseline) comes first: recipe \w+, with the same settings\.",
-        r"Training attention_convnet on signs, recipe clean: 1 epoch, .*",
-        r"Training attention_convnet on signs, recipe \w+: 2 epochs after the 1 of its start, .*",
-        r"Epoch [12] of [12]: loss \S+, val_clean \S+(, val_perturbed \S+)?, val_score \S+",
-        r"signs, attention_convnet, screen_photo, n = 24, accuracy in %, eps in 1/255",
-        r" +eps( +codes +dB)?( +[a-z_]+)+ +(gain \[95 %\]|95 %)",
-        r"(clean image|dimmed|photo|moiré|Moiré Attack|targeted|PGD|worst of)\b.*",
-        r"codes, dB: largest change of a code of 255, and PSNR; means over images with noise",
-        r"training: \w+ .*",
-        r"Report: runs/\w+/seed0/report\.html",
-    )
-    for line in done.stdout.splitlines():
-        assert any(re.fullmatch(pattern, line) for pattern in own), line
-    epochs = [line for line in done.stdout.splitlines() if line.startswith("Epoch")]
-    assert len(epochs) == 1 + 2 + 2
 
 
-def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole):
+def test_the_baseline_trains_as_long_as_the_run(whole):
     cwd, _ = whole
     m = json.loads((cwd / "runs/moire_at/seed0/metrics.json").read_text())
     clean, base = (
@@ -118,35 +77,25 @@ def test_the_baseline_is_as_long_as_the_run_and_the_start_stands_beside_it(whole
     assert set(m["baseline"]) == trained | {"clean_accuracy", "reattack"}
     for ours, theirs in ((m["start"], clean), (m["baseline"], base)):
         assert {key: ours[key] for key in trained} == {key: theirs[key] for key in trained}
-    epochs = {
-        side["recipe"]: (side["train"]["epochs"], side["train"]["total_epochs"])
-        for side in (clean, base, m)
-    }
-    assert epochs == {"clean": (1, 1), "baseline": (2, 3), "moire_at": (2, 3)}
+    for side, epochs in ((clean, (1, 1)), (base, (2, 3)), (m, (2, 3))):
+        assert (side["train"]["epochs"], side["train"]["total_epochs"]) == epochs
     start = clean["train"]["seconds"]
     for side in (base, m):
         assert side["train"]["total_seconds"] == pytest.approx(side["train"]["seconds"] + start)
     assert clean["train"]["total_seconds"] == start
     assert (clean["start"], clean["baseline"], base["baseline"]) == (None, None, None)
     assert base["start"] == m["start"] and base["gain"] == {}
-    outcomes = {
-        name: (cwd / f"runs/{name}/seed0/best.ckpt").read_bytes() for name in ("clean", "baseline")
-    }
-    assert outcomes["clean"] != outcomes["baseline"]
     assert base["train"]["init"] == "clean" and clean["train"]["init"] == "random"
 
 
-@pytest.mark.parametrize("recipe", ["clean", "baseline"])
-def test_a_run_trained_for_another_is_attacked_when_it_is_asked_for_itself(
-    recipe, whole, tmp_path, monkeypatch
-):
+def test_a_plain_run_is_attacked_once_it_is_asked_for(whole, tmp_path, monkeypatch):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
-    folder = tmp_path / "runs" / recipe / "seed0"
+    folder = tmp_path / "runs/baseline/seed0"
     before = runs.read_metrics(folder)
     assert "reattack" not in before and set(before["time"]) == {"train"}
     assert "trust" in runs.read_metrics(tmp_path / "runs/moire_at/seed0")
     monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
-    found = fit.fit(configured(f"recipe={recipe}", *TINY, f"runs={tmp_path / 'runs'}"))
+    found = fit.fit(configured("recipe=baseline", *TINY, f"runs={tmp_path / 'runs'}"))
     assert found["trust"] and found["time"]["checks"] > 0 and found["time"]["re-attack"] > 0
     assert (folder / "report.html").is_file()
     kept = runs.read_metrics(folder)
@@ -154,12 +103,11 @@ def test_a_run_trained_for_another_is_attacked_when_it_is_asked_for_itself(
         for name in ("train", "start", "config"):
             assert metrics[name] == before[name]
     assert kept["trust"] == found["trust"] and kept["reattack"] == found["reattack"]
-    if recipe == "baseline":
-        beside = runs.read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
-        assert kept["reattack"] == beside["reattack"], "what the other run has computed is read"
+    beside = runs.read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
+    assert kept["reattack"] == beside["reattack"], "what the other run has computed is read"
 
 
-def test_a_run_trained_for_another_may_be_attacked_in_another_way(whole, tmp_path, monkeypatch):
+def test_a_plain_run_may_be_attacked_in_another_way(whole, tmp_path, monkeypatch):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     folder = tmp_path / "runs/baseline/seed0"
     weights = (folder / "best.ckpt").read_bytes()
@@ -178,7 +126,7 @@ def test_a_run_trained_for_another_may_be_attacked_in_another_way(whole, tmp_pat
     assert not fit.unreported(start), "it must be trained again"
 
 
-def test_a_re_attack_of_the_same_kind_takes_what_the_run_has_computed(whole, tmp_path):
+def test_a_re_attack_takes_what_the_run_has_computed(whole, tmp_path):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     before = {path: path.read_bytes() for path in tmp_path.glob("runs/*/seed0/records/*.jsonl")}
     assert len(before) == 2
@@ -193,18 +141,11 @@ def test_a_re_attack_of_the_same_kind_takes_what_the_run_has_computed(whole, tmp
     assert again["baseline"]["reattack"] == m["baseline"]["reattack"]
 
 
-def test_the_gain_is_against_the_baseline_and_not_against_the_start():
+def test_the_gain_is_over_the_baseline_not_the_start():
     right, wrong = {"clean": "1" * 8}, {"clean": "0" * 8}
     cfg = configured("recipe=moire_at", *TINY)
-    side = {
-        "recipe": "x",
-        "seed": 0,
-        "data": "signs",
-        "model": "attention_convnet",
-        "clean_accuracy": 0.0,
-        "train": None,
-        "reattack": [],
-    }
+    side = {"recipe": "x", "seed": 0, "data": "signs", "model": "attention_convnet"}
+    side |= {"clean_accuracy": 0.0, "train": None, "reattack": []}
     own = side | {"correct": {"clean": "1" * 8}}
     for start, baseline, gain in ((right, wrong, 1.0), (wrong, right, 0.0)):
         m = compare(cfg, own, None, side | {"correct": start}, side | {"correct": baseline})
@@ -222,10 +163,8 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     assert (start["recipe"], baseline["recipe"]) == ("clean", "baseline")
     assert [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders] == before
     said = capsys.readouterr().out
-    assert (
-        f"The start is reused from {folders[0]}" in said
-        and f"The baseline is reused from {folders[1]}" in said
-    )
+    assert f"The start is reused from {folders[0]}" in said
+    assert f"The baseline is reused from {folders[1]}" in said
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (runs.start_config(other), runs.baseline_config(other)):
         assert fit.trained_before(wanted) is None, "its settings are others"
@@ -242,17 +181,14 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
     assert known == runs.read_metrics(path) and known["train"]["epochs"] == 2
 
 
-def test_a_baseline_of_other_settings_is_not_attacked_beside_a_run(whole, tmp_path, capsys):
+def test_a_baseline_of_other_settings_is_not_attacked(whole, tmp_path, capsys):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     run = saved.read(tmp_path / "runs/moire_at/seed0")
     assert saved.baseline_of(run).cfg.recipe == "baseline"
     path = tmp_path / "runs/baseline/seed0/config.yaml"
     path.write_text(path.read_text().replace("epochs: 2", "epochs: 3"))
     assert saved.baseline_of(run) is None
-    assert (
-        "was trained with other settings: no baseline is attacked beside this run"
-        in capsys.readouterr().out
-    )
+    assert "no baseline is attacked beside this run" in capsys.readouterr().out
 
 
 def test_reattack_of_a_run(whole):
@@ -292,8 +228,3 @@ def test_a_damaged_checkpoint_gets_a_sentence(damage, whole, tmp_path):
         best.write_bytes(best.read_bytes()[: 5000 if damage == "cut" else 0] + b"\x00" * 64)
     with pytest.raises(ValueError, match=r"is not a run's folder|could not be read"):
         saved.read(run)
-
-
-def test_a_nan_loss_stops_with_a_sentence(tmp_path):
-    with pytest.raises(FloatingPointError, match="the loss became nan in epoch 1"):
-        train(tmp_path, "nan", "train.lr=1e30")

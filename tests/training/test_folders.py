@@ -3,7 +3,7 @@
 import pytest
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 
-from tests.training.small import TINY, configured, train
+from tests.training.small import TINY, configured
 from tests.training.strangers import put
 from tests.training.test_frontier import put as put_point
 from training import fit, overrides, runs, saved
@@ -23,10 +23,7 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
         (["data=cifar10"], "runs/cifar10/clean/seed0"),
         (["data=cifar10", "model=resnet18"], "runs/cifar10-resnet18/clean/seed0"),
         (["data=folder", "data.root=some/where"], "runs/folder-where/clean/seed0"),
-        (
-            ["data=folder", "data.root='some/one s/..odd $name'"],
-            "runs/folder-..odd_name/clean/seed0",
-        ),
+        (["data=folder", "data.root='a b/..odd $name'"], "runs/folder-..odd_name/clean/seed0"),
         (["data.size=32", "train.lr=0.05"], "runs/clean/seed0"),
     ],
 )
@@ -41,9 +38,7 @@ def test_a_frontier_is_of_one_group_of_runs(tmp_path):
     put_point(tmp_path / "resnet18", "clean", 0)
     assert len(read(tmp_path).points) == 1, "the only group is meant"
     put_point(tmp_path / "cifar10", "clean", 0)
-    with pytest.raises(
-        ValueError, match=r"which cannot be compared: pass one of \S+/cifar10, \S+/resnet18"
-    ):
+    with pytest.raises(ValueError, match=r"pass one of \S+/cifar10, \S+/resnet18"):
         read(tmp_path)
     put_point(tmp_path, "clean", 0)
     put_point(tmp_path, "good", 0)
@@ -83,21 +78,12 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
 
 
 def test_a_command_line_gives_the_settings_back():
+    folder = ["data=folder", "data.root='a b/c'", "train.lr=1e-5", "reattack.eps=[0.01, 0.02]"]
+    scene = ["scene={preset: paper, view: {roll: [-3, 3]}}", "model=resnet18", "data.train=null"]
     for given in (
         ["recipe=clean"],
-        [
-            "recipe=moire_at",
-            "data=folder",
-            "data.root='a b/c'",
-            "train.lr=1e-5",
-            "reattack.eps=[0.01, 0.02]",
-        ],
-        [
-            "recipe=moire_fast",
-            "scene={preset: paper, view: {roll: [-3, 3]}}",
-            "model=resnet18",
-            "data.train=null",
-        ],
+        ["recipe=moire_at", *folder],
+        ["recipe=moire_fast", *scene],
         ["recipe=pgd_at", "trainer.precision=bf16-mixed", "train.batch_statistics=true", "seed=3"],
     ):
         cfg = configured(*given)
@@ -141,12 +127,3 @@ def test_a_start_that_another_command_has_replaced_is_not_taken(there, whole, ta
         return
     with pytest.raises(ValueError, match="no longer holds the run that was trained there"):
         train_model(cfg, load(cfg.data))
-
-
-def test_a_run_with_other_settings_is_moved_aside_not_lost(tmp_path, capsys):
-    out, _ = train(tmp_path, "a", "train.epochs=1")
-    kept = (out / "best.ckpt").read_bytes()
-    train(tmp_path, "a", "train.epochs=1", "train.lr=0.05")
-    (aside,) = (p for p in out.parent.iterdir() if p.name != "seed0")
-    assert (aside / "best.ckpt").read_bytes() == kept
-    assert str(aside) in capsys.readouterr().out

@@ -82,9 +82,7 @@ def trained(tmp_path, monkeypatch, accuracies, *overrides):
     return model, seen, torch.load(tmp_path / "best.ckpt", weights_only=True)
 
 
-def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_collapsed_model_returns_to_its_best_epoch(tmp_path, monkeypatch, capsys):
     model, seen, best = trained(tmp_path, monkeypatch, COLLAPSE)
     assert best["epoch"] == 0
     assert model.collapsed_at == 1 and seen.steps == {0: 1, 1: 1, 2: 3}
@@ -99,7 +97,7 @@ def test_a_collapsed_model_goes_back_to_its_best_epoch_and_on_with_three_steps(
     assert resumed.hardened and resumed.adversary.cfg.steps == 3
 
 
-def test_a_collapse_in_the_last_epoch_is_recorded_and_not_kept(tmp_path, monkeypatch, capsys):
+def test_a_collapse_in_the_last_epoch_is_recorded_alone(tmp_path, monkeypatch, capsys):
     model, seen, best = trained(tmp_path, monkeypatch, LATE_COLLAPSE)
     assert best["epoch"] == 1 and model.collapsed_at == 2 and seen.steps[2] == 1
     assert "It was the last epoch: an earlier one is kept" in capsys.readouterr().out
@@ -117,11 +115,11 @@ def test_options_of_training_train(tmp_path, monkeypatch):
     assert all(p.is_contiguous() for p in model.model.parameters())
 
 
-@pytest.mark.parametrize(("given", "moves"), [(None, False), (True, True), (False, False)])
+@pytest.mark.parametrize(("given", "moves"), [(None, False), (True, True)])
 def test_fine_tuning_keeps_the_weights_own_statistics(given, moves, tmp_path, monkeypatch):
     path = tmp_path / "weights.pt"
     torch.save(build(Config.model, 16).state_dict(), path)
-    setting = f"train.batch_statistics={'null' if given is None else given}"
+    setting = f"train.batch_statistics={given or 'null'}"
     model, _, _ = trained(tmp_path, monkeypatch, STEADY, f"weights={path}", setting)
     statistics = {k: v for k, v in model.model.state_dict().items() if "running" in k}
     assert (

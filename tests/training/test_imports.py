@@ -51,7 +51,7 @@ clean.identity = "the same"
 DATA = "def same(images):\n    return images\n"
 
 
-def test_a_network_of_the_users_own_is_imported_from_the_working_folder(weights, tmp_path):
+def test_a_users_own_network_is_imported_from_the_working_folder(weights, tmp_path):
     """Although modules of the commands have the names of its modules."""
     (tmp_path / "models.py").write_text(MODELS)
     (tmp_path / "data.py").write_text(DATA)

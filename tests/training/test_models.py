@@ -25,18 +25,6 @@ def test_small_networks_map_images_to_logits(make, size):
     assert logits.shape == (2, 7) and logits.isfinite().all()
 
 
-@pytest.mark.parametrize(
-    ("name", "least", "most"),
-    [
-        ("small_resnet", 80_000, 200_000),
-        ("attention_resnet", 600_000, 700_000),
-        ("attention_convnet", 900_000, 1_000_000),
-    ],
-)
-def test_own_models_are_small(name, least, most):
-    assert least < sum(p.numel() for p in models.build(name, 16).parameters()) < most
-
-
 @pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
 def test_every_parameter_and_the_image_receive_a_gradient(make):
     torch.manual_seed(0)
@@ -109,7 +97,7 @@ def test_small_networks_refuse_empty_layers(network, arguments):
         network(*arguments)
 
 
-def test_own_models_take_images_as_they_are_and_halve_them_first():
+def test_own_models_halve_images_first_without_normalisation():
     built = {name: models.as_model(name, 5, None) for name in models.OWN}
     assert not any(isinstance(model, Normalized) for model in built.values())
     assert (
@@ -128,18 +116,10 @@ def test_names_hold_classifiers_only():
     )
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "small_resnet",
-        "attention_resnet",
-        "attention_convnet",
-        "squeezenet1_1",
-        "shufflenet_v2_x0_5",
-        "mnasnet0_5",
-        "regnet_x_400mf",
-    ],
-)
+BUILT = [*models.OWN, "squeezenet1_1", "shufflenet_v2_x0_5", "mnasnet0_5", "regnet_x_400mf"]
+
+
+@pytest.mark.parametrize("name", BUILT)
 def test_build_gives_the_number_of_classes_asked_for(name):
     assert models.build(name, 7).eval()(torch.rand(1, 3, 64, 64)).shape == (1, 7)
 

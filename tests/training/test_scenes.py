@@ -53,10 +53,7 @@ def test_a_file_is_the_scene_that_it_describes(file):
         ("panel: {lit: 7}", r"Panel.lit must lie in"),
         ("preset: phone", "a preset must be one of"),
         ("tolerance: 1e-3", "must be a number"),  # which YAML takes for a word
-        (
-            "lens: {blur: 1}\npanel: {}\nlens: {}",
-            "duplicate key 'lens' in line 3, first set in line 1",
-        ),
+        ("lens: {blur: 1}\npanel: {}\nlens: {}", "duplicate key 'lens' in line 3, first set in"),
         ("lens:\n  blur: 1\n  blur: 2", "duplicate key 'blur' in line 3, first set in line 2"),
         ("lens: {blur: 2026-13-45}", "could not be read as YAML"),
         ("[" * 5000, "could not be read as YAML"),
@@ -70,7 +67,7 @@ def test_what_is_no_scene_is_refused_by_the_files_name(tmp_path, text, said):
         scenes.load(str(path))
 
 
-def test_training_and_re_attack_take_a_file_and_keep_what_is_in_it(file, monkeypatch):
+def test_training_and_re_attack_keep_what_a_scene_file_holds(file, monkeypatch):
     seen = []
 
     def stop(cfg):
@@ -89,7 +86,7 @@ def test_training_and_re_attack_take_a_file_and_keep_what_is_in_it(file, monkeyp
         assert cfg.scene == WANTED and scene_of(cfg) == Scene.from_dict(WANTED)
 
 
-def test_the_settings_of_a_run_name_no_file_that_is_read(file, tmp_path):
+def test_a_runs_settings_name_no_file_to_read(file, tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text(f"recipe: clean\nscene: {file}\ndata: {{name: signs}}\n")
     with pytest.raises(ValueError, match="file is for the commands"):
@@ -101,7 +98,7 @@ def test_the_settings_of_a_run_name_no_file_that_is_read(file, tmp_path):
 LISTED = ["phone_at_monitor", "dashcam_at_led_sign"]
 
 
-def test_a_file_may_hold_a_list_and_a_list_may_name_files(tmp_path, file):
+def test_a_file_may_hold_a_list_and_conversely(tmp_path, file):
     several = tmp_path / "several.yaml"
     several.write_text("- phone_at_monitor\n- {preset: screen_photo, lens: {blur: 0.3}}\n")
     blurred = {"preset": "screen_photo", "lens": {"blur": 0.3}}
@@ -126,7 +123,7 @@ def test_a_command_takes_a_list_and_repeats_it():
     assert len(names) == 3 and all(name.startswith("custom-") for name in names)
 
 
-def test_a_run_tells_every_scene_of_a_list_and_runs_of_others_are_not_compared():
+def test_runs_of_other_lists_of_scenes_are_not_compared():
     said = results.about(configured("recipe=clean", *TINY, f"scene=[{','.join(LISTED)}]"))
     assert said["scene"] == as_scenes(LISTED).to_dict()
     assert said["plan"].count("noise") >= 2 and said["plan"].startswith(
@@ -142,7 +139,7 @@ def test_a_run_tells_every_scene_of_a_list_and_runs_of_others_are_not_compared()
 
 
 @pytest.mark.parametrize("kind", ["none", "moire_attack"])
-def test_a_batch_is_trained_on_in_all_scenes_of_a_list(kind):
+def test_a_batch_is_trained_on_in_all_listed_scenes(kind):
     bright = [
         {"panel": {"scale": 3.0}, "sensor": {"gain": gain, "scale": 4.0}} for gain in (0.5, 2.5)
     ]

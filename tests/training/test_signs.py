@@ -30,20 +30,13 @@ def nearest_mean_accuracy(train, test, train_labels=None):
 @pytest.mark.parametrize("size", [16, 33, 48])
 def test_images_are_uint8_planes_and_labels_int64(size):
     images, labels = signs.make("val", 5, size=size)
-    assert (
-        images.shape == (5, 3, size, size)
-        and images.dtype == torch.uint8
-        and images.is_contiguous()
-    )
+    assert images.shape == (5, 3, size, size)
+    assert images.dtype == torch.uint8
+    assert images.is_contiguous()
     assert labels.shape == (5,) and labels.dtype == torch.int64
 
 
-def test_empty_set():
-    images, labels = signs.make("train", 0)
-    assert images.shape == (0, 3, 48, 48) and labels.shape == (0,)
-
-
-def test_same_seed_same_images_whatever_n_and_whatever_was_drawn_before(train):
+def test_images_follow_the_seed_alone(train):
     torch.manual_seed(1)
     np.random.seed(1)
     images, labels = signs.make("train", 21, size=32)
@@ -97,7 +90,7 @@ def test_render_draws_all_its_chance_from_the_generator():
     assert np.array_equal(first, again) and not np.array_equal(first, other)
 
 
-def test_labels_change_the_sign_alone_and_every_pair_of_classes_differs():
+def test_labels_change_the_sign_and_every_pair_differs():
     pictures = [
         signs.render(label, np.random.default_rng(0), 48).astype(int)
         for label in range(CLASS_COUNT)
@@ -130,14 +123,9 @@ def test_pictures_use_the_range_without_burning_out(train):
     assert ((images == 0) | (images == 255)).float().mean() < 0.15
 
 
-def test_nearest_class_mean_beats_chance_but_is_far_from_solving_it(train, test):
+def test_nearest_class_mean_beats_chance_without_solving_it(train, test):
     accuracy = nearest_mean_accuracy(train, test)
     assert 3 / CLASS_COUNT < accuracy < 0.6
-
-
-def test_nearest_class_mean_on_shuffled_labels_is_at_chance(train, test):
-    shuffled = train[1][torch.randperm(len(train[1]), generator=torch.Generator().manual_seed(0))]
-    assert nearest_mean_accuracy(train, test, shuffled) < 2.5 / CLASS_COUNT
 
 
 def test_mean_colour_alone_does_not_give_the_class_away(train, test):

@@ -8,9 +8,10 @@ import pytest
 import torch
 import yaml
 
-from tests.training.small import TINY, command, configured
+from tests.training.forked import Command
+from tests.training.small import TINY, configured
 from tests.training.strangers import attack, put
-from training import overrides, runs, saved, signs
+from training import overrides, runs, saved
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -76,34 +77,21 @@ def test_no_module_of_a_strangers_folder_runs(tmp_path):
     folder = put(tmp_path / "runs", edit=added("suite: defences\ndemoire: stranger:clean"))
     for place in (tmp_path, folder):
         (place / "stranger.py").write_text(MODULE)
-    done = command("reattack.py", "run=runs/clean/seed0", "reattack.n=2", cwd=tmp_path)
-    assert done.returncode == 1 and "error: " in done.stderr and "Traceback" not in done.stderr
+    process = Command("reattack.py", "run=runs/clean/seed0", "reattack.n=2", cwd=tmp_path)
+    _, err = process.communicate()
+    assert process.returncode == 1 and "error: " in err and "Traceback" not in err
     assert not list(tmp_path.rglob("it_ran"))
 
 
 def test_options_that_act_come_from_the_command_line_alone(tmp_path):
-    folder = put(
-        tmp_path,
-        "trainer.devices=64",
-        "trainer.strategy=ddp",
-        "data.download=true",
-        "data.workers=9",
-    )
+    own = ["trainer.devices=64", "trainer.strategy=ddp", "data.download=true", "data.workers=9"]
+    folder = put(tmp_path, *own)
     given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
     assert saved.read(folder).cfg.data.download is False  # as the explorer reads it
     cfg = overrides.onto(saved.read(folder).cfg, configured(*given, name="reattack"), given)
-    assert (cfg.demoire, cfg.suite, cfg.targets, cfg.reattack.n) == (
-        "torch:relu",
-        "defences",
-        None,
-        3,
-    )
-    assert (cfg.trainer.devices, cfg.trainer.strategy, cfg.data.download, cfg.data.workers) == (
-        1,
-        "auto",
-        False,
-        0,
-    )
+    assert (cfg.demoire, cfg.suite, cfg.targets) == ("torch:relu", "defences", None)
+    assert (cfg.trainer.devices, cfg.trainer.strategy) == (1, "auto")
+    assert (cfg.data.download, cfg.data.workers, cfg.reattack.n) == (False, 0, 3)
     assert cfg.data.size == 24 and cfg.reattack.steps == 2, "these are the run's own"
 
 
@@ -139,9 +127,7 @@ def test_a_checkpoint_is_tensors_alone(kind, where, tmp_path, capsys):
         assert again in said and "resume=false" in said
     else:
         given = [f"targets={{other: {bad}}}", "suite=transfer"] if where == "target" else []
-        with pytest.raises(
-            ValueError, match=r"best.ckpt (could not be read|holds no classifier's weights)"
-        ):
+        with pytest.raises(ValueError, match=r"best.ckpt (could not|holds no classifier)"):
             attack(run, *given)
     assert not (tmp_path / "burst").exists()
 
@@ -170,55 +156,20 @@ def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
     assert saved.trained(folder)["seconds"] == 1.0
 
 
-def test_a_run_that_is_data_is_attacked_and_its_settings_are_read_back(tmp_path):
-    folder = put(
-        tmp_path,
-        "scene={preset: screen_photo, view: {roll: [-3, 3]}}",
-        "train.lr=1e-5",
-        "data.val=null",
-    )
-    assert saved.read(folder).cfg == configured(
-        "recipe=clean",
-        *TINY,
-        f"runs={tmp_path}",
-        "scene={preset: screen_photo, view: {roll: [-3, 3]}}",
-        "train.lr=1e-5",
-        "data.val=null",
-    )
+def test_a_strangers_run_is_attacked_with_its_own_settings(tmp_path):
+    own = ["scene={preset: screen_photo, view: {roll: [-3, 3]}}", "train.lr=1e-5", "data.val=null"]
+    folder = put(tmp_path, *own)
+    assert saved.read(folder).cfg == configured("recipe=clean", *TINY, f"runs={tmp_path}", *own)
     (folder / "metrics.json").write_text(json.dumps({"train": {"seconds": "<script>"}}))
-    found = attack(
-        folder,
-        "reattack.n=2",
-        "reattack.eps=[0.01]",
-        "reattack.steps=1",
-        "data.val=16",
-        "scene=paper_code",
-    )
-    assert (
-        found["reattack"][0]["n"] == 2
-        and found["train"] is None
-        and found["scene_name"] == "paper_code"
-    )
+    given = ["reattack.n=2", "reattack.eps=[0.01]", "reattack.steps=1", "data.val=16"]
+    found = attack(folder, *given, "scene=paper_code")
+    assert found["reattack"][0]["n"] == 2 and found["train"] is None
+    assert found["scene_name"] == "paper_code"
     (path,) = folder.glob("reattack/*-paper_code-*/ladder/metrics.json")
     assert "oc.env" not in path.read_text()
 
 
-def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):
-    from tests.training.small import train
-
-    out, _ = train(tmp_path, "runs", "train.epochs=1")
-    assert saved.read(out).classes == dict(enumerate(signs.CLASSES))
-    cfg = configured(
-        "recipe=moire_at",
-        *TINY,
-        "train.epochs=1",
-        "train.init=random",
-        f"runs={tmp_path / 'runs'}",
-    )
-    assert saved.damage(runs.run_of(cfg)) is None
-
-
-def test_settings_in_the_folder_of_a_run_of_our_own_are_not_resolved_either(tmp_path, monkeypatch):
+def test_settings_in_our_own_runs_are_not_resolved_either(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", "swordfish")
     folder = put(tmp_path, edit=lambda t: t.replace("weights: null", "weights: ${oc.env:SECRET}"))
     cfg = configured("recipe=clean", *TINY, f"runs={tmp_path}", "weights=swordfish")

@@ -27,13 +27,8 @@ def whole(weights, tmp_path_factory):
     runs = tmp_path_factory.mktemp("runs")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = suite(
-            "paper",
-            weights,
-            runs,
-            f"targets={{small_resnet: {weights}, resnet34: null}}",
-            "reattack.n=3",
-        )
+        targets = f"targets={{small_resnet: {weights}, resnet34: null}}"
+        found = suite("paper", weights, runs, targets, "reattack.n=3")
     return found, folder_of(runs, "paper", 3).parent
 
 
@@ -49,9 +44,7 @@ def test_the_paper_suite_has_every_table(whole):
         assert len(cell["outcomes"]) == cell["n"]
     for name in GROUPS["paper"]:
         columns = {c for n, _, c in found if n == name}
-        assert columns & set(CONTROL_COLUMNS) or (name == "threat" and "all_no_moire" in columns), (
-            name
-        )
+        assert columns & {*CONTROL_COLUMNS, "all_no_moire"}, name
     known = {tuple(line[:3]): line[3] for line in read_published().itertuples(index=False)}
     # of models and networks whose weights were not given
     lacking = {key for key in known if key[0] == "transfer"}
@@ -60,11 +53,8 @@ def test_the_paper_suite_has_every_table(whole):
     assert not absent, "the paper's figures must stand beside cells that exist"
     for key in known.keys() & found.keys():
         assert found[key]["paper"] == known[key]
-    assert ("transfer", "small_resnet", "ma") in found and (
-        "transfer",
-        "resnet34",
-        "ma",
-    ) not in found
+    assert ("transfer", "small_resnet", "ma") in found
+    assert ("transfer", "resnet34", "ma") not in found
 
 
 def test_a_group_is_one_report(weights, tmp_path):
@@ -72,23 +62,15 @@ def test_a_group_is_one_report(weights, tmp_path):
     assert list(found["tables"]) == list(GROUPS["recipes"])
     folder = folder_of(tmp_path, "recipes", 3)
     page, text = (folder / "report.html").read_text(), (folder / "tables.md").read_text()
-    for title in (
-        "The worst of the attackers",
-        "Natural moiré in other scenes",
-        "Verdict: how much is the moiré",
-    ):
+    for title in ("The worst of the attackers", "Natural moiré in other scenes", "Verdict: how"):
         assert title in page
-    assert (
-        "| own scene |" in text
-        and "Without any attacker the moiré adds most for" in text
-        and "nan" not in text
-    )
+    assert "| own scene |" in text and "nan" not in text
     # the attackers and controls of one bound, and the scenes
     scenes = 1 + len(other_scenes(Scene.preset("screen_photo")))
     assert page.count('<div class="cell"') == 6 + scenes
 
 
-def test_the_worst_case_is_no_better_than_any_of_its_row(whole):
+def test_the_worst_case_is_the_worst_of_its_row(whole):
     rows = whole[0]["tables"]["adaptive"]
     for name in {r["row"] for r in rows}:
         rates = {
@@ -100,44 +82,18 @@ def test_the_worst_case_is_no_better_than_any_of_its_row(whole):
 def test_every_form_of_the_tables_is_written(whole):
     metrics, out = whole
     folder = out / "paper"
-    assert {p.name for p in folder.iterdir()} == {
-        "report.html",
-        "metrics.json",
-        "tables.md",
-        "results.csv",
-    }
+    assert {p.suffix for p in folder.iterdir()} == {".html", ".json", ".md", ".csv"}
     page = (folder / "report.html").read_text()
-    for text in (
-        "Verdict: how much is the moiré, how much the noise",
-        "Can it be trusted?",
-        "Resnet34: weights not at hand",
-    ):
-        assert text in page
+    assert "Resnet34: weights not at hand" in page and "Can it be trusted?" in page
     assert page.index("Verdict") < page.index("Success of the Moiré Attack (paper, table 1)</h2>")
     with (folder / "results.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
-    wanted = {
-        "table",
-        "row",
-        "column",
-        "condition",
-        "eps",
-        "steps",
-        "success",
-        "low",
-        "high",
-        "accuracy",
-        "paper",
-        "psnr",
-    }
-    assert wanted <= lines[0].keys() and len(lines) == len(cells(metrics))
+    wanted = "table row column condition eps steps success low high accuracy paper psnr"
+    assert lines[0].keys() >= set(wanted.split()) and len(lines) == len(cells(metrics))
     assert {line["table"] for line in lines} == set(GROUPS["paper"])
     words = (folder / "tables.md").read_text()
-    assert (
-        words.count("\n## ") == len(GROUPS["paper"]) + 1
-        and "| resnet34 | – |" in words
-        and "nan" not in words
-    )
+    assert words.count("\n## ") == len(GROUPS["paper"]) + 1
+    assert "| resnet34 | – |" in words and "nan" not in words
     assert json.loads((folder / "metrics.json").read_text())["trust"] == metrics["trust"]
     assert len(metrics["trust"]) == 10 and metrics["trust_n"] == 3
 
@@ -162,7 +118,7 @@ def test_a_smoke_test_leaves_a_long_evaluation_alone(whole, weights):
     assert len(list(folder.parents[1].glob("*/noise_position"))) == 4
 
 
-def test_the_checks_look_at_as_many_images_as_are_asked_for(weights, tmp_path, monkeypatch):
+def test_the_checks_take_the_images_asked_for(weights, tmp_path, monkeypatch):
     """With another suite they take no more than they need."""
     monkeypatch.setattr(attacking, "TRUST_N", 2)
     given = ("reattack.n=4", "reattack.batch_size=2")
@@ -204,7 +160,5 @@ def test_records_that_are_missing_are_not_passed_over(weights, tmp_path):
     model = models.as_model(cfg.model, 16, cfg.weights, whole=True)
     plan = Plan(model, "unseen", protocol_of(cfg, load(cfg.data)), tmp_path)
     plan.run("one of two", rank=0, world=2)
-    with pytest.raises(
-        ValueError, match=r"\d+ of \d+ records are missing: other processes did not finish"
-    ):
+    with pytest.raises(ValueError, match=r"\d+ of \d+ records are missing"):
         plan.results()

@@ -40,9 +40,7 @@ def test_other_settings_are_refused_in_the_same_folder(tmp_path, given, said):
 def test_other_pictures_are_refused_in_the_same_folder(tmp_path, folder):
     made(tmp_path / "out", "shard=0/3")
     Image.new("RGB", (50, 50)).save(folder / "new.png")
-    with pytest.raises(
-        SystemExit, match=r"images\.files: 3 there, 4 now; images\.sha256: \w+\.\.\. "
-    ):
+    with pytest.raises(SystemExit, match=r"images\.files: 3 there, 4 now; images\.sha256: "):
         made(tmp_path / "out")
 
 
@@ -90,17 +88,14 @@ def test_a_scene_may_be_a_file(tmp_path):
         (["sed=1"], r"a setting must be one of .*; got 'sed'. Did you mean 'seed'"),
         (["twin"], "a setting is given as twin=VALUE"),
         (["n=1e6"], r"n: Value '1e6' of type 'str' could not be converted to Integer"),
-        (["n=0"], "n must be an integer at least 1; got 0"),
         (["out=null"], "out: "),
         (["out=${DIR}"], "DIR"),
         (["shard=3/3"], r"0 <= i < n, .*; got 3/3. It counts from 0: with Slurm, --array=0-15"),
         (["shard=1"], "shard must be i/n"),
-        (["shard=/4"], "shard must be i/n"),
         (["format=zip"], "format must be one of 'webdataset', 'imagefolder'"),
         (["encoding=jpg"], "encoding must be one of .* Did you mean 'jpeg'"),
         (["quality=90"], "PNG is lossless: leave it out"),
         (["encoding=jpeg", "quality=0"], r"quality must be in \[1, 100\]; got 0"),
-        (["per_shard=0"], "per_shard must be at least 1"),
         (["workers=-1"], r"workers must be in \[0, 1024\]"),
         (["scene=paper"], "leaves its photos in the camera's frame"),
         (["scene=none.yaml"], r"scene=none.yaml could not be read \(No such file or directory\)"),
@@ -110,7 +105,7 @@ def test_a_scene_may_be_a_file(tmp_path):
         (["out=file"], "cannot be a folder: there is a file of that name"),
     ],
 )
-def test_a_wrong_command_line_gets_a_sentence_before_anything_is_written(tmp_path, given, said):
+def test_a_wrong_command_line_is_refused_before_any_writing(tmp_path, given, said):
     (tmp_path / "file").touch()
     before = hashes(tmp_path)
     with pytest.raises(SystemExit, match=f"^error: .*{said}"):

@@ -35,7 +35,7 @@ def test_null_is_chosen_and_what_is_given_stays(given, expected):
     assert tuning(cfg.train, fine=cfg.weights is not None) == expected
 
 
-def test_a_rising_average_follows_few_steps_and_then_keeps_its_decay():
+def test_a_rising_average_ends_at_its_decay():
     average = averaging(tuning(Train(), fine=True))._kwargs["avg_fn"]
     old, new = torch.tensor(1.0), torch.tensor(0.0)
     kept = [average(old, new, torch.tensor(n)).item() for n in (1, 4, 40, 10_000)]

@@ -130,48 +130,25 @@ def test_a_file_of_safetensors_names_the_package_that_is_missing(tmp_path, monke
         models.build("small_resnet", 7, str(path))
 
 
-def narrowed(state):
-    return state | {"stem.weight": state["stem.weight"][:, :1]}
-
-
 def one_less(state):
     return {key: value for key, value in state.items() if key != "norm.bias"}
 
 
-def one_more(state):
-    return state | {"tail.weight": torch.zeros(2)}
-
-
-def other_features(state):
-    return state | {"head.weight": torch.zeros(7, 63)}
-
-
-def half_a_head(state):
-    return state | {"head.bias": torch.zeros(3)}
-
-
-def shorter_norm(state):
-    return state | {"norm.weight": torch.zeros(3)}
+def with_zeros(name, *shape):
+    return lambda state: state | {name: torch.zeros(shape)}
 
 
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (
-            prefixed("net."),
-            r"49 missing \(stem.weight, .*, \.\.\.\) and 58 unknown \(net.stem.weight, .*, "
-            r"\.\.\.\)",
-        ),
+        (prefixed("net."), r"49 missing \(stem.weight, .* and 58 unknown \(net.stem.weight, "),
         (lambda state: prefixed("module.")(one_less(state)), r"1 missing \(norm.bias\)"),
-        (
-            narrowed,
-            r"1 of another shape \(stem.weight \(16, 1, 3, 3\) instead of \(16, 3, 3, 3\)\)",
-        ),
+        (with_zeros("stem.weight", 16, 1, 3, 3), r"\(16, 1, 3, 3\) instead of \(16, 3, 3, 3\)"),
         (one_less, r"1 missing \(norm.bias\)"),
-        (one_more, r"1 unknown \(tail.weight\)"),
-        (other_features, r"1 of another shape \(head.weight \(7, 63\) instead of \(7, 64\)\)"),
-        (half_a_head, r"1 of another shape \(head.bias \(3,\) instead of \(7,\)\)"),
-        (shorter_norm, r"1 of another shape \(norm.weight \(3,\) instead of \(64,\)\)"),
+        (with_zeros("tail.weight", 2), r"1 unknown \(tail.weight\)"),
+        (with_zeros("head.weight", 7, 63), r"head.weight \(7, 63\) instead of \(7, 64\)"),
+        (with_zeros("head.bias", 3), r"head.bias \(3,\) instead of \(7,\)"),
+        (with_zeros("norm.weight", 3), r"norm.weight \(3,\) instead of \(64,\)"),
     ],
 )
 def test_every_other_mismatch_is_refused(spoil, sentence, tmp_path):
@@ -269,7 +246,5 @@ def test_published_weights_keep_the_trunk_and_fail_with_a_sentence(monkeypatch):
         return original(name, **options)
 
     monkeypatch.setattr(torchvision.models, "get_model", offline)
-    with pytest.raises(
-        ValueError, match=r"'IMAGENET1K_V1' of 'squeezenet1_1' could not be fetched.*no route"
-    ):
+    with pytest.raises(ValueError, match=r"of 'squeezenet1_1' could not be fetched.*no route"):
         models.build("squeezenet1_1", 7, "IMAGENET1K_V1")

@@ -142,9 +142,7 @@ def test_what_is_no_model_or_no_label_is_refused(model, registered):
         moire.AdversarialMoire("resnet18", registered)
     with pytest.raises(ValueError, match="eps must be one number"):
         moire.AdversarialMoire(model, registered, eps=[0.1, 0.2])
-    with pytest.raises(
-        TypeError, match="label must be the index of the image's class, an integer; got 'cat'"
-    ):
+    with pytest.raises(TypeError, match=r"label must be .* an integer; got 'cat'"):
         A.Compose([moire.AdversarialMoire(model, registered, p=1)])(image=frames(1)[0], label="cat")
 
 

@@ -139,11 +139,9 @@ def test_p_and_seed(registered):
         steps = A.Compose([RandomMoire(registered, p=0.5)], seed=seed)
         runs.append(np.stack([steps(image=image)["image"] for _ in range(16)]))
     changed = [np.any(x != image) for x in runs[0]]
-    assert (
-        np.array_equal(runs[0], runs[1])
-        and not np.array_equal(runs[0], runs[2])
-        and 0 < sum(changed) < 16
-    )
+    assert np.array_equal(runs[0], runs[1])
+    assert not np.array_equal(runs[0], runs[2])
+    assert 0 < sum(changed) < 16
 
 
 def test_torchs_global_generator_is_left_alone(registered):
@@ -184,15 +182,6 @@ def test_channels_first_are_told_how_to_come_last(registered):
         RandomMoire(registered, p=1)(image=values((3, 9, 12), np.uint8))
 
 
-@pytest.mark.parametrize("transform_class", [RandomMoire, moire.AdversarialMoire])
-def test_the_docstrings_list_targets_as_albumentations_does(transform_class):
-    lines = [line.strip() for line in transform_class.__doc__.splitlines()]
-    targets = lines[lines.index("Targets:") + 1].split(", ")
-    assert targets == [target.value.lower() for target in transform_class._targets]
-    assert lines[lines.index("Image types:") + 1] == "uint8, float32"
-    assert lines[lines.index("Number of channels:") + 1] == "1, 3"
-
-
 MOVED = Scene(
     panel=Panel(layout="even"),
     view=View(roll=20.0, zoom=0.8, shift_x=0.3, fit=False),
@@ -202,7 +191,7 @@ MOVED = Scene(
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_all_that_a_replay_carries_lands_on_the_light_at_any_size(times, marked, square, find):
+def test_a_replay_lands_on_the_light_at_any_size(times, marked, square, find):
     small = values((40, 60, 3), np.uint8)
     steps = compose(MOVED, A.ReplayCompose)
     replay = steps(image=small, bboxes=[], kinds=[], keypoints=[])["replay"]
@@ -255,18 +244,3 @@ def test_numbers_that_torch_does_not_read(dtype, camera):
     else:
         out = step(image=known, mask=mask.astype(dtype))["mask"]
         assert out.dtype == np.dtype(dtype) and np.array_equal(out, shown["mask"])
-
-
-def test_masks_of_long_doubles_move(camera):
-    step = RandomMoire(camera, p=1)
-    image, mask = np.zeros((9, 12, 3), np.uint8), values((9, 12), np.float64)
-    moved = []
-    for dtype in (np.longdouble, np.float64):
-        step.set_random_seed(0)
-        moved.append(step(image=image, mask=mask.astype(dtype))["mask"])
-    assert moved[0].dtype == np.longdouble and np.array_equal(*moved)
-
-
-def test_repr_names_the_preset():
-    shown = repr(RandomMoire("phone_at_monitor", p=0.25))
-    assert shown == "RandomMoire(scene='phone_at_monitor', p=0.25)"

@@ -45,7 +45,7 @@ def test_what_is_no_numpy_array_is_refused_in_a_sentence(name, transform):
         transform(**sample, label=1)
 
 
-def test_a_transform_after_one_that_makes_tensors_is_sent_before_it(transform):
+def test_a_transform_after_totensor_is_sent_before_it(transform):
     with pytest.raises(TypeError, match=BEFORE):
         A.Compose([ToTensorV2(), transform])(image=IMAGE, label=1)
 

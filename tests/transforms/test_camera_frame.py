@@ -23,11 +23,9 @@ def test_camera_frame_moves_only_what_is_in_the_picture(camera):
     sample = sample_of_leaves(tv_tensors.Image(values((3, 9, 12), torch.uint8)))
     out = RandomMoire(camera, p=1)(sample)
     for k in ("mask", "boxes", "points"):
-        assert (
-            type(out[k]) is type(sample[k])
-            and out[k].shape == sample[k].shape
-            and out[k].dtype == sample[k].dtype
-        )
+        assert type(out[k]) is type(sample[k])
+        assert out[k].shape == sample[k].shape
+        assert out[k].dtype == sample[k].dtype
         assert not torch.equal(out[k], sample[k])
     assert all(out[k] is sample[k] for k in ("label", "name", "id"))
 

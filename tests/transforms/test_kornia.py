@@ -107,11 +107,9 @@ def test_in_a_video_sequence_frames_share_the_shot(registered):
     out = VideoSequential(RandomMoire(registered, p=1), data_format="BTCHW", same_on_frame=True)(
         clip
     )
-    assert (
-        out.shape == clip.shape
-        and torch.equal(out[:, 0], out[:, 3])
-        and not torch.equal(out[0, 0], out[1, 0])
-    )
+    assert out.shape == clip.shape
+    assert torch.equal(out[:, 0], out[:, 3])
+    assert not torch.equal(out[0, 0], out[1, 0])
 
 
 def test_a_copy_and_an_empty_batch(registered):
@@ -121,9 +119,7 @@ def test_a_copy_and_an_empty_batch(registered):
 
 @pytest.mark.parametrize("scene", ["paper", "paper_code"])
 def test_the_cameras_frame_is_refused(scene):
-    with pytest.raises(
-        ValueError, match=r"registered=True, or use moireaug\.transforms\.RandomMoire"
-    ):
+    with pytest.raises(ValueError, match=r"registered=True, or use moireaug\.transforms"):
         RandomMoire(scene)
 
 
@@ -173,15 +169,6 @@ def test_parameters_of_one_image_replay_on_all_rows(p, registered):
         transform(batch, params=transform._params)
 
 
-def test_repr_shows_the_scene(registered):
-    assert repr(RandomMoire("phone_at_monitor", p=0.25)).startswith(
-        "RandomMoire(scene='phone_at_monitor', p=0.25,"
-    )
-    assert "scene=Scene(panel.scale=(0.8, 1.5), view.yaw=" in repr(RandomMoire(registered))
-    assert "scene=Scene(), " in repr(RandomMoire(Scene()))
-    assert "scene='paper', images_only=True" in repr(RandomMoire("paper", images_only=True))
-
-
 @pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
 def test_one_graph_gives_the_same_photos_as_no_graph():
     """As of kornia's RandomBrightness; traced alone, because a compiler draws other random
@@ -198,7 +185,7 @@ def test_one_graph_gives_the_same_photos_as_no_graph():
     assert changed.any() and not changed.all()
 
 
-def test_a_frontal_scene_in_the_cameras_frame_moves_nothing_and_is_taken():
+def test_a_frontal_scene_in_the_cameras_frame_is_taken():
     scene = Scene(view=View(fov=30.0), develop=Develop(registered=False))
     assert RandomMoire(scene, p=1)(torch.rand(1, 3, 8, 8)).shape == (1, 3, 8, 8)
 
@@ -214,14 +201,3 @@ def test_errors_are_sentences(registered):
         RandomMoire(registered, p=1)(torch.rand(1, 4, 9, 12))
     with pytest.raises(TypeError):
         RandomMoire(registered, p=1)(torch.zeros(1, 3, 9, 12, dtype=torch.uint8))
-
-
-@pytest.mark.parametrize("p", [0.0, 0.5, 1.0])
-def test_the_memory_layout_is_kept(p):
-    images = torch.rand(6, 3, 12, 9)
-    transform, photos = RandomMoire(p=p), []
-    for given in (images, images.to(memory_format=torch.channels_last)):
-        torch.manual_seed(0)
-        photos.append(transform(given))
-        assert photos[-1].stride() == given.stride()
-    assert torch.equal(*photos)

@@ -54,11 +54,6 @@ def test_p_must_be_a_probability(p):
         RandomMoire(p=p)
 
 
-def test_an_unknown_scene_names_the_closest():
-    with pytest.raises(ValueError, match="screen_photo"):
-        RandomMoire("screen_foto")
-
-
 @pytest.mark.parametrize("p", [0.0, 1.0])
 @pytest.mark.parametrize(
     "sample",

@@ -17,41 +17,26 @@ from moireaug.transforms import albumentations as moire
 from moireaug.transforms._workers import transforms_of
 from moireaug.transforms.albumentations import RandomMoire
 
+PICTURE = np.full((9, 12, 3), 128, np.uint8)
+
 
 class Same(Dataset):
-    def __init__(self, transform):
-        self.transform = transform
+    def __init__(self, call):
+        self.call = call
 
     def __len__(self):
         return 8
 
     def __getitem__(self, i):
-        return torch.from_numpy(self.transform(image=np.full((9, 12, 3), 128, np.uint8))["image"])
+        return torch.from_numpy(self.call(image=PICTURE)["image"])
 
 
-def test_seeded_workers_draw_differently_and_reproducibly(registered):
-    data = Subset(Same(A.Compose([RandomMoire(registered, p=1)], seed=0)), range(8))
+class Wrapped:
+    def __init__(self, transform):
+        self.transform = transform
 
-    def epochs():
-        torch.manual_seed(0)
-        loader = DataLoader(data, batch_size=2, num_workers=2, worker_init_fn=moire.seed_worker)
-        return torch.cat([torch.cat(list(loader)) for _ in range(2)])
-
-    first = epochs()
-    assert len({x.numpy().tobytes() for x in first}) == 16
-    assert torch.equal(first, epochs())
-
-
-def test_a_worker_without_a_transform_says_so(monkeypatch):
-    info = type("Info", (), {"dataset": Same(None)})
-    monkeypatch.setattr(torch.utils.data, "get_worker_info", lambda: info)
-    with pytest.raises(ValueError, match="found no albumentations transform that Same leads to"):
-        moire.seed_worker(0)
-
-
-def test_seeding_outside_a_worker_says_so():
-    with pytest.raises(RuntimeError, match=r"pass it as DataLoader\(worker_init_fn="):
-        moire.seed_worker(0)
+    def call(self, image):
+        return self.transform(image=image)
 
 
 class Views(Dataset):
@@ -68,27 +53,35 @@ class Views(Dataset):
         return 8
 
     def __getitem__(self, i):
-        image = np.full((9, 12, 3), 128, np.uint8)
-        views = (
-            self.weak(image=image)["image"],
-            self.held["strong"].transform(image=image)["image"],
-        )
-        return torch.from_numpy(np.stack(views))
+        views = self.weak(image=PICTURE), self.held["strong"].call(PICTURE)
+        return torch.from_numpy(np.stack([view["image"] for view in views]))
 
 
-class Wrapped:
-    def __init__(self, transform):
-        self.transform = transform
-
-
-def test_every_transform_of_a_data_set_has_a_seed_of_its_own(registered):
-    weak, strong = (A.Compose([RandomMoire(registered, p=1)], seed=0) for _ in range(2))
+def epochs(data):
+    """Every image of two epochs in two seeded workers."""
     torch.manual_seed(0)
-    loader = DataLoader(
-        Views(weak, strong), batch_size=2, num_workers=2, worker_init_fn=moire.seed_worker
-    )
-    views = torch.cat([torch.cat(list(loader)) for _ in range(2)]).flatten(0, 1)
-    assert len({view.numpy().tobytes() for view in views}) == 2 * 16
+    loader = DataLoader(data, batch_size=2, num_workers=2, worker_init_fn=moire.seed_worker)
+    return torch.cat([torch.cat(list(loader)) for _ in range(2)])
+
+
+def n_different(images):
+    return len({image.numpy().tobytes() for image in images})
+
+
+def test_seeded_workers_draw_differently_and_reproducibly(registered):
+    data = Subset(Same(A.Compose([RandomMoire(registered, p=1)], seed=0)), range(8))
+    first = epochs(data)
+    assert n_different(first) == 16 and torch.equal(first, epochs(data))
+
+
+def test_every_transform_of_a_data_set_has_its_own_seed(registered):
+    weak, strong = (A.Compose([RandomMoire(registered, p=1)], seed=0) for _ in range(2))
+    assert n_different(epochs(Views(weak, strong)).flatten(0, 1)) == 2 * 16
+
+
+def test_seeding_outside_a_worker_says_so():
+    with pytest.raises(RuntimeError, match=r"pass it as DataLoader\(worker_init_fn="):
+        moire.seed_worker(0)
 
 
 class Slotted(Dataset):
@@ -101,7 +94,6 @@ class Slotted(Dataset):
 def test_transforms_in_slots_and_partial_functions_are_found(registered):
     one, other = (A.Compose([RandomMoire(registered, p=1)]) for _ in range(2))
     assert transforms_of(Slotted(one)) == [one]
-    assert transforms_of(Same(functools.partial(one, image=None))) == [one]
     assert transforms_of(Slotted([one, functools.partial(len, other)])) == [one, other]
 
 
@@ -139,10 +131,6 @@ def in_closure(transform):
     return lambda image: transform(image=image)
 
 
-def in_default(transform):
-    return lambda image, steps=transform: steps(image=image)
-
-
 def in_keyword_default(transform):
     def call(image, *, steps=transform):
         return steps(image=image)
@@ -152,11 +140,6 @@ def in_keyword_default(transform):
 
 def in_decorated_function(transform):
     return functools.lru_cache(maxsize=0)(functools.wraps(len)(in_closure(transform)))
-
-
-class Method(Wrapped):
-    def call(self, image):
-        return self.transform(image=image)
 
 
 class Property:
@@ -181,78 +164,28 @@ class Module(nn.Module):
         self.weight = nn.Parameter(torch.zeros(2))
         self.transform = transform
 
-    def forward(self, image):
-        return self.transform(image=image)
-
-
-class Recorded(Dataset):
-    """The results of one transform, however it is held: a call of image= that returns a dict."""
-
-    def __init__(self, call):
-        self.call = call
-
-    def __len__(self):
-        return 4
-
-    def __getitem__(self, i):
-        return torch.from_numpy(self.call(image=np.full((6, 8, 3), 128, np.uint8))["image"])
-
-
-class Torchvision(Recorded):
-    def __getitem__(self, i):
-        return self.call(torch.full((3, 6, 8), 128, dtype=torch.uint8))
-
-
-def in_torchvision_lambda(transform):
-    def call(image):
-        return torch.from_numpy(transform(image=image.permute(1, 2, 0).numpy())["image"])
-
-    return Torchvision(v2.Compose([v2.RandomHorizontalFlip(p=1), v2.Lambda(call)]))
-
 
 HOLDERS = {
-    "closure": lambda t: Recorded(in_closure(t)),
-    "default": lambda t: Recorded(in_default(t)),
-    "keyword default": lambda t: Recorded(in_keyword_default(t)),
-    "global": lambda t: Recorded(by_global),
-    "global of a nested function": lambda t: Recorded(by_nested_global),
-    "a module's attribute": lambda t: Recorded(by_module),
-    "decorated function": lambda t: Recorded(in_decorated_function(t)),
-    "partial function": lambda t: Recorded(functools.partial(in_closure(t))),
-    "bound method": lambda t: Recorded(Method(t).call),
-    "global of a property": lambda t: Recorded(Property()),
-    "class attribute": lambda t: Recorded(OfClass()),
-    "modules": lambda t: Recorded(Module(Module(t))),
-    "torchvision Compose": in_torchvision_lambda,
-    "deque": lambda t: Recorded(functools.partial(lambda q, image: q[0](image=image), deque([t]))),
+    "closure": in_closure,
+    "default": lambda t: lambda image, steps=t: steps(image=image),
+    "keyword default": in_keyword_default,
+    "global": lambda t: by_global,
+    "global of a nested function": lambda t: by_nested_global,
+    "a module's attribute": lambda t: by_module,
+    "decorated function": in_decorated_function,
+    "partial function": lambda t: functools.partial(in_closure(t)),
+    "bound method": lambda t: Wrapped(t).call,
+    "global of a property": lambda t: Property(),
+    "class attribute": lambda t: OfClass(),
+    "modules": lambda t: Module(Module(t)),
+    "torchvision Compose": lambda t: v2.Compose([v2.Lambda(in_closure(t))]),
+    "deque": lambda t: functools.partial(lambda q, image: q[0](image=image), deque([t])),
 }
-
-
-@pytest.fixture(scope="module")
-def draws():
-    """Two runs of two epochs in two workers: every image, by holder."""
-    data = ConcatDataset([hold(seeded()) for hold in HOLDERS.values()])
-
-    def epochs():
-        torch.manual_seed(0)
-        loader = DataLoader(data, batch_size=2, num_workers=2, worker_init_fn=moire.seed_worker)
-        images = torch.stack([torch.cat(list(loader)) for _ in range(2)])
-        return images.unflatten(1, (len(HOLDERS), 4)).transpose(0, 1)
-
-    return epochs(), epochs()
-
-
-@pytest.mark.parametrize("place", range(len(HOLDERS)), ids=list(HOLDERS))
-def test_transforms_are_seeded_however_they_are_held(place, draws):
-    first, again = (run[place].flatten(0, 1) for run in draws)
-    assert len({image.numpy().tobytes() for image in first}) == 8
-    assert torch.equal(first, again)
 
 
 @pytest.mark.parametrize("holder", HOLDERS)
 def test_each_holder_leads_to_its_transform_once(holder):
-    one = seeded()
-    data = HOLDERS[holder](one)
+    data = Same(HOLDERS[holder](seeded()))
     transforms = transforms_of(data)
     assert len(transforms) == 1
     assert transforms_of(ConcatDataset([data, data])) == transforms
@@ -262,21 +195,21 @@ def made_anew(image):
     return A.Compose([A.GaussNoise(p=1)])(image=image)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        made_anew,
-        functools.partial(made_anew, image=[seeded()] * 1001),
-        {seeded()},
-        map(seeded().__call__, []),
-        torch.zeros(3),
-        A.Compose,
-        torch,
-    ],
-    ids=["made anew", "long list", "set", "iterator", "tensor", "library's class", "library"],
-)
+UNREACHED = {
+    "none": None,
+    "made anew": made_anew,
+    "long list": functools.partial(made_anew, image=[seeded()] * 1001),
+    "set": {seeded()},
+    "iterator": map(seeded().__call__, []),
+    "tensor": torch.zeros(3),
+    "library's class": A.Compose,
+    "library": torch,
+}
+
+
+@pytest.mark.parametrize("call", UNREACHED.values(), ids=UNREACHED)
 def test_what_leads_to_no_transform_is_refused(call, monkeypatch):
-    info = type("Info", (), {"dataset": Recorded(call)})
+    info = type("Info", (), {"dataset": Same(call)})
     monkeypatch.setattr(torch.utils.data, "get_worker_info", lambda: info)
-    with pytest.raises(ValueError, match="that Recorded leads to"):
+    with pytest.raises(ValueError, match="that Same leads to"):
         moire.seed_worker(0)

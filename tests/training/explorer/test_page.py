@@ -40,7 +40,7 @@ def test_an_event_returns_all_that_the_page_shows():
     assert 'Scene.preset("screen_photo")' in python and yaml == "preset: screen_photo\n"
 
 
-def test_what_is_refused_is_a_sentence_and_leaves_the_rest_as_it_was(tmp_path):
+def test_a_refusal_is_a_sentence_and_leaves_the_rest(tmp_path):
     large = tmp_path / "large.png"
     Image.new("RGB", (3000, 2000)).save(large)
     folded = list(VALUES)
@@ -79,11 +79,6 @@ def test_a_cleared_shot_number_is_the_first_shot():
     assert np.array_equal(first[1], cleared[1])
 
 
-def test_a_run_that_is_not_there_is_a_sentence():
-    told, ladder = page.attacked("nowhere", "screen_photo", 0, 4, 1)
-    assert "**Not possible:** nowhere is not a run's folder" in told and ladder == ""
-
-
 @pytest.fixture
 def url():
     """Serve the page in a process of its own, whose threads and sockets end with it."""
@@ -99,7 +94,7 @@ def url():
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
-def test_in_a_browser_a_slider_changes_the_photo_and_nothing_is_asked_of_other_hosts(url):
+def test_a_slider_changes_the_photo_in_a_browser_without_hosts(url):
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     hosts = set()
     with api.sync_playwright() as playwright:
