@@ -32,8 +32,8 @@ from benchmarks.problems import images
 from training import machine
 from training.adversaries import passes
 from training.batches import Batches
+from training.config.schema import RECIPES, Config, as_config
 from training.data import load
-from training.schema import RECIPES, Config, as_config, register
 from training.train import classifier_of
 from training.tuning import make_optimizer, tuning
 
@@ -69,7 +69,6 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     facts, settings = measure.metadata(), QUICK if args.quick else FULL
     print(measure.told(facts), end="\n\n")
-    register()
     with initialize(version_base="1.3", config_path=None):
         found = {
             "recipes": recipes(settings),
@@ -152,7 +151,7 @@ def options(settings: dict[str, Any]) -> list[dict[str, Any]]:
 
 def configure(*overrides: str) -> Config:
     """Return the settings that these overrides of fit.py give on the CPU, where steps are taken."""
-    return as_config(compose("root", ["trainer.accelerator=cpu", *overrides]))
+    return as_config(compose("fit", ["trainer.accelerator=cpu", *overrides]))
 
 
 def step(cfg: Config, batch: int, side: int) -> Callable[[], None]:

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from training import calibrate, demoire, synthesise
-from training.command_line import check_keys
+from training.config.command_line import check_keys
+from training.config.schema import Config, ReattackConfig
 from training.demoireing import schema as demoireing
-from training.schema import Config, ReattackConfig
 
 ROOT = Path(__file__).parents[1]
 PAGES = {

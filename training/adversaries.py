@@ -9,11 +9,9 @@ from torch import Tensor, nn
 from moireaug.attacks import PGD, Attack, MoireAttack
 from moireaug.capture import capture
 from moireaug.mixtures import Mixture
-from moireaug.scene.fields import one_of
 from moireaug.scenes import Scene
-from training.schema import Adversary
+from training.config.schema import Adversary
 
-KINDS = ("none", "moire_attack", "pgd")
 STRONG = 3  # steps of the validation's attack, and of training once fewer have failed
 
 
@@ -60,12 +58,11 @@ def _attack(model: nn.Module, scene: Scene | Mixture, cfg: Adversary) -> Attack 
 
 
 def check(cfg: Adversary) -> None:
-    """Refuse settings that do not go together; `bounds` has their ranges.
+    """Refuse settings that do not go together.
 
     Raises:
         ValueError: with what was got, what is allowed and what to do.
     """
-    one_of("adversary.kind", cfg.kind, KINDS)
     if cfg.kind == "none" and cfg.share:
         raise ValueError(
             f"adversary.share={cfg.share} is the share of images that are attacked, and the kind "

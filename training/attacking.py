@@ -22,8 +22,8 @@ from moireaug.evaluation.trust import checks, trust
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
+from training.config.schema import Config, Reattack, Trainer, scene_of
 from training.eval_batches import EvalBatches
-from training.schema import Config, Reattack, Trainer, scene_of
 from training.splits import Splits
 
 TRUST_N = 96  # images that the checks look at, in whole batches

@@ -9,15 +9,11 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from torch import Tensor
 
-# "shift": by up to an eighth, zero padded. "affine": a small rotation, shift, zoom and shear, a
-# change of brightness and contrast, and at times an erased part; for signs and documents, which
-# must not be flipped.
-AUGMENT = ("none", "shift", "shift_flip", "affine")
-
 
 @functools.lru_cache
 def pipeline(kind: str, height: int, width: int) -> AugmentationSequential:
-    """Return the augmentation of that name for images of one size."""
+    """Return the augmentation of that name for images of one size: "affine" is for signs and
+    documents, which must not be flipped."""
     if kind == "affine":
         return AugmentationSequential(
             K.RandomAffine(15, (0.1, 0.1), (0.85, 1.15), 8, padding_mode="border", p=1.0),
@@ -34,7 +30,7 @@ def pipeline(kind: str, height: int, width: int) -> AugmentationSequential:
 
 def augment(images: Tensor, kind: str) -> Tensor:
     """Return a float batch (B, 3, H, W) in [0, 1], each image augmented by its own draw from
-    torch's global generator; `kind` is one of `AUGMENT`."""
+    torch's global generator; `kind` is one of `AUGMENTATIONS`."""
     if kind == "none":
         return images
     with torch.no_grad():

@@ -41,7 +41,7 @@ from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
 from moireaug.synthesis.statistics import MIN_CROP_SIDE
-from training import runs, scenes, settings
+from training import runs
 from training.calibration import fit
 from training.calibration.compare import Line, distance, lines, measured, number, said, shown
 from training.calibration.pairs import (
@@ -56,6 +56,9 @@ from training.calibration.pairs import (
     registered,
 )
 from training.calibration.plot import draw
+from training.config import scenes
+from training.config.plain import parse
+from training.config.settings import setting
 
 EXAMPLE = "python training/calibrate.py pairs=FILE.csv scene=screen_photo"
 TEMPLATE = Path(__file__).parent / "calibration" / "report.html.j2"
@@ -67,17 +70,17 @@ MOST_SHOWN = 6  # crops
 class Config:
     """All settings of the command."""
 
-    pairs: str | None = None  # a CSV file or a folder
-    photos: str | None = None  # a folder of photos of one picture, or of unknown ones
-    picture: str | None = None  # the file that was on the screen in all of `photos`
-    scene: str = "screen_photo"  # a preset's name, or a YAML file of a scene
-    out: str | None = None
-    size: int = 384  # side of the crops, pixels
-    crops: int = 6  # of each picture
-    seed: int = 0
-    fit: bool = False
-    evaluations: int = 400  # of the fit, at most
-    seconds: float = 900.0  # of the fit, at most
+    pairs: str | None = setting(None, "a CSV file or a folder")
+    photos: str | None = setting(None, "a folder of photos of one picture, or of unknown ones")
+    picture: str | None = setting(None, "the file that was on the screen in all of the photos")
+    scene: str = setting("screen_photo", "a preset's name, or a YAML file of a scene")
+    out: str | None = setting(None, "the folder of what is written; null: see above")
+    size: int = setting(384, "side of the crops, in pixels", bounds=(MIN_CROP_SIDE, None))
+    crops: int = setting(6, "crops of each picture", bounds=(1, None))
+    seed: int = setting(0, "of the shots and the search", bounds=(0, None))
+    fit: bool = setting(False, "whether to search the scene's ranges")
+    evaluations: int = setting(400, "of the fit, at most", bounds=(1, None))
+    seconds: float = setting(900.0, "of the fit, at most", bounds=(0, None))
 
 
 def calibrate(cfg: Config) -> list[Line]:
@@ -145,15 +148,6 @@ def check(cfg: Config) -> None:
         raise ValueError(
             "fit=true needs to know what was on the screen: pass picture=FILE, or pairs="
         )
-    for key, least in (
-        ("size", MIN_CROP_SIDE),
-        ("crops", 1),
-        ("seed", 0),
-        ("evaluations", 1),
-        ("seconds", 0),
-    ):
-        if getattr(cfg, key) < least:
-            raise ValueError(f"{key} must be at least {least}; got {getattr(cfg, key)}.")
 
 
 def pictures_of(cfg: Config) -> Iterator[Shown]:
@@ -269,7 +263,7 @@ def page(
 def main(argv: Sequence[str]) -> None:
     """Run the command line, or exit with a one-line error."""
     try:
-        calibrate(settings.parse(argv, Config, EXAMPLE, __doc__))
+        calibrate(parse(argv, Config, EXAMPLE, __doc__))
     except KeyboardInterrupt:
         print("\nInterrupted before the report was written.", file=sys.stderr)
         raise SystemExit(130) from None

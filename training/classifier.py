@@ -16,7 +16,7 @@ from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
 from training.adversaries import STRONG, Adversaries, strengthened
 from training.augmentation import augment
-from training.schema import Adversary, Train
+from training.config.schema import Adversary, Train
 from training.tuning import make_optimizer, tuning
 
 FLOOR = 0.2  # accuracy below which a model has nothing to lose yet

@@ -14,32 +14,38 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
 from training import machine, runs
-from training.command_line import SWEEP, check_keys, quoted
+from training.config.command_line import SWEEP, check_keys, quoted
+from training.config.schema import RunConfig
 from training.messages import Lines, complain, sentence, use_legible_output
 from training.processes import is_first, say
-from training.schema import RunConfig
 
 EXPECTED = (ValueError, TypeError, FloatingPointError, OSError)
 OF_LIGHTNING = "MisconfigurationException"  # by its name, as Lightning takes seconds to import
 _failed: list[str] = []  # jobs of a sweep
+_command: list[str] = []  # the command line, whole: Hydra is not shown its first words
 
 
-def run(main: Callable[[], None], schema: type[RunConfig]) -> None:
+def run(main: Callable[[], None], schema: type[RunConfig], *words: str) -> None:
     """Run a Hydra command, or its sweep.
+
+    Args:
+        main: the command. schema: its settings.
+        words: what stands before the settings on the command line.
 
     Raises:
         SystemExit: a wrong command line, or jobs of a sweep that failed, with a list of them.
     """
     use_legible_output()
     sys.stdout, sys.stderr = Lines(sys.stdout), Lines(sys.stderr)
-    sys.argv[1:] = quoted(sys.argv[1:])
-    check_keys(sys.argv[1:], schema)
+    script, *given = sys.argv
+    overrides = quoted(given[len(words) :], schema)
+    check_keys(overrides, schema)
     # to the front: Lightning appends settings for further processes, which must not follow it
-    sys.argv[1:] = sorted(sys.argv[1:], key=lambda argument: argument not in SWEEP)
-    if SWEEP & set(sys.argv[1:]):  # Hydra writes into this folder before any job
-        named = [
-            a.removeprefix("runs=").strip("'\"") for a in sys.argv[1:] if a.startswith("runs=")
-        ]
+    overrides = sorted(overrides, key=lambda argument: argument not in SWEEP)
+    _command[:] = [script, *words, *overrides]
+    sys.argv = [script, *overrides]
+    if SWEEP & set(overrides):  # Hydra writes into this folder before any job
+        named = [a.removeprefix("runs=").strip("'\"") for a in overrides if a.startswith("runs=")]
         try:
             runs.make(Path(named[-1] if named else schema.runs))
         except ValueError as error:
@@ -50,6 +56,8 @@ def run(main: Callable[[], None], schema: type[RunConfig]) -> None:
         # for what is flushed at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(1) from None
+    finally:
+        _command.clear()
     if _failed:
         complain(
             "\n".join(
@@ -72,6 +80,8 @@ def sentences(kept: str) -> Iterator[None]:
     Raises:
         SystemExit: 130 after an interruption, 1 after an error.
     """
+    if _command:
+        sys.argv = list(_command)  # by which Lightning starts further processes
     try:
         yield
     except KeyboardInterrupt:

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from training.config.schema import Config
+from training.config.settings import settings_of
 from training.messages import counted
 from training.runs import PLAIN
 
-_WHERE = ("root", "workers", "download")  # settings of the data that no image depends on
-_OWN = ("init", "length", "epochs")  # settings of training in which recipes may differ
 Metrics = dict[str, Any]
 
 
@@ -38,12 +38,10 @@ def settings(metrics: Metrics) -> Metrics:
         "weights": metrics["config"].get("weights"),
         "scene": metrics["scene_name"],
     }
-    for name, value in metrics["config"]["data"].items():
-        if name not in _WHERE:
-            found[f"data.{name}"] = value
-    for name, value in metrics["config"]["train"].items():
-        if name not in _OWN:
-            found[f"train.{name}"] = value
+    for key, one in settings_of(Config).items():
+        part, _, name = key.partition(".")
+        if part in ("data", "train") and not one.facts.may_differ:
+            found[key] = metrics["config"][part].get(name)
     scene = metrics["scene"]  # or, of a mixture, a list
     for number, one in enumerate(scene if isinstance(scene, list) else [scene], 1):
         mark = f"scene {number}" if isinstance(scene, list) else "scene"

@@ -10,12 +10,9 @@ from torch.utils.data import Dataset
 
 from moireaug.scene.fields import one_of
 from training import signs
-from training.augmentation import AUGMENT
-from training.schema import DATA, Data
+from training.config.schema import AUGMENTATIONS, DATA, Data
+from training.config.settings import settings_of
 from training.splits import Splits, has_parts
-
-_USED: dict[str, tuple[str, ...]] = {"signs": (), "folder": ("root", "class_index")}
-_USED_BY_OTHERS = ("root", "download")  # torchvision's own
 
 
 def load(cfg: Data) -> Splits:
@@ -25,7 +22,7 @@ def load(cfg: Data) -> Splits:
         ValueError: an unknown name or augmentation, a missing folder, folders that do not fit; says
             what to do.
     """
-    one_of("data.augment", cfg.augment, AUGMENT)
+    one_of("data.augment", cfg.augment, AUGMENTATIONS)
     if one_of("data", cfg.name, DATA) == "signs":
         return _signs(cfg)
     from training import image_sets  # torchvision, which takes seconds to import
@@ -39,10 +36,10 @@ def require_used(cfg: Data) -> None:
     Raises:
         ValueError: with what to do.
     """
-    used, usual = _USED.get(cfg.name, _USED_BY_OTHERS), DATA[cfg.name]
-    for key in ("root", "class_index", "download"):
+    for key, one in settings_of(Data).items():
         value = getattr(cfg, key)
-        if key not in used and value != getattr(usual, key):
+        is_used = not one.facts.only_for or cfg.name in one.facts.only_for
+        if not is_used and value != getattr(DATA[cfg.name], key):
             raise ValueError(
                 f"data.{key}={value} has no effect on data={cfg.name}: leave it out, or name "
                 "the data set that it is for, such as data=folder."

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Subset, default_collate
 
-from training.schema import Reattack
+from training.config.schema import Reattack
 from training.splits import Splits, shuffled
 
 # of a batch by default: a few gigabytes for a large network and its gradients

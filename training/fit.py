@@ -3,13 +3,10 @@
     python training/fit.py recipe=moire_at
     python training/fit.py -m recipe=baseline,moire_at seed=0,1
     python training/fit.py recipe=moire_at data=folder data.root=DIR
-    python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR
 
-The last one trains a demoiréing network: see training/demoireing/fit.py.
-
-Recipes: recipes/*.yaml. Settings: training/schema.py. A run writes report.html,
-metrics.json, best.ckpt, last.ckpt and config.yaml into runs/<recipe>/seed<k>/; with other data or
-another model than the default the folder is runs/<data>-<model>/<recipe>/seed<k>/.
+Recipes: recipes/*.yaml. A run writes report.html, metrics.json, best.ckpt, last.ckpt and
+config.yaml into runs/<recipe>/seed<k>/; with other data or another model than the default the
+folder is runs/<data>-<model>/<recipe>/seed<k>/.
 
 Most recipes start from the weights of recipe `clean` and are compared with recipe `baseline`, plain
 training that starts from the same weights and takes at least as many epochs. Both are trained
@@ -36,15 +33,16 @@ import hydra
 from omegaconf import DictConfig
 
 from moireaug.evaluation import report
-from moireaug.scene.fields import one_of
-from training import adversaries, commands, reattack, runs, saved, scenes
+from training import adversaries, commands, reattack, runs, saved
 from training.attacking import Attacked, Protocol, attack, protocol_of
+from training.config import scenes
+from training.config.compose import WITH_RECIPE, register
+from training.config.schema import Adversary, Config, as_config
+from training.config.settings import with_absolute_paths
 from training.data import load, require_training_images
-from training.demoireing import fit as demoireing
 from training.models import require_known
 from training.processes import is_first, say
 from training.results import about, compare, describe, publish, write_metrics
-from training.schema import Adversary, Config, absolute, as_config, register
 from training.splits import Splits
 
 if TYPE_CHECKING:
@@ -61,7 +59,7 @@ def fit(cfg: DictConfig | Config) -> Metrics:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_model`.
     """
-    cfg = absolute(as_config(cfg))
+    cfg = with_absolute_paths(as_config(cfg))
     cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
     check(cfg)
     run = runs.run_of(cfg)
@@ -157,7 +155,6 @@ def check(cfg: Config) -> None:
     require_known(cfg.model)
     adversaries.check(cfg.adversary)
     require_training_images(cfg.data)
-    one_of("train.init", cfg.train.init, ("random", "clean"))
     if cfg.recipe in runs.PLAIN and cfg.adversary != Adversary():
         raise ValueError(
             f"recipe={cfg.recipe} is plain training, which the others are compared with: leave "
@@ -257,17 +254,13 @@ def train_run(
     return train_model(cfg, splits, before=start["train"] if start else None)
 
 
-@hydra.main(version_base="1.3", config_path=None, config_name="root")
+@hydra.main(version_base="1.3", config_path=None, config_name="fit")
 def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.sentences(kept="Every complete epoch is kept"):
         fit(cfg)
 
 
-register()
-demoireing.register()
+register("fit", Config, WITH_RECIPE, __doc__)
 if __name__ == "__main__":
-    if demoireing.asked_for(sys.argv[1:]):
-        commands.run(demoireing.main, demoireing.DemoireConfig)
-    else:
-        commands.run(main, Config)
+    commands.run(main, Config)

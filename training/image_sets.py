@@ -15,9 +15,9 @@ from torchvision.transforms import v2
 
 from moireaug.images import read_picture
 from moireaug.synthesis.pictures import SUFFIXES
+from training.config.schema import Data
 from training.files import read_table
 from training.locks import locked
-from training.schema import Data
 from training.splits import Splits, has_parts, held, split, take
 
 GTSRB_CLASSES = 43  # which torchvision does not name

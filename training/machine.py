@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from training.schema import Trainer
+from training.config.schema import Trainer
 
 CPUINFO = Path("/proc/cpuinfo")
 BFLOAT16 = {"amx_bf16", "avx512_bf16"}  # flags of CPUs that multiply it faster than float32

@@ -40,22 +40,23 @@ from moireaug.evaluation.tables import DEFAULT_EPS
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import one_of
-from training import bounds, commands, overrides, runs, saved, scenes
+from training import commands, runs, saved
 from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
-from training.augmentation import AUGMENT
+from training.config import overrides, scenes
+from training.config.checks import check_classifier
+from training.config.compose import WITH_DATA, register
+from training.config.schema import (
+    Config,
+    Reattack,
+    ReattackConfig,
+    as_config,
+    scene_of,
+)
+from training.config.settings import with_absolute_paths
 from training.data import load, require_used
 from training.models import as_model, check_side, class_names
 from training.results import compare, describe, publish, publish_suite
 from training.saved import Saved
-from training.schema import (
-    Config,
-    Reattack,
-    ReattackConfig,
-    absolute,
-    as_config,
-    register,
-    scene_of,
-)
 from training.splits import Splits
 from training.suites import fabric_of, suite_config
 
@@ -68,9 +69,8 @@ def check(cfg: Config) -> None:
     Raises:
         TypeError, ValueError: with what was got and what is allowed.
     """
-    bounds.check(cfg)
+    check_classifier(cfg)
     one_of("suite", getattr(cfg, "suite", "ladder"), (*SUITES, *GROUPS))
-    one_of("data.augment", cfg.data.augment, AUGMENT)
     require_used(cfg.data)
     MoireAttack(
         model=torch.nn.Identity(),
@@ -93,7 +93,7 @@ def reattack(cfg: DictConfig | ReattackConfig, given: list[str]) -> Metrics:
     own = as_config(cfg)
     if not isinstance(own, ReattackConfig):
         raise TypeError(f"a re-attack needs a ReattackConfig; got a {type(own).__name__}.")
-    own = replace(absolute(own), scene=scenes.inlined(own.scene))
+    own = replace(with_absolute_paths(own), scene=scenes.inlined(own.scene))
     overrides.check(own, given)
     return attack_weights(own) if own.run is None else attack_run(own, given)
 
@@ -223,7 +223,7 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
         if getattr(cfg, name):
             odd[name] = getattr(cfg, name)
     if with_data:
-        parts.insert(0, runs.group(cfg.data, runs.HOME[1]) or cfg.data.name)
+        parts.insert(0, runs.group(cfg.data, Config.model) or cfg.data.name)
         odd |= {"data": runs.settings(cfg)["data"], "weights": cfg.weights}
     if odd:
         parts.append(runs.fingerprint(odd)[:6])
@@ -248,6 +248,6 @@ def main(cfg: DictConfig) -> None:
         reattack(cfg, list(HydraConfig.get().overrides.task))
 
 
-register()
+register("reattack", ReattackConfig, WITH_DATA, __doc__)
 if __name__ == "__main__":
     commands.run(main, ReattackConfig)

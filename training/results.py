@@ -18,8 +18,8 @@ from moireaug.files import write_text
 from moireaug.mixtures import scenes_of
 from training import machine, runs
 from training.attacking import Attacked, Protocol
+from training.config.schema import Config, ReattackConfig, scene_of
 from training.costs import with_totals
-from training.schema import Config, ReattackConfig, scene_of
 
 # what metrics.json says of the start, and of the baseline, which is attacked too
 START = ("recipe", "seed", "data", "model", "train")

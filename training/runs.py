@@ -14,35 +14,38 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from moireaug.files import write_text
-from training.files import read_json, read_metrics, read_settings
-from training.locks import locked
-from training.processes import is_first
-from training.schema import (
-    HOME,
+from training.config.schema import (
+    DEFAULT_DATA,
     RECIPES,
     Adversary,
     Config,
-    Data,
     RunConfig,
     as_config,
     as_values,
 )
+from training.config.settings import settings_of
+from training.files import read_json, read_metrics, read_settings
+from training.locks import locked
+from training.processes import is_first
 
-# What a run's result does not depend on.
-_FREE, _FREE_DATA = ("runs", "resume", "pairs"), ("workers", "download")
 PLAIN = ("clean", "baseline")  # recipes without an adversary, which the others are compared with
 
 
-def settings(cfg: DictConfig | RunConfig) -> dict[str, Any]:
+def settings(cfg: RunConfig) -> dict[str, Any]:
     """Return the settings that a run's result depends on, as plain values."""
-    values = as_values(cfg)
-    for key in _FREE:
-        values.pop(key, None)
-    for key in _FREE_DATA:
-        values["data"].pop(key, None)
+    return results_of(as_values(cfg), type(cfg))
+
+
+def results_of(values: dict[str, Any], schema: type[RunConfig]) -> dict[str, Any]:
+    """Return the plain values of a schema's settings, without those that no result depends on."""
+    for key, one in settings_of(schema).items():
+        *outer, last = key.split(".")
+        if not one.facts.changes_result:
+            inner = values[outer[0]] if outer else values
+            inner.pop(last, None)
     return values
 
 
@@ -61,17 +64,18 @@ def folder(cfg: RunConfig) -> Path:
     return Path(cfg.runs) / group(cfg.data, cfg.model) / cfg.recipe / f"seed{cfg.seed}"
 
 
-def group(data: Data, model: str) -> str:
-    """Return the name of a group of runs that can be compared: "" for default data and model."""
+def group(data: Any, model: str) -> str:
+    """Return the name of a group of runs that can be compared: "" for default data and model.
+
+    Args:
+        data: settings of the data; its name and root are used.
+    """
     name = data.name
     if name == "folder" and data.root:
         own = re.sub(r"[^\w.-]+", "_", Path(data.root).resolve().name)
         name = f"folder-{own}"
-    parts = []
-    for part, home in zip((name, model), HOME, strict=True):
-        if part != home:
-            parts.append(part)
-    return "-".join(parts)
+    usual = (DEFAULT_DATA, Config.model)
+    return "-".join(part for part in (name, model) if part not in usual)
 
 
 def make(path: Path, setting: str = "runs=DIR") -> None:
@@ -141,11 +145,12 @@ class Run:
     """A run's folder, and the run that is wanted in it.
 
     Args:
-        folder: where it is kept. mark: the fingerprint of its settings.
+        folder: where it is kept. schema: of its settings. mark: their fingerprint.
         resume: as in the schema: None where possible, True or fail, False never.
     """
 
     folder: Path
+    schema: type[RunConfig]
     mark: str
     resume: bool | None
 
@@ -157,7 +162,7 @@ class Run:
         """
         path = self.folder
         best, metrics = (path / "best.ckpt").is_file(), read_metrics(path)
-        there = _mark(path)
+        there = self._mark_there()
         if there != self.mark:
             holds_a_run = there or metrics or any(path.glob("*.ckpt"))
             return "other" if holds_a_run else "new"
@@ -178,7 +183,7 @@ class Run:
         """
         path, at = self.folder, self.stage()
         if at == "other" or (self.resume is False and at != "new"):
-            aside = free_name(path.with_name(f"{path.name}-{_mark(path) or 'old'}"))
+            aside = free_name(path.with_name(f"{path.name}-{self._mark_there() or 'old'}"))
             os.replace(path, aside)
             what = "a run with other settings" if at == "other" else "this run"
             print(f"{path} held {what}; it is now {aside}")
@@ -186,10 +191,21 @@ class Run:
         for stale in (path / "metrics.json", path / "report.html", *path.glob(".*.tmp")):
             stale.unlink(missing_ok=True)
 
+    def _mark_there(self) -> str | None:
+        """Return the fingerprint of the run in the folder; None for none, "damaged" if
+        unreadable."""
+        try:
+            values = as_values(OmegaConf.create(read_settings(self.folder / "config.yaml")))
+            return fingerprint(results_of(values, self.schema))
+        except FileNotFoundError:
+            return None
+        except Exception:  # not YAML, or not a run's
+            return "damaged"
+
 
 def run_of(cfg: RunConfig) -> Run:
     """Return the run of these settings."""
-    return Run(folder(cfg), fingerprint(settings(cfg)), cfg.resume)
+    return Run(folder(cfg), type(cfg), fingerprint(settings(cfg)), cfg.resume)
 
 
 def require_resumable(run: Run, *others: Run) -> None:
@@ -210,16 +226,6 @@ def require_resumable(run: Run, *others: Run) -> None:
     raise ValueError(
         f"resume=true needs {path / 'last.ckpt'}, which does not exist: leave it out to start."
     )
-
-
-def _mark(path: Path) -> str | None:
-    """Return the fingerprint of the run in a folder; None for none, "damaged" if unreadable."""
-    try:
-        return fingerprint(settings(OmegaConf.create(read_settings(path / "config.yaml"))))
-    except FileNotFoundError:
-        return None
-    except Exception:  # not YAML, or not a run's
-        return "damaged"
 
 
 def free_name(path: Path) -> Path:

@@ -20,11 +20,11 @@ from torch import Tensor, nn
 
 from moireaug.scene.fields import one_of
 from training import runs
+from training.config.overrides import command_line
+from training.config.schema import DATA, Config, Data, as_config, scene_of
 from training.files import digest, read_checkpoint, read_metrics, read_settings
 from training.models import OWN, as_model, names
-from training.overrides import command_line
 from training.processes import is_first
-from training.schema import DATA, Config, Data, as_config, scene_of
 from training.splits import Splits
 
 
@@ -216,8 +216,8 @@ def read_config(path: Path) -> Config:
     except (OmegaConfBaseException, ValueError, TypeError) as error:
         said = str(error).splitlines()[0].rstrip(".")
         raise ValueError(
-            f"{path} is not a run's settings: {said}. A run holds keys of training/schema.py "
-            "alone, as fit.py of this version writes them."
+            f"{path} is not a run's settings: {said}. A run holds the settings of training/fit.py "
+            "alone, as this version writes them."
         ) from None
     cfg.data.download = False  # that a folder asks for: only a command line may
     return as_config(cfg)  # type: ignore[arg-type]

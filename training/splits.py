@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Subset
 
-from training.schema import Data
+from training.config.schema import Data
 
 HELD_BYTES = 1 << 30  # of decoded images that are kept
 

@@ -23,8 +23,8 @@ from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.suites import OPTION_SUITES
 from training import runs, saved
 from training.attacking import Protocol
+from training.config.schema import Data, ReattackConfig, Trainer
 from training.models import as_model, names
-from training.schema import Data, ReattackConfig, Trainer
 from training.splits import Splits
 
 if TYPE_CHECKING:

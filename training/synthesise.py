@@ -39,15 +39,15 @@ from torch.utils.data import DataLoader
 from tqdm import tqdm
 
 from moireaug.files import remove, unfinished
-from moireaug.scene.fields import one_of
 from moireaug.synthesis import Pairs
 from moireaug.synthesis.pictures import NoPictureError
-from training import scenes
+from training.config import scenes
+from training.config.plain import parse
+from training.config.settings import setting
 from training.locks import locked
 from training.messages import counted, sentence
 from training.pair_files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
 from training.pair_sets import PairSet, Share, claim, release, share_of
-from training.settings import parse
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
 
@@ -61,19 +61,25 @@ LOST = (
 class Config:
     """All settings of the command."""
 
-    images: str = MISSING  # a folder of pictures
-    out: str = MISSING
-    n: int = MISSING  # pairs, of all commands together
-    scene: str = "screen_photo"  # a preset's name, or a YAML file of a scene or a list of them
-    size: int = 512  # side of the crops, pixels
-    twin: bool = False  # whether to add the same shot without moiré
-    format: str = "webdataset"  # or imagefolder
-    encoding: str = "png"  # or webp, jpeg
-    quality: int | None = None  # 1 to 100 of webp and jpeg; null is lossless, and 95 for jpeg
-    seed: int = 0
-    per_shard: int = 1000  # pairs a tar, or a folder
-    shard: str = "0/1"  # which of how many commands this is, counted from 0
-    workers: int | None = None  # processes; 0 is none but this one, null is one for each core
+    images: str = setting(MISSING, "a folder of pictures")
+    out: str = setting(MISSING, "the folder that the pairs go to")
+    n: int = setting(MISSING, "pairs, of all commands together")
+    scene: str = setting(
+        "screen_photo", "a preset's name, or a YAML file of a scene or a list of them"
+    )
+    size: int = setting(512, "side of the crops, in pixels")
+    twin: bool = setting(False, "whether to add the same shot without moiré")
+    format: str = setting("webdataset", "of the files", choices=tuple(FORMATS))
+    encoding: str = setting("png", "of the pictures", choices=tuple(SUFFIXES))
+    quality: int | None = setting(
+        None, "of webp and jpeg; null is lossless, and 95 for jpeg", bounds=(1, 100)
+    )
+    seed: int = setting(0, "of the crops and the shots")
+    per_shard: int = setting(1000, "pairs a tar, or a folder", bounds=(1, None))
+    shard: str = setting("0/1", "which of how many commands this is, counted from 0")
+    workers: int | None = setting(
+        None, "processes; 0 is none but this one, null is one for each core", bounds=(0, 1024)
+    )
 
 
 def configure(argv: Sequence[str]) -> Config:
@@ -93,16 +99,8 @@ def check(cfg: Config) -> None:
     Raises:
         ValueError: with what was got and what is allowed.
     """
-    one_of("format", cfg.format, FORMATS)
-    one_of("encoding", cfg.encoding, SUFFIXES)
     if cfg.encoding == "png" and cfg.quality is not None:
         raise ValueError("quality= is for encoding=webp and jpeg; PNG is lossless: leave it out.")
-    if cfg.quality is not None and not 1 <= cfg.quality <= 100:
-        raise ValueError(f"quality must be in [1, 100]; got {cfg.quality}.")
-    if cfg.per_shard < 1:
-        raise ValueError(f"per_shard must be at least 1; got {cfg.per_shard}.")
-    if cfg.workers is not None and not 0 <= cfg.workers <= 1024:
-        raise ValueError(f"workers must be in [0, 1024]; got {cfg.workers}.")
     images, out = Path(cfg.images).resolve(), Path(cfg.out).resolve()
     if out.is_relative_to(images):
         raise ValueError(

@@ -18,13 +18,13 @@ from training.adversaries import passes
 from training.batches import Batches, require_even
 from training.checkpoints import Origin, RunCheckpoint
 from training.classifier import Classifier
+from training.config.schema import Config, Trainer, scene_of
 from training.costs import cost, with_totals
 from training.files import digest, read_checkpoint, read_json
 from training.guard import Guard
 from training.messages import counted
 from training.models import as_model, check_side
 from training.processes import is_first, say
-from training.schema import Config, Trainer, scene_of
 from training.splits import Splits
 from training.trainers import make_trainer
 from training.tuning import Tuning, averaging

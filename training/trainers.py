@@ -16,8 +16,8 @@ from lightning.pytorch.plugins.environments import SLURMEnvironment, TorchElasti
 from lightning.pytorch.utilities import rank_zero_only
 
 from training.checkpoints import AtomicCheckpointIO
+from training.config.schema import Trainer
 from training.processes import wait_long
-from training.schema import Trainer
 
 
 class EpochLines(Checkpoint):

@@ -9,8 +9,8 @@ import torch
 from lightning.pytorch.callbacks import EMAWeightAveraging, WeightAveraging
 from torch import Tensor, nn
 
+from training.config.schema import Train
 from training.muon import Muon
-from training.schema import Train
 
 SCRATCH_LR, SCRATCH_DECAY = 0.02, 0.05  # of Muon
 FINE_LR, FINE_DECAY = 0.002, 5e-4  # of SGD and a batch of 128

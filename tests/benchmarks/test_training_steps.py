@@ -7,12 +7,10 @@ from hydra import initialize
 from benchmarks import training_steps
 from moireaug import images
 from training import image_sets, machine
-from training.schema import register
 
 
 @pytest.fixture(autouse=True)
 def _hydra():
-    register()
     with initialize(version_base="1.3", config_path=None):
         yield
 

@@ -10,8 +10,8 @@ from tests.training.frontier_runs import put
 from tests.training.tiny_suites import configured
 from training import attacking, models, reattack
 from training.attacking import protocol_of
+from training.config.schema import as_config
 from training.data import load
-from training.schema import as_config
 
 
 @pytest.fixture

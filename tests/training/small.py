@@ -15,9 +15,9 @@ from hydra.core.global_hydra import GlobalHydra
 
 from tests.training.forked import ALONE, LONG, ROOT
 from training import commands, fit, reattack, runs
+from training.config.schema import Config, ReattackConfig, as_config
 from training.data import load
 from training.files import read_checkpoint
-from training.schema import Config, ReattackConfig, as_config
 from training.splits import Splits
 from training.train import train_model
 
@@ -91,7 +91,7 @@ def wait(process, last, at_least):
         time.sleep(0.02)
 
 
-def configured(*overrides, name="root"):
+def configured(*overrides, name="fit"):
     """The typed settings of a command line."""
     GlobalHydra.instance().clear()
     with initialize(version_base="1.3", config_path=None):

@@ -5,7 +5,7 @@ from omegaconf import OmegaConf
 
 from tests.training.small import TINY, configured
 from training import models, reattack, runs, signs
-from training.schema import as_values
+from training.config.schema import as_values
 
 
 def put(root, *overrides, classes=signs.CLASSES, edit=None):

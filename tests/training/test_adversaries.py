@@ -8,7 +8,7 @@ from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
 from training.adversaries import Adversaries, check, passes
 from training.classifier import Classifier
-from training.schema import RECIPES, Adversary
+from training.config.schema import RECIPES, Adversary
 from training.train import classifier_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")

@@ -34,8 +34,9 @@ from training import (
     suites,
     synthesise,
 )
+from training.config.schema import Config, ReattackConfig
+from training.config.settings import settings_of, written
 from training.messages import sentence
-from training.schema import Config
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -122,11 +123,17 @@ def test_only_the_first_process_speaks(known, variables, first, monkeypatch, cap
     assert capsys.readouterr().out == ("here\n" if first else "")
 
 
-@pytest.mark.parametrize(("script", "module"), [("fit.py", fit), ("reattack.py", reattack)])
-def test_help_is_what_the_command_does_and_its_settings(script, module, tmp_path):
+@pytest.mark.parametrize(
+    ("script", "module", "schema"),
+    [("fit.py", fit, Config), ("reattack.py", reattack, ReattackConfig)],
+)
+def test_help_is_what_the_command_does_and_its_settings(script, module, schema, tmp_path):
     out = inside(script, "--help", cwd=tmp_path).stdout
     assert out.startswith(module.__doc__.splitlines()[0])
-    assert "Settings, of which training/schema.py says what they are" in out and "\ntrain:\n" in out
+    assert "\n  train.momentum=0.95\n      peak of the one-cycle schedule" in out
+    for key, one in settings_of(schema).items():
+        default = "" if key in ("recipe", "data.name") else f"{written(one.default)}\n"
+        assert f"\n  {key.removesuffix('.name')}={default}" in out
 
 
 def run_fit(argv):

@@ -10,9 +10,9 @@ from PIL import Image
 
 from tests.training.small import configured
 from training import fit, image_sets, signs
+from training.config.schema import Data
 from training.data import load, require_training_images
 from training.locks import locked
-from training.schema import Data
 
 
 @pytest.fixture

@@ -30,7 +30,6 @@ from training.files import read_checkpoint
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
 FEW = [
-    "recipe=demoire",
     "scene=[screen_photo]",
     "test.unseen=[dashcam_at_led_sign]",
     "data.size=32",
@@ -71,7 +70,7 @@ def real(tmp_path_factory):
 def whole(tmp_path_factory, real):
     """One run of the real command."""
     cwd = tmp_path_factory.mktemp("whole")
-    done = command("fit.py", *FEW, f"pairs={real}", cwd=cwd)
+    done = command("demoire.py", "train", *FEW, f"pairs={real}", cwd=cwd)
     assert done.returncode == 0, done.stderr
     return cwd / "runs/esdnet/demoire/seed0", done
 

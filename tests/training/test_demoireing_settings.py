@@ -7,13 +7,11 @@ from PIL import Image
 
 from moireaug.defenses import demoire
 from tests.training.small import configured
-from tests.training.test_bounds import numeric_fields
 from training import runs
-from training.command_line import check_keys
+from training.config.command_line import check_keys
 from training.demoireing import fit as demoireing
-from training.demoireing.schema import PICTURES
 
-FEW = ["recipe=demoire", "train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
+FEW = ["train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
 
 
 def put_uneven(folder):
@@ -28,19 +26,15 @@ def put_uneven(folder):
 
 
 SENTENCES = [
-    (["data=cifar10"], "data must be one of 'signs', 'folder'; got 'cifar10'"),
-    (["data=folder"], "needs data.root=DIR"),
-    (["data=folder", "data.root=nowhere"], "nowhere is not a folder"),
+    (["data.root=nowhere"], "nowhere is not a folder"),
     (["model=esdnett"], "Did you mean 'esdnet'?"),
     (["demoire.target=twins"], "Did you mean 'twin'?"),
     (["demoire.width=0"], "width"),
-    (["data.train=100"], "data.train= has no effect on a demoiréing network"),
     (["train.check_every=3"], "must be a multiple of train.check_every"),
     (["train.steps=0"], "train.steps must be at least 1"),
     (["train.lr=-1"], "train.lr must be in [1e-08, 10]; got -1.0"),
     (["seed=-1"], "seed must be in [0, 4294967295]; got -1"),
     (["data.workers=-1"], "data.workers must be in [0, 1024]; got -1"),
-    (["data.val=null"], "data.val must be a number of pairs; got null"),
     (["trainer.precision=bf16-true"], "trainer.precision must be one of '32-true'"),
     (["trainer.precision=64-true"], "trainer.precision must be one of '32-true'"),
     (["trainer.strategy=foo"], "foo"),
@@ -75,17 +69,6 @@ def test_wrong_settings_get_a_sentence(given, sentence, tmp_path, monkeypatch):
     assert list(tmp_path.rglob("*.ckpt")) == [run / "best.ckpt"], "it is not moved aside"
 
 
-@pytest.mark.parametrize("name", PICTURES)
-def test_every_data_set_of_pictures_has_settings(name):
-    cfg = configured("recipe=demoire", f"data={name}", name="demoire")
-    assert cfg.data.name == name and cfg.train.steps == demoireing.DemoireConfig().train.steps
-
-
-def test_every_number_has_bounds():
-    elsewhere = {"data.train", "demoire.width"}  # of no effect; `demoire.build` checks it
-    assert set(numeric_fields(demoireing.DemoireConfig)) - elsewhere == set(demoireing.BOUNDS)
-
-
 def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
     """Lightning leaves a trained network on the CPU."""
     cfg = configured(*FEW, f"runs={tmp_path}", name="demoire")
@@ -104,10 +87,11 @@ def test_a_finished_run_is_shown_though_its_start_file_is_gone(tmp_path, monkeyp
     assert demoireing.fit(configured(*FEW, *given, name="demoire")) == "shown"
 
 
-def test_recipes_of_two_kinds_go_to_two_commands():
-    assert demoireing.asked_for(["seed=1", "recipe=demoire"])
-    assert not demoireing.asked_for(["recipe=moire_at"]) and not demoireing.asked_for([])
-    with pytest.raises(SystemExit, match="Use two commands"):
-        demoireing.asked_for(["-m", "recipe=demoire,moire_at"])
+def test_settings_of_classifiers_are_refused():
+    for given in ("data.augment=shift", "data=folder", "adversary.share=0.5"):
+        with pytest.raises(
+            SystemExit, match="error: .*(must be one of|settings of its own: data.root)"
+        ):
+            check_keys([given], demoireing.DemoireConfig)
     with pytest.raises(SystemExit, match="Did you mean 'check_every'"):
         check_keys(["train.chekc_every=2"], demoireing.DemoireConfig)

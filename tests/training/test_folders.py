@@ -6,7 +6,8 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from tests.training.small import TINY, configured, train
 from tests.training.strangers import put
 from tests.training.test_frontier import put as put_point
-from training import fit, overrides, runs, saved
+from training import fit, runs, saved
+from training.config import overrides
 from training.data import load
 from training.points import read
 from training.train import train_model

@@ -10,8 +10,8 @@ from tests.training.small import TINY, configured
 from training import guard
 from training.batches import Batches
 from training.classifier import Classifier, collapsed
+from training.config.schema import Config
 from training.models import build
-from training.schema import Config
 from training.train import classifier_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")

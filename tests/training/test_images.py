@@ -12,8 +12,8 @@ from PIL import Image, ImageOps
 
 from moireaug.images import read_picture, size_of
 from tests.training.small import inside
+from training.config.schema import Data
 from training.data import load
-from training.schema import Data
 
 SIDE = 8
 RAMP = np.arange(SIDE * SIDE).reshape(SIDE, SIDE) * 4 + 1  # grey, 1 to 253

@@ -147,7 +147,7 @@ def test_slurm_does_not_requeue_by_itself(tmp_path, monkeypatch):
 @pytest.mark.parametrize("recipe", ["clean", "demoire"])
 def test_an_epochs_loss_is_that_of_all_processes(recipe, monkeypatch):
     if recipe == "demoire":
-        module = module_of(configured(f"recipe={recipe}", name="demoire"))
+        module = module_of(configured(name="demoire"))
         module._losses = [torch.tensor(1.0)]
     else:
         module = classifier_of(configured(f"recipe={recipe}", *TINY), 4)

@@ -9,15 +9,15 @@ from tests.training.small import NO_DATA, TINY, configured, train
 from training import fit, machine, reattack, runs, saved
 from training.augmentation import augment
 from training.classifier import Classifier
-from training.data import load
-from training.overrides import command_line
-from training.schema import (
+from training.config.overrides import command_line
+from training.config.schema import (
     Data,
     Train,
     Trainer,
-    absolute,
     as_values,
 )
+from training.config.settings import with_absolute_paths
+from training.data import load
 from training.train import classifier_of, draws, trainer_of
 from training.tuning import tuning
 
@@ -252,7 +252,7 @@ def test_the_same_text_in_two_projects_is_not_the_same_data(tmp_path, monkeypatc
         for place, path in (("one", "a.b"), ("two", "a.b"), ("one", "a.b/")):
             (tmp_path / place).mkdir(exist_ok=True)
             monkeypatch.chdir(tmp_path / place)
-            cfg = absolute(configured("recipe=clean", "data=folder", f"{key}={path}"))
+            cfg = with_absolute_paths(configured("recipe=clean", "data=folder", f"{key}={path}"))
             marks.append(runs.run_of(cfg).mark)
         assert marks[0] != marks[1] and marks[0] == marks[2], key
-    assert absolute(configured("weights=IMAGENET1K_V1")).weights == "IMAGENET1K_V1"
+    assert with_absolute_paths(configured("weights=IMAGENET1K_V1")).weights == "IMAGENET1K_V1"

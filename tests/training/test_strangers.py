@@ -10,7 +10,8 @@ import yaml
 
 from tests.training.small import TINY, command, configured
 from tests.training.strangers import attack, put
-from training import overrides, runs, saved, signs
+from training import runs, saved, signs
+from training.config import overrides
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 

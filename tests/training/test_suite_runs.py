@@ -15,10 +15,10 @@ import torch
 from moireaug.defenses import demoire
 from tests.training.forked import Command
 from tests.training.tiny_suites import TINY, cells, folder_of, records_of, suite
-from training.command_line import check_keys
+from training.config.command_line import check_keys
+from training.config.schema import Reattack, ReattackConfig, Trainer
 from training.eval_batches import EvalBatches
 from training.processes import WAIT
-from training.schema import Reattack, ReattackConfig, Trainer
 from training.splits import Splits
 from training.suites import fabric_of, networks_of
 

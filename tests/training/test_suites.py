@@ -15,8 +15,8 @@ from moireaug.evaluation.suites.scenes import other_scenes
 from tests.training.tiny_suites import cells, configured, folder_of, records_of, suite
 from training import attacking, models
 from training.attacking import Plan, protocol_of
+from training.config.schema import as_config
 from training.data import load
-from training.schema import as_config
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 

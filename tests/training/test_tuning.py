@@ -9,8 +9,8 @@ from torch.utils.data import TensorDataset
 from tests.training.small import configured
 from training import models, runs
 from training.classifier import Classifier
+from training.config.schema import Train
 from training.files import read_checkpoint
-from training.schema import Train
 from training.splits import Splits
 from training.train import classifier_of, train_model
 from training.tuning import Tuning, averaging, tuning

@@ -1,21 +1,19 @@
 """Train a demoiréing network on simulated pairs alone, test it, and report what it cleans.
 
-    python training/fit.py recipe=demoire                                   # on drawn signs
-    python training/fit.py recipe=demoire model=esdnet data=folder data.root=DIR pairs=PAIRS.csv
-    python training/fit.py recipe=demoire scene=phone_at_monitor demoire.target=original
+    python training/demoire.py train                                   # on drawn signs
+    python training/demoire.py train data.root=DIR model=esdnet pairs=PAIRS.csv
+    python training/demoire.py train scene=phone_at_monitor demoire.target=original
 
-DIR holds pictures at any depth, of which a tenth validates and a tenth tests, or the folders train
-and test. `pairs` names real photos and what was on the screen, for the report alone; with other
-pairs, a finished run is only tested again. Settings: training/demoireing/schema.py. Writes
-weights.pt (for training/demoire.py and moireaug.defenses.demoire.load), report.html, scores.csv
-(the figures of each pair), metrics.json, best.ckpt, last.ckpt and config.yaml into
-runs/[<data>-]<model>/demoire/seed<k>/. The same command resumes an interrupted run.
+`pairs` names real photos and what was on the screen, for the report alone; with other pairs, a
+finished run is only tested again. Writes weights.pt (for training/demoire.py clean and
+moireaug.defenses.demoire.load), report.html, scores.csv (the figures of each pair), metrics.json,
+best.ckpt, last.ckpt and config.yaml into runs/[<data>-]<model>/demoire/seed<k>/. The same command
+resumes an interrupted run.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -30,38 +28,22 @@ from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scenes import as_scene
-from moireaug.synthesis.pairs import SIZE_RANGE, check_aligned
-from training import commands, machine, runs, scenes
+from moireaug.synthesis.pairs import check_aligned
+from training import commands, machine, runs
 from training.attacking import device
-from training.bounds import SEEDS, Bounds, check_run
 from training.calibration.pairs import find_pairs, fingerprint, require_one_size
+from training.config import scenes
+from training.config.checks import check_run
+from training.config.compose import register
+from training.config.schema import as_config
+from training.config.settings import with_absolute_paths
 from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
-from training.demoireing.schema import DemoireConfig as DemoireConfig
-from training.demoireing.schema import asked_for as asked_for
-from training.demoireing.schema import register as register
+from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summary, test
 from training.processes import is_first
-from training.schema import absolute, as_config
 
 Metrics = dict[str, Any]
-TARGETS = ("twin", "original", "toned")
-BOUNDS: dict[str, Bounds] = {
-    "seed": (0, SEEDS),
-    "data.size": SIZE_RANGE,
-    "data.val": (1, None),
-    "data.test": (1, None),
-    "data.workers": (0, 1024),
-    "train.steps": (1, None),
-    "train.check_every": (1, None),
-    "train.batch_size": (1, None),
-    "train.lr": (1e-8, 10),
-    "train.warmup": (0, None),
-    "train.ema": (0, 0.999999),
-    "test.size": SIZE_RANGE,
-    "trainer.num_nodes": (1, 100_000),
-}
-UNUSED = {"train": None, "class_index": None, "augment": "none", "download": False}  # of `data`
 
 
 def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
@@ -71,10 +53,8 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
         TypeError, ValueError: invalid settings, before any time is spent.
         ConnectionError, FloatingPointError, OSError: as `train_network`.
     """
-    cfg = absolute(as_config(cfg))
+    cfg = with_absolute_paths(as_config(cfg))
     cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
-    if cfg.demoire.vgg:
-        cfg = replace(cfg, demoire=replace(cfg.demoire, vgg=os.path.abspath(cfg.demoire.vgg)))
     check(cfg)
     run = runs.run_of(cfg)
     if is_first():
@@ -94,12 +74,12 @@ def check(cfg: DemoireConfig) -> None:
         TypeError, ValueError: with what was got and what is allowed.
     """
     one_of("model", cfg.model, demoire.NETWORKS)
-    one_of("demoire.target", cfg.demoire.target, TARGETS)
-    one_of("data", cfg.data.name, pictures.PICTURES)
-    for key, usual in UNUSED.items():
-        if getattr(cfg.data, key) != usual:
-            raise ValueError(f"data.{key}= has no effect on a demoiréing network: leave it out.")
-    _check_numbers(cfg)
+    check_run(cfg)
+    if cfg.train.steps % cfg.train.check_every:
+        raise ValueError(
+            f"train.steps must be a multiple of train.check_every, so that the last weights are "
+            f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
+        )
     if cfg.demoire.vgg and cfg.model in NETWORKS_WITHOUT_FEATURES:
         raise ValueError(
             f"demoire.vgg= has no effect on {cfg.model}, whose published loss compares no "
@@ -115,18 +95,6 @@ def check(cfg: DemoireConfig) -> None:
     if cfg.pairs:
         for pair in find_pairs(Path(cfg.pairs)):
             require_one_size(pair)
-
-
-def _check_numbers(cfg: DemoireConfig) -> None:
-    check_run(cfg, BOUNDS)
-    for name in ("val", "test"):
-        if getattr(cfg.data, name) is None:
-            raise ValueError(f"data.{name} must be a number of pairs; got null.")
-    if cfg.train.steps % cfg.train.check_every:
-        raise ValueError(
-            f"train.steps must be a multiple of train.check_every, so that the last weights are "
-            f"validated; got {cfg.train.steps} and {cfg.train.check_every}."
-        )
 
 
 def finished(cfg: DemoireConfig) -> Metrics:
@@ -214,3 +182,6 @@ def main(cfg: DictConfig) -> None:
     """Run one job of the command line."""
     with commands.sentences(kept="What was validated is kept"):
         fit(cfg)
+
+
+register("demoire", DemoireConfig, (), __doc__)

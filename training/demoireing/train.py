@@ -17,6 +17,7 @@ from moireaug.files import write_text
 from training import ranks, runs
 from training.batches import require_even
 from training.checkpoints import RunCheckpoint
+from training.config.schema import as_values
 from training.demoireing.batches import PairBatches
 from training.demoireing.module import Demoireing
 from training.demoireing.pictures import Splits
@@ -24,7 +25,6 @@ from training.demoireing.schema import DemoireConfig
 from training.demoireing.starting import start_as_identity
 from training.files import read_checkpoint, read_json
 from training.processes import is_first, say
-from training.schema import as_values
 from training.trainers import make_trainer
 
 

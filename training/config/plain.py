@@ -1,8 +1,7 @@
-"""The command line of a script without recipes: key=value, checked against a dataclass."""
+"""The command line of a command without recipes: key=value, checked against its settings."""
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections.abc import Sequence
 from typing import TypeVar
@@ -11,6 +10,8 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.scene.fields import one_of
+from training.config.compose import help_text
+from training.config.settings import check
 from training.messages import use_legible_output
 
 Schema = TypeVar("Schema")
@@ -21,23 +22,20 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | 
 
     Args:
         argv: key=value each.
-        schema: a dataclass with every key, its type and its default. A key that is a
-            Python keyword has an underscore appended there: in_ is in=.
+        schema: a dataclass of settings. A key that is a Python keyword has an underscore appended
+            there: in_ is in=.
         example: a valid command, for the error messages. about: what the command does.
 
     Raises:
         SystemExit: 0 after --help.
         ValueError: an unknown key, with the closest known one, a missing key, or a value of
-            another type.
+            another type or out of its bounds.
     """
     use_legible_output()
     cfg = OmegaConf.structured(schema)
     fields = {str(field).removesuffix("_"): str(field) for field in cfg}
     if {"-h", "--help"} & set(argv):
-        print(f"{inspect.cleandoc(about or '')}\n\nSettings:")
-        for key, field in fields.items():
-            default = "" if OmegaConf.is_missing(cfg, field) else cfg[field]
-            print(f"  {key}={'null' if default is None else default}")
+        print(help_text(about, schema, {}))
         raise SystemExit(0)
     for argument in argv:
         key, equals, value = argument.partition("=")
@@ -55,6 +53,8 @@ def parse(argv: Sequence[str], schema: type[Schema], example: str, about: str | 
     if not argv:
         raise ValueError(f"no settings given, as in: {example}")
     try:
-        return OmegaConf.to_object(cfg)  # type: ignore[return-value]
+        settings: Schema = OmegaConf.to_object(cfg)  # type: ignore[assignment]
     except OmegaConfBaseException as error:  # ${...}
         raise ValueError(str(error).splitlines()[0]) from error
+    check(settings)
+    return settings

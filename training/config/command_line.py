@@ -12,32 +12,30 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from moireaug.scene.fields import one_of
-from training.overrides import literal
-from training.schema import DATA, RECIPES, ReattackConfig, RunConfig
+from training.config.compose import recipe_files
+from training.config.overrides import literal
+from training.config.schema import DATA, Config, ReattackConfig, RunConfig
+from training.config.settings import settings_of
 
 SWEEP = {"-m", "--multirun"}
-PATHS = (
-    *("runs", "run", "weights", "data.root", "data.class_index"),
-    *("pairs", "lpips", "demoire.vgg"),
-)
-LISTS = {"reattack.eps": "0.00784313725,0.0156862745"}  # settings that are one, with an example
 
 
-def quoted(overrides: Sequence[str]) -> list[str]:
+def quoted(overrides: Sequence[str], schema: type[RunConfig]) -> list[str]:
     """Return the overrides with paths that Hydra takes as they are, and `~` in them expanded.
 
     Hydra's grammar would read 2024_11 as a number and refuse most punctuation. What is quoted or
     escaped for it stays, and so does what a sweep takes for several values.
     """
     sweep = not SWEEP.isdisjoint(overrides)
-    found = []
+    paths = {key for key, one in settings_of(schema).items() if one.facts.is_path}
+    taken = []
     for override in overrides:
         key, _, value = override.partition("=")
         several = sweep and "," in value
-        if key in PATHS and value not in ("", "null") and value[0] not in "'\"" and not several:
+        if key in paths and value not in ("", "null") and value[0] not in "'\"" and not several:
             override = _quoted(key, os.path.expanduser(value))
-        found.append(override)
-    return found
+        taken.append(override)
+    return taken
 
 
 def _quoted(key: str, path: str) -> str:
@@ -55,33 +53,36 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
     Raises:
         SystemExit: an unknown name; says which are known.
     """
+    groups: dict[str, list[str]] = {}
+    if issubclass(schema, Config):
+        groups = {"recipe": [path.stem for path in recipe_files()], "data": list(DATA)}
     try:
         for override in overrides:
-            _check_form(override)
+            _check_form(override, schema)
             override = override.lstrip("+")
             key, _, value = override.partition("=")
             if key.startswith(("~", "-", "hydra")):
                 continue
             _check_key(key, schema)
-            names = {"recipe": [p.stem for p in RECIPES.rglob("*.yaml")], "data": list(DATA)}
-            if key in names:
+            if key in groups:
                 for name in value.split(","):
-                    one_of(key, name, sorted(names[key]))
+                    one_of(key, name, sorted(groups[key]))
             else:
                 _check_type(override, schema)
     except ValueError as error:
         raise SystemExit(f"error: {error}") from None
 
 
-def _check_form(override: str) -> None:
+def _check_form(override: str, schema: type[RunConfig]) -> None:
     """Refuse what is no key=value, and a single value where a list is wanted."""
     key, equals, value = override.partition("=")
     if not equals and not key.startswith(("~", "-")):
         raise ValueError(f"settings are given as key=value; got {override!r}.")
     if equals and not value and not key.startswith("hydra"):
         raise ValueError(f"{override} has no value: leave it out, or pass one, or null for none.")
-    if key in LISTS and not value.startswith("["):
-        raise ValueError(f"{key} must be a list, as in {key}=[{LISTS[key]}]; got {value}.")
+    one = settings_of(schema).get(key)
+    if one and one.is_list and value != "null" and not value.startswith("["):
+        raise ValueError(f"{key} must be a list, as in {key}={one.facts.example}; got {value}.")
 
 
 def _check_key(key: str, schema: type[RunConfig]) -> None:
@@ -109,4 +110,7 @@ def _check_type(override: str, schema: type[RunConfig]) -> None:
     except HydraException:
         return  # of its grammar, which Hydra explains by itself
     except OmegaConfBaseException as error:
-        raise ValueError(f"{parsed.key_or_group}: {str(error).splitlines()[0]}.") from error
+        key = parsed.key_or_group
+        if inner := [name for name in settings_of(schema) if name.startswith(f"{key}.")]:
+            raise ValueError(f"{key} has settings of its own: {', '.join(inner)}.") from error
+        raise ValueError(f"{key}: {str(error).splitlines()[0]}.") from error

@@ -4,36 +4,24 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from operator import attrgetter
 from typing import Any
 
 from omegaconf import OmegaConf
 
 from moireaug.evaluation.suites import OPTION_SUITES, check_used
-from training.schema import (
+from training.config.schema import (
     DATA,
+    DEFAULT_DATA,
     EPOCHS,
-    HOME,
     RECIPES,
     Config,
     ReattackConfig,
     Trainer,
-    as_values,
+    as_config,
 )
+from training.config.settings import Facts, settings_of, value_of, with_values
 
-TRAINING = ("recipe", "seed", "adversary", "train", "resume")  # say how a model is trained
-WEIGHTS = ("model", "weights", "runs")  # say which model is attacked where there is no run
-OWN = (
-    "recipe",
-    "seed",
-    "model",
-    "scene",
-    "data",
-    "adversary",
-    "train",
-    "reattack",
-)  # a run's, unless overridden
-DEMOIRE = ("defences", "demoireing", "paper")  # suites that have a use for demoire=
+DEMOIRE_SUITES = ("defences", "demoireing", "paper")  # suites that have a use for demoire=
 
 
 def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
@@ -47,23 +35,24 @@ def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
     """
     for key in keys(given):
         top = key.split(".")[0]
-        if top in TRAINING or key == "data.augment":
+        facts = _facts_of(key)
+        if facts and all(one.trains for one in facts):
             hint = " reattack.seed is the attack's." if top == "seed" else ""
             raise ValueError(
                 f"{key}= says how a model is trained, and this one is only attacked: "
                 f"leave it out.{hint}"
             )
-        if top in WEIGHTS and cfg.run is not None:
-            own = "its own model" if top in ("model", "weights") else "a report into its own folder"
+        if cfg.run is not None and facts and facts[0].run_has:
             raise ValueError(
-                f"{key}= does not go with run={cfg.run}, which has {own}: leave out one of the two."
+                f"{key}= does not go with run={cfg.run}, which has {facts[0].run_has}: leave out "
+                "one of the two."
             )
         if key == "reattack.eps" and cfg.reattack.eps is not None:
             check_used(cfg.suite, key, OPTION_SUITES["eps"])
         if top in ("targets", "networks", "lpips") and getattr(cfg, top) is not None:
             check_used(cfg.suite, top, OPTION_SUITES[top])
         if top == "demoire" and cfg.demoire is not None:
-            check_used(cfg.suite, top, DEMOIRE)
+            check_used(cfg.suite, top, DEMOIRE_SUITES)
         if top == "trainer" and _has_no_effect(
             key.removeprefix("trainer."), cfg.trainer, cfg.suite
         ):
@@ -71,6 +60,15 @@ def check(cfg: ReattackConfig, given: Sequence[str]) -> None:
                 f"{key}= has no effect here: an attack is computed in float32, "
                 "and suite=ladder by one process. Leave it out."
             )
+
+
+def _facts_of(key: str) -> list[Facts]:
+    """Return what is known of the setting of a key, or of those that start with it."""
+    return [
+        one.facts
+        for name, one in settings_of(ReattackConfig).items()
+        if name == key or name.startswith(f"{key}.")
+    ]
 
 
 def _has_no_effect(key: str, trainer: Trainer, suite: str) -> bool:
@@ -95,21 +93,17 @@ def onto(own: Config, cfg: ReattackConfig, given: Sequence[str]) -> ReattackConf
     Args:
         own: the run's settings. cfg: as composed. given: the overrides of the command line.
     """
-    merged = copy.deepcopy(cfg)
-    for key in OWN:
-        setattr(merged, key, copy.deepcopy(getattr(own, key)))
-    merged.data.download = cfg.data.download
-    merged.data.workers = cfg.data.workers
-    named = [key for key in keys(given) if key.split(".")[0] in OWN]
-    for key in sorted(named, key=lambda key: key.count(".")):  # data= before data.root=
-        outer, _, last = key.rpartition(".")
-        node = attrgetter(outer)(merged) if outer else merged
-        setattr(node, last, copy.deepcopy(attrgetter(key)(cfg)))
+    named = keys(given)
+    values: dict[str, Any] = {}
+    for key, one in settings_of(Config).items():
+        is_given = any(key == name or key.startswith(f"{name}.") for name in named)
+        if one.facts.from_run and not is_given:
+            values[key] = copy.deepcopy(value_of(own, key))
     if "data.size" not in named:
-        merged.data.size = own.data.size  # what the model was trained on, whatever the data
+        values["data.size"] = own.data.size  # what the model was trained on, whatever the data
     if cfg.suite not in OPTION_SUITES["eps"]:
-        merged.reattack.eps = None  # a run's own is of its ladder
-    return merged
+        values["reattack.eps"] = None  # a run's own is of its ladder
+    return with_values(cfg, values)
 
 
 def command_line(cfg: Config) -> list[str]:
@@ -120,20 +114,16 @@ def command_line(cfg: Config) -> list[str]:
         layers.append({"train": {"epochs": EPOCHS[cfg.data.name]}})
     if recipe.is_file():
         layers.append(OmegaConf.load(recipe))
-    defaults = OmegaConf.merge(OmegaConf.structured(Config), *layers)
-    usual = as_values(defaults)  # type: ignore[arg-type]
-    found = [f"recipe={cfg.recipe}"]
-    if cfg.data.name != HOME[0]:
-        found.append(f"data={cfg.data.name}")
-    for key, value in as_values(cfg).items():
-        if not isinstance(value, dict) or key == "scene":
-            if value != usual[key]:
-                found.append(f"{key}={literal(value)}")
-            continue
-        for name, leaf in value.items():
-            if leaf != usual[key][name]:
-                found.append(f"{key}.{name}={literal(leaf)}")
-    return found
+    merged = OmegaConf.merge(OmegaConf.structured(Config), *layers)
+    usual: Config = as_config(merged)  # type: ignore[arg-type]
+    line = [f"recipe={cfg.recipe}"]
+    if cfg.data.name != DEFAULT_DATA:
+        line.append(f"data={cfg.data.name}")
+    for key in settings_of(Config):
+        value = value_of(cfg, key)
+        if value != value_of(usual, key):
+            line.append(f"{key}={literal(value)}")
+    return line
 
 
 def literal(value: Any) -> str:
