@@ -89,9 +89,7 @@ def test_a_finished_run_is_shown_though_its_start_file_is_gone(tmp_path, monkeyp
 
 def test_settings_of_classifiers_are_refused():
     for given in ("data.augment=shift", "data=folder", "adversary.share=0.5"):
-        with pytest.raises(
-            SystemExit, match="error: .*(must be one of|settings of its own: data.root)"
-        ):
+        with pytest.raises(SystemExit, match=r"must be one of|settings of its own: data\.root"):
             check_keys([given], demoireing.DemoireConfig)
     with pytest.raises(SystemExit, match="Did you mean 'check_every'"):
         check_keys(["train.chekc_every=2"], demoireing.DemoireConfig)
