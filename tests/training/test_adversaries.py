@@ -132,7 +132,6 @@ def test_a_batch_has_its_parts(recipe, share, natural):
 
 
 REFUSED = [
-    ({"kind": "pdg"}, "Did you mean 'pgd'?"),
     ({"share": 0.5}, "the kind none attacks none: use moire_attack or pgd"),
     (
         {"kind": "pgd", "share": 0.75, "natural": 0.5, "steps": 2, "eps": 0.02},

@@ -67,6 +67,7 @@ def test_a_number_beyond_its_bounds_is_refused(key):
         ("reattack.eps=[-0.1]", "eps must be a number"),
         ("adversary.share=2", "adversary.share must be in"),
         ("adversary.natural=0.9", "parts of one batch"),
+        ("adversary.kind=pdg", "Did you mean 'pgd'"),
         ("train.init=cleen", "Did you mean 'clean'"),
         ("data.augment=flip", "data.augment must be one of"),
     ],
