@@ -28,9 +28,9 @@ from moireaug.evaluation.autoattack import SquareAttacker, TargetedApgd
 from moireaug.evaluation.records import Records
 from moireaug.evaluation.runner import Batches, Runner, jobs_of
 from moireaug.scenes import Scene
-from training import saved
-from training.attacking import protocol_of
-from training.data import load
+from training.attack.protocol import protocol_of
+from training.data.load import load
+from training.runs import saved
 
 STEPS = (1, 2, 5, 10, 20, 50)
 FULL: dict[str, Any] = {"steps": STEPS, "n": 96}

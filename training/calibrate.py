@@ -41,7 +41,6 @@ from moireaug.evaluation.report.terminal import show
 from moireaug.files import write_bytes, write_text
 from moireaug.synthesis.pairs import check_aligned
 from moireaug.synthesis.statistics import MIN_CROP_SIDE
-from training import runs
 from training.calibration import fit
 from training.calibration.compare import Line, distance, lines, measured, number, said, shown
 from training.calibration.pairs import (
@@ -59,6 +58,8 @@ from training.calibration.plot import draw
 from training.config import scenes
 from training.config.plain import parse
 from training.config.settings import setting
+from training.runs.folder import fingerprint_of
+from training.system.files import free_name, make_folder
 
 EXAMPLE = "python training/calibrate.py pairs=FILE.csv scene=screen_photo"
 TEMPLATE = Path(__file__).parent / "calibration" / "report.html.j2"
@@ -94,7 +95,7 @@ def calibrate(cfg: Config) -> list[Line]:
     if cfg.pairs or cfg.picture:
         check_aligned(scene)
     out = Path(cfg.out) if cfg.out else folder_of(cfg, scene)
-    runs.make(out, "out=DIR")
+    make_folder(out, "out=DIR")
     crops = cut(pictures_of(cfg), cfg.size, cfg.crops, cfg.seed)
     real = measured(crops.photos, crops.originals)
     fitted = None
@@ -128,7 +129,7 @@ def folder_of(cfg: Config, scene: Scene) -> Path:
     photos = Path(str(cfg.pairs or cfg.photos)).resolve()
     picture = str(Path(cfg.picture).resolve()) if cfg.picture else None
     told = {"photos": str(photos), "picture": picture, "scene": scene.to_dict()}
-    name = f"{photos.name}-{Path(cfg.scene).stem}-{runs.fingerprint(told)[:6]}"
+    name = f"{photos.name}-{Path(cfg.scene).stem}-{fingerprint_of(told)[:6]}"
     return Path("runs") / "calibrate" / name
 
 
@@ -168,7 +169,7 @@ def pictures_of(cfg: Config) -> Iterator[Shown]:
 def write_scene(path: Path, scene: Scene) -> None:
     """Write a fitted scene; that of an earlier fit is kept beside it under another name."""
     if path.exists():
-        earlier = runs.free_name(path)
+        earlier = free_name(path)
         os.replace(path, earlier)
         print(f"{path} held an earlier fit; it is now {earlier}")
     write_text(path, yaml.safe_dump(scene.to_dict(), sort_keys=False))

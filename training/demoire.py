@@ -17,7 +17,7 @@ if __name__ == "__main__":  # search the repository, not this folder: a user has
 
 # before torch is loaded, as it sets how torch's threads wait
 import training  # noqa: F401  # isort: skip
-from training.messages import use_legible_output
+from training.system.messages import use_legible_output
 
 
 def main(argv: Sequence[str]) -> None:
@@ -28,7 +28,7 @@ def main(argv: Sequence[str]) -> None:
     """
     use_legible_output()
     if argv[:1] == ["train"]:
-        from training import commands
+        from training.config import commands
         from training.demoireing import fit
 
         commands.run(fit.main, fit.DemoireConfig, "train")

@@ -33,20 +33,35 @@ import hydra
 from omegaconf import DictConfig
 
 from moireaug.evaluation import report
-from training import adversaries, commands, reattack, runs, saved
-from training.attacking import Attacked, Protocol, attack, protocol_of
-from training.config import scenes
+from training import reattack
+from training.attack.protocol import Attacked, Protocol, attack, protocol_of
+from training.attack.results import about, compare, describe, publish, write_metrics
+from training.classifier import adversaries
+from training.config import commands, scenes
 from training.config.compose import WITH_RECIPE, register
 from training.config.schema import Adversary, Config, as_config
 from training.config.settings import with_absolute_paths
-from training.data import load, require_training_images
-from training.models import require_known
-from training.processes import is_first, say
-from training.results import about, compare, describe, publish, write_metrics
-from training.splits import Splits
+from training.data.load import load, require_training_images
+from training.data.splits import Splits
+from training.models.classifiers import require_known
+from training.runs import saved
+from training.runs.folder import (
+    PLAIN_RECIPES,
+    RunFolder,
+    baseline_config,
+    locked_run,
+    require_resumable,
+    result_settings,
+    run_folder,
+    run_of,
+    start_config,
+    write_settings,
+)
+from training.system.files import make_folder, read_metrics
+from training.system.processes import is_first, say
 
 if TYPE_CHECKING:
-    from training.classifier import Classifier
+    from training.classifier.module import Classifier
 
 Metrics = dict[str, Any]
 RESTORE = "Restore them (another image may stand in for a damaged file)"
@@ -62,18 +77,18 @@ def fit(cfg: DictConfig | Config) -> Metrics:
     cfg = with_absolute_paths(as_config(cfg))
     cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
     check(cfg)
-    run = runs.run_of(cfg)
+    run = run_of(cfg)
     if is_first():
-        runs.make(run.folder)
-    with runs.held(run.folder):
+        make_folder(run.folder)
+    with locked_run(run.folder):
         if cfg.resume is not False:
             require(saved.other_weights(run, cfg.weights), run, "Restore that file")
         if cfg.resume is not False and (run.stage() == "finished" or unreported(cfg)):
             return finished(cfg)
         if cfg.resume and is_first():
-            plain = (runs.start_config(cfg), runs.baseline_config(cfg))
-            runs.require_resumable(run, *[runs.run_of(other) for other in plain if other])
-        from training.train import try_out  # Lightning, which takes seconds to import
+            plain = (start_config(cfg), baseline_config(cfg))
+            require_resumable(run, *[run_of(other) for other in plain if other])
+        from training.classifier.train import try_out  # Lightning, which takes seconds to import
 
         began = time.perf_counter()
         splits = load(cfg.data)
@@ -85,7 +100,7 @@ def fit(cfg: DictConfig | Config) -> Metrics:
         return one_run(cfg, splits, start, baseline, spent)
 
 
-def require(difference: str | None, run: runs.Run, advice: str = RESTORE) -> None:
+def require(difference: str | None, run: RunFolder, advice: str = RESTORE) -> None:
     """Refuse to go on with a run on other data than it was trained on, or from other weights:
     images that it was trained on would validate it, or classes change their meaning.
 
@@ -112,11 +127,11 @@ def unreported(cfg: Config) -> bool:
 def trained_before(cfg: Config) -> Metrics | None:
     """Return the metrics of a run that was trained with these settings; None for no such run. How
     it was attacked may differ."""
-    out = runs.folder(cfg)
-    known = runs.read_metrics(out)
+    out = run_folder(cfg)
+    known = read_metrics(out)
     if not known or not (out / "best.ckpt").is_file():
         return None
-    if not saved.same_but_attack(known.get("config") or {}, runs.settings(cfg)):
+    if not saved.same_but_attack(known.get("config") or {}, result_settings(cfg)):
         return None
     return known
 
@@ -126,19 +141,19 @@ def finished(cfg: Config) -> Metrics:
 
     One that was trained as the start or baseline of another run is attacked and reported now.
     """
-    out = runs.folder(cfg)
-    known = runs.read_metrics(out) or {}
+    out = run_folder(cfg)
+    known = read_metrics(out) or {}
     if not is_first():
         return known
     if "trust" in known:
         report.show(report.run_parts(known))
     else:
         splits = load(cfg.data)
-        require(saved.other_data(runs.run_of(cfg), splits), runs.run_of(cfg))
+        require(saved.other_data(run_of(cfg), splits), run_of(cfg))
         attacked = again(cfg, protocol_of(cfg, splits), check=True)
         trained_on = known["environment"]
         known |= {**about(cfg), **describe(attacked), "environment": trained_on}
-        runs.write_settings(cfg)
+        write_settings(cfg)
         spent = {**(known.get("time") or {}), **attacked.seconds}
         known = publish(out, known, {cfg.recipe: attacked}, splits.classes, spent)
     print(f"{out} is already finished; resume=false trains it again.")
@@ -155,7 +170,7 @@ def check(cfg: Config) -> None:
     require_known(cfg.model)
     adversaries.check(cfg.adversary)
     require_training_images(cfg.data)
-    if cfg.recipe in runs.PLAIN and cfg.adversary != Adversary():
+    if cfg.recipe in PLAIN_RECIPES and cfg.adversary != Adversary():
         raise ValueError(
             f"recipe={cfg.recipe} is plain training, which the others are compared with: leave "
             "adversary.* out."
@@ -169,9 +184,9 @@ def check(cfg: Config) -> None:
 def plain_runs(cfg: Config, splits: Splits) -> tuple[Metrics | None, Metrics | None]:
     """Return the metrics of the start and the baseline, reused or trained; None for neither."""
     start = baseline = None
-    if wanted := runs.start_config(cfg):
+    if wanted := start_config(cfg):
         start = plain_run(wanted, splits, None, role="start")
-    if wanted := runs.baseline_config(cfg):
+    if wanted := baseline_config(cfg):
         baseline = plain_run(wanted, splits, start, role="baseline")
     return start, baseline
 
@@ -185,11 +200,11 @@ def plain_run(cfg: Config, splits: Splits, start: Metrics | None, *, role: str) 
         start: metrics of the run whose weights it starts from, if any.
         role: "start" or "baseline", for what is printed.
     """
-    out = runs.folder(cfg)
+    out = run_folder(cfg)
     if is_first():
-        runs.make(out)
-    with runs.held(out):
-        run = runs.run_of(cfg)
+        make_folder(out)
+    with locked_run(out):
+        run = run_of(cfg)
         reason = saved.damage(run) or saved.other_weights(run, cfg.weights)
         if reason := reason or saved.other_data(run, splits):
             say(f"The {role} cannot be reused and is trained again: {reason}.")
@@ -227,11 +242,11 @@ def one_run(
     classifier, train = train_run(cfg, splits, start)
     if not is_first():
         return {}
-    out = runs.folder(cfg)
+    out = run_folder(cfg)
     protocol = protocol_of(cfg, splits)
     attacked = {cfg.recipe: attack(classifier.model, protocol, out / "records", cfg.recipe)}
     # also where its records are there: a folder's images may have changed since
-    if baseline and (other := runs.baseline_config(cfg)):
+    if baseline and (other := baseline_config(cfg)):
         attacked[other.recipe] = again(other, protocol)
         baseline = baseline | describe(attacked[other.recipe])
     metrics = compare(cfg, describe(attacked[cfg.recipe]), train, start, baseline)
@@ -247,10 +262,10 @@ def train_run(
     Args:
         start: metrics of the run whose weights it starts from, if any.
     """
-    from training.train import train_model
+    from training.classifier.train import train_model
 
     if is_first():
-        runs.run_of(cfg).prepare()
+        run_of(cfg).prepare()
     return train_model(cfg, splits, before=start["train"] if start else None)
 
 

@@ -29,13 +29,13 @@ from moireaug.evaluation.report.numbers import percent, points
 from moireaug.evaluation.report.page import environment
 from moireaug.evaluation.report.terminal import Grid, Part, show
 from moireaug.files import write_bytes, write_text
-from training.frontier_plot import draw
-from training.messages import use_legible_output
-from training.points import Found, read
-from training.summaries import Recipe, summarise
+from training.comparison.plot import draw
+from training.comparison.points import Found, read
+from training.comparison.summaries import Recipe, summarise
+from training.system.messages import use_legible_output
 
 WIDEST = 26  # characters of a recipe's name in the terminal
-TEMPLATE = Path(__file__).with_name("frontier.md.j2")
+TEMPLATE = Path(__file__).parent / "comparison" / "frontier.md.j2"
 TITLES = {
     "clean": "clean",
     "natural": "natural moiré",

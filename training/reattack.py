@@ -40,9 +40,10 @@ from moireaug.evaluation.tables import DEFAULT_EPS
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import as_scenes
 from moireaug.scene.fields import one_of
-from training import commands, runs, saved
-from training.attacking import Attacked, Plan, Protocol, attack, protocol_of
-from training.config import overrides, scenes
+from training.attack.protocol import Attacked, Plan, Protocol, attack, protocol_of
+from training.attack.results import compare, describe, publish, publish_suite
+from training.attack.suites import fabric_of, suite_config
+from training.config import commands, overrides, scenes
 from training.config.checks import check_classifier
 from training.config.compose import WITH_DATA, register
 from training.config.schema import (
@@ -53,12 +54,13 @@ from training.config.schema import (
     scene_of,
 )
 from training.config.settings import with_absolute_paths
-from training.data import load, require_used
-from training.models import as_model, check_side, class_names
-from training.results import compare, describe, publish, publish_suite
-from training.saved import Saved
-from training.splits import Splits
-from training.suites import fabric_of, suite_config
+from training.data.load import load, require_used
+from training.data.splits import Splits
+from training.models.classifiers import as_model, check_side, class_names
+from training.runs import saved
+from training.runs.folder import fingerprint_of, group_of, locked_run, result_settings
+from training.runs.saved import Saved
+from training.system.files import make_folder
 
 Metrics = dict[str, Any]
 
@@ -109,7 +111,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
         )
     lpips = lpips_of(cfg)
     home = Path(cfg.runs) / "reattack" / cfg.model
-    runs.make(home)
+    make_folder(home)
     began = time.perf_counter()
     splits = load(cfg.data)
     model = as_model(cfg.model, splits.num_classes, cfg.weights, whole=True)
@@ -119,7 +121,7 @@ def attack_weights(cfg: ReattackConfig) -> Metrics:
     protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
     out = home / protocol_name(cfg, protocol.batches.n, with_data=True) / cfg.suite
     seconds = {"data": time.perf_counter() - began}
-    with runs.held(out):
+    with locked_run(out):
         if cfg.suite != "ladder":
             return attack_by_suite(cfg, model, splits, protocol, home / "records", out, seconds)
         attacked = attack(model, protocol, home / "records", cfg.model)
@@ -134,7 +136,7 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
     cfg = overrides.onto(found.cfg, cfg, given)
     check(cfg)
     lpips = lpips_of(cfg)
-    runs.make(found.folder / "reattack")
+    make_folder(found.folder / "reattack")
     if not (found.folder / "metrics.json").is_file():
         print(
             f"note: the run in {found.folder} is not finished; its best checkpoint so far is "
@@ -145,12 +147,12 @@ def attack_run(cfg: ReattackConfig, given: list[str]) -> Metrics:
     found.check_classes(splits, cfg.data)
     model = found.model()
     protocol = protocol_of(cfg, splits)._replace(lpips=lpips)
-    same_data = runs.settings(cfg)["data"] == runs.settings(found.cfg)["data"]
+    same_data = result_settings(cfg)["data"] == result_settings(found.cfg)["data"]
     name = protocol_name(cfg, protocol.batches.n, with_data=not same_data)
     out = found.folder / "reattack" / name / cfg.suite
     records = found.folder / "records"
     seconds = {"data": time.perf_counter() - began}
-    with runs.held(out):
+    with locked_run(out):
         if cfg.suite != "ladder":
             return attack_by_suite(cfg, model, splits, protocol, records, out, seconds)
         attacked = {cfg.recipe: attack(model, protocol, records, cfg.recipe)}
@@ -223,10 +225,10 @@ def protocol_name(cfg: ReattackConfig, n: int, *, with_data: bool) -> str:
         if getattr(cfg, name):
             odd[name] = getattr(cfg, name)
     if with_data:
-        parts.insert(0, runs.group(cfg.data, Config.model) or cfg.data.name)
-        odd |= {"data": runs.settings(cfg)["data"], "weights": cfg.weights}
+        parts.insert(0, group_of(cfg.data, Config.model) or cfg.data.name)
+        odd |= {"data": result_settings(cfg)["data"], "weights": cfg.weights}
     if odd:
-        parts.append(runs.fingerprint(odd)[:6])
+        parts.append(fingerprint_of(odd)[:6])
     return "-".join(parts)
 
 
@@ -238,7 +240,7 @@ def scene_name(scene: Any) -> str:
     """
     if isinstance(scene, str):
         return scene
-    return f"custom-{runs.fingerprint(as_scenes(scene).to_dict())[:6]}"
+    return f"custom-{fingerprint_of(as_scenes(scene).to_dict())[:6]}"
 
 
 @hydra.main(version_base="1.3", config_path=None, config_name="reattack")

@@ -44,10 +44,10 @@ from moireaug.synthesis.pictures import NoPictureError
 from training.config import scenes
 from training.config.plain import parse
 from training.config.settings import setting
-from training.locks import locked
-from training.messages import counted, sentence
-from training.pair_files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
-from training.pair_sets import PairSet, Share, claim, release, share_of
+from training.pairs.files import FORMATS, SUFFIXES, EncodedPair, EncodedPairs
+from training.pairs.sets import PairSet, Share, claim, release, share_of
+from training.system.locks import locked
+from training.system.messages import counted, sentence
 
 EXAMPLE = "python training/synthesise.py images=DIR out=DIR n=1000 scene=phone_at_monitor"
 

@@ -14,12 +14,14 @@ from hydra import compose, initialize
 from hydra.core.global_hydra import GlobalHydra
 
 from tests.training.forked import ALONE, LONG, ROOT
-from training import commands, fit, reattack, runs
+from training import fit, reattack
+from training.classifier.train import train_model
+from training.config import commands
 from training.config.schema import Config, ReattackConfig, as_config
-from training.data import load
-from training.files import read_checkpoint
-from training.splits import Splits
-from training.train import train_model
+from training.data.load import load
+from training.data.splits import Splits
+from training.runs.folder import run_folder, run_of
+from training.system.files import read_checkpoint
 
 NO_DATA = Splits(None, None, None, {}, 0)
 TINY = [
@@ -109,8 +111,8 @@ def train(tmp_path, name, *overrides):
         f"runs={tmp_path / name}",
         *overrides,
     )
-    runs.run_of(cfg).prepare()
-    out = runs.folder(cfg)
+    run_of(cfg).prepare()
+    out = run_folder(cfg)
     _, found = train_model(cfg, load(cfg.data))
     return out, found
 

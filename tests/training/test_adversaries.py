@@ -6,10 +6,10 @@ from torch import nn
 
 from moireaug.scenes import Scene
 from tests.training.small import TINY, configured
-from training.adversaries import Adversaries, check, passes
-from training.classifier import Classifier
+from training.classifier.adversaries import Adversaries, check, passes
+from training.classifier.module import Classifier
+from training.classifier.train import classifier_of
 from training.config.schema import RECIPES, Adversary
-from training.train import classifier_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 

@@ -8,9 +8,12 @@ import torch
 from PIL import Image
 
 from tests.training.small import TINY, configured, inside
-from training import fit, models, runs, saved
-from training.data import load
-from training.train import train_model
+from training import fit
+from training.classifier.train import train_model
+from training.data.load import load
+from training.models import classifiers as models
+from training.runs import saved
+from training.runs.folder import run_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -48,7 +51,7 @@ def test_no_run_goes_on_from_a_weights_file_that_was_overwritten(tmp_path, setti
     given = [*settings, f"weights={weights}"]
     cfg = configured("recipe=clean", *given, f"runs={tmp_path / 'runs'}")
     train_model(cfg, load(cfg.data))
-    run = runs.run_of(cfg)
+    run = run_of(cfg)
     assert saved.other_weights(run, cfg.weights) is None
     torch.save(models.build("small_resnet", 2).state_dict(), weights)
     with pytest.raises(ValueError, match=r"weights\.pt no longer holds the weights that it began"):
@@ -64,7 +67,7 @@ def test_no_run_goes_on_with_other_classes_or_files(tmp_path, settings):
     images = tmp_path / "images"
     cfg = configured("recipe=clean", *settings, f"runs={tmp_path / 'runs'}")
     train_model(cfg, load(cfg.data))
-    run = runs.run_of(cfg)
+    run = run_of(cfg)
     assert saved.other_data(run, load(cfg.data)) is None
     (images / "train/red/0.png").rename(images / "train/red/24.png")
     with pytest.raises(ValueError, match="cannot go on: the files that it was trained on are not"):

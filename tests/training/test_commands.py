@@ -20,23 +20,14 @@ from tqdm import tqdm
 from moireaug.synthesis.pictures import NoPictureError
 from tests.training.small import TINY, configured, inside
 from tests.training.strangers import put
-from training import (
-    calibrate,
-    commands,
-    demoire,
-    fit,
-    frontier,
-    machine,
-    messages,
-    processes,
-    reattack,
-    runs,
-    suites,
-    synthesise,
-)
+from training import calibrate, demoire, fit, frontier, reattack, synthesise
+from training.attack import suites
+from training.config import commands
 from training.config.schema import Config, ReattackConfig
 from training.config.settings import settings_of, written
-from training.messages import sentence
+from training.system import machine, messages, processes
+from training.system.files import make_folder
+from training.system.messages import sentence
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -83,7 +74,7 @@ LIGHT = [
     ("training.frontier", ("torchvision", "lightning")),
     ("training.calibrate", ("torchvision", "lightning", "cma")),
     ("training.fit", ("torchvision", "lightning")),
-    ("training.train", ()),
+    ("training.classifier.train", ()),
 ]
 
 
@@ -269,7 +260,7 @@ def test_what_a_worker_says_is_told_without_its_traceback(kind):
 
 
 def test_a_probe_leaves_nothing_behind(tmp_path):
-    runs.make(tmp_path / "a/b")
+    make_folder(tmp_path / "a/b")
     assert not list((tmp_path / "a/b").iterdir())
 
 

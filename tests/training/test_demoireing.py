@@ -16,7 +16,6 @@ from moireaug.evaluation.visibility import psnr, ssim
 from moireaug.synthesis.pictures import Pictures
 from tests.synthesis.folders import put
 from tests.training.small import command, configured, same
-from training import runs
 from training.demoireing import fit as demoireing
 from training.demoireing import testing
 from training.demoireing.batches import Numbers
@@ -25,7 +24,8 @@ from training.demoireing.module import Demoireing
 from training.demoireing.pairs import SimulatedPairs, toned
 from training.demoireing.starting import start_as_identity
 from training.demoireing.testing import clean
-from training.files import read_checkpoint
+from training.runs.folder import run_folder, run_of
+from training.system.files import read_checkpoint, read_metrics
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -132,7 +132,7 @@ def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
 ):
     torch.set_num_threads(1)  # as the command
     cfg = configure(f"pairs={real}", f"runs={tmp_path}")
-    folder = runs.folder(cfg)
+    folder = run_folder(cfg)
     step = Demoireing.training_step
 
     def lost(module, batch, index):
@@ -144,11 +144,11 @@ def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
         patch.setattr(Demoireing, "training_step", lost)
         demoireing.fit(cfg)
     kept = read_checkpoint(folder / "last.ckpt")["history"]
-    assert len(kept) == 2 and runs.run_of(cfg).stage() == "begun"
+    assert len(kept) == 2 and run_of(cfg).stage() == "begun"
     found = demoireing.fit(cfg)
     assert "Resuming" in capsys.readouterr().out and same(folder, whole[0])
     assert found["train"]["history"][:2] == kept
-    known = runs.read_metrics(whole[0])
+    known = read_metrics(whole[0])
     for ours, theirs in zip(found["test"], known["test"], strict=True):
         assert ours | {"milliseconds": 0} == theirs | {"milliseconds": 0}
 
@@ -166,7 +166,7 @@ def test_a_finished_run_is_shown_and_tested_on_other_pairs(
     assert (folder / "weights.pt").stat().st_mtime_ns == before, "trained again"
     assert found["train"] == known["train"]
     assert {r["n"] for r in found["test"] if r["kind"] == "real"} == {1}
-    assert runs.read_metrics(folder) == found
+    assert read_metrics(folder) == found
     with (tmp_path / "pairs.csv").open("a") as table:  # of the same name
         table.write(f"\n{real}/b.png,{real}/b_shown.png")
     monkeypatch.setattr(testing, "MOST_SHOWN", 1)

@@ -7,9 +7,9 @@ from PIL import Image
 
 from moireaug.defenses import demoire
 from tests.training.small import configured
-from training import runs
 from training.config.command_line import check_keys
 from training.demoireing import fit as demoireing
+from training.runs.folder import RunFolder, run_folder
 
 FEW = ["train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
 
@@ -60,7 +60,7 @@ def test_wrong_settings_get_a_sentence(given, sentence, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     put_uneven(tmp_path)
     cfg = configured(*FEW, *given, f"runs={tmp_path}", name="demoire")
-    run = runs.folder(cfg)
+    run = run_folder(cfg)
     run.mkdir(parents=True)
     (run / "best.ckpt").write_bytes(b"of a run with other settings")
     with pytest.raises((ValueError, TypeError, MisconfigurationException)) as error:
@@ -81,7 +81,7 @@ def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
 
 
 def test_a_finished_run_is_shown_though_its_start_file_is_gone(tmp_path, monkeypatch):
-    monkeypatch.setattr(runs.Run, "stage", lambda run: "finished")
+    monkeypatch.setattr(RunFolder, "stage", lambda run: "finished")
     monkeypatch.setattr(demoireing, "finished", lambda cfg: "shown")
     given = ["weights=gone.pt", "demoire.vgg=gone.pth", f"runs={tmp_path}"]
     assert demoireing.fit(configured(*FEW, *given, name="demoire")) == "shown"

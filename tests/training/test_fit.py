@@ -9,10 +9,14 @@ import pytest
 
 from moireaug.evaluation.identity import digest
 from tests.training.small import BRIEF, TINY, command, configured, inside, train
-from training import fit, machine, runs, saved
-from training.data import load
-from training.results import compare
-from training.train import train_model
+from training import fit
+from training.attack.results import compare
+from training.classifier.train import train_model
+from training.data.load import load
+from training.runs import saved
+from training.runs.folder import baseline_config, run_folder, run_of, start_config
+from training.system import machine
+from training.system.files import read_metrics
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -142,20 +146,20 @@ def test_a_run_trained_for_another_is_attacked_when_it_is_asked_for_itself(
 ):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
     folder = tmp_path / "runs" / recipe / "seed0"
-    before = runs.read_metrics(folder)
+    before = read_metrics(folder)
     assert "reattack" not in before and set(before["time"]) == {"train"}
-    assert "trust" in runs.read_metrics(tmp_path / "runs/moire_at/seed0")
+    assert "trust" in read_metrics(tmp_path / "runs/moire_at/seed0")
     monkeypatch.setattr(fit, "one_run", lambda *args, **options: pytest.fail("trained again"))
     found = fit.fit(configured(f"recipe={recipe}", *TINY, f"runs={tmp_path / 'runs'}"))
     assert found["trust"] and found["time"]["checks"] > 0 and found["time"]["re-attack"] > 0
     assert (folder / "report.html").is_file()
-    kept = runs.read_metrics(folder)
+    kept = read_metrics(folder)
     for metrics in (found, kept):
         for name in ("train", "start", "config"):
             assert metrics[name] == before[name]
     assert kept["trust"] == found["trust"] and kept["reattack"] == found["reattack"]
     if recipe == "baseline":
-        beside = runs.read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
+        beside = read_metrics(tmp_path / "runs/moire_at/seed0")["baseline"]
         assert kept["reattack"] == beside["reattack"], "what the other run has computed is read"
 
 
@@ -170,11 +174,11 @@ def test_a_run_trained_for_another_may_be_attacked_in_another_way(whole, tmp_pat
     assert (folder / "best.ckpt").read_bytes() == weights
     assert first["reattack"][0]["n"] == first["config"]["reattack"]["n"] == 6
     assert first["command"] == "this command"
-    assert runs.run_of(given).stage() == "finished"
-    assert runs.read_metrics(folder)["reattack"] == first["reattack"]
-    start = runs.start_config(given)
+    assert run_of(given).stage() == "finished"
+    assert read_metrics(folder)["reattack"] == first["reattack"]
+    start = start_config(given)
     assert fit.unreported(start) and not fit.unreported(given)
-    (runs.folder(start) / "best.ckpt").unlink()
+    (run_folder(start) / "best.ckpt").unlink()
     assert not fit.unreported(start), "it must be trained again"
 
 
@@ -227,9 +231,9 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
         and f"The baseline is reused from {folders[1]}" in said
     )
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
-    for wanted in (runs.start_config(other), runs.baseline_config(other)):
+    for wanted in (start_config(other), baseline_config(other)):
         assert fit.trained_before(wanted) is None, "its settings are others"
-        assert runs.run_of(wanted).stage() == "other"
+        assert run_of(wanted).stage() == "other"
 
 
 def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
@@ -238,8 +242,8 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
         "recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1"
     )
     path = cwd / "runs/baseline/seed0"
-    known = fit.trained_before(runs.baseline_config(cfg))
-    assert known == runs.read_metrics(path) and known["train"]["epochs"] == 2
+    known = fit.trained_before(baseline_config(cfg))
+    assert known == read_metrics(path) and known["train"]["epochs"] == 2
 
 
 def test_a_baseline_of_other_settings_is_not_attacked_beside_a_run(whole, tmp_path, capsys):
@@ -271,8 +275,8 @@ def test_reattack_of_a_run(whole):
 
 def test_an_interrupted_start_is_resumed_and_then_its_recipe_begins(tmp_path, capsys):
     cfg = configured("recipe=moire_aug", *TINY, *BRIEF, "train.epochs=1", f"runs={tmp_path}")
-    start = runs.start_config(cfg)
-    runs.run_of(start).prepare()
+    start = start_config(cfg)
+    run_of(start).prepare()
     train_model(start, load(start.data))
     cfg.resume = True
     metrics = fit.fit(cfg)

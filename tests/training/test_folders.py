@@ -6,11 +6,13 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from tests.training.small import TINY, configured, train
 from tests.training.strangers import put
 from tests.training.test_frontier import put as put_point
-from training import fit, runs, saved
+from training import fit
+from training.classifier.train import train_model
+from training.comparison.points import read
 from training.config import overrides
-from training.data import load
-from training.points import read
-from training.train import train_model
+from training.data.load import load
+from training.runs import saved
+from training.runs.folder import baseline_config, run_folder, run_of, start_config
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -33,9 +35,9 @@ pytestmark = pytest.mark.usefixtures("as_the_command_is")
 )
 def test_models_and_data_do_not_share_a_folder(given, path):
     cfg = configured(*given)
-    assert str(runs.folder(cfg)) == path
-    for other in (runs.start_config(cfg), runs.baseline_config(cfg)):
-        assert other is None or runs.folder(other).parent.parent == runs.folder(cfg).parent.parent
+    assert str(run_folder(cfg)) == path
+    for other in (start_config(cfg), baseline_config(cfg)):
+        assert other is None or run_folder(other).parent.parent == run_folder(cfg).parent.parent
 
 
 def test_a_frontier_is_of_one_group_of_runs(tmp_path):
@@ -63,7 +65,7 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
     folder = put(tmp_path, f"recipe={recipe}")
     (folder / "metrics.json").write_text('{"config": {}}')
     (folder / "last.ckpt").write_bytes((folder / "best.ckpt").read_bytes())
-    assert saved.damage(runs.run_of(wanted)) is None
+    assert saved.damage(run_of(wanted)) is None
     if torn != "nothing":
         path = folder / torn
         path.write_bytes(path.read_bytes()[:40])
@@ -77,7 +79,7 @@ def test_a_damaged_baseline_is_trained_again(torn, role, recipe, tmp_path, monke
         return
     assert f"The {role} cannot be reused and is trained again: " in capsys.readouterr().out
     assert trained[0].resume is False and trained[0].recipe == recipe
-    runs.run_of(trained[0]).prepare()
+    run_of(trained[0]).prepare()
     assert not any(folder.iterdir()) and len(list(folder.parent.glob("seed0-*"))) == 1, (
         "nothing is lost"
     )
@@ -135,9 +137,9 @@ def test_a_start_that_another_command_has_replaced_is_not_taken(there, whole, ta
     put(tmp_path, "recipe=clean", *there)
     (tmp_path / "clean/seed0/metrics.json").write_text("{}" if whole else "")
     cfg = configured("recipe=baseline", *TINY, "train.epochs=2", f"runs={tmp_path}")
-    runs.run_of(cfg).prepare()
+    run_of(cfg).prepare()
     if taken:
-        saved.finished(runs.start_config(cfg))
+        saved.finished(start_config(cfg))
         train_model(cfg, load(cfg.data))
         return
     with pytest.raises(ValueError, match="no longer holds the run that was trained there"):

@@ -13,7 +13,7 @@ from PIL import Image, ImageOps
 from moireaug.images import read_picture, size_of
 from tests.training.small import inside
 from training.config.schema import Data
-from training.data import load
+from training.data.load import load
 
 SIDE = 8
 RAMP = np.arange(SIDE * SIDE).reshape(SIDE, SIDE) * 4 + 1  # grey, 1 to 253

@@ -9,8 +9,8 @@ import pytest
 from moireaug import Scene
 from tests.training.frontier_runs import cell, put, write
 from training import frontier as command
-from training.points import read
-from training.summaries import summarise
+from training.comparison.points import read
+from training.comparison.summaries import summarise
 
 
 def test_a_run_that_was_not_attacked_is_left_out_with_its_command(root, tmp_path):

@@ -14,12 +14,14 @@ from lightning.pytorch.strategies import DDPStrategy
 
 from tests.training.forked import Command
 from tests.training.small import BRIEF, NO_DATA, TINY, configured, wait
-from training import fit, ranks, runs
-from training.data import load
+from training import fit
+from training.classifier.train import classifier_of, train_model, trainer_of
+from training.classifier.tuning import tuning
+from training.data.load import load
 from training.demoireing.train import module_of
-from training.processes import WAIT
-from training.train import classifier_of, train_model, trainer_of
-from training.tuning import tuning
+from training.runs.folder import run_of
+from training.system.processes import WAIT
+from training.trainer import ranks
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -59,7 +61,7 @@ def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
             os.kill(os.getpid(), signal.SIGKILL)
 
     cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
-    runs.run_of(cfg).prepare()
+    run_of(cfg).prepare()
     with pytest.raises(
         ConnectionError,
         match=r"another process of this run was lost.*(exited unexpectedly|is killed)",

@@ -30,13 +30,21 @@ from tests.training.small import (
     wait,
     weights,
 )
-from training import checkpoints, fit, runs
-from training import train as training
-from training.classifier import Classifier
-from training.data import load
-from training.train import train_model
-from training.trainers import EpochLines
-from training.tuning import tuning
+from training import fit
+from training.classifier import train as training
+from training.classifier.module import Classifier
+from training.classifier.train import train_model
+from training.classifier.tuning import tuning
+from training.data.load import load
+from training.runs.folder import (
+    fingerprint_of,
+    require_resumable,
+    result_settings,
+    run_folder,
+    run_of,
+)
+from training.trainer import checkpoints
+from training.trainer.make import EpochLines
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -82,9 +90,9 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     found = json.loads((folder / "metrics.json").read_text())
     assert [h["epoch"] for h in found["train"]["history"]] == list(range(24))
     whole = configured(*given, f"runs={tmp_path / 'whole'}")
-    runs.run_of(whole).prepare()
+    run_of(whole).prepare()
     train_model(whole, load(whole.data))
-    assert same(folder, runs.folder(whole))
+    assert same(folder, run_folder(whole))
 
 
 def test_an_epoch_whose_line_is_printed_has_been_kept(tmp_path):
@@ -194,7 +202,7 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
 
 def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, monkeypatch, capsys):
     cfg = configured("recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}")
-    folder, attack = runs.folder(cfg), fit.attack
+    folder, attack = run_folder(cfg), fit.attack
 
     def interrupt(*args, **settings):
         raise KeyboardInterrupt
@@ -203,9 +211,9 @@ def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, mo
     with pytest.raises(KeyboardInterrupt):
         fit.fit(cfg)
     train_json = json.loads((folder / "train.json").read_text())
-    assert runs.run_of(cfg).stage() == "trained"
+    assert run_of(cfg).stage() == "trained"
     monkeypatch.setattr(fit, "attack", attack)
-    monkeypatch.setattr(training.ranks, "fit", lambda *args: pytest.fail("trained again"))
+    monkeypatch.setattr(training.trainer.ranks, "fit", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
     assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()
@@ -225,17 +233,17 @@ def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
     asides = []
     for _ in range(2):
         kept = (folder / "best.ckpt").read_bytes()
-        runs.run_of(cfg).prepare()
+        run_of(cfg).prepare()
         (aside,) = [p for p in folder.parent.glob("seed0-*") if p not in asides]
         assert (aside / "best.ckpt").read_bytes() == kept and not list(folder.iterdir())
         assert f"{folder} held this run; it is now {aside}" in capsys.readouterr().out
         shutil.copytree(aside, folder, dirs_exist_ok=True)
         asides.append(aside)
     cfg.resume = None
-    runs.run_of(cfg).prepare()
-    assert runs.run_of(cfg).can_resume() and len(list(folder.parent.glob("seed0*"))) == 3
+    run_of(cfg).prepare()
+    assert run_of(cfg).can_resume() and len(list(folder.parent.glob("seed0*"))) == 3
     (folder / "config.yaml").write_text("recipe: [")
-    runs.run_of(cfg).prepare()
+    run_of(cfg).prepare()
     assert (folder.parent / "seed0-damaged/best.ckpt").is_file()
 
 
@@ -249,11 +257,11 @@ def test_resume_true_requires_something_to_resume(tmp_path, straight):
         "resume=true",
         f"runs={tmp_path}",
     ]
-    runs.require_resumable(runs.run_of(configured(*given)))
+    require_resumable(run_of(configured(*given)))
     with pytest.raises(ValueError, match="was made with other settings"):
-        runs.require_resumable(runs.run_of(configured(*given, "train.lr=0.05")))
+        require_resumable(run_of(configured(*given, "train.lr=0.05")))
     with pytest.raises(ValueError, match="does not exist: leave it out"):
-        runs.require_resumable(runs.run_of(configured(*given, "seed=1")))
+        require_resumable(run_of(configured(*given, "seed=1")))
 
 
 def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):
@@ -290,7 +298,7 @@ def test_the_best_score_is_known_in_a_folder_that_was_moved(tmp_path):
 
 def test_what_does_not_change_a_result_does_not_tell_runs_apart():
     def mark(*given):
-        return runs.fingerprint(runs.settings(configured(*given)))
+        return fingerprint_of(result_settings(configured(*given)))
 
     assert mark() == mark("data.workers=2", "data.download=true", "runs=there", "resume=true")
     assert mark() != mark("data.train=7")

@@ -6,11 +6,14 @@ import torch
 from moireaug import Scene
 from moireaug.mixtures import as_scenes
 from tests.training.small import TINY, configured
-from training import comparable, fit, reattack, results, saved
-from training.adversaries import Adversaries
+from training import fit, reattack
+from training.attack import results
+from training.classifier.adversaries import Adversaries
+from training.comparison import comparable
 from training.config import scenes
 from training.config.overrides import command_line
 from training.config.schema import Adversary, scene_of
+from training.runs import saved
 
 TEXT = "preset: phone_at_monitor\npanel: {lit: [0.6, 0.9]}\nview: {roll: [-3, 3]}\n"
 WANTED = {

@@ -6,9 +6,10 @@ from omegaconf import OmegaConf
 from PIL import Image
 
 from tests.training.small import NO_DATA, TINY, configured, train
-from training import fit, machine, reattack, runs, saved
-from training.augmentation import augment
-from training.classifier import Classifier
+from training import fit, reattack
+from training.classifier.module import Classifier
+from training.classifier.train import classifier_of, draws, trainer_of
+from training.classifier.tuning import tuning
 from training.config.overrides import command_line
 from training.config.schema import (
     Data,
@@ -17,9 +18,11 @@ from training.config.schema import (
     as_values,
 )
 from training.config.settings import with_absolute_paths
-from training.data import load
-from training.train import classifier_of, draws, trainer_of
-from training.tuning import tuning
+from training.data.augmentation import augment
+from training.data.load import load
+from training.runs import saved
+from training.runs.folder import baseline_config, result_settings, run_folder, run_of, start_config
+from training.system import machine
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -42,11 +45,13 @@ PLANS = [
 )
 def test_the_runs_that_a_recipe_needs_have_its_settings(given, start, baseline):
     cfg = configured(*given, *TINY[:4])
-    for other, recipe in ((runs.start_config(cfg), start), (runs.baseline_config(cfg), baseline)):
+    for other, recipe in ((start_config(cfg), start), (baseline_config(cfg), baseline)):
         if recipe is None:
             assert other is None
             continue
-        ours, theirs, own = (runs.settings(c) for c in (cfg, other, configured(f"recipe={recipe}")))
+        ours, theirs, own = (
+            result_settings(c) for c in (cfg, other, configured(f"recipe={recipe}"))
+        )
         assert theirs["recipe"] == recipe and theirs["adversary"] == own["adversary"]
         init = own["train"]["init"] if recipe == start else ours["train"]["init"]
         length = own["train"]["length"]
@@ -154,7 +159,7 @@ def test_config_files_are_read_back(tmp_path):
     cfg = configured(
         "recipe=moire_at", "scene={preset: paper, view: {roll: [-3, 3]}}", f"runs={tmp_path}"
     )
-    path = runs.folder(cfg) / "config.yaml"
+    path = run_folder(cfg) / "config.yaml"
     path.parent.mkdir(parents=True)
     path.write_text(OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
     assert saved.read_config(path) == cfg
@@ -210,7 +215,7 @@ def test_precision_follows_the_hardware_unless_it_is_given(
 def test_recipes_may_be_shorter_than_their_baseline(given, length):
     cfg = configured("recipe=moire_fast", *given)
     assert cfg.train.length == length
-    start, baseline = runs.start_config(cfg), runs.baseline_config(cfg)
+    start, baseline = start_config(cfg), baseline_config(cfg)
     assert (start.train.length, baseline.train.length) == (0.4, 1.0)
     assert start.train.epochs == baseline.train.epochs == cfg.train.epochs
 
@@ -239,9 +244,9 @@ def test_length_is_a_share_of_the_epochs(tmp_path, length, epochs):
 
 def test_a_recipe_does_not_repeat_the_draws_of_its_start():
     cfg = configured("recipe=moire_at", *TINY)
-    assert draws(cfg) == draws(runs.baseline_config(cfg))
+    assert draws(cfg) == draws(baseline_config(cfg))
     epochs = 1000  # the order of images in epoch e is that of draws + e
-    assert abs(draws(cfg) - draws(runs.start_config(cfg))) > epochs
+    assert abs(draws(cfg) - draws(start_config(cfg))) > epochs
     assert abs(draws(cfg) - draws(configured("recipe=moire_at", "seed=1"))) > epochs
 
 
@@ -253,6 +258,6 @@ def test_the_same_text_in_two_projects_is_not_the_same_data(tmp_path, monkeypatc
             (tmp_path / place).mkdir(exist_ok=True)
             monkeypatch.chdir(tmp_path / place)
             cfg = with_absolute_paths(configured("recipe=clean", "data=folder", f"{key}={path}"))
-            marks.append(runs.run_of(cfg).mark)
+            marks.append(run_of(cfg).mark)
         assert marks[0] != marks[1] and marks[0] == marks[2], key
     assert with_absolute_paths(configured("weights=IMAGENET1K_V1")).weights == "IMAGENET1K_V1"

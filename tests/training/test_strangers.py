@@ -10,8 +10,10 @@ import yaml
 
 from tests.training.small import TINY, command, configured
 from tests.training.strangers import attack, put
-from training import runs, saved, signs
 from training.config import overrides
+from training.data import signs
+from training.runs import saved
+from training.runs.folder import run_of
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -216,13 +218,13 @@ def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):
         "train.init=random",
         f"runs={tmp_path / 'runs'}",
     )
-    assert saved.damage(runs.run_of(cfg)) is None
+    assert saved.damage(run_of(cfg)) is None
 
 
 def test_settings_in_the_folder_of_a_run_of_our_own_are_not_resolved_either(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", "swordfish")
     folder = put(tmp_path, edit=lambda t: t.replace("weights: null", "weights: ${oc.env:SECRET}"))
     cfg = configured("recipe=clean", *TINY, f"runs={tmp_path}", "weights=swordfish")
-    assert runs.run_of(cfg).stage() == "other", "else the variable was read"
+    assert run_of(cfg).stage() == "other", "else the variable was read"
     assert yaml.safe_load((folder / "config.yaml").read_text())["weights"] == "${oc.env:SECRET}"
     assert "stranger" not in sys.modules

@@ -12,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from moireaug.scene.fields import one_of
 from training.config.compose import help_text
 from training.config.settings import check
-from training.messages import use_legible_output
+from training.system.messages import use_legible_output
 
 Schema = TypeVar("Schema")
 

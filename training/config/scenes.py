@@ -9,7 +9,7 @@ import yaml
 
 from moireaug.mixtures import Mixture, as_scenes
 from moireaug.scenes import Scene
-from training.files import UniqueKeyLoader
+from training.system.files import UniqueKeyLoader
 
 SUFFIXES = (".yaml", ".yml")
 

@@ -34,7 +34,7 @@ from moireaug.images import read_picture
 from moireaug.synthesis.pictures import Pictures
 from training.config.plain import parse
 from training.config.settings import setting
-from training.messages import sentence
+from training.system.messages import sentence
 
 EXAMPLE = "python training/demoire.py clean in=DIR out=DIR weights=FILE"
 DEVICES = ("cpu", "cuda", "mps")

@@ -29,10 +29,9 @@ from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scenes import as_scene
 from moireaug.synthesis.pairs import check_aligned
-from training import commands, machine, runs
-from training.attacking import device
+from training.attack.protocol import device
 from training.calibration.pairs import find_pairs, fingerprint, require_one_size
-from training.config import scenes
+from training.config import commands, scenes
 from training.config.checks import check_run
 from training.config.compose import register
 from training.config.schema import as_config
@@ -41,7 +40,17 @@ from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summary, test
-from training.processes import is_first
+from training.runs.folder import (
+    fingerprint_of,
+    locked_run,
+    require_resumable,
+    result_settings,
+    run_folder,
+    run_of,
+)
+from training.system import machine
+from training.system.files import make_folder, read_metrics
+from training.system.processes import is_first
 
 Metrics = dict[str, Any]
 
@@ -56,14 +65,14 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
     cfg = with_absolute_paths(as_config(cfg))
     cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
     check(cfg)
-    run = runs.run_of(cfg)
+    run = run_of(cfg)
     if is_first():
-        runs.make(run.folder)
-    with runs.held(run.folder):
+        make_folder(run.folder)
+    with locked_run(run.folder):
         if cfg.resume is not False and run.stage() == "finished":
             return finished(cfg)
         if cfg.resume and is_first():
-            runs.require_resumable(run)
+            require_resumable(run)
         return one_run(cfg)
 
 
@@ -100,8 +109,8 @@ def check(cfg: DemoireConfig) -> None:
 def finished(cfg: DemoireConfig) -> Metrics:
     """Print the figures of a finished run and return its metrics; test it again where other real
     pairs are given."""
-    folder = runs.folder(cfg)
-    known = runs.read_metrics(folder) or {}
+    folder = run_folder(cfg)
+    known = read_metrics(folder) or {}
     if not is_first():
         return known
     if cfg.pairs and fingerprint(find_pairs(Path(cfg.pairs))) != known.get("pairs_fingerprint"):
@@ -120,7 +129,7 @@ def one_run(cfg: DemoireConfig) -> Metrics:
     from training.demoireing.train import train_network, try_out
 
     try_out(cfg)
-    run = runs.run_of(cfg)
+    run = run_of(cfg)
     splits = pictures.load(cfg)
     pictures.require_usable(splits)
     if is_first():
@@ -145,11 +154,11 @@ def tested(
 ) -> Metrics:
     """Test a trained network, and write scores.csv, report.html and then metrics.json; returns the
     metrics."""
-    folder = runs.folder(cfg)
+    folder = run_folder(cfg)
     network.to(device(cfg.trainer))  # training leaves it on the CPU
     began = time.perf_counter()
     found = test(network, cfg, splits)
-    settings = runs.settings(cfg)
+    settings = result_settings(cfg)
     metrics = {
         "recipe": cfg.recipe,
         "seed": cfg.seed,
@@ -164,7 +173,7 @@ def tested(
         "time": {"train": train["wall_seconds"], "test": time.perf_counter() - began},
         "scenes": {name: scene.to_dict() for name, scene in scenes_of(cfg).items()},
         "config": settings,
-        "fingerprint": runs.fingerprint(settings),
+        "fingerprint": fingerprint_of(settings),
         "environment": machine.environment(cfg.trainer.accelerator),
         "command": machine.command(),
     }

@@ -11,11 +11,11 @@ from PIL import Image
 
 from moireaug.files import write_text
 from moireaug.synthesis.pictures import Pictures, Source
-from training import signs
+from training.data import signs
+from training.data.splits import has_parts, shuffled
 from training.demoireing.schema import DemoireConfig
-from training.files import read_json
-from training.messages import counted
-from training.splits import has_parts, shuffled
+from training.system.files import read_json
+from training.system.messages import counted
 
 NAMES = "pictures.json"  # of a run: the names of each split's pictures
 HELD_OUT = 10  # one picture in ten validates, and one in ten tests

@@ -14,18 +14,19 @@ from omegaconf import OmegaConf
 from moireaug.defenses import demoire
 from moireaug.defenses.demoire import DemoireNet
 from moireaug.files import write_text
-from training import ranks, runs
-from training.batches import require_even
-from training.checkpoints import RunCheckpoint
 from training.config.schema import as_values
+from training.data.batches import require_even
 from training.demoireing.batches import PairBatches
 from training.demoireing.module import Demoireing
 from training.demoireing.pictures import Splits
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.starting import start_as_identity
-from training.files import read_checkpoint, read_json
-from training.processes import is_first, say
-from training.trainers import make_trainer
+from training.runs.folder import run_folder, run_of
+from training.system.files import read_checkpoint, read_json
+from training.system.processes import is_first, say
+from training.trainer import ranks
+from training.trainer.checkpoints import RunCheckpoint
+from training.trainer.make import make_trainer
 
 
 def module_of(cfg: DemoireConfig) -> Demoireing:
@@ -47,7 +48,7 @@ def try_out(cfg: DemoireConfig) -> None:
         ValueError: as `module_of`; or a trainer's setting or a size of a batch that cannot be used.
     """
     module_of(cfg)
-    require_even(cfg.train.batch_size, trainer_of(cfg, runs.folder(cfg)).world_size)
+    require_even(cfg.train.batch_size, trainer_of(cfg, run_folder(cfg)).world_size)
 
 
 def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[str, Any]]:
@@ -64,7 +65,7 @@ def train_network(cfg: DemoireConfig, splits: Splits) -> tuple[DemoireNet, dict[
         KeyboardInterrupt: Ctrl-C or SIGTERM; what was validated is kept.
     """
     L.seed_everything(cfg.seed, verbose=False)
-    run = runs.run_of(cfg)
+    run = run_of(cfg)
     out, resumed = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     module = module_of(cfg)

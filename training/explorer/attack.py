@@ -16,8 +16,9 @@ from moireaug.evaluation.report.page import embedded_picture, title_of
 from moireaug.evaluation.suites.ladder import ladder_conditions
 from moireaug.evaluation.tables import SuiteConfig
 from moireaug.scenes import Scene
-from training import data, saved
+from training.data import load as data
 from training.explorer.photo import Picture, as_picture
+from training.runs import saved
 
 IMAGES = 24  # how many of a run's test images there are to choose from
 
