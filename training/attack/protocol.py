@@ -10,21 +10,25 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
-import torch
 from torch import nn
 
+from moireaug.attacks import MoireAttack
 from moireaug.evaluation import SuiteConfig, Table, tables_of
 from moireaug.evaluation.evaluate import show_progress
 from moireaug.evaluation.frame import images_frame, rates, with_paper
 from moireaug.evaluation.records import RecordFolder
 from moireaug.evaluation.runner import Job, Runner, jobs_of
+from moireaug.evaluation.tables import DEFAULT_EPS
 from moireaug.evaluation.trust import checks, trust
 from moireaug.evaluation.visibility import LPIPS
 from moireaug.mixtures import Mixture
 from moireaug.scenes import Scene
-from training.config.schema import Config, Reattack, Trainer, scene_of
+from training.config.checks import check_classifier
+from training.config.schema import Config, Reattack, scene_of
 from training.data.eval_batches import EvalBatches
+from training.data.load import require_used
 from training.data.splits import Splits
+from training.system import machine
 
 TRUST_N = 96  # images that the checks look at, in whole batches
 Metrics = dict[str, Any]
@@ -53,14 +57,22 @@ class Protocol(NamedTuple):
 
 def protocol_of(cfg: Config, splits: Splits) -> Protocol:
     """Return the protocol that these settings describe."""
-    batches = EvalBatches(splits, cfg.reattack, cfg.data.size, device(cfg.trainer))
+    batches = EvalBatches(
+        splits, cfg.reattack, cfg.data.size, machine.device(cfg.trainer.accelerator)
+    )
     return Protocol(batches, scene_of(cfg), cfg.reattack)
 
 
-def device(trainer: Trainer) -> torch.device:
-    """Return the GPU where there is one, unless `trainer.accelerator=cpu` asks for the CPU."""
-    on_gpu = torch.cuda.is_available() and trainer.accelerator != "cpu"
-    return torch.device("cuda" if on_gpu else "cpu")
+def check_attack(cfg: Config) -> None:
+    """Refuse invalid settings of data, scene and attack before any time is spent.
+
+    Raises:
+        TypeError, ValueError: with what was got and what is allowed.
+    """
+    check_classifier(cfg)
+    require_used(cfg.data)
+    eps = DEFAULT_EPS if cfg.reattack.eps is None else cfg.reattack.eps
+    MoireAttack(nn.Identity(), scene=scene_of(cfg), eps=list(eps), steps=cfg.reattack.steps)
 
 
 @dataclass(frozen=True)

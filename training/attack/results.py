@@ -16,10 +16,10 @@ from moireaug.evaluation.frame import MEASURES
 from moireaug.evaluation.suites.ladder import main_attack
 from moireaug.files import write_text
 from moireaug.mixtures import scenes_of
-from training.attack.protocol import Attacked, Protocol
+from training.attack.protocol import Attacked
+from training.attack.subject import Subject
 from training.config.schema import Config, ReattackConfig, scene_of
-from training.runs.costs import with_totals
-from training.runs.folder import fingerprint_of, result_settings
+from training.runs.run import fingerprint_of, result_settings
 from training.system import machine
 
 # what metrics.json says of the start, and of the baseline, which is attacked too
@@ -127,12 +127,8 @@ def _shared(known: Mapping[str, Any] | None, keys: Sequence[str]) -> Metrics | N
     if not known:
         return None
     shared = {key: known[key] for key in keys}
-    if "environment" in known:  # not so of a copy by an earlier version
+    if "environment" in known:
         shared["environment"] = known["environment"]
-    train = shared["train"]
-    by_earlier_version = train and "total_epochs" not in train and train.get("init") == "random"
-    if by_earlier_version:
-        shared["train"] = with_totals(train, None)
     return shared
 
 
@@ -168,19 +164,10 @@ def write_metrics(out: Path, metrics: Metrics) -> Metrics:
     return metrics
 
 
-def publish_suite(
-    out: Path,
-    cfg: ReattackConfig,
-    attacked: Attacked,
-    protocol: Protocol,
-    classes: Mapping[int, str],
-    seconds: Mapping[str, float],
-) -> Metrics:
-    """Write report.html, tables.md, results.csv and metrics.json of a suite, and print its summary.
-
-    Args:
-        out: the folder that they go into. seconds: spent so far, by phase.
-    """
+def publish_suite(cfg: ReattackConfig, subject: Subject, attacked: Attacked) -> Metrics:
+    """Write report.html, tables.md, results.csv and metrics.json of a suite, and print its
+    summary."""
+    out, protocol = subject.folder, subject.protocol
     tables = {}
     for name, lines in attacked.lines.groupby("table", sort=False):
         known = lines.drop(columns="table").astype(object)
@@ -197,13 +184,14 @@ def publish_suite(
         "identity": attacked.runner.name,
         **attacked.checks,
         "tables": tables,
-        "time": {**seconds, **attacked.seconds},
+        "time": {**subject.seconds, **attacked.seconds},
         **about(cfg),
     }
-    name = cfg.model if cfg.recipe == "pretrained" else cfg.recipe
     shown = {}
     for table in attacked.tables:
-        shown[table.name] = table_examples(table, attacked.runner, classes, name)
+        shown[table.name] = table_examples(
+            table, attacked.runner, subject.splits.classes, subject.name
+        )
     short = report.write_suite(out, metrics, attacked.tables, attacked.lines, shown)
     write_metrics(out, metrics)
     report.show(short)

@@ -21,12 +21,13 @@ from moireaug.evaluation import SuiteConfig
 from moireaug.evaluation.conditions import Defence
 from moireaug.evaluation.identity import require_identity
 from moireaug.evaluation.suites import OPTION_SUITES
-from training.attack.protocol import Protocol
+from training.attack.protocol import Attacked, Plan
+from training.attack.subject import Subject
 from training.config.schema import Data, ReattackConfig, Trainer
 from training.data.splits import Splits
 from training.models.classifiers import as_model, names
-from training.runs import saved
-from training.runs.folder import fingerprint_of, result_settings
+from training.runs.run import fingerprint_of, result_settings
+from training.runs.trained import read
 
 if TYPE_CHECKING:
     from lightning import Fabric
@@ -34,6 +35,17 @@ if TYPE_CHECKING:
 PAPER_TARGETS = ("resnet50", "resnet34", "densenet121", "vgg16", "vgg19")
 RUN_WEIGHTS = "weights.pt"  # in a folder of a run that trained a demoiréing network
 BANK, DONORS = 50_000, 500  # patches of the image quilting, and images that they are drawn from
+
+
+def attack_by_suite(cfg: ReattackConfig, subject: Subject) -> Attacked | None:
+    """Attack a classifier by `cfg.suite`, shared among the processes that the trainer's settings
+    ask for; return the results in the first of them."""
+    fabric = fabric_of(cfg.trainer)
+    config = suite_config(cfg, subject, fabric)
+    plan = Plan(subject.model, cfg.suite, subject.protocol, subject.records, config)
+    plan.run(cfg.suite, fabric.global_rank, fabric.world_size)
+    fabric.barrier()
+    return None if fabric.global_rank else plan.results()
 
 
 def fabric_of(trainer: Trainer) -> Fabric:
@@ -56,14 +68,13 @@ def fabric_of(trainer: Trainer) -> Fabric:
     return fabric
 
 
-def suite_config(
-    cfg: ReattackConfig, protocol: Protocol, splits: Splits, records: Path, fabric: Fabric
-) -> SuiteConfig:
+def suite_config(cfg: ReattackConfig, subject: Subject, fabric: Fabric) -> SuiteConfig:
     """Return what the suite of these settings is built from.
 
     Raises:
         ValueError: a target or defence that cannot be loaded.
     """
+    splits, protocol = subject.splits, subject.protocol
     targets: Mapping[str, nn.Module | None] = {}
     if cfg.suite in OPTION_SUITES["targets"]:
         targets = targets_of(cfg.targets, cfg.data, splits, fabric.device)
@@ -84,7 +95,7 @@ def suite_config(
     if cfg.suite in ("defences", "paper"):
         donors = protocol.batches.others(splits)
         if len(donors):
-            cache = records / f"quilting-{fingerprint_of(result_settings(cfg)['data'])}.npz"
+            cache = subject.records / f"quilting-{fingerprint_of(result_settings(cfg)['data'])}.npz"
             with fabric.rank_zero_first():  # the others read the bank that it makes
                 defences["quilting"] = quilting(donors, cache)
         else:
@@ -108,7 +119,7 @@ def targets_of(
     found: dict[str, nn.Module | None] = {}
     for name, weights in (given or {}).items():
         if isinstance(weights, str) and (Path(weights) / "best.ckpt").is_file():
-            run = saved.read(Path(weights))
+            run = read(Path(weights))
             run.check_classes(splits, data)
             found[name] = run.model().to(device)
         elif name in names():

@@ -21,9 +21,9 @@ from training.config.schema import Config, Trainer, scene_of
 from training.data.batches import Batches, require_even
 from training.data.splits import Splits
 from training.models.classifiers import as_model, check_side
-from training.runs import saved
 from training.runs.costs import cost, with_totals
-from training.runs.folder import run_folder, run_of, start_config, write_settings
+from training.runs.resume import trained_run
+from training.runs.run import Run, start_of
 from training.system import machine
 from training.system.files import digest, read_checkpoint, read_json
 from training.system.messages import counted
@@ -33,7 +33,7 @@ from training.trainer.checkpoints import Origin, RunCheckpoint
 from training.trainer.make import make_trainer
 
 
-def try_out(cfg: Config, splits: Splits) -> None:
+def try_out(run: Run[Config], splits: Splits) -> None:
     """Make the model and the trainer once, show the model a picture, and read an image of each
     part, before any run is moved or any time is spent.
 
@@ -41,25 +41,27 @@ def try_out(cfg: Config, splits: Splits) -> None:
         ValueError: weights, a trainer's setting, a size of images, of a batch, or data that cannot
             be used.
     """
+    cfg = run.config
     if splits.num_classes < 2:
         raise ValueError(
             f"the data hold a single class, {splits.classes[0]!r}: a classifier needs two."
         )
     classifier = classifier_of(cfg, splits.num_classes)
     check_side(classifier.model, cfg.model, cfg.data.size)
-    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run_folder(cfg), origin_of(cfg, splits))
+    origin = origin_of(cfg.weights, splits)
+    trainer = trainer_of(cfg.trainer, classifier.tuning, 1, run.folder, origin)
     require_even(cfg.train.batch_size, trainer.world_size)
     for part in (splits.train, splits.val, splits.test):
         _ = part[0]  # raises what cannot be read
 
 
 def train_model(
-    cfg: Config, splits: Splits, before: Mapping[str, Any] | None = None
+    run: Run[Config], splits: Splits, before: Mapping[str, Any] | None = None
 ) -> tuple[Classifier, dict[str, Any]]:
     """Train, and return the averaged weights that did best on validation, with what it cost.
 
     Args:
-        cfg: the run's settings. splits: its images.
+        run: its settings and folder. splits: its images.
         before: `train` in the metrics of the run whose weights it starts from, for the totals.
 
     Raises:
@@ -69,8 +71,8 @@ def train_model(
         OSError: a disk that is full or not writable.
         KeyboardInterrupt: Ctrl-C or SIGTERM; every complete epoch is kept.
     """
+    cfg = run.config
     L.seed_everything(cfg.seed, verbose=False)
-    run = run_of(cfg)
     out, resumed = run.folder, run.can_resume()
     last, best, train_json = out / "last.ckpt", out / "best.ckpt", out / "train.json"
     classifier = classifier_of(cfg, splits.num_classes)
@@ -78,11 +80,11 @@ def train_model(
         classifier.load_state_dict(read_checkpoint(best)["state_dict"])
         say(f"Training is complete: the weights are read from {best}.")
         return classifier.eval(), with_totals(train, before)
-    start = start_config(cfg)
+    start = start_of(run)
     if start and not resumed:
-        classifier.model.load_state_dict(saved.finished(start).state)
+        classifier.model.load_state_dict(trained_run(start).state)
     if is_first():
-        write_settings(cfg)
+        run.write_settings()
     epochs = max(1, round(cfg.train.length * cfg.train.epochs))
     say(_planned(cfg, epochs, classifier.tuning.lr, before))
     done = read_checkpoint(last)["history"] if resumed else []
@@ -95,7 +97,9 @@ def train_model(
         seed=draws(cfg),
         first=len(done),
     )
-    trainer = trainer_of(cfg.trainer, classifier.tuning, epochs, out, origin_of(cfg, splits))
+    trainer = trainer_of(
+        cfg.trainer, classifier.tuning, epochs, out, origin_of(cfg.weights, splits)
+    )
     began = time.perf_counter()
     ranks.fit(trainer, classifier, batches, last if resumed else None)
     wall = time.perf_counter() - began + sum(h["seconds"] + h["validation_seconds"] for h in done)
@@ -138,11 +142,11 @@ def classifier_of(cfg: Config, num_classes: int) -> Classifier:
     )
 
 
-def origin_of(cfg: Config, splits: Splits) -> Origin:
-    """Return what the checkpoints of these settings are trained on and from."""
-    if cfg.weights is None or not Path(cfg.weights).is_file():  # random, or published by a name
+def origin_of(weights: str | None, splits: Splits) -> Origin:
+    """Return what checkpoints are trained on, and from which file of weights."""
+    if weights is None or not Path(weights).is_file():  # random, or published by a name
         return Origin(splits.classes, splits.files, "")
-    return Origin(splits.classes, splits.files, digest(cfg.weights))
+    return Origin(splits.classes, splits.files, digest(weights))
 
 
 def draws(cfg: Config) -> int:

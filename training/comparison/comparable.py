@@ -9,7 +9,7 @@ from typing import Any
 
 from training.config.schema import Config
 from training.config.settings import settings_of
-from training.runs.folder import PLAIN_RECIPES
+from training.runs.run import PLAIN_RECIPES
 from training.system.messages import counted
 
 Metrics = dict[str, Any]

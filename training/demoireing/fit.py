@@ -29,7 +29,6 @@ from moireaug.files import write_text
 from moireaug.scene.fields import one_of
 from moireaug.scenes import as_scene
 from moireaug.synthesis.pairs import check_aligned
-from training.attack.protocol import device
 from training.calibration.pairs import find_pairs, fingerprint, require_one_size
 from training.config import commands, scenes
 from training.config.checks import check_run
@@ -40,16 +39,10 @@ from training.demoireing import pictures, report
 from training.demoireing.pairs import scenes_of
 from training.demoireing.schema import DemoireConfig
 from training.demoireing.testing import summary, test
-from training.runs.folder import (
-    fingerprint_of,
-    locked_run,
-    require_resumable,
-    result_settings,
-    run_folder,
-    run_of,
-)
+from training.runs.resume import require_resumable
+from training.runs.run import Run
 from training.system import machine
-from training.system.files import make_folder, read_metrics
+from training.system.files import read_metrics
 from training.system.processes import is_first
 
 Metrics = dict[str, Any]
@@ -65,15 +58,13 @@ def fit(cfg: DictConfig | DemoireConfig) -> Metrics:
     cfg = with_absolute_paths(as_config(cfg))
     cfg = replace(cfg, scene=scenes.inlined(cfg.scene))
     check(cfg)
-    run = run_of(cfg)
-    if is_first():
-        make_folder(run.folder)
-    with locked_run(run.folder):
+    run = Run(cfg)
+    with run.locked():
         if cfg.resume is not False and run.stage() == "finished":
-            return finished(cfg)
+            return report_finished(run)
         if cfg.resume and is_first():
             require_resumable(run)
-        return one_run(cfg)
+        return complete(run)
 
 
 def check(cfg: DemoireConfig) -> None:
@@ -106,10 +97,10 @@ def check(cfg: DemoireConfig) -> None:
             require_one_size(pair)
 
 
-def finished(cfg: DemoireConfig) -> Metrics:
+def report_finished(run: Run[DemoireConfig]) -> Metrics:
     """Print the figures of a finished run and return its metrics; test it again where other real
     pairs are given."""
-    folder = run_folder(cfg)
+    cfg, folder = run.config, run.folder
     known = read_metrics(folder) or {}
     if not is_first():
         return known
@@ -117,48 +108,46 @@ def finished(cfg: DemoireConfig) -> Metrics:
         splits = pictures.load(cfg)
         pictures.require_same(folder, splits)
         network = demoire.load(folder / "weights.pt")
-        return tested(cfg, network, known["train"], splits)
+        return test_and_report(run, network, known["train"], splits)
     show(report.said(known))
     print(f"{folder} is already finished; resume=false trains it again.")
     return known
 
 
-def one_run(cfg: DemoireConfig) -> Metrics:
+def complete(run: Run[DemoireConfig]) -> Metrics:
     """Train, test and report; returns the metrics, {} in all but one process."""
     # Lightning takes seconds to import
     from training.demoireing.train import train_network, try_out
 
-    try_out(cfg)
-    run = run_of(cfg)
-    splits = pictures.load(cfg)
+    try_out(run)
+    splits = pictures.load(run.config)
     pictures.require_usable(splits)
     if is_first():
         if run.can_resume():
             pictures.require_same(run.folder, splits)
         run.prepare()
         pictures.keep(run.folder, splits)
-    network, train = train_network(cfg, splits)
+    network, train = train_network(run, splits)
     if not is_first():
         return {}
     demoire.save(network, run.folder / "weights.pt")
-    metrics = tested(cfg, network, train, splits)
+    metrics = test_and_report(run, network, train, splits)
     (run.folder / "train.json").unlink(missing_ok=True)  # metrics.json holds it
     return metrics
 
 
-def tested(
-    cfg: DemoireConfig,
+def test_and_report(
+    run: Run[DemoireConfig],
     network: demoire.DemoireNet,
     train: Metrics,
     splits: pictures.Splits,
 ) -> Metrics:
     """Test a trained network, and write scores.csv, report.html and then metrics.json; returns the
     metrics."""
-    folder = run_folder(cfg)
-    network.to(device(cfg.trainer))  # training leaves it on the CPU
+    cfg, folder = run.config, run.folder
+    network.to(machine.device(cfg.trainer.accelerator))  # training leaves it on the CPU
     began = time.perf_counter()
     found = test(network, cfg, splits)
-    settings = result_settings(cfg)
     metrics = {
         "recipe": cfg.recipe,
         "seed": cfg.seed,
@@ -172,8 +161,8 @@ def tested(
         "test": summary(found.scores),
         "time": {"train": train["wall_seconds"], "test": time.perf_counter() - began},
         "scenes": {name: scene.to_dict() for name, scene in scenes_of(cfg).items()},
-        "config": settings,
-        "fingerprint": fingerprint_of(settings),
+        "config": run.settings,
+        "fingerprint": run.fingerprint,
         "environment": machine.environment(cfg.trainer.accelerator),
         "command": machine.command(),
     }

@@ -53,6 +53,11 @@ def precision(asked: Any, accelerator: str) -> Any:
     return "bf16-mixed" if _multiplies_bfloat16(accelerator) else "32-true"
 
 
+def device(accelerator: str) -> torch.device:
+    """Return the GPU where there is one, unless the trainer's accelerator is "cpu"."""
+    return torch.device("cuda" if _on_gpu(accelerator) else "cpu")
+
+
 def _on_gpu(accelerator: str) -> bool:
     return torch.cuda.is_available() and accelerator != "cpu"
 
