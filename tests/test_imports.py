@@ -36,7 +36,7 @@ APPLICATION = (
     ("classifier",),
     ("attack",),
     ("calibration", "comparison", "pairs"),
-    ("demoireing", "explorer"),
+    ("demoireing", "explorer", "recipe"),
     ("fit", "reattack", "frontier", "synthesise", "calibrate", "demoire", "explore"),
 )
 FLOORS = {"moireaug": LIBRARY, "training": APPLICATION}

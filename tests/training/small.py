@@ -20,7 +20,7 @@ from training.config import commands
 from training.config.schema import Config, ReattackConfig, as_config
 from training.data.load import load
 from training.data.splits import Splits
-from training.runs.folder import run_folder, run_of
+from training.runs.run import Run, baseline_of, start_of
 from training.system.files import read_checkpoint
 
 NO_DATA = Splits(None, None, None, {}, 0)
@@ -100,6 +100,16 @@ def configured(*overrides, name="fit"):
         return as_config(compose(name, list(overrides)))
 
 
+def start_config(cfg):
+    run = start_of(Run(cfg))
+    return run and run.config
+
+
+def baseline_config(cfg):
+    run = baseline_of(Run(cfg))
+    return run and run.config
+
+
 def train(tmp_path, name, *overrides):
     """Three epochs of one recipe, without its baseline and re-attack: the run's folder, and what it
     cost."""
@@ -111,9 +121,9 @@ def train(tmp_path, name, *overrides):
         f"runs={tmp_path / name}",
         *overrides,
     )
-    run_of(cfg).prepare()
-    out = run_folder(cfg)
-    _, found = train_model(cfg, load(cfg.data))
+    Run(cfg).prepare()
+    out = Run(cfg).folder
+    _, found = train_model(Run(cfg), load(cfg.data))
     return out, found
 
 

@@ -24,7 +24,7 @@ from training.demoireing.module import Demoireing
 from training.demoireing.pairs import SimulatedPairs, toned
 from training.demoireing.starting import start_as_identity
 from training.demoireing.testing import clean
-from training.runs.folder import run_folder, run_of
+from training.runs.run import Run
 from training.system.files import read_checkpoint, read_metrics
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -132,7 +132,7 @@ def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
 ):
     torch.set_num_threads(1)  # as the command
     cfg = configure(f"pairs={real}", f"runs={tmp_path}")
-    folder = run_folder(cfg)
+    folder = Run(cfg).folder
     step = Demoireing.training_step
 
     def lost(module, batch, index):
@@ -144,7 +144,7 @@ def test_a_run_that_was_cut_short_goes_on_as_if_it_had_not_been(
         patch.setattr(Demoireing, "training_step", lost)
         demoireing.fit(cfg)
     kept = read_checkpoint(folder / "last.ckpt")["history"]
-    assert len(kept) == 2 and run_of(cfg).stage() == "begun"
+    assert len(kept) == 2 and Run(cfg).stage() == "begun"
     found = demoireing.fit(cfg)
     assert "Resuming" in capsys.readouterr().out and same(folder, whole[0])
     assert found["train"]["history"][:2] == kept

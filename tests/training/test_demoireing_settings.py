@@ -9,7 +9,8 @@ from moireaug.defenses import demoire
 from tests.training.small import configured
 from training.config.command_line import check_keys
 from training.demoireing import fit as demoireing
-from training.runs.folder import RunFolder, run_folder
+from training.runs.run import Run
+from training.system import machine
 
 FEW = ["train.steps=4", "train.check_every=1", "data.val=2", "data.test=2"]
 
@@ -60,7 +61,7 @@ def test_wrong_settings_get_a_sentence(given, sentence, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     put_uneven(tmp_path)
     cfg = configured(*FEW, *given, f"runs={tmp_path}", name="demoire")
-    run = run_folder(cfg)
+    run = Run(cfg).folder
     run.mkdir(parents=True)
     (run / "best.ckpt").write_bytes(b"of a run with other settings")
     with pytest.raises((ValueError, TypeError, MisconfigurationException)) as error:
@@ -73,16 +74,16 @@ def test_the_test_runs_where_it_is_said_to(tmp_path, monkeypatch):
     """Lightning leaves a trained network on the CPU."""
     cfg = configured(*FEW, f"runs={tmp_path}", name="demoire")
     network, devices = demoire.build("esdnet", width=0.25), []
-    monkeypatch.setattr(demoireing, "device", lambda trainer: torch.device("meta"))
+    monkeypatch.setattr(machine, "device", lambda accelerator: torch.device("meta"))
     monkeypatch.setattr(demoireing, "test", lambda net, *_: devices.append(net) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        demoireing.tested(cfg, network, {}, None)
+        demoireing.test_and_report(Run(cfg), network, {}, None)
     assert next(devices[0].parameters()).device.type == "meta"
 
 
 def test_a_finished_run_is_shown_though_its_start_file_is_gone(tmp_path, monkeypatch):
-    monkeypatch.setattr(RunFolder, "stage", lambda run: "finished")
-    monkeypatch.setattr(demoireing, "finished", lambda cfg: "shown")
+    monkeypatch.setattr(Run, "stage", lambda run: "finished")
+    monkeypatch.setattr(demoireing, "report_finished", lambda run: "shown")
     given = ["weights=gone.pt", "demoire.vgg=gone.pth", f"runs={tmp_path}"]
     assert demoireing.fit(configured(*FEW, *given, name="demoire")) == "shown"
 

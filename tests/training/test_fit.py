@@ -8,13 +8,23 @@ import shutil
 import pytest
 
 from moireaug.evaluation.identity import digest
-from tests.training.small import BRIEF, TINY, command, configured, inside, train
+from tests.training.small import (
+    BRIEF,
+    TINY,
+    baseline_config,
+    command,
+    configured,
+    inside,
+    start_config,
+    train,
+)
 from training import fit
 from training.attack.results import compare
 from training.classifier.train import train_model
 from training.data.load import load
-from training.runs import saved
-from training.runs.folder import baseline_config, run_folder, run_of, start_config
+from training.recipe import phases
+from training.runs import resume, trained
+from training.runs.run import Run
 from training.system import machine
 from training.system.files import read_metrics
 
@@ -53,7 +63,7 @@ def test_a_run_leaves_what_it_promises(whole):
         and m["train"]["images_per_second"] > 0
     )
     assert m["train"]["passes"] == 2.875 and len(m["train"]["history"]) == 2
-    assert m["identity"] == digest(saved.read(folder).model())  # as a later re-attack says it
+    assert m["identity"] == digest(trained.read(folder).model())  # as a later re-attack says it
     names = [r["name"] for r in m["reattack"]]
     assert names == [
         "clean",
@@ -174,12 +184,12 @@ def test_a_run_trained_for_another_may_be_attacked_in_another_way(whole, tmp_pat
     assert (folder / "best.ckpt").read_bytes() == weights
     assert first["reattack"][0]["n"] == first["config"]["reattack"]["n"] == 6
     assert first["command"] == "this command"
-    assert run_of(given).stage() == "finished"
+    assert Run(given).stage() == "finished"
     assert read_metrics(folder)["reattack"] == first["reattack"]
     start = start_config(given)
-    assert fit.unreported(start) and not fit.unreported(given)
-    (run_folder(start) / "best.ckpt").unlink()
-    assert not fit.unreported(start), "it must be trained again"
+    assert resume.is_unreported(Run(start)) and not resume.is_unreported(Run(given))
+    (Run(start).folder / "best.ckpt").unlink()
+    assert not resume.is_unreported(Run(start)), "it must be trained again"
 
 
 def test_a_re_attack_of_the_same_kind_takes_what_the_run_has_computed(whole, tmp_path):
@@ -222,7 +232,7 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     cfg = configured("recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}")
     folders = [cwd / f"runs/{recipe}/seed0" for recipe in ("clean", "baseline")]
     before = [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders]
-    start, baseline = fit.plain_runs(cfg, load(cfg.data))
+    start, baseline = phases.plain_runs(Run(cfg), load(cfg.data))
     assert (start["recipe"], baseline["recipe"]) == ("clean", "baseline")
     assert [(folder / "best.ckpt").stat().st_mtime_ns for folder in folders] == before
     said = capsys.readouterr().out
@@ -232,8 +242,8 @@ def test_plain_runs_are_reused_only_where_their_settings_fit(whole, capsys):
     )
     other = configured("recipe=moire_aug", *TINY, "data.train=80", f"runs={cwd / 'runs'}")
     for wanted in (start_config(other), baseline_config(other)):
-        assert fit.trained_before(wanted) is None, "its settings are others"
-        assert run_of(wanted).stage() == "other"
+        assert resume.metrics_of_trained(Run(wanted)) is None, "its settings are others"
+        assert Run(wanted).stage() == "other"
 
 
 def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
@@ -242,17 +252,17 @@ def test_the_baselines_weights_are_reused_where_only_the_attack_differs(whole):
         "recipe=moire_aug", *TINY, f"runs={cwd / 'runs'}", "reattack.n=6", "reattack.steps=1"
     )
     path = cwd / "runs/baseline/seed0"
-    known = fit.trained_before(baseline_config(cfg))
+    known = resume.metrics_of_trained(Run(baseline_config(cfg)))
     assert known == read_metrics(path) and known["train"]["epochs"] == 2
 
 
 def test_a_baseline_of_other_settings_is_not_attacked_beside_a_run(whole, tmp_path, capsys):
     shutil.copytree(whole[0] / "runs", tmp_path / "runs")
-    run = saved.read(tmp_path / "runs/moire_at/seed0")
-    assert saved.baseline_of(run).cfg.recipe == "baseline"
+    run = trained.read(tmp_path / "runs/moire_at/seed0")
+    assert resume.baseline_beside(run).cfg.recipe == "baseline"
     path = tmp_path / "runs/baseline/seed0/config.yaml"
     path.write_text(path.read_text().replace("epochs: 2", "epochs: 3"))
-    assert saved.baseline_of(run) is None
+    assert resume.baseline_beside(run) is None
     assert (
         "was trained with other settings: no baseline is attacked beside this run"
         in capsys.readouterr().out
@@ -276,8 +286,8 @@ def test_reattack_of_a_run(whole):
 def test_an_interrupted_start_is_resumed_and_then_its_recipe_begins(tmp_path, capsys):
     cfg = configured("recipe=moire_aug", *TINY, *BRIEF, "train.epochs=1", f"runs={tmp_path}")
     start = start_config(cfg)
-    run_of(start).prepare()
-    train_model(start, load(start.data))
+    Run(start).prepare()
+    train_model(Run(start), load(start.data))
     cfg.resume = True
     metrics = fit.fit(cfg)
     assert "Training is complete: the weights are read from" in capsys.readouterr().out
@@ -295,7 +305,7 @@ def test_a_damaged_checkpoint_gets_a_sentence(damage, whole, tmp_path):
     else:
         best.write_bytes(best.read_bytes()[: 5000 if damage == "cut" else 0] + b"\x00" * 64)
     with pytest.raises(ValueError, match=r"is not a run's folder|could not be read"):
-        saved.read(run)
+        trained.read(run)
 
 
 def test_a_nan_loss_stops_with_a_sentence(tmp_path):

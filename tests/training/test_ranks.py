@@ -19,7 +19,7 @@ from training.classifier.train import classifier_of, train_model, trainer_of
 from training.classifier.tuning import tuning
 from training.data.load import load
 from training.demoireing.train import module_of
-from training.runs.folder import run_of
+from training.runs.run import Run
 from training.system.processes import WAIT
 from training.trainer import ranks
 
@@ -61,12 +61,12 @@ def test_a_worker_that_is_lost_gets_a_sentence(tmp_path):
             os.kill(os.getpid(), signal.SIGKILL)
 
     cfg = configured("recipe=clean", *TINY, "data.workers=1", f"runs={tmp_path}")
-    run_of(cfg).prepare()
+    Run(cfg).prepare()
     with pytest.raises(
         ConnectionError,
         match=r"another process of this run was lost.*(exited unexpectedly|is killed)",
     ):
-        train_model(cfg, load(cfg.data)._replace(train=Fatal()))
+        train_model(Run(cfg), load(cfg.data)._replace(train=Fatal()))
 
 
 @pytest.mark.parametrize("code", [-9, 1])

@@ -36,13 +36,9 @@ from training.classifier.module import Classifier
 from training.classifier.train import train_model
 from training.classifier.tuning import tuning
 from training.data.load import load
-from training.runs.folder import (
-    fingerprint_of,
-    require_resumable,
-    result_settings,
-    run_folder,
-    run_of,
-)
+from training.recipe import phases
+from training.runs import resume
+from training.runs.run import Run, fingerprint_of, result_settings
 from training.trainer import checkpoints
 from training.trainer.make import EpochLines
 
@@ -90,9 +86,9 @@ def test_a_command_that_is_stopped_and_killed_goes_on_when_it_is_given_again(tmp
     found = json.loads((folder / "metrics.json").read_text())
     assert [h["epoch"] for h in found["train"]["history"]] == list(range(24))
     whole = configured(*given, f"runs={tmp_path / 'whole'}")
-    run_of(whole).prepare()
-    train_model(whole, load(whole.data))
-    assert same(folder, run_folder(whole))
+    Run(whole).prepare()
+    train_model(Run(whole), load(whole.data))
+    assert same(folder, Run(whole).folder)
 
 
 def test_an_epoch_whose_line_is_printed_has_been_kept(tmp_path):
@@ -202,23 +198,23 @@ def test_an_image_that_cannot_be_read_is_named(tmp_path):
 
 def test_a_re_attack_that_was_interrupted_is_all_that_is_done_again(tmp_path, monkeypatch, capsys):
     cfg = configured("recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}")
-    folder, attack = run_folder(cfg), fit.attack
+    folder, attack = Run(cfg).folder, phases.attack
 
     def interrupt(*args, **settings):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(fit, "attack", interrupt)
+    monkeypatch.setattr(phases, "attack", interrupt)
     with pytest.raises(KeyboardInterrupt):
         fit.fit(cfg)
     train_json = json.loads((folder / "train.json").read_text())
-    assert run_of(cfg).stage() == "trained"
-    monkeypatch.setattr(fit, "attack", attack)
+    assert Run(cfg).stage() == "trained"
+    monkeypatch.setattr(phases, "attack", attack)
     monkeypatch.setattr(training.trainer.ranks, "fit", lambda *args: pytest.fail("trained again"))
     done = fit.fit(cfg)
     assert done["train"] == train_json and done["time"]["train"] == train_json["wall_seconds"]
     assert not (folder / "train.json").exists()
 
-    monkeypatch.setattr(fit, "attack", interrupt)
+    monkeypatch.setattr(phases, "attack", interrupt)
     again = configured(
         "recipe=clean", *TINY, *BRIEF, f"runs={tmp_path}", "data.workers=1", "resume=true"
     )
@@ -233,17 +229,17 @@ def test_what_is_not_gone_on_with_is_moved_aside(tmp_path, capsys, straight):
     asides = []
     for _ in range(2):
         kept = (folder / "best.ckpt").read_bytes()
-        run_of(cfg).prepare()
+        Run(cfg).prepare()
         (aside,) = [p for p in folder.parent.glob("seed0-*") if p not in asides]
         assert (aside / "best.ckpt").read_bytes() == kept and not list(folder.iterdir())
         assert f"{folder} held this run; it is now {aside}" in capsys.readouterr().out
         shutil.copytree(aside, folder, dirs_exist_ok=True)
         asides.append(aside)
     cfg.resume = None
-    run_of(cfg).prepare()
-    assert run_of(cfg).can_resume() and len(list(folder.parent.glob("seed0*"))) == 3
+    Run(cfg).prepare()
+    assert Run(cfg).can_resume() and len(list(folder.parent.glob("seed0*"))) == 3
     (folder / "config.yaml").write_text("recipe: [")
-    run_of(cfg).prepare()
+    Run(cfg).prepare()
     assert (folder.parent / "seed0-damaged/best.ckpt").is_file()
 
 
@@ -257,11 +253,11 @@ def test_resume_true_requires_something_to_resume(tmp_path, straight):
         "resume=true",
         f"runs={tmp_path}",
     ]
-    require_resumable(run_of(configured(*given)))
+    resume.require_resumable(Run(configured(*given)))
     with pytest.raises(ValueError, match="was made with other settings"):
-        require_resumable(run_of(configured(*given, "train.lr=0.05")))
+        resume.require_resumable(Run(configured(*given, "train.lr=0.05")))
     with pytest.raises(ValueError, match="does not exist: leave it out"):
-        require_resumable(run_of(configured(*given, "seed=1")))
+        resume.require_resumable(Run(configured(*given, "seed=1")))
 
 
 def test_a_torn_checkpoint_gets_a_sentence(tmp_path, straight):

@@ -5,7 +5,7 @@ import torch
 from omegaconf import OmegaConf
 from PIL import Image
 
-from tests.training.small import NO_DATA, TINY, configured, train
+from tests.training.small import NO_DATA, TINY, baseline_config, configured, start_config, train
 from training import fit, reattack
 from training.classifier.module import Classifier
 from training.classifier.train import classifier_of, draws, trainer_of
@@ -20,8 +20,8 @@ from training.config.schema import (
 from training.config.settings import with_absolute_paths
 from training.data.augmentation import augment
 from training.data.load import load
-from training.runs import saved
-from training.runs.folder import baseline_config, result_settings, run_folder, run_of, start_config
+from training.runs import trained
+from training.runs.run import Run, result_settings
 from training.system import machine
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -159,10 +159,10 @@ def test_config_files_are_read_back(tmp_path):
     cfg = configured(
         "recipe=moire_at", "scene={preset: paper, view: {roll: [-3, 3]}}", f"runs={tmp_path}"
     )
-    path = run_folder(cfg) / "config.yaml"
+    path = Run(cfg).folder / "config.yaml"
     path.parent.mkdir(parents=True)
     path.write_text(OmegaConf.to_yaml(OmegaConf.create(as_values(cfg))))
-    assert saved.read_config(path) == cfg
+    assert trained.read_config(path) == cfg
 
 
 def test_ranks_and_steps_draw_differently(monkeypatch):
@@ -258,6 +258,6 @@ def test_the_same_text_in_two_projects_is_not_the_same_data(tmp_path, monkeypatc
             (tmp_path / place).mkdir(exist_ok=True)
             monkeypatch.chdir(tmp_path / place)
             cfg = with_absolute_paths(configured("recipe=clean", "data=folder", f"{key}={path}"))
-            marks.append(run_of(cfg).mark)
+            marks.append(Run(cfg).fingerprint)
         assert marks[0] != marks[1] and marks[0] == marks[2], key
     assert with_absolute_paths(configured("weights=IMAGENET1K_V1")).weights == "IMAGENET1K_V1"

@@ -12,8 +12,8 @@ from tests.training.small import TINY, command, configured
 from tests.training.strangers import attack, put
 from training.config import overrides
 from training.data import signs
-from training.runs import saved
-from training.runs.folder import run_of
+from training.runs import resume, trained
+from training.runs.run import Run
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
 
@@ -93,8 +93,8 @@ def test_options_that_act_come_from_the_command_line_alone(tmp_path):
         "data.workers=9",
     )
     given = [f"run={folder}", "suite=defences", "demoire=torch:relu", "reattack.n=3"]
-    assert saved.read(folder).cfg.data.download is False  # as the explorer reads it
-    cfg = overrides.onto(saved.read(folder).cfg, configured(*given, name="reattack"), given)
+    assert trained.read(folder).cfg.data.download is False  # as the explorer reads it
+    cfg = overrides.onto(trained.read(folder).cfg, configured(*given, name="reattack"), given)
     assert (cfg.demoire, cfg.suite, cfg.targets, cfg.reattack.n) == (
         "torch:relu",
         "defences",
@@ -135,7 +135,7 @@ def test_a_checkpoint_is_tensors_alone(kind, where, tmp_path, capsys):
     }[kind]
     torch.save(content, bad / "best.ckpt")
     if where == "baseline":
-        assert saved.baseline_of(saved.read(run)) is None
+        assert resume.baseline_beside(trained.read(run)) is None
         said = capsys.readouterr().out
         assert "no baseline is attacked beside this run" in said
         again = f"python training/fit.py recipe={recipe} 'runs='\"'\"'{tmp_path}'\"'\"''"
@@ -162,7 +162,7 @@ def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
     folder = put(tmp_path)
     for text in (json.dumps({"train": train}), "[1]", '"a"', "{", "[" * 10**5):
         (folder / "metrics.json").write_text(text)
-        assert saved.trained(folder) is None
+        assert trained.training_cost(folder) is None
     good = {
         "seconds": 1.0,
         "init": "random",
@@ -170,7 +170,7 @@ def test_metrics_of_a_stranger_are_numbers_or_nothing(train, tmp_path):
         "collapsed_at": None,
     }
     (folder / "metrics.json").write_text(json.dumps({"train": good}))
-    assert saved.trained(folder)["seconds"] == 1.0
+    assert trained.training_cost(folder)["seconds"] == 1.0
 
 
 def test_a_run_that_is_data_is_attacked_and_its_settings_are_read_back(tmp_path):
@@ -180,7 +180,7 @@ def test_a_run_that_is_data_is_attacked_and_its_settings_are_read_back(tmp_path)
         "train.lr=1e-5",
         "data.val=null",
     )
-    assert saved.read(folder).cfg == configured(
+    assert trained.read(folder).cfg == configured(
         "recipe=clean",
         *TINY,
         f"runs={tmp_path}",
@@ -210,7 +210,7 @@ def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):
     from tests.training.small import train
 
     out, _ = train(tmp_path, "runs", "train.epochs=1")
-    assert saved.read(out).classes == dict(enumerate(signs.CLASSES))
+    assert trained.read(out).classes == dict(enumerate(signs.CLASSES))
     cfg = configured(
         "recipe=moire_at",
         *TINY,
@@ -218,13 +218,13 @@ def test_the_checkpoints_of_a_run_know_their_classes(tmp_path):
         "train.init=random",
         f"runs={tmp_path / 'runs'}",
     )
-    assert saved.damage(run_of(cfg)) is None
+    assert resume.damage(Run(cfg)) is None
 
 
 def test_settings_in_the_folder_of_a_run_of_our_own_are_not_resolved_either(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", "swordfish")
     folder = put(tmp_path, edit=lambda t: t.replace("weights: null", "weights: ${oc.env:SECRET}"))
     cfg = configured("recipe=clean", *TINY, f"runs={tmp_path}", "weights=swordfish")
-    assert run_of(cfg).stage() == "other", "else the variable was read"
+    assert Run(cfg).stage() == "other", "else the variable was read"
     assert yaml.safe_load((folder / "config.yaml").read_text())["weights"] == "${oc.env:SECRET}"
     assert "stranger" not in sys.modules

@@ -13,7 +13,7 @@ from training.classifier.tuning import Tuning, averaging, tuning
 from training.config.schema import Train
 from training.data.splits import Splits
 from training.models import classifiers as models
-from training.runs.folder import run_folder, run_of
+from training.runs.run import Run
 from training.system.files import read_checkpoint
 
 pytestmark = pytest.mark.usefixtures("as_the_command_is")
@@ -77,10 +77,10 @@ def tuned(tmp_path, name, batch, size, *more):
     )
     data = learnt(16, size)
     before = loss_of(classifier_of(cfg, 2), data)
-    run_of(cfg).prepare()
-    model, _ = train_model(cfg, Splits(data, data, data, {}, 2))
+    Run(cfg).prepare()
+    model, _ = train_model(Run(cfg), Splits(data, data, data, {}, 2))
     last = classifier_of(cfg, 2)
-    last.load_state_dict(read_checkpoint(run_folder(cfg) / "last.ckpt")["state_dict"])
+    last.load_state_dict(read_checkpoint(Run(cfg).folder / "last.ckpt")["state_dict"])
     return before, loss_of(last, data), model.history
 
 
