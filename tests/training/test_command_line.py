@@ -73,7 +73,10 @@ def test_what_hydra_takes_is_taken():
         "scene=screen_photo",
         "data=folder",
     ]
-    check_keys([*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr"], Config)
+    check_keys(
+        [*good, "weights=runs/${seed}.pt", "hydra.verbose=true", "~train.lr", "--cfg", "job"],
+        Config,
+    )
 
 
 def test_a_recipe_is_not_given_to_an_attack():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -57,7 +58,9 @@ def check_keys(overrides: list[str], schema: type[RunConfig]) -> None:
     if issubclass(schema, Config):
         groups = {"recipe": [path.stem for path in recipe_files()], "data": list(DATA)}
     try:
-        for override in overrides:
+        for previous, override in itertools.pairwise(["", *overrides]):
+            if previous in ("--cfg", "-c"):  # of Hydra's: job, hydra or all
+                continue
             _check_form(override, schema)
             override = override.lstrip("+")
             key, _, value = override.partition("=")
